@@ -1,0 +1,1 @@
+"""What more than one process speaks: configuration, messages, the Zenoh session, the network."""

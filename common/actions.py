@@ -1,0 +1,52 @@
+"""The 18 actions of the Atari console and the five controller keys that make them.
+
+The order is ALE's own (`ale_py.Action`), so an action's number is the emulator's number.
+"""
+
+from enum import IntFlag
+
+
+class Keys(IntFlag):
+    """Keys held down on the controller, as a bit mask."""
+
+    NONE = 0
+    UP = 1
+    DOWN = 2
+    LEFT = 4
+    RIGHT = 8
+    FIRE = 16
+
+
+_U, _D, _L, _R, _F = Keys.UP, Keys.DOWN, Keys.LEFT, Keys.RIGHT, Keys.FIRE
+
+KEYS_OF_ACTION: tuple[Keys, ...] = (
+    Keys.NONE,
+    _F,
+    _U,
+    _R,
+    _L,
+    _D,
+    _U | _R,
+    _U | _L,
+    _D | _R,
+    _D | _L,
+    _U | _F,
+    _R | _F,
+    _L | _F,
+    _D | _F,
+    _U | _R | _F,
+    _U | _L | _F,
+    _D | _R | _F,
+    _D | _L | _F,
+)
+"""Keys to hold for each of ALE's 18 actions, indexed by the action's number."""
+
+_ACTION_OF_KEYS = {keys: action for action, keys in enumerate(KEYS_OF_ACTION)}
+
+
+def action_of_keys(pressed: Keys) -> int:
+    """ALE's action number for the keys held; opposite keys cancel, as on a real stick."""
+    for pair in (_U | _D, _L | _R):
+        if pressed & pair == pair:
+            pressed &= ~pair
+    return _ACTION_OF_KEYS[pressed]

@@ -1,0 +1,254 @@
+"""Everything a run can be told, as frozen dataclasses; the command line is made from them.
+
+One `RunConfig` describes one experiment. The learner writes it into the run's folder, gives it
+to every actor that asks, and refuses to resume a run under another one.
+"""
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+from common.errors import InputError
+
+MAX_CHUNK_STEPS = 1_024
+
+EnvKind = Literal["ale", "robot"]
+PresetName = Literal["paper", "fast", "robot"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class PlayConfig:
+    """How the game is played; the defaults are the report's section 4."""
+
+    history: int = 4
+    """Frames that make a state."""
+    frame_skip: int = 4
+    """Emulator frames per decision; 4 at 60 Hz are 66.7 ms."""
+    random_starts: int = 30
+    """Most random actions at the start of a game."""
+    minimal_actions: bool = False
+    """Offer the game's own actions (Pong: 6) instead of all 18."""
+    max_game_frames: int = 108_000
+    """A game longer than this (30 minutes at 60 Hz) is truncated; 0 for no bound."""
+
+
+@dataclass(frozen=True)
+class StreamConfig:
+    """How an actor's steps travel to the replay."""
+
+    chunk_steps: int = 64
+    """Steps per chunk."""
+    window: int = 4
+    """Chunks an actor may have unacknowledged."""
+
+
+@dataclass(frozen=True)
+class ReplayConfig:
+    """What is remembered and how it is drawn."""
+
+    capacity: int = 1_000_000
+    """Slots of the ring, one frame (7,056 bytes) each."""
+    warmup: int = 50_000
+    """Random steps before the first update; they are also the random-policy baseline."""
+    sampler: Literal["uniform", "prioritised"] = "uniform"
+    priority_exponent: float = 0.6
+    """α of prioritised replay (Schaul et al. 2016, equation 1)."""
+    importance_exponent: float = 0.4
+    """β of its importance weights."""
+    ratio_tolerance: int = 4_000
+    """Steps by which actors may run ahead of the learner, or it ahead of them."""
+
+
+@dataclass(frozen=True)
+class LearningConfig:
+    """The update (equations 2 to 4 of the report) and its schedule."""
+
+    target: Literal["dqn", "double"] = "double"
+    """Who chooses the next action: the target network (equation 3) or the online one (4)."""
+    loss: Literal["mse", "huber"] = "huber"
+    loss_mean_over: Literal["batch", "outputs"] = "batch"
+    """Divide the loss by the batch, or, as Keras did in 2017, by batch × actions."""
+    optimizer: Literal["adam", "rmsprop"] = "adam"
+    learning_rate: float = 1e-4
+    rmsprop_decay: float = 0.95
+    optimizer_epsilon: float = 1.5e-4
+    gradient_norm: float = 10.0
+    """Longest gradient allowed; 0 for no bound."""
+    scale_pixels: bool = True
+    """Divide pixels by 255 before the first layer."""
+    clip_rewards: bool = True
+    """Learn from rewards clipped to [-1, 1]; scores are never clipped."""
+    discount: float = 0.99
+    """γ per decision."""
+    n_step: int = 3
+    batch_size: int = 32
+    train_every: int = 4
+    """Agent steps per update."""
+    target_every: int = 2_000
+    """Updates between copies to the target network."""
+    publish_every: int = 50
+    """Updates between broadcasts of the weights."""
+    checkpoint_every: int = 5_000
+    """Updates between checkpoints; one is also written at each epoch's end and at the stop."""
+
+
+@dataclass(frozen=True)
+class ExplorationConfig:
+    """ε of the training actors: linear in the run's agent steps after the warm-up."""
+
+    start: float = 1.0
+    end: float = 0.02
+    steps: int = 100_000
+
+
+@dataclass(frozen=True)
+class ProtocolConfig:
+    """Epochs and tests, as in the report: train, then test that epoch's snapshot."""
+
+    epoch_steps: int = 250_000
+    """Agent steps of training per epoch, over all actors."""
+    test_steps: int = 125_000
+    """Agent steps of testing per epoch, over all evaluators."""
+    test_epsilon: float = 0.05
+    held_out_states: int = 1_024
+    """States, drawn once after the warm-up, on which the mean max-Q is measured."""
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """One experiment. Two processes belong to the same run when their RunConfigs are equal."""
+
+    preset: PresetName = "robot"
+    """Settings to start from; every other flag overrides it."""
+    env: EnvKind = "robot"
+    """'ale': the emulator alone (ALE-Only). 'robot': through NAO's camera and hands (ALE-Robot)."""
+    game: str = "pong"
+    """Any game that ale-py bundles, in snake_case."""
+    seed: int = 1
+    play: PlayConfig = field(default_factory=PlayConfig)
+    stream: StreamConfig = field(default_factory=StreamConfig)
+    replay: ReplayConfig = field(default_factory=ReplayConfig)
+    learning: LearningConfig = field(default_factory=LearningConfig)
+    exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
+    protocol: ProtocolConfig = field(default_factory=ProtocolConfig)
+
+    @property
+    def samples_per_insert(self) -> float:
+        """Times each stored step is drawn on average (the report: 32 / 4 = 8)."""
+        return self.learning.batch_size / self.learning.train_every
+
+    def epsilon_at(self, agent_steps: int) -> float:
+        """ε after this many agent steps, the warm-up included, over all actors."""
+        schedule = self.exploration
+        done = (agent_steps - self.replay.warmup) / max(schedule.steps, 1)
+        return schedule.start + (schedule.end - schedule.start) * min(max(done, 0.0), 1.0)
+
+    def check(self) -> None:
+        """Refuse settings that cannot work.
+
+        Raises:
+            InputError: with the field at fault and what to choose.
+        """
+        learning, replay, stream = self.learning, self.replay, self.stream
+        for group in (self.play, stream, replay, learning, self.exploration, self.protocol):
+            for name, value in dataclasses.asdict(group).items():
+                if isinstance(value, (int, float)) and not 0 <= value < float("inf"):
+                    raise InputError(f"{name} is {value}: choose a number that is not negative.")
+        for name, value in (
+            ("play.history", self.play.history),
+            ("play.frame_skip", self.play.frame_skip),
+            ("stream.chunk_steps", stream.chunk_steps),
+            ("stream.window", stream.window),
+            ("learning.batch_size", learning.batch_size),
+            ("learning.train_every", learning.train_every),
+            ("learning.n_step", learning.n_step),
+            ("learning.target_every", learning.target_every),
+            ("learning.publish_every", learning.publish_every),
+            ("learning.checkpoint_every", learning.checkpoint_every),
+            ("protocol.epoch_steps", self.protocol.epoch_steps),
+            ("protocol.held_out_states", self.protocol.held_out_states),
+        ):
+            if value < 1:
+                raise InputError(f"{name} is {value}: choose 1 or more.")
+        for name, share in (
+            ("exploration.start", self.exploration.start),
+            ("exploration.end", self.exploration.end),
+            ("protocol.test_epsilon", self.protocol.test_epsilon),
+            ("learning.discount", learning.discount),
+        ):
+            if share > 1:
+                raise InputError(f"{name} is {share}: choose a number from 0 to 1.")
+        if stream.chunk_steps > MAX_CHUNK_STEPS:
+            raise InputError(
+                f"stream.chunk_steps is {stream.chunk_steps}: choose at most {MAX_CHUNK_STEPS}."
+            )
+        if replay.warmup < learning.batch_size + learning.n_step:
+            raise InputError(
+                f"replay.warmup is {replay.warmup}: the first minibatch needs at least "
+                f"{learning.batch_size + learning.n_step} steps (batch_size + n_step)."
+            )
+        if replay.capacity < replay.warmup + 2 * stream.chunk_steps:
+            raise InputError(
+                f"replay.capacity is {replay.capacity}, but the warm-up alone needs "
+                f"{replay.warmup + 2 * stream.chunk_steps} slots: raise it or lower replay.warmup."
+            )
+        least = max(stream.chunk_steps * stream.window, learning.train_every)
+        if replay.ratio_tolerance < least:
+            raise InputError(
+                f"replay.ratio_tolerance is {replay.ratio_tolerance}, so actors and learner would "
+                f"wait for each other for ever: choose at least {least} "
+                "(chunk_steps × window, and train_every)."
+            )
+
+
+def to_json(config: Any) -> str:
+    """A configuration dataclass as readable JSON."""
+    return json.dumps(dataclasses.asdict(config), indent=2)
+
+
+def from_mapping(kind: type[T], data: Any, where: str = "config") -> T:
+    """Build configuration dataclass ``kind`` from plain data, strictly.
+
+    Raises:
+        InputError: a field is missing, unknown or of the wrong type; ``where`` names the place.
+    """
+    if not isinstance(data, dict):
+        raise InputError(f"{where} should be a table of settings.")
+    hints = get_type_hints(kind)
+    if unequal := set(hints) ^ set(data):
+        raise InputError(f"{where} has a missing or unknown field: {', '.join(sorted(unequal))}.")
+    values = {name: _typed(hints[name], data[name], f"{where}.{name}") for name in hints}
+    return kind(**values)
+
+
+def _typed(hint: Any, value: Any, where: str) -> Any:
+    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
+        return from_mapping(hint, value, where)
+    if get_origin(hint) is Literal:
+        if value not in get_args(hint):
+            raise InputError(f"{where} is {value!r}: choose one of {', '.join(get_args(hint))}.")
+        return value
+    if hint is float and type(value) is int:
+        return float(value)
+    if type(value) is not hint:
+        raise InputError(f"{where} is {value!r}, which is not a {hint.__name__}.")
+    return value
+
+
+def differences(old: RunConfig, new: RunConfig) -> list[str]:
+    """Names and values of the fields in which two configurations differ."""
+
+    def flat(data: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for name, value in data.items():
+            if isinstance(value, dict):
+                found |= flat(value, f"{prefix}{name}.")
+            else:
+                found[prefix + name] = value
+        return found
+
+    before, after = flat(dataclasses.asdict(old)), flat(dataclasses.asdict(new))
+    return [f"{name} {before[name]} → {after[name]}" for name in before if before[name] != after[name]]
