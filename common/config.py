@@ -58,7 +58,7 @@ class ReplayConfig:
     """α of prioritised replay (Schaul et al. 2016, equation 1)."""
     importance_exponent: float = 0.4
     """β of its importance weights."""
-    ratio_tolerance: int = 4_000
+    ratio_tolerance: int = 1_000
     """Steps by which actors may run ahead of the learner, or it ahead of them."""
 
 
@@ -139,6 +139,11 @@ class RunConfig:
     def samples_per_insert(self) -> float:
         """Times each stored step is drawn on average (the report: 32 / 4 = 8)."""
         return self.learning.batch_size / self.learning.train_every
+
+    @property
+    def vector_width(self) -> int:
+        """Numbers of the vector observation that stands beside the frames; 0 for none."""
+        return 0
 
     def epsilon_at(self, agent_steps: int) -> float:
         """ε after this many agent steps, the warm-up included, over all actors."""
