@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import MAX_CHUNK_STEPS
+from common.config import MAX_CHUNK_STEPS, MAX_HISTORY
 from common.errors import MessageError
 from common.wire import pack, pack_array, take, take_array, unpack
 
 FRAME_SHAPE = (84, 84)
-MAX_CONTEXT = 15
+MAX_CONTEXT = MAX_HISTORY - 1
 MAX_VECTOR = 1_024
 
 

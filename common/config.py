@@ -12,6 +12,8 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 from common.errors import InputError
 
 MAX_CHUNK_STEPS = 1_024
+MAX_HISTORY = 16
+MAX_HELD_OUT = 2_048
 
 EnvKind = Literal["ale", "robot"]
 PresetName = Literal["paper", "fast", "robot"]
@@ -54,6 +56,7 @@ class ReplayConfig:
     warmup: int = 50_000
     """Random steps before the first update; they are also the random-policy baseline."""
     sampler: Literal["uniform", "prioritised"] = "uniform"
+    """Draw every step alike, or in proportion to its last TD error."""
     priority_exponent: float = 0.6
     """α of prioritised replay (Schaul et al. 2016, equation 1)."""
     importance_exponent: float = 0.4
@@ -69,14 +72,21 @@ class LearningConfig:
     target: Literal["dqn", "double"] = "double"
     """Who chooses the next action: the target network (equation 3) or the online one (4)."""
     loss: Literal["mse", "huber"] = "huber"
+    """δ² of the TD error δ, as in the report; or ½δ², growing only linearly beyond |δ| = 1."""
     loss_mean_over: Literal["batch", "outputs"] = "batch"
     """Divide the loss by the batch, or, as Keras did in 2017, by batch × actions."""
     optimizer: Literal["adam", "rmsprop"] = "adam"
+    """Adam, or RMSprop by the formula of TensorFlow and Keras."""
     learning_rate: float = 1e-4
+    """Of the optimizer, constant."""
     rmsprop_decay: float = 0.95
+    """ρ of RMSprop."""
     optimizer_epsilon: float = 1.5e-4
+    """ε in the optimizer's denominator."""
     gradient_norm: float = 10.0
     """Longest gradient allowed; 0 for no bound."""
+    initial_weights: Literal["torch", "glorot"] = "torch"
+    """PyTorch's own, or Keras': Glorot uniform with zero biases."""
     scale_pixels: bool = True
     """Divide pixels by 255 before the first layer."""
     clip_rewards: bool = True
@@ -84,7 +94,9 @@ class LearningConfig:
     discount: float = 0.99
     """γ per decision."""
     n_step: int = 3
+    """Rewards summed before the network's estimate takes over; 1 in the report."""
     batch_size: int = 32
+    """Transitions per update."""
     train_every: int = 4
     """Agent steps per update."""
     target_every: int = 2_000
@@ -100,8 +112,11 @@ class ExplorationConfig:
     """ε of the training actors: linear in the run's agent steps after the warm-up."""
 
     start: float = 1.0
+    """ε during the warm-up and at its end."""
     end: float = 0.02
+    """ε from then on."""
     steps: int = 100_000
+    """Agent steps from one to the other, over all actors."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +128,7 @@ class ProtocolConfig:
     test_steps: int = 125_000
     """Agent steps of testing per epoch, over all evaluators."""
     test_epsilon: float = 0.05
+    """ε of the evaluators."""
     held_out_states: int = 1_024
     """States, drawn once after the warm-up, on which the mean max-Q is measured."""
 
@@ -128,6 +144,7 @@ class RunConfig:
     game: str = "pong"
     """Any game that ale-py bundles, in snake_case."""
     seed: int = 1
+    """Of the first weights, the minibatches and the actors' games."""
     play: PlayConfig = field(default_factory=PlayConfig)
     stream: StreamConfig = field(default_factory=StreamConfig)
     replay: ReplayConfig = field(default_factory=ReplayConfig)
@@ -163,7 +180,6 @@ class RunConfig:
                 if isinstance(value, (int, float)) and not 0 <= value < float("inf"):
                     raise InputError(f"{name} is {value}: choose a number that is not negative.")
         for name, value in (
-            ("play.history", self.play.history),
             ("play.frame_skip", self.play.frame_skip),
             ("stream.chunk_steps", stream.chunk_steps),
             ("stream.window", stream.window),
@@ -174,10 +190,14 @@ class RunConfig:
             ("learning.publish_every", learning.publish_every),
             ("learning.checkpoint_every", learning.checkpoint_every),
             ("protocol.epoch_steps", self.protocol.epoch_steps),
-            ("protocol.held_out_states", self.protocol.held_out_states),
+            ("protocol.test_steps", self.protocol.test_steps),
         ):
             if value < 1:
                 raise InputError(f"{name} is {value}: choose 1 or more.")
+        if not 2 <= self.play.history <= MAX_HISTORY:
+            raise InputError(
+                f"play.history is {self.play.history}: choose a number from 2 to {MAX_HISTORY}."
+            )
         for name, share in (
             ("exploration.start", self.exploration.start),
             ("exploration.end", self.exploration.end),
@@ -186,6 +206,11 @@ class RunConfig:
         ):
             if share > 1:
                 raise InputError(f"{name} is {share}: choose a number from 0 to 1.")
+        if not 1 <= self.protocol.held_out_states <= MAX_HELD_OUT:
+            raise InputError(
+                f"protocol.held_out_states is {self.protocol.held_out_states}: "
+                f"choose a number from 1 to {MAX_HELD_OUT}."
+            )
         if stream.chunk_steps > MAX_CHUNK_STEPS:
             raise InputError(
                 f"stream.chunk_steps is {stream.chunk_steps}: choose at most {MAX_CHUNK_STEPS}."
@@ -256,4 +281,6 @@ def differences(old: RunConfig, new: RunConfig) -> list[str]:
         return found
 
     before, after = flat(dataclasses.asdict(old)), flat(dataclasses.asdict(new))
-    return [f"{name} {before[name]} → {after[name]}" for name in before if before[name] != after[name]]
+    return [
+        f"{name} {before[name]} → {after[name]}" for name in before if before[name] != after[name]
+    ]

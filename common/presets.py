@@ -1,7 +1,7 @@
 """The three presets: the report's settings, a fast ALE-Only, and the robot's.
 
-Where `paper` differs from the 2017 code: the convolutions start from PyTorch's initial weights,
-not Keras' (Glorot), and a game is cut after 30 minutes.
+Where `paper` differs from the 2017 code: a game is cut after 30 minutes, and the random steps that
+fill the replay first are played by the actors like all others.
 """
 
 from dataclasses import replace
@@ -30,6 +30,7 @@ _PAPER = RunConfig(
         rmsprop_decay=0.95,
         optimizer_epsilon=0.01,
         gradient_norm=0.0,
+        initial_weights="glorot",
         scale_pixels=False,
         n_step=1,
         target_every=2_500,  # 10,000 agent steps at one update per 4

@@ -1,0 +1,42 @@
+# Everything a fresh machine with Python 3.11 and make needs.
+
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+NAME ?= nao-pong
+ACTORS ?= 1
+ARGS ?=
+
+.PHONY: help setup train test test-slow check lock clean
+
+help:  ## this list
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ —/'
+
+setup: $(VENV)/.installed  ## make .venv from requirements.lock (nothing to do when it is up to date)
+
+$(VENV)/.installed: requirements.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $@
+
+train: setup  ## train the robot on this machine until Ctrl-C; go on by running it again (NAME=, ACTORS=, ARGS=)
+	$(BIN)/python -m learner --local --run $(NAME) --actors $(ACTORS) --resume $(ARGS)
+
+test: setup check  ## static checks and the whole test suite
+	$(BIN)/python -m pytest -m "not slow"
+
+test-slow: setup  ## the tests that take minutes each
+	$(BIN)/python -m pytest -m slow
+
+check: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+lock: setup  ## write the versions installed now into requirements.lock
+	(echo "# Exact versions that make setup installs. Regenerate with make lock."; \
+	 $(BIN)/python -m pip list --format=freeze --exclude-editable --exclude pip | sed 's/+cpu//') > requirements.lock
+
+clean:  ## remove .venv and caches; runs/ stays
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info

@@ -1,0 +1,99 @@
+"""The Atari emulator: one game of ale-py, set as in the report's section 4.
+
+It knows screens, points and lives, but nothing of episodes, states or robots; `AtariEnv` and
+`RobotEnv` both play on it.
+"""
+
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+from ale_py import ALEInterface, LoggerMode, roms
+from numpy.typing import NDArray
+
+from common.errors import InputError
+
+_ROMS = Path(roms.__file__).parent
+# ALE does not play them, and ends the process when it is asked to load one.
+_TWO_PLAYERS = {"combat", "joust", "maze_craze", "warlords"}
+
+GAMES: tuple[str, ...] = tuple(sorted(set(roms.get_all_rom_ids()) - _TWO_PLAYERS))
+"""Names of the games for one player that ale-py bundles, in snake_case."""
+
+
+def check_game(game: str) -> str:
+    """``game`` if ale-py bundles it.
+
+    Raises:
+        InputError: it does not; names that look alike are suggested.
+    """
+    if game not in GAMES:
+        alike = get_close_matches(game.lower().replace("-", "_").replace(" ", "_"), GAMES, n=3)
+        hint = f"did you mean {' or '.join(alike)}?" if alike else "write it as space_invaders."
+        raise InputError(f"there is no game {game!r} among ale-py's {len(GAMES)}: {hint}")
+    return game
+
+
+class Emulator:
+    """A game at its first frame, without repeated actions, with colour averaging.
+
+    The picture is ALE's average of the last two emulator frames, so that sprites which flicker
+    at 30 Hz are seen. The same seed and actions give the same game; the seed only fills the
+    console's memory at power-on.
+    """
+
+    def __init__(self, game: str, seed: int, *, frame_skip: int = 1) -> None:
+        """Raises InputError for a game that ale-py does not bundle."""
+        # For the whole process, and before ALEInterface exists: its constructor prints a banner.
+        ALEInterface.setLoggerMode(LoggerMode.Error)
+        self.game = check_game(game)
+        self._ale = ALEInterface()
+        self._ale.setInt("random_seed", seed % 2**31)
+        self._ale.setInt("frame_skip", frame_skip)
+        self._ale.setFloat("repeat_action_probability", 0.0)
+        self._ale.setBool("color_averaging", True)
+        self._ale.loadROM(_ROMS / f"{game}.bin")
+        # Not always 0: ALE itself presses start or fire in some games to get them going.
+        self._first_frame = self._ale.getEpisodeFrameNumber()
+        self.screen_shape: tuple[int, int] = self._ale.getScreenDims()
+        """Rows and columns; 210 × 160 for most games."""
+        self.minimal_actions: tuple[int, ...] = tuple(
+            int(action.value) for action in self._ale.getMinimalActionSet()
+        )
+        """Numbers of the actions that the game tells apart."""
+
+    def reset(self) -> None:
+        """Start a new game."""
+        self._ale.reset_game()
+        self._first_frame = self._ale.getEpisodeFrameNumber()
+
+    def act(self, action: int) -> float:
+        """Hold one of the 18 actions for ``frame_skip`` emulator frames; the points it made."""
+        return float(self._ale.act(action))
+
+    def screen_rgb(self) -> NDArray[np.uint8]:
+        """The picture in colour, ``uint8 [rows, columns, 3]``, the caller's to keep."""
+        return self._ale.getScreenRGB()
+
+    def screen_grey(self) -> NDArray[np.uint8]:
+        """The picture's luminance, ``uint8 [rows, columns]``, the caller's to keep."""
+        return self._ale.getScreenGrayscale()
+
+    def ram(self) -> NDArray[np.uint8]:
+        """The console's memory, ``uint8 [128]``."""
+        return self._ale.getRAM()
+
+    @property
+    def lives(self) -> int:
+        """Lives left; 0 throughout in a game that has none, as Pong."""
+        return int(self._ale.lives())
+
+    @property
+    def game_over(self) -> bool:
+        """The game has ended by its own rules."""
+        return bool(self._ale.game_over())
+
+    @property
+    def frames(self) -> int:
+        """Emulator frames since the game's start."""
+        return int(self._ale.getEpisodeFrameNumber() - self._first_frame)

@@ -1,0 +1,42 @@
+"""The command lines of learner and replay, generated from dataclasses by tyro.
+
+A preset is read first and becomes the default of every other flag, so `--help` shows the values
+that would really be used.
+"""
+
+import argparse
+from collections.abc import Sequence
+from typing import Annotated, Any, TypeVar
+
+import tyro
+
+from common.config import RunConfig
+from common.errors import InputError
+from common.presets import PRESETS
+
+RunFlags = Annotated[RunConfig, tyro.conf.arg(name="")]
+"""A `RunConfig` field whose flags carry no prefix: ``--game``, ``--learning.n-step``."""
+
+T = TypeVar("T")
+
+
+def preset_of(arguments: Sequence[str]) -> RunConfig:
+    """The preset that ``arguments`` ask for: ``--preset``, or else what suits ``--env``."""
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    first.add_argument("--preset")
+    first.add_argument("--env")
+    known, _ = first.parse_known_args(list(arguments))
+    name = known.preset or ("fast" if known.env == "ale" else "robot")
+    if name not in PRESETS:
+        raise InputError(f"there is no preset {name!r}: choose one of {', '.join(PRESETS)}.")
+    return PRESETS[name]
+
+
+def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any) -> T:
+    """A ``kind`` filled from the command line, its other fields from ``defaults``.
+
+    Raises:
+        SystemExit: code 2 and a message for flags that are not known; 0 after ``--help``.
+    """
+    default = kind(**defaults) if defaults else None
+    return tyro.cli(kind, prog=f"python -m {program}", args=list(arguments), default=default)

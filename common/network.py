@@ -1,0 +1,72 @@
+"""The Q-network of the report (Mnih et al. 2015), shared by learner and actors.
+
+It stands here, not with the learner, so that an actor can play without the training code.
+"""
+
+import torch
+from torch import Tensor, nn
+
+from common.config import RunConfig
+
+
+class QNetwork(nn.Module):
+    """Three convolutions and two dense layers: state → value of each action."""
+
+    def __init__(
+        self,
+        actions: int,
+        history: int = 4,
+        vector_width: int = 0,
+        *,
+        scale_pixels: bool = True,
+        glorot: bool = False,
+    ) -> None:
+        super().__init__()
+        self.pixel_scale = 1 / 255 if scale_pixels else 1.0
+        self.convolutions = nn.Sequential(
+            nn.Conv2d(history, 32, 8, stride=4),
+            nn.ReLU(),
+            nn.Conv2d(32, 64, 4, stride=2),
+            nn.ReLU(),
+            nn.Conv2d(64, 64, 3),
+            nn.ReLU(),
+        )
+        self.dense = nn.Sequential(
+            nn.Linear(64 * 7 * 7 + vector_width, 512),
+            nn.ReLU(),
+            nn.Linear(512, actions),
+        )
+        if glorot:
+            for layer in (*self.convolutions, *self.dense):
+                if isinstance(layer, (nn.Conv2d, nn.Linear)):
+                    nn.init.xavier_uniform_(layer.weight)
+                    nn.init.zeros_(layer.bias)
+        # Channels last is the layout in which the CPU's and the GPU's convolutions are fastest.
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def forward(self, frames: Tensor, vectors: Tensor) -> Tensor:
+        """Q-values ``float32 [batch, actions]``.
+
+        Args:
+            frames: ``uint8 [batch, history, 84, 84]``, newest last.
+            vectors: ``float32 [batch, P]``; P may be 0.
+        """
+        pixels = frames.to(torch.float32, memory_format=torch.channels_last)
+        features = self.convolutions(pixels * self.pixel_scale).flatten(1)
+        if vectors.shape[1]:
+            features = torch.cat((features, vectors), dim=1)
+        values: Tensor = self.dense(features)
+        return values.float()
+
+
+def build_network(config: RunConfig, actions: int) -> QNetwork:
+    """The run's network with its first weights; the same for every process of the run."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        return QNetwork(
+            actions,
+            config.play.history,
+            config.vector_width,
+            scale_pixels=config.learning.scale_pixels,
+            glorot=config.learning.initial_weights == "glorot",
+        )

@@ -1,0 +1,116 @@
+"""The folder ``runs/<name>/``: what a run leaves behind, and whose it is.
+
+config.json             the RunConfig, written once
+checkpoint.safetensors  the learner's whole state (and .previous, the one before)
+snapshots/              weights of epochs that are being tested, and the best so far
+epochs.csv, summary.json, tensorboard/
+replay/                 the ring, where the replay runs on this machine
+"""
+
+import fcntl
+import json
+import os
+from pathlib import Path
+from typing import IO
+
+from common.bus import check_name
+from common.config import RunConfig, differences, from_mapping, to_json
+from common.errors import InputError
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Replace ``path`` by ``content``: whoever reads sees the old or the new, never a half."""
+    fresh = path.with_name(path.name + ".tmp")
+    with fresh.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    fresh.replace(path)
+
+
+class RunFolder:
+    """One run's folder, locked by one process per part (learner, replay) while it works."""
+
+    def __init__(self, runs: Path, name: str) -> None:
+        self.name = check_name("run", name)
+        self.path = runs / name
+        self._locks: list[IO[str]] = []
+
+    @property
+    def config_file(self) -> Path:
+        return self.path / "config.json"
+
+    @property
+    def checkpoint(self) -> Path:
+        return self.path / "checkpoint.safetensors"
+
+    @property
+    def snapshots(self) -> Path:
+        return self.path / "snapshots"
+
+    @property
+    def epochs(self) -> Path:
+        return self.path / "epochs.csv"
+
+    @property
+    def summary(self) -> Path:
+        return self.path / "summary.json"
+
+    @property
+    def tensorboard(self) -> Path:
+        return self.path / "tensorboard"
+
+    @property
+    def replay(self) -> Path:
+        return self.path / "replay"
+
+    def stored_config(self) -> RunConfig | None:
+        """The configuration the run was started with; None for a new run."""
+        try:
+            return from_mapping(
+                RunConfig, json.loads(self.config_file.read_text()), str(self.config_file)
+            )
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise InputError(f"{self.config_file} cannot be read: {error}.") from None
+
+    def claim(self, part: str, config: RunConfig, *, begun: Path, resume: bool) -> None:
+        """Take ``part`` of the run for this process, and settle its configuration.
+
+        Args:
+            part: 'learner' or 'replay'.
+            config: what this process is about to run with.
+            begun: the file or folder that exists once this part has been started.
+            resume: whether to go on with what is there.
+
+        Raises:
+            InputError: another process holds the part; there is something to resume but
+                ``resume`` is false, or the reverse; the run has another configuration.
+        """
+        stored = self.stored_config()
+        if resume and stored is None:
+            raise InputError(
+                f"there is no run in {self.path} to resume: start it without --resume."
+            )
+        if not resume and begun.exists():
+            raise InputError(
+                f"{self.path} already holds a run: go on with it by --resume, "
+                "or name another with --run."
+            )
+        if stored is not None and (unequal := differences(stored, config)):
+            raise InputError(
+                f"the run in {self.path} has another configuration ({'; '.join(unequal[:5])}): "
+                "leave those flags away, or name another run."
+            )
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            lock = (self.path / f".{part}.lock").open("w")
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"another {part} is at work in {self.path}.") from None
+        except OSError as error:
+            raise InputError(f"{self.path} cannot be written: {error.strerror}.") from None
+        self._locks.append(lock)  # held until the process ends, however it ends
+        if stored is None:
+            write_atomically(self.config_file, to_json(config).encode())

@@ -1,0 +1,39 @@
+"""Weights of the network as bytes (safetensors), on the wire and on disk, checked before use."""
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load, save
+from torch import nn
+
+from common.errors import MessageError
+
+
+def encode_weights(network: nn.Module) -> bytes:
+    """All weights of ``network``, as float32 safetensors."""
+    # safetensors wants plain strides; channels-last is this process' own affair.
+    return save({name: value.contiguous() for name, value in network.state_dict().items()})
+
+
+def load_weights(network: nn.Module, payload: bytes) -> None:
+    """Put the weights inside ``payload`` into ``network``, all or none.
+
+    Raises:
+        MessageError: not safetensors, other names, shapes or types than the network's, or a
+            weight that is no finite number.
+    """
+    try:
+        found = load(payload)
+    except (SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
+        raise MessageError(f"not safetensors: {error}") from None
+    expected = network.state_dict()
+    if found.keys() != expected.keys():
+        raise MessageError(f"weights {sorted(found.keys() ^ expected.keys())} differ in name")
+    for name, value in found.items():
+        if value.shape != expected[name].shape or value.dtype != expected[name].dtype:
+            raise MessageError(
+                f"{name} is {value.dtype} {list(value.shape)} where the network has "
+                f"{expected[name].dtype} {list(expected[name].shape)}"
+            )
+        if not torch.isfinite(value).all():
+            raise MessageError(f"{name} holds a value that is no finite number")
+    network.load_state_dict(found)

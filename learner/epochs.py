@@ -1,0 +1,205 @@
+"""``epochs.csv``: one row per phase of an epoch, in the columns of 2017.
+
+The file is the run's record of what was reached and how fast, and can be laid over the results
+of the first experiment without conversion. Times are wall clock, where those of 2017 were CPU
+time.
+"""
+
+import csv
+import dataclasses
+import io
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Self, get_args, get_type_hints
+
+from common.errors import InputError
+from learner.files import replace_text, sync_folder
+
+EpochPhase = Literal["random", "train", "test"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpochRow:
+    """One phase of one epoch; its fields, in order, are the columns."""
+
+    epoch: int
+    """0 for the random policy, then 1, 2, 3 …"""
+    phase: EpochPhase
+    steps: int
+    """Agent steps in this phase."""
+    nr_games: int
+    """Games that ended in it."""
+    average_reward: float | None
+    """Mean score of those games; None, an empty cell, without any."""
+    min_game_reward: float | None
+    max_game_reward: float | None
+    last_exploration_rate: float
+    total_train_steps: int
+    """Training steps so far, the random ones not included."""
+    replay_memory_count: int
+    meanq: float | None
+    """Mean max-Q over the held-out states, with the weights of the phase's end."""
+    meancost: float | None
+    """Mean loss over the phase's updates."""
+    weight_updates: int
+    total_time: float
+    """Seconds of the run until the phase's end."""
+    epoch_time: float
+    """Seconds of this phase."""
+    steps_per_second: float
+
+    @classmethod
+    def of_games(
+        cls,
+        scores: Sequence[float],
+        *,
+        epoch: int,
+        phase: EpochPhase,
+        steps: int,
+        last_exploration_rate: float,
+        total_train_steps: int,
+        replay_memory_count: int,
+        meanq: float | None,
+        meancost: float | None,
+        weight_updates: int,
+        total_time: float,
+        epoch_time: float,
+    ) -> Self:
+        """The row of a phase in which games with these scores ended."""
+        return cls(
+            epoch=epoch,
+            phase=phase,
+            steps=steps,
+            nr_games=len(scores),
+            average_reward=math.fsum(scores) / len(scores) if scores else None,
+            min_game_reward=min(scores, default=None),
+            max_game_reward=max(scores, default=None),
+            last_exploration_rate=last_exploration_rate,
+            total_train_steps=total_train_steps,
+            replay_memory_count=replay_memory_count,
+            meanq=meanq,
+            meancost=meancost,
+            weight_updates=weight_updates,
+            total_time=total_time,
+            epoch_time=epoch_time,
+            steps_per_second=steps / epoch_time if epoch_time > 0 else 0.0,
+        )
+
+
+COLUMNS = tuple(field.name for field in dataclasses.fields(EpochRow))
+_HINTS = get_type_hints(EpochRow)
+_PHASES = get_args(EpochPhase)
+
+
+class EpochTable:
+    """The rows of one run, in a CSV file that only grows, but for a resume."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def append(self, row: EpochRow) -> None:
+        """Add ``row``; it is on the disk when this returns."""
+        is_new = not self._path.exists()
+        cells = [_cell(getattr(row, name)) for name in COLUMNS]
+        with open(self._path, "a", encoding="utf-8", newline="") as file:
+            file.write(_csv([list(COLUMNS), cells] if is_new else [cells]))
+            file.flush()
+            os.fsync(file.fileno())
+        if is_new:
+            sync_folder(self._path.parent)
+
+    def rows(self) -> list[EpochRow]:
+        """All rows; none where there is no file yet.
+
+        Raises:
+            InputError: the file is not what `append` writes.
+        """
+        lines = self._lines()
+        return [self._row(number, line) for number, line in enumerate(lines, 1)]
+
+    def keep(self, count: int) -> list[EpochRow]:
+        """Drop the rows after the first ``count``, atomically, and return those that stay.
+
+        For a resume: a checkpoint knows how many rows there were, and what follows it (perhaps
+        torn by the crash) will be lived through again.
+
+        Raises:
+            InputError: there are fewer rows, or one of them is damaged.
+        """
+        lines = self._lines()
+        if len(lines) < count:
+            raise InputError(
+                f"{self._path} has {len(lines)} rows where the checkpoint knows of {count}: "
+                "put the missing ones back, or start a new run."
+            )
+        kept = [self._row(number, line) for number, line in enumerate(lines[:count], 1)]
+        if len(lines) > count:
+            replace_text(self._path, _csv([list(COLUMNS)]) + "".join(lines[:count]))
+        return kept
+
+    def _lines(self) -> list[str]:
+        """The lines after the header, with their ends."""
+        try:
+            text = self._path.read_bytes().decode("utf-8")
+        except FileNotFoundError:
+            return []
+        except UnicodeDecodeError:
+            raise self._damage("it is not text") from None
+        except OSError as error:
+            raise InputError(f"cannot read {self._path}: {error.strerror}.") from None
+        header, *lines = text.splitlines(keepends=True) or [""]
+        # A crash while the file was made leaves part of a header, which holds no row.
+        if not lines and _csv([list(COLUMNS)]).startswith(header) and not header.endswith("\n"):
+            self._path.unlink()
+            return []
+        if header.rstrip("\r\n") != ",".join(COLUMNS):
+            raise self._damage("its first line does not name the columns")
+        return lines
+
+    def _row(self, number: int, line: str) -> EpochRow:
+        if not line.endswith("\n"):
+            raise self._damage(f"row {number} is not whole")
+        cells = next(csv.reader([line]), [])
+        if len(cells) != len(COLUMNS):
+            raise self._damage(f"row {number} has {len(cells)} cells instead of {len(COLUMNS)}")
+        values: dict[str, Any] = {}
+        for name, cell in zip(COLUMNS, cells, strict=True):
+            try:
+                values[name] = _value(_HINTS[name], cell)
+            except ValueError:
+                raise self._damage(f"row {number} has {cell!r} as its {name}") from None
+        return EpochRow(**values)
+
+    def _damage(self, what: str) -> InputError:
+        return InputError(f"{self._path} is damaged ({what}): mend it, or start a new run.")
+
+
+def _csv(rows: list[list[str]]) -> str:
+    buffer = io.StringIO()
+    csv.writer(buffer, lineterminator="\n").writerows(rows)
+    return buffer.getvalue()
+
+
+def _cell(value: str | float | None) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
+        return str(int(value))  # -21, as in 2017, not -21.0
+    return str(value)
+
+
+def _value(hint: Any, cell: str) -> Any:
+    if hint is int:
+        if not cell.isdecimal():
+            raise ValueError(cell)
+        return int(cell)
+    if hint == EpochPhase:
+        if cell not in _PHASES:
+            raise ValueError(cell)
+        return cell
+    if cell == "" and hint == float | None:
+        return None
+    return float(cell)

@@ -1,0 +1,134 @@
+"""The one snapshot of a run that the display, the curves and the summary all read.
+
+The training loop makes a `Status` about once a second from its own counters and from what the
+other processes tell; whoever shows or writes figures takes them from here and nowhere else, so
+that the screen, TensorBoard and ``summary.json`` never disagree. None means: not known yet.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Phase = Literal["warm-up", "training", "finishing"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActorStatus:
+    """What one actor or evaluator last told about itself."""
+
+    name: str
+    role: Literal["actor", "evaluator"]
+    alive: bool
+    """Its liveliness token is there."""
+    steps: int = 0
+    """Agent steps since its process started."""
+    steps_per_second: float = 0.0
+    epsilon: float | None = None
+    weights_version: int = 0
+    made: int = 0
+    """Chunks it made; with the next three, its side of the balance."""
+    acked: int = 0
+    retried: int = 0
+    refused: int = 0
+    silent_for: float = 0.0
+    """Seconds since it was last heard of."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChunkCounts:
+    """Chunks of the whole run, over all actors that ever were."""
+
+    made: int = 0
+    acked: int = 0
+    retried: int = 0
+    duplicate: int = 0
+    refused: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gate:
+    """A condition without which learning cannot be trusted; `learner.gates` judges them."""
+
+    name: str
+    value: float | None
+    """None while it has not been measured."""
+    passed: bool | None
+    bound: str
+    """What is asked of the value, such as ``≥ 0.99``."""
+    why: str
+    """One line: what a failure means."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Status:
+    """The run at one moment. Times are wall-clock seconds, rates are per such second."""
+
+    run: str
+    preset: str
+    env: str
+    game: str
+    device: str
+    phase: Phase
+    elapsed: float
+    """Seconds of work on this run, those before a resume included."""
+    remaining: float | None = None
+    """Seconds to the end of the epoch, or of the warm-up."""
+
+    agent_steps: int = 0
+    """Steps of all actors, the warm-up included; the x axis of every curve."""
+    steps_goal: int | None = None
+    """Agent steps after which the run ends by itself."""
+    warmup: int
+    warmup_done: int = 0
+    epoch: int = 0
+    """1 for the first; 0 during the warm-up."""
+    epoch_steps: int
+    epoch_done: int = 0
+
+    epsilon: float | None = None
+    updates: int = 0
+    loss: float | None = None
+    mean_max_q: float | None = None
+    """Over the held-out states."""
+    held_out_std: float | None = None
+    """Standard deviation of max-Q over the held-out states."""
+
+    games: int = 0
+    """Training games that ended."""
+    train_reward: float | None = None
+    """Mean score of the recent training games."""
+    test_reward: float | None = None
+    """Mean score of the latest finished test."""
+    test_epoch: int | None = None
+    """The epoch whose snapshot that test played."""
+    random_reward: float | None = None
+    """Mean score of the random policy."""
+    train_history: tuple[float, ...] = ()
+    """Mean training score of each epoch, oldest first."""
+    test_history: tuple[float, ...] = ()
+    """Mean test score of each epoch, oldest first."""
+
+    steps_per_second: float | None = None
+    updates_per_second: float | None = None
+    samples_per_insert: float | None = None
+    samples_per_insert_goal: float
+    staleness_p50: float | None = None
+    """Updates between the weights that chose a step and the newest, as it arrives."""
+    staleness_p95: float | None = None
+    weights_version: int = 0
+    stored: int = 0
+    """Steps in the replay."""
+    capacity: int
+    chunks: ChunkCounts = field(default_factory=ChunkCounts)
+    valid_frame_share: float | None = None
+    press_match_share: float | None = None
+    """Share of decisions at whose end the commanded keys, and no others, were pressed."""
+
+    actors: tuple[ActorStatus, ...] = ()
+    gates: tuple[Gate, ...] = ()
+    notes: tuple[str, ...] = ()
+    """The latest events, newest last, such as "actor-2 was lost, restarted"."""
+
+    @property
+    def failed_gates(self) -> tuple[Gate, ...]:
+        """The gates that were measured and did not pass."""
+        return tuple(gate for gate in self.gates if gate.passed is False)
