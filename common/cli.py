@@ -38,5 +38,7 @@ def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any
     Raises:
         SystemExit: code 2 and a message for flags that are not known; 0 after ``--help``.
     """
-    default = kind(**defaults) if defaults else None
-    return tyro.cli(kind, prog=f"python -m {program}", args=list(arguments), default=default)
+    parsed: T = tyro.cli(
+        kind, prog=f"python -m {program}", args=list(arguments), default=kind(**defaults)
+    )
+    return parsed

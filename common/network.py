@@ -40,7 +40,7 @@ class QNetwork(nn.Module):
             for layer in (*self.convolutions, *self.dense):
                 if isinstance(layer, (nn.Conv2d, nn.Linear)):
                     nn.init.xavier_uniform_(layer.weight)
-                    nn.init.zeros_(layer.bias)
+                    nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
         # Channels last is the layout in which the CPU's and the GPU's convolutions are fastest.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 

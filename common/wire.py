@@ -50,7 +50,7 @@ def unpack(payload: bytes) -> dict[str, Any]:
 
 def take(message: dict[str, Any], name: str, kind: type, least: float = -np.inf) -> Any:
     """Field ``name``, checked to be exactly a ``kind`` and not below ``least``."""
-    value = message.get(name)
+    value: Any = message.get(name)
     if type(value) is not kind:
         raise MessageError(f"{name} should be of type {kind.__name__}")
     if kind in (int, float) and not least <= value < float("inf"):
