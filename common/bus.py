@@ -74,6 +74,11 @@ class RunKeys:
         return self._key("priorities")
 
     @property
+    def held_out(self) -> str:
+        """Query for states on which the mean max-Q is measured."""
+        return self._key("held_out")
+
+    @property
     def progress(self) -> str:
         """Query for the replay's counters; the learner also tells its own state with it."""
         return self._key("progress")
@@ -154,7 +159,8 @@ def connect(
     """Join the hub at ``endpoint``, trying again for ``patience`` seconds.
 
     Raises:
-        InputError: nobody answered in that time, or ``stopped`` became true.
+        InputError: nobody answered in that time.
+        KeyboardInterrupt: ``stopped`` became true.
     """
     check_endpoint(endpoint)
     config = _session_config("client")
@@ -175,8 +181,10 @@ def connect(
         try:
             return zenoh.open(config)
         except zenoh.ZError:
+            if stopped():
+                raise KeyboardInterrupt from None
             waited = time.monotonic() - began
-            if waited >= patience or stopped():
+            if waited >= patience:
                 raise InputError(
                     f"no hub answered at {endpoint} in {waited:.0f} s: start `python -m learner` "
                     "there, or name its address with --connect."

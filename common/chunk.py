@@ -128,7 +128,7 @@ def decode_chunk(payload: bytes) -> Chunk:
         vectors=vectors,
         final_frames=take_array(message, "final_frames", np.uint8, (finals, *FRAME_SHAPE)),
         final_vectors=take_array(message, "final_vectors", np.float32, (finals, width)),
-        games=_games(message, steps),
+        games=take_games(message, steps),
     )
     if len(context) > MAX_CONTEXT:
         raise MessageError(f"{len(context)} context frames where {MAX_CONTEXT} are allowed")
@@ -150,10 +150,15 @@ def decode_chunk(payload: bytes) -> Chunk:
     return chunk
 
 
-def _games(message: dict[str, Any], steps: int) -> tuple[Game, ...]:
+def take_games(message: dict[str, Any], most: int) -> tuple[Game, ...]:
+    """Field ``games``: a list of scores and steps.
+
+    Raises:
+        MessageError: it is not, or longer than ``most``.
+    """
     games = message.get("games")
-    if not isinstance(games, list) or len(games) > steps:
-        raise MessageError("games should be a list, of at most one game a step")
+    if not isinstance(games, list) or len(games) > most:
+        raise MessageError(f"games should be a list, of {most} games at most")
     for game in games:
         if (
             not isinstance(game, list)

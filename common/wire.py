@@ -50,9 +50,10 @@ def unpack(payload: bytes) -> dict[str, Any]:
 
 def take(message: dict[str, Any], name: str, kind: type, least: float = -np.inf) -> Any:
     """Field ``name``, checked to be exactly a ``kind`` and not below ``least``."""
-    value: Any = message.get(name)
-    if type(value) is not kind:
+    found = message.get(name)
+    if type(found) is not kind:
         raise MessageError(f"{name} should be of type {kind.__name__}")
+    value: Any = found
     if kind in (int, float) and not least <= value < float("inf"):
         raise MessageError(f"{name} is {value!r}")
     if kind is int and value.bit_length() > 63:

@@ -5,18 +5,16 @@ of the first experiment without conversion. Times are wall clock, where those of
 time.
 """
 
-import csv
 import dataclasses
-import io
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self, get_args, get_type_hints
 
 from common.errors import InputError
-from learner.files import replace_text, sync_folder
+from common.run_folder import write_atomically
 
 EpochPhase = Literal["random", "train", "test"]
 
@@ -102,14 +100,14 @@ class EpochTable:
 
     def append(self, row: EpochRow) -> None:
         """Add ``row``; it is on the disk when this returns."""
-        is_new = not self._path.exists()
-        cells = [_cell(getattr(row, name)) for name in COLUMNS]
+        line = _line(_cell(getattr(row, name)) for name in COLUMNS)
+        if not self._path.exists():
+            write_atomically(self._path, (_line(COLUMNS) + line).encode())
+            return
         with open(self._path, "a", encoding="utf-8", newline="") as file:
-            file.write(_csv([list(COLUMNS), cells] if is_new else [cells]))
+            file.write(line)
             file.flush()
             os.fsync(file.fileno())
-        if is_new:
-            sync_folder(self._path.parent)
 
     def rows(self) -> list[EpochRow]:
         """All rows; none where there is no file yet.
@@ -137,7 +135,8 @@ class EpochTable:
             )
         kept = [self._row(number, line) for number, line in enumerate(lines[:count], 1)]
         if len(lines) > count:
-            replace_text(self._path, _csv([list(COLUMNS)]) + "".join(lines[:count]))
+            kept_lines = _line(COLUMNS) + "".join(lines[:count])
+            write_atomically(self._path, kept_lines.encode())
         return kept
 
     def _lines(self) -> list[str]:
@@ -151,18 +150,14 @@ class EpochTable:
         except OSError as error:
             raise InputError(f"cannot read {self._path}: {error.strerror}.") from None
         header, *lines = text.splitlines(keepends=True) or [""]
-        # A crash while the file was made leaves part of a header, which holds no row.
-        if not lines and _csv([list(COLUMNS)]).startswith(header) and not header.endswith("\n"):
-            self._path.unlink()
-            return []
-        if header.rstrip("\r\n") != ",".join(COLUMNS):
+        if header != _line(COLUMNS):
             raise self._damage("its first line does not name the columns")
         return lines
 
     def _row(self, number: int, line: str) -> EpochRow:
         if not line.endswith("\n"):
             raise self._damage(f"row {number} is not whole")
-        cells = next(csv.reader([line]), [])
+        cells = line.rstrip("\n").split(",")
         if len(cells) != len(COLUMNS):
             raise self._damage(f"row {number} has {len(cells)} cells instead of {len(COLUMNS)}")
         values: dict[str, Any] = {}
@@ -177,10 +172,8 @@ class EpochTable:
         return InputError(f"{self._path} is damaged ({what}): mend it, or start a new run.")
 
 
-def _csv(rows: list[list[str]]) -> str:
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerows(rows)
-    return buffer.getvalue()
+def _line(cells: Iterable[str]) -> str:
+    return ",".join(cells) + "\n"
 
 
 def _cell(value: str | float | None) -> str:

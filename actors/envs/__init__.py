@@ -1,0 +1,43 @@
+"""The environments an actor plays in, under their Gymnasium names.
+
+``ALERobot/<Game>-v0`` is the robot, ``ALERobot/<Game>-Emulator-v0`` the emulator alone, for every
+game of `GAMES`. Entry points are text and imports late, so that PyBullet and OpenCV are loaded
+only where they are used.
+"""
+
+from typing import Any
+
+import gymnasium
+
+from actors.envs.emulator import GAMES
+from common.config import RunConfig
+
+
+def env_id(game: str, *, robot: bool) -> str:
+    """Gymnasium's name of a game: ``ALERobot/SpaceInvaders-v0`` for space_invaders."""
+    name = "".join(part.title() for part in game.split("_"))
+    return f"ALERobot/{name}-v0" if robot else f"ALERobot/{name}-Emulator-v0"
+
+
+def make_env(config: RunConfig, *, training: bool) -> gymnasium.Env[Any, Any]:
+    """The environment of a run; ``training`` lets episodes end at a lost life.
+
+    Raises:
+        InputError: ale-py does not bundle ``config.game``.
+    """
+    if config.env == "ale":
+        from actors.envs.ale import AtariEnv
+
+        return AtariEnv(config.game, play=config.play, training=training)
+    from actors.envs.robot import RobotEnv
+
+    return RobotEnv(config.game, play=config.play, training=training)
+
+
+for _game in GAMES:
+    gymnasium.register(
+        env_id(_game, robot=True), "actors.envs.robot:RobotEnv", kwargs={"game": _game}
+    )
+    gymnasium.register(
+        env_id(_game, robot=False), "actors.envs.ale:AtariEnv", kwargs={"game": _game}
+    )

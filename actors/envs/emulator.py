@@ -37,9 +37,10 @@ def check_game(game: str) -> str:
 class Emulator:
     """A game at its first frame, without repeated actions, with colour averaging.
 
-    The picture is ALE's average of the last two emulator frames, so that sprites which flicker
-    at 30 Hz are seen. The same seed and actions give the same game; the seed only fills the
-    console's memory at power-on.
+    The picture blends the last two emulator frames, so that sprites which flicker at 30 Hz are
+    seen; ALE gives the brighter one 77 %, as a television's phosphor does, in the console's own
+    colours. From power-on the same actions always give the same game: ALE's generator
+    (``seed``) is asked only for repeated actions, so games differ by the actions alone.
     """
 
     def __init__(self, game: str, seed: int, *, frame_skip: int = 1) -> None:

@@ -1,0 +1,153 @@
+"""`python -m actors`: robots, or bare emulators, that join a run and play for it."""
+
+import secrets
+import socket
+import sys
+import threading
+import time
+import zlib
+from dataclasses import dataclass
+from typing import Annotated
+
+import cv2
+import numpy as np
+import torch
+import tyro
+
+from actors.actor import Actor
+from actors.envs import make_env
+from actors.evaluator import Evaluator
+from actors.policy import Policy
+from common.announcement import find_run
+from common.bus import DEFAULT_ENDPOINT, check_name, connect
+from common.cli import parse
+from common.config import EnvKind, RunConfig
+from common.errors import InputError, exit_on_input_error
+from common.lifeline import leave_with_parent, on_signals
+from common.network import build_network
+
+
+@dataclass(frozen=True)
+class ActorOptions:
+    """Join a run: play, send what happened to its replay, and follow its learner's weights.
+
+    What is played and how comes from the run's hub, so a plain `python -m actors --sync` is
+    enough. Start as many as there are cores, on as many machines as there are.
+    """
+
+    sync: bool = True
+    """Physics, emulator and agent in lockstep, as fast as the machine goes."""
+    connect: str = DEFAULT_ENDPOINT
+    """Address of the run's hub (the learner, or a replay of its own)."""
+    run: str | None = None
+    """Name of the run; needed only where a hub serves several."""
+    env: EnvKind | None = None
+    """Join only if the run plays in this environment."""
+    game: str | None = None
+    """Join only if the run plays this game."""
+    envs: int = 1
+    """Environments in this process, played with one forward pass."""
+    evaluator: bool = False
+    """Test the learner's snapshots instead of training."""
+    name: str | None = None
+    """Of this actor in displays and statistics; by default made up from the host's name."""
+    seed: int | None = None
+    """Of this actor's games; by default it differs at every start, so that an actor that was
+    restarted does not live through the same games again."""
+    patience: float = 300.0
+    """Seconds to wait for the hub, at the start and whenever it goes away."""
+    leash: Annotated[bool, tyro.conf.Suppress] = False
+    """Leave when standard input ends; the learner's local mode holds the other end."""
+
+    def check(self) -> None:
+        if not self.sync:
+            raise InputError("--no-sync is not built yet: use --sync.")
+        if not 1 <= self.envs <= 256:
+            raise InputError(f"--envs is {self.envs}: choose a number from 1 to 256.")
+        if self.evaluator and self.envs != 1:
+            raise InputError("an evaluator plays one game at a time: leave --envs away.")
+
+    def check_against(self, config: RunConfig) -> None:
+        """Refuse a run that plays something else than asked for."""
+        for flag, wanted, found in (
+            ("--env", self.env, config.env),
+            ("--game", self.game, config.game),
+        ):
+            if wanted is not None and wanted != found:
+                raise InputError(
+                    f"the run plays {found}, not {wanted}: leave {flag} away to join it."
+                )
+
+
+def default_name() -> str:
+    """The host's name and six random digits."""
+    host = "".join(c if c.isalnum() else "-" for c in socket.gethostname().split(".")[0])
+    return f"{host.strip('-')[:40] or 'actor'}-{secrets.token_hex(3)}"
+
+
+def main() -> int:
+    options = parse(ActorOptions, "actors", sys.argv[1:])
+    options.check()
+    name = check_name("actor", options.name or default_name())
+    stop = threading.Event()
+    on_signals(stop)
+    if options.leash:
+        leave_with_parent(stop)
+    # One core each: parallelism is between processes, and threads would fight over cores.
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+
+    def warn(text: str) -> None:
+        print(f"{name}: {text}", file=sys.stderr, flush=True)
+
+    session = connect(options.connect, options.patience, stop.is_set)
+    try:
+        keys, config = find_run(session, options.run, options.patience, stop.is_set)
+        options.check_against(config)
+        incarnation = time.time_ns()
+        entropy = (
+            [config.seed, zlib.crc32(name.encode()), incarnation]
+            if options.seed is None
+            else [options.seed]
+        )
+        policy_seed, *seeds = np.random.SeedSequence(entropy).generate_state(1 + options.envs)
+        envs = [make_env(config, training=not options.evaluator) for _ in range(options.envs)]
+        actions = int(envs[0].action_space.n)  # type: ignore[attr-defined]
+        policy = Policy(build_network(config, actions), actions, np.random.default_rng(policy_seed))
+        warn(f"plays {config.game} ({config.env}) for run {keys.run} at {options.connect}.")
+        try:
+            if options.evaluator:
+                Evaluator(
+                    session,
+                    keys,
+                    name,
+                    incarnation,
+                    envs[0],
+                    policy,
+                    patience=options.patience,
+                    stop=stop,
+                    warn=warn,
+                ).run(int(seeds[0]))
+            else:
+                Actor(
+                    session,
+                    config,
+                    keys,
+                    name,
+                    incarnation,
+                    envs,
+                    policy,
+                    patience=options.patience,
+                    stop=stop,
+                    warn=warn,
+                ).run([int(seed) for seed in seeds])
+        finally:
+            for env in envs:
+                env.close()
+    finally:
+        session.close()  # type: ignore[no-untyped-call]
+    return 0
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

@@ -1,0 +1,171 @@
+"""A training actor: plays, streams what it lives through, and takes new weights as they come."""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import gymnasium
+import zenoh
+
+from actors.chunker import Chunker
+from actors.heartbeat import Heartbeat
+from actors.loop import play
+from actors.outbox import Outbox
+from actors.policy import Policy
+from actors.tally import Tally
+from actors.weights_inbox import WeightsInbox
+from common.ack import Ack
+from common.actor_stats import ActorStats
+from common.bus import RunKeys
+from common.chunk import encode_chunk
+from common.config import RunConfig
+from common.errors import MessageError
+from common.weights import load_weights
+
+FAREWELL = 2.0
+"""Seconds that a leaving actor waits for its last acknowledgements."""
+
+
+class Actor:
+    """One actor process' work.
+
+    Args:
+        incarnation: differs for each start of the process.
+        envs: its environments, all played with one forward pass.
+        patience: seconds to wait for a hub that went away.
+        stop: set from outside to make it leave, and from inside when the run is finished.
+        warn: takes a sentence for people.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        config: RunConfig,
+        keys: RunKeys,
+        name: str,
+        incarnation: int,
+        envs: Sequence[gymnasium.Env[Any, Any]],
+        policy: Policy,
+        *,
+        patience: float,
+        stop: threading.Event,
+        warn: Callable[[str], None],
+    ) -> None:
+        self._config = config
+        self._envs = envs
+        self._policy = policy
+        self._stop = stop
+        self._warn = warn
+        self._tally = Tally()
+        self._name = name
+        self._incarnation = incarnation
+        self._inbox = WeightsInbox(session, keys)
+        self._outbox = Outbox(
+            session,
+            keys.insert(name),
+            config.stream.window,
+            patience=patience,
+            stopped=stop.is_set,
+            warn=warn,
+        )
+        self._chunkers = [
+            Chunker(keys.run, name, incarnation, stream, config.stream.chunk_steps)
+            for stream in range(len(envs))
+        ]
+        self._heartbeat = Heartbeat(session, keys, "actor", name, self._stats)
+
+    def run(self, seeds: Sequence[int]) -> None:
+        """Play until the run is over or ``stop`` is set; ``seeds`` has one for each environment.
+
+        Raises:
+            InputError: the hub went away for longer than the patience.
+        """
+        try:
+            self._steer(self._outbox.knock())
+            for step in play(self._envs, self._policy, seeds):
+                self._tally.count(step)
+                self._take_weights()
+                chunk = self._chunkers[step.stream].add(step, self._policy)
+                if chunk is not None:
+                    self._outbox.send(encode_chunk(chunk))
+                    self._steer(self._outbox.last_ack)
+                    self._rest()
+                if self._stop.is_set():
+                    break
+        finally:
+            self._leave()
+
+    def _take_weights(self) -> None:
+        found = self._inbox.take()
+        if found is None or found[0] <= self._policy.weights_version:
+            return
+        version, payload = found
+        try:
+            load_weights(self._policy.network, payload)
+        except MessageError as error:
+            self._warn(f"weights {version} were not used: {error}")
+            return
+        self._policy.weights_version = version
+
+    def _steer(self, ack: Ack | None) -> None:
+        """Follow what the replay said last."""
+        if ack is None:
+            return
+        self._policy.epsilon = self._config.epsilon_at(ack.agent_steps)
+        if ack.finished:
+            self._stop.set()
+        elif ack.weights_version > self._policy.weights_version + self._slack:
+            self._inbox.fetch()
+            self._take_weights()
+
+    @property
+    def _slack(self) -> int:
+        """Updates by which the newest weights may be ahead before a broadcast counts as missed.
+
+        The next broadcast is on its way while the acknowledgement is; two behind is a loss. Those
+        who have none yet fetch at once.
+        """
+        return 2 * self._config.learning.publish_every if self._policy.weights_version else 0
+
+    def _rest(self) -> None:
+        """Pause while the learner is behind."""
+        began = time.monotonic()
+        ack = self._outbox.last_ack
+        while ack is not None and ack.hold and not self._stop.is_set():
+            answer = self._outbox.knock()
+            self._steer(answer)
+            ack = answer or ack
+            self._take_weights()
+        self._tally.held_seconds += time.monotonic() - began
+
+    def _leave(self) -> None:
+        for chunker in self._chunkers:
+            chunk = chunker.cut(self._policy)
+            if chunk is not None:
+                self._outbox.post(encode_chunk(chunk))
+        self._outbox.flush(FAREWELL)
+        if self._outbox.unacknowledged:
+            self._warn(f"{self._outbox.unacknowledged} chunks were never acknowledged.")
+        self._heartbeat.close()
+
+    def _stats(self, leaving: bool) -> ActorStats:
+        rate, held = self._tally.rates()
+        outbox = self._outbox
+        return ActorStats(
+            name=self._name,
+            role="actor",
+            incarnation=self._incarnation,
+            leaving=leaving,
+            steps=self._tally.steps,
+            steps_per_second=rate,
+            epsilon=float(self._policy.epsilon),
+            weights_version=self._policy.weights_version,
+            made=outbox.made,
+            acked=outbox.acked,
+            retried=outbox.retried,
+            refused=outbox.refused,
+            held_share=held,
+            valid_share=self._tally.valid_share,
+            match_share=self._tally.match_share,
+        )

@@ -1,0 +1,130 @@
+"""The game as an environment plays it: starts, lives, points, episodes and ends.
+
+`AtariEnv` and `RobotEnv` both own an `AtariGame`, so that emulator and robot obey the same rules
+and their scores can be compared; they differ only in who presses the keys and who looks.
+"""
+
+from typing import Any
+
+from numpy.random import Generator
+
+from actors.envs.emulator import Emulator
+from common.config import PlayConfig
+
+REPORT_PLAY = PlayConfig()
+"""The report's settings, the default of both environments."""
+
+
+class AtariGame:
+    """One console on which game after game is played.
+
+    A *game* lasts from reset to game over, or until ``play.max_game_frames`` cut it. When
+    training, a lost life ends the *episode* only: the next one carries the same game on. Time is
+    counted in *decisions* of ``play.frame_skip`` emulator frames; a decision is one or more
+    `hold` (``frame_skip / emulator_skip`` of them) and then `end_decision`.
+    """
+
+    def __init__(
+        self, game: str, play: PlayConfig, *, training: bool, emulator_skip: int = 1
+    ) -> None:
+        """Power the console on; each `hold` will last ``emulator_skip`` frames.
+
+        Raises:
+            InputError: ale-py does not bundle the game.
+        """
+        self.emulator = Emulator(game, 0, frame_skip=emulator_skip)
+        """Replaced when an episode begins with a seed: do not keep it."""
+        self.actions: tuple[int, ...] = (
+            self.emulator.minimal_actions if play.minimal_actions else tuple(range(18))
+        )
+        """ALE's numbers of the actions on offer."""
+        self.score = 0.0
+        """Points of the present game, its random start included."""
+        self.steps = 0
+        """Decisions of the present game, its random start included."""
+        self.over = False
+        """The game ended at the last decision, by its own rules or cut short."""
+        self._play = play
+        self._training = training
+        self._emulator_skip = emulator_skip
+        self._lives = self.emulator.lives
+        self._life_lost = False
+        self._used = False
+        self._carries_on = False
+
+    def begin_episode(self, rng: Generator, *, seeded: bool, new_game: bool) -> bool:
+        """Carry the game on after a lost life, or else start a new one; True for a new one.
+
+        Args:
+            rng: Draws the random start of a new game.
+            seeded: What follows has to depend on ``rng`` alone. The console is switched off and
+                on then, because some games (Freeway) keep memory across ALE's reset.
+            new_game: Start a new game even where the present one could go on.
+        """
+        carry_on = self._carries_on and not (seeded or new_game)
+        if not carry_on:
+            self._start_game(rng, power_on=seeded)
+        self.over = self._carries_on = self._life_lost = False
+        self._lives = self.emulator.lives
+        return not carry_on
+
+    def hold(self, action: int) -> float:
+        """Hold one of the 18 actions for ``emulator_skip`` frames; the points it made.
+
+        After game over it does nothing and makes 0 points.
+        """
+        if self.emulator.game_over:
+            return 0.0
+        points = self.emulator.act(action)
+        lives = self.emulator.lives
+        self._life_lost |= lives < self._lives
+        self._lives = lives
+        self.score += points
+        return points
+
+    def end_decision(self) -> tuple[bool, bool]:
+        """Count a decision; whether the episode was terminated by it, and whether truncated."""
+        self.steps += 1
+        limit = self._play.max_game_frames
+        ended = self.emulator.game_over
+        cut = not ended and 0 < limit <= self.emulator.frames
+        self.over = ended or cut
+        terminated = ended or (self._training and self._life_lost)
+        self._carries_on = terminated and not self.over
+        return terminated, cut and not terminated
+
+    def info(self, *, valid_frame: bool, keys_match: bool, elapsed: int) -> dict[str, Any]:
+        """What `reset` and `step` of both environments tell beside the observation.
+
+        Returns:
+            ``game_over`` (the game ended at this step, by game over or cut), ``game_score`` and
+            ``game_steps`` (points and decisions of the game so far, random start included),
+            ``valid_frame`` (the newest frame was really seen), ``keys_match`` (the keys pressed
+            at the step's end were the commanded ones), ``elapsed`` (decisions it took, 0 for
+            a reset).
+        """
+        return {
+            "game_over": self.over,
+            "game_score": self.score,
+            "game_steps": self.steps,
+            "valid_frame": valid_frame,
+            "keys_match": keys_match,
+            "elapsed": elapsed,
+        }
+
+    def _start_game(self, rng: Generator, *, power_on: bool) -> None:
+        if power_on and self._used:
+            self.emulator = Emulator(self.emulator.game, 0, frame_skip=self._emulator_skip)
+        elif self._used:
+            self.emulator.reset()
+        self._used = True
+        self.score, self.steps = 0.0, 0
+        holds = self._play.frame_skip // self._emulator_skip
+        for action in rng.choice(self.actions, rng.integers(self._play.random_starts + 1)):
+            for _ in range(holds):
+                self.score += self.emulator.act(int(action))
+            self.steps += 1
+            if self.emulator.game_over:  # an unlucky start: play from the very beginning instead
+                self.emulator.reset()
+                self.score, self.steps = 0.0, 0
+                break

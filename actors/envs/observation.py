@@ -1,0 +1,37 @@
+"""The state both environments show: the newest grey 84×84 frames, as in Mnih et al. (2015)."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from common.chunk import FRAME_SHAPE
+
+
+def shrink(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A grey picture ``uint8 [rows, columns]`` as a frame ``uint8 [84, 84]``.
+
+    Each pixel is the mean of what it covers, so nothing small falls between pixels.
+    """
+    frame = cv2.resize(grey, FRAME_SHAPE[::-1], interpolation=cv2.INTER_AREA)
+    return np.asarray(frame, np.uint8)
+
+
+class FrameHistory:
+    """The last ``history`` frames. States it gave out never change afterwards."""
+
+    def __init__(self, history: int) -> None:
+        self.state: NDArray[np.uint8] = np.zeros((history, *FRAME_SHAPE), np.uint8)
+        """``uint8 [history, 84, 84]``, newest last."""
+
+    def restart(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The first state of an episode: its first frame, repeated."""
+        self.state = np.repeat(frame[None], len(self.state), axis=0)
+        return self.state
+
+    def push(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The state after a new frame."""
+        state = np.empty_like(self.state)
+        state[:-1] = self.state[1:]
+        state[-1] = frame
+        self.state = state
+        return state

@@ -1,0 +1,146 @@
+"""An evaluator: an actor that only plays. It tests the snapshots that the learner hands out."""
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import zenoh
+
+from actors.heartbeat import Heartbeat
+from actors.loop import play
+from actors.policy import Policy
+from actors.tally import Tally
+from common.actor_stats import ActorStats
+from common.bus import RunKeys
+from common.chunk import Game
+from common.errors import InputError, MessageError
+from common.examination import Report, Task, decode_task, encode_report
+from common.weights import load_weights
+
+_ASK_AGAIN = 0.5
+_TIMEOUT = 5.0
+
+
+class Evaluator:
+    """Asks for a task, plays it, reports each game; nothing it sees goes to the replay.
+
+    Args:
+        env: plays whole games.
+        policy: gets the weights and ε of each task.
+        patience: seconds to wait for a learner that went away.
+        stop: set from outside to make it leave.
+        warn: takes a sentence for people.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: RunKeys,
+        name: str,
+        incarnation: int,
+        env: gymnasium.Env[Any, Any],
+        policy: Policy,
+        *,
+        patience: float,
+        stop: threading.Event,
+        warn: Callable[[str], None],
+    ) -> None:
+        self._name = name
+        self._incarnation = incarnation
+        self._env = env
+        self._policy = policy
+        self._patience = patience
+        self._stop = stop
+        self._warn = warn
+        self._tally = Tally()
+        self._tasks = session.declare_querier(keys.task, timeout=_TIMEOUT)
+        self._reports = session.declare_querier(keys.report, timeout=_TIMEOUT)
+        self._heartbeat = Heartbeat(session, keys, "evaluator", name, self._stats)
+
+    def run(self, seed: int) -> None:
+        """Test until the run is finished or ``stop`` is set.
+
+        Raises:
+            InputError: the learner went away for longer than the patience.
+        """
+        away = 0.0
+        try:
+            while not self._stop.is_set():
+                task = self._ask()
+                if task is not None and task.kind == "finished":
+                    return
+                if task is not None and task.kind == "test":
+                    self._test(task, seed)
+                    seed += 1
+                else:
+                    self._stop.wait(_ASK_AGAIN)
+                away = 0.0 if task is not None else away + _ASK_AGAIN
+                if away > self._patience:
+                    raise InputError(
+                        f"the learner went away and did not come back in {self._patience:.0f} s: "
+                        "start it again with --resume, then start this evaluator."
+                    )
+        finally:
+            self._heartbeat.close()
+
+    def _ask(self) -> Task | None:
+        for reply in self._tasks.get(payload=self._name.encode()):
+            if reply.ok is not None:
+                try:
+                    task = decode_task(reply.ok.payload.to_bytes())
+                    if task.kind == "test":
+                        load_weights(self._policy.network, task.weights)
+                    return task
+                except MessageError as error:
+                    self._warn(f"a task was not taken: {error}")
+        return None
+
+    def _test(self, task: Task, seed: int) -> None:
+        self._policy.epsilon = task.epsilon
+        self._policy.weights_version = task.epoch
+        reported = games = 0
+        for steps, step in enumerate(play([self._env], self._policy, [seed]), start=1):
+            self._tally.count(step)
+            ended = bool(step.info["game_over"])
+            games += ended
+            done = steps >= task.steps and games > 0
+            if ended or done:
+                found = (
+                    (Game(float(step.info["game_score"]), int(step.info["game_steps"])),)
+                    if ended
+                    else ()
+                )
+                report = Report(self._name, task.epoch, steps - reported, found, done)
+                reported = steps
+                if not self._report(report):
+                    return
+            if done or self._stop.is_set():
+                return
+
+    def _report(self, report: Report) -> bool:
+        """Whether the learner still wants this test; a learner that is away does not know it."""
+        for reply in self._reports.get(payload=encode_report(report)):
+            if reply.ok is not None:
+                return True
+        return False
+
+    def _stats(self, leaving: bool) -> ActorStats:
+        rate, _ = self._tally.rates()
+        return ActorStats(
+            name=self._name,
+            role="evaluator",
+            incarnation=self._incarnation,
+            leaving=leaving,
+            steps=self._tally.steps,
+            steps_per_second=rate,
+            epsilon=float(self._policy.epsilon),
+            weights_version=self._policy.weights_version,
+            made=0,
+            acked=0,
+            retried=0,
+            refused=0,
+            held_share=0.0,
+            valid_share=self._tally.valid_share,
+            match_share=self._tally.match_share,
+        )

@@ -1,0 +1,183 @@
+"""NAO's published kinematics, joint limits, speeds, torques and masses (H25, V5 and V6).
+
+Lengths in m, angles in rad, masses in kg, torques in N·m, speeds in rad/s; x forward, y left,
+z up. Only what is published stands here; how the robot looks is in `shapes`, how it sits in
+`posture`.
+"""
+
+from dataclasses import dataclass, replace
+
+Vector = tuple[float, float, float]
+
+X_AXIS: Vector = (1.0, 0.0, 0.0)
+Y_AXIS: Vector = (0.0, 1.0, 0.0)
+Z_AXIS: Vector = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A hinge between two links; its child's frame coincides with it at angle 0."""
+
+    name: str
+    parent: str
+    child: str
+    origin: Vector
+    """In the parent's frame."""
+    axis: Vector
+    lower: float
+    upper: float
+    max_speed: float
+    max_torque: float
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid part; ``inertia`` is the diagonal (ixx, iyy, izz) about the centre of mass."""
+
+    name: str
+    mass: float
+    centre: Vector
+    inertia: Vector
+
+
+_HIP_YAW_PITCH: Vector = (0.0, 0.70710678, -0.70710678)
+
+_HEAD_JOINTS = (
+    Joint(
+        "HeadYaw", "torso", "neck", (0.0, 0.0, 0.1265), Z_AXIS, -2.08567, 2.08567, 8.26797, 1.547
+    ),
+    Joint(
+        "HeadPitch", "neck", "head", (0.0, 0.0, 0.0), Y_AXIS, -0.671952, 0.514872, 7.19407, 1.532
+    ),
+)
+
+_LEFT_ARM_JOINTS = (
+    Joint(
+        "LShoulderPitch", "torso", "l_shoulder", (0.0, 0.098, 0.1), Y_AXIS,
+        -2.08567, 2.08567, 8.26797, 1.329,
+    ),
+    Joint(
+        "LShoulderRoll", "l_shoulder", "l_biceps", (0.0, 0.0, 0.0), Z_AXIS,
+        -0.314159, 1.32645, 7.19407, 1.7835,
+    ),
+    Joint(
+        "LElbowYaw", "l_biceps", "l_elbow", (0.105, 0.015, 0.0), X_AXIS,
+        -2.08567, 2.08567, 8.26797, 1.547,
+    ),
+    Joint(
+        "LElbowRoll", "l_elbow", "l_forearm", (0.0, 0.0, 0.0), Z_AXIS,
+        -1.54462, -0.0349066, 7.19407, 1.532,
+    ),
+    Joint(
+        "LWristYaw", "l_forearm", "l_hand", (0.05595, 0.0, 0.0), X_AXIS,
+        -1.82387, 1.82387, 24.6229, 0.4075,
+    ),
+)  # fmt: skip
+
+_LEFT_LEG_JOINTS = (
+    Joint(
+        "LHipYawPitch", "torso", "l_pelvis", (0.0, 0.05, -0.085), _HIP_YAW_PITCH,
+        -1.14529, 0.740718, 4.16174, 3.348,
+    ),
+    Joint(
+        "LHipPitch", "l_pelvis", "l_thigh", (0.0, 0.0, 0.0), Y_AXIS,
+        -1.53589, 0.48398, 6.40239, 3.023,
+    ),
+    Joint(
+        "LKneePitch", "l_thigh", "l_shin", (0.0, 0.0, -0.1), Y_AXIS,
+        -0.0923279, 2.11255, 6.40239, 3.023,
+    ),
+    Joint(
+        "LAnklePitch", "l_shin", "l_foot", (0.0, 0.0, -0.1029), Y_AXIS,
+        -1.18944, 0.922581, 6.40239, 3.023,
+    ),
+)  # fmt: skip
+
+_MIDDLE_LINKS = (
+    Link("torso", 1.04956, (-0.00413, 0.0, 0.04342), (3.08e-3, 2.88e-3, 1.59e-3)),
+    Link("neck", 0.07842, (0.0, 0.0, -0.02742), (1.6e-5, 1.7e-5, 5.5e-6)),
+    Link("head", 0.60533, (-0.00112, 0.0, 0.05258), (9.58e-4, 8.17e-4, 9.85e-4)),
+)
+
+_LEFT_ARM_LINKS = (
+    Link("l_shoulder", 0.09304, (-0.00165, -0.02663, 0.00014), (1.83e-5, 1.39e-5, 2.02e-5)),
+    Link("l_biceps", 0.15777, (0.02455, 0.00563, 0.0033), (8.72e-5, 2.75e-4, 2.42e-4)),
+    Link("l_elbow", 0.06483, (-0.02744, 0.0, -0.00014), (5.6e-6, 2.66e-5, 2.76e-5)),
+    Link("l_forearm", 0.07761, (0.02556, 0.00281, 0.00076), (2.47e-5, 3.84e-5, 3.6e-5)),
+    Link("l_hand", 0.18533, (0.03434, -0.00088, 0.00308), (6.86e-5, 1.36e-4, 1.33e-4)),
+)
+
+# The legs never move here and their parts stand on the seat and the floor, so their inertia has
+# no effect; the masses are the maker's, the inertias those of rods of that mass.
+_LEFT_LEG_LINKS = (
+    Link("l_pelvis", 0.21034, (-0.0076, 0.0, 0.011), (1.0e-4, 1.0e-4, 1.0e-4)),
+    Link("l_thigh", 0.38968, (0.0014, 0.0, -0.0537), (1.64e-3, 1.59e-3, 3.0e-4)),
+    Link("l_shin", 0.29142, (0.0045, 0.0, -0.0494), (1.18e-3, 1.13e-3, 1.9e-4)),
+    Link("l_foot", 0.296, (0.0166, 0.0, -0.0284), (3.0e-4, 7.0e-4, 7.5e-4)),
+)
+
+TOP_CAMERA_ORIGIN: Vector = (0.05871, 0.0, 0.06364)
+"""On the head."""
+TOP_CAMERA_PITCH = 0.0209
+"""Downwards, against the head."""
+CAMERA_WIDTH_ANGLE = 60.97
+CAMERA_HEIGHT_ANGLE = 47.64
+"""Field of view in degrees."""
+SOLE_BELOW_ANKLE = 0.04511
+
+
+def _mirrored_name(name: str) -> str:
+    if name.startswith("l_"):
+        return "r_" + name[2:]
+    return "R" + name[1:] if name.startswith("L") else name
+
+
+def _mirrored_vector(vector: Vector) -> Vector:
+    return (vector[0], -vector[1], vector[2])
+
+
+def _mirrored_joint(joint: Joint) -> Joint:
+    """The right side's twin: mirrored in y; a turn about x or z changes its sense, one about y
+    does not, and the hips' common motor turns both legs."""
+    turned = joint.axis in (X_AXIS, Z_AXIS)
+    return replace(
+        joint,
+        name=_mirrored_name(joint.name),
+        parent=_mirrored_name(joint.parent),
+        child=_mirrored_name(joint.child),
+        origin=_mirrored_vector(joint.origin),
+        axis=(0.0, 0.70710678, 0.70710678) if joint.axis == _HIP_YAW_PITCH else joint.axis,
+        lower=-joint.upper if turned else joint.lower,
+        upper=-joint.lower if turned else joint.upper,
+    )
+
+
+def _mirrored_link(link: Link) -> Link:
+    return replace(link, name=_mirrored_name(link.name), centre=_mirrored_vector(link.centre))
+
+
+def _right_arm_joint(joint: Joint) -> Joint:
+    mirrored = _mirrored_joint(joint)
+    # The one figure that the maker gives differently for the right arm.
+    return replace(mirrored, max_torque=1.783) if mirrored.name == "RShoulderRoll" else mirrored
+
+
+JOINTS: tuple[Joint, ...] = (
+    *_HEAD_JOINTS,
+    *_LEFT_ARM_JOINTS,
+    *(_right_arm_joint(joint) for joint in _LEFT_ARM_JOINTS),
+    *_LEFT_LEG_JOINTS,
+    *(_mirrored_joint(joint) for joint in _LEFT_LEG_JOINTS),
+)
+"""Parents before children."""
+
+LINKS: tuple[Link, ...] = (
+    *_MIDDLE_LINKS,
+    *_LEFT_ARM_LINKS,
+    *(_mirrored_link(link) for link in _LEFT_ARM_LINKS),
+    *_LEFT_LEG_LINKS,
+    *(_mirrored_link(link) for link in _LEFT_LEG_LINKS),
+)
+
+JOINT_NAMED = {joint.name: joint for joint in JOINTS}
+LINK_NAMED = {link.name: link for link in LINKS}

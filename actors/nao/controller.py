@@ -1,0 +1,178 @@
+"""The controller: five spring-loaded keys in a box on the desk.
+
+Four direction keys are the quarters of a square that stands on its corner, so that a fingertip
+on the edge between two neighbours holds both down: that is how one finger plays diagonals. Fire
+is a round button for the other hand. A key is held while it is pushed far enough by something
+real: there is no other way to press it.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.nao.anatomy import Vector
+from common.actions import Keys
+
+TRAVEL = 0.004
+"""m a key goes down before its stop."""
+PRESS_DEPTH = 0.0020
+RELEASE_DEPTH = 0.0012
+"""m: a key counts as pressed beyond the first, until it comes back above the second."""
+SPRING_FORCE = 0.6
+"""N that push a key up."""
+
+CENTRE: Vector = (0.205, 0.0, 0.0)
+"""Of the box, on the desk's top."""
+BOX: Vector = (0.085, 0.180, 0.014)
+CAP_HEIGHT = 0.008
+_CAP_ABOVE_BOX = 0.006
+KEY_TOP = BOX[2] + _CAP_ABOVE_BOX
+"""Height of a released key's top above the desk."""
+
+_CROSS_Y = 0.052
+_FIRE_Y = -0.052
+KEY_PITCH = 0.014
+"""Edge of a direction key, gap included."""
+_GAP = 0.0006
+_FIRE_RADIUS = 0.012
+_KEY_MASS = 0.004
+
+_HALF_DIAGONAL = KEY_PITCH / math.sqrt(2.0)
+KEY_PLACES: dict[Keys, tuple[float, float]] = {
+    Keys.UP: (_HALF_DIAGONAL, _CROSS_Y),
+    Keys.DOWN: (-_HALF_DIAGONAL, _CROSS_Y),
+    Keys.LEFT: (0.0, _CROSS_Y + _HALF_DIAGONAL),
+    Keys.RIGHT: (0.0, _CROSS_Y - _HALF_DIAGONAL),
+    Keys.FIRE: (0.0, _FIRE_Y),
+}
+"""Middle of each key in the box's frame (x away from the robot, y to its left)."""
+
+CAP_RADIUS = math.hypot(_FIRE_RADIUS, CAP_HEIGHT / 2)
+"""m around a key's middle, beyond which nothing of it is."""
+
+_RELEASED = {key: (0.20, 0.21, 0.24, 1.0) for key in KEY_PLACES}
+_RELEASED[Keys.FIRE] = (0.62, 0.08, 0.08, 1.0)
+_PRESSED = (0.20, 0.95, 0.35, 1.0)
+
+
+def place_of(keys: Keys) -> tuple[float, float]:
+    """Where, in the box's frame, one fingertip holds exactly ``keys`` down: the middle of a key,
+    or of the edge that two neighbours share."""
+    x, y = np.mean([KEY_PLACES[key] for key in KEY_PLACES if key & keys], axis=0)
+    return (float(x), float(y))
+
+
+CROSS_MIDDLE: tuple[float, float] = (0.0, _CROSS_Y)
+"""Where the direction keys meet."""
+
+
+class Controller:
+    """The controller in a physics client; ``desk_top`` is the height it stands at."""
+
+    def __init__(self, engine: Any, folder: Path, desk_top: float) -> None:
+        path = folder / "controller.urdf"
+        path.write_text(_urdf())
+        self._engine = engine
+        self._joint_states = engine.getJointStates
+        self._key_top = desk_top + KEY_TOP
+        self.body: int = engine.loadURDF(
+            str(path), (CENTRE[0], CENTRE[1], desk_top), useFixedBase=True
+        )
+        names = [
+            engine.getJointInfo(self.body, joint)[1].decode()
+            for joint in range(engine.getNumJoints(self.body))
+        ]
+        self._joints = [names.index(str(key.name)) for key in KEY_PLACES]
+        for joint in self._joints:
+            # A motor that wants the key at the top with little force is a spring of that force.
+            engine.setJointMotorControl2(
+                self.body, joint, engine.POSITION_CONTROL, targetPosition=0.0,
+                positionGain=0.5, velocityGain=0.5, force=SPRING_FORCE,
+            )  # fmt: skip
+            engine.changeDynamics(
+                self.body, joint, lateralFriction=0.2, restitution=0.0, jointDamping=0.0
+            )
+        self._held = Keys.NONE
+        self._shown = Keys.NONE
+
+    @property
+    def held(self) -> Keys:
+        """The keys that were held down when `pressed` was last asked."""
+        return self._held
+
+    @property
+    def links(self) -> tuple[int, ...]:
+        """Indices of the keys' links."""
+        return tuple(self._joints)
+
+    def depths(self) -> NDArray[np.float64]:
+        """m that each key is down, in `KEY_PLACES`' order, ``float64 [5]``."""
+        states = self._joint_states(self.body, self._joints)
+        return np.array([state[0] for state in states])
+
+    def pressed(self) -> Keys:
+        """The keys held down now; call it once per emulator frame, for the hysteresis."""
+        held = Keys.NONE
+        states = self._joint_states(self.body, self._joints)
+        for key, state in zip(KEY_PLACES, states, strict=True):
+            if state[0] > (RELEASE_DEPTH if key & self._held else PRESS_DEPTH):
+                held |= key
+        self._held = held
+        return held
+
+    def show(self) -> None:
+        """Colour the keys by whether they are pressed; needed only before a picture of them."""
+        for key, joint in zip(KEY_PLACES, self._joints, strict=True):
+            if key & (self._held ^ self._shown):
+                colour = _PRESSED if key & self._held else _RELEASED[key]
+                self._engine.changeVisualShape(self.body, joint, rgbaColor=colour)
+        self._shown = self._held
+
+    def release(self) -> None:
+        """Every key up and at rest."""
+        for joint in self._joints:
+            self._engine.resetJointState(self.body, joint, 0.0, 0.0)
+        self._held = Keys.NONE
+
+    def point(self, place: tuple[float, float], above: float) -> NDArray[np.float64]:
+        """The point in the room ``above`` m over the released keys' tops at ``place``."""
+        return np.array([CENTRE[0] + place[0], CENTRE[1] + place[1], self._key_top + above])
+
+
+def _urdf() -> str:
+    width, depth, height = BOX
+    box = f'<origin xyz="0 0 {height / 2}"/><geometry><box size="{width} {depth} {height}"/>'
+    parts = [
+        '<link name="box"><inertial><mass value="0.4"/>'
+        '<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>'
+        f'<visual>{box}</geometry><material name="box"><color rgba="0.85 0.85 0.87 1"/>'
+        f"</material></visual><collision>{box}</geometry></collision></link>"
+    ]
+    parts += [_key(key) for key in KEY_PLACES]
+    return "\n".join(['<robot name="controller">', *parts, "</robot>", ""])
+
+
+def _key(key: Keys) -> str:
+    x, y = KEY_PLACES[key]
+    edge = KEY_PITCH - _GAP
+    # Fire looks round, but is touched as the square within it: the engine rounds cylinders off
+    # by a margin of 1 mm, a quarter of the travel.
+    box = f'<box size="{edge} {edge} {CAP_HEIGHT}"/>'
+    disc = f'<cylinder radius="{_FIRE_RADIUS}" length="{CAP_HEIGHT}"/>'
+    turned = f'<origin rpy="0 0 {math.pi / 4}"/>'
+    seen = f"{turned}<geometry>{disc if key is Keys.FIRE else box}</geometry>"
+    touched = f"{turned}<geometry>{box}</geometry>"
+    colour = " ".join(map(str, _RELEASED[key]))
+    return (
+        f'<link name="cap_{key.name}"><inertial><mass value="{_KEY_MASS}"/>'
+        '<inertia ixx="2e-7" iyy="2e-7" izz="2e-7" ixy="0" ixz="0" iyz="0"/></inertial>'
+        f'<visual>{seen}<material name="{key.name}"><color rgba="{colour}"/></material></visual>'
+        f"<collision>{touched}</collision></link>"
+        f'<joint name="{key.name}" type="prismatic"><parent link="box"/>'
+        f'<child link="cap_{key.name}"/>'
+        f'<origin xyz="{x} {y} {KEY_TOP - CAP_HEIGHT / 2}"/><axis xyz="0 0 -1"/>'
+        f'<limit lower="0" upper="{TRAVEL}" velocity="10" effort="{SPRING_FORCE}"/></joint>'
+    )

@@ -1,0 +1,111 @@
+"""Fine search: the sides of a dark quadrilateral, to a fraction of a pixel.
+
+Each side is looked at across, at many places; the places where light falls to dark as it should
+are fitted by a line, so that noise, the stairs of pixels and a hand before the screen cost
+little. cornerSubPix would look only at the corners, which are what is most often hidden.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.vision.quad import meet
+
+_PLACES = 24
+"""Places per side."""
+_REACH = 6
+"""Pixels looked at to either side of the rough edge."""
+_NEAR = 0.8
+"""Pixels a place may lie off the line that it supports: nearest-pixel stairs are ±0.5."""
+_SUPPORT = 0.4
+"""Least share of a side's places that must support its line."""
+
+_ALONG = np.linspace(0.04, 0.96, _PLACES)[:, None, None]
+_ACROSS = np.arange(-_REACH, _REACH + 1, dtype=np.float64)
+
+
+def refine(
+    grey: NDArray[np.uint8], quad: NDArray[np.float32], contrast: float
+) -> NDArray[np.float32] | None:
+    """``quad`` moved onto the edges where light outside falls to dark inside.
+
+    Args:
+        grey: Picture, ``uint8 [height, width]``.
+        quad: Rough corners, clockwise, ``float32 [4, 2]``.
+        contrast: Least fall in grey levels that is an edge.
+
+    Returns:
+        Corners, ``float32 [4, 2]``; None if a side has too little support.
+    """
+    corners = quad.astype(np.float64)
+    sides = np.roll(corners, -1, axis=0) - corners
+    inward = np.stack([-sides[:, 1], sides[:, 0]], axis=1)
+    inward /= np.maximum(np.hypot(sides[:, 0], sides[:, 1]), 1e-6)[:, None]
+    bases = corners[:, None, None] + sides[:, None, None] * _ALONG
+    grid = (bases + inward[:, None, None] * _ACROSS[:, None]).astype(np.float32)
+    xs, ys = np.ascontiguousarray(grid.reshape(4 * _PLACES, -1, 2).transpose(2, 0, 1))
+    seen = cv2.remap(grey, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    offsets, found = _falls(np.asarray(seen, np.float32), contrast)
+    points = bases.reshape(4, _PLACES, 2) + inward[:, None] * offsets.reshape(4, _PLACES, 1)
+    found = found.reshape(4, _PLACES)
+    lines = np.zeros((4, 3))
+    for side in range(4):
+        line = _fit(points[side][found[side]])
+        if line is None:
+            return None
+        lines[side] = line
+    return meet(lines)
+
+
+def _falls(
+    seen: NDArray[np.float32], contrast: float
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Where each row of ``[n, 2 reach + 1]`` falls most, as offset in pixels, and if it does."""
+    fall = seen[:, :-3] + seen[:, 1:-2] - seen[:, 2:-1] - seen[:, 3:]
+    start = np.argmax(fall, axis=1)
+    rows = np.arange(len(seen))
+    window = seen[rows[:, None], start[:, None] + np.arange(4)]
+    high, low = window[:, 0], window[:, 3]
+    drop = high - low
+    # The area under a falling edge is its place, whatever its blur: better than one crossing.
+    share = (window[:, 1] + window[:, 2] - 2 * low) / np.maximum(drop, 1e-6)
+    offsets = start + 0.5 + np.clip(share, 0, 2) - _REACH
+    return offsets, drop >= contrast
+
+
+def _fit(points: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The line (a, b, c) that most points agree on, or None with too few of them."""
+    least = _SUPPORT * _PLACES
+    if len(points) < least:
+        return None
+    line = _through(points)
+    near = np.abs(points @ line[:2] + line[2]) < _NEAR
+    if near.sum() < 0.9 * len(points):  # something disagrees and has bent the line
+        line = _best_pair(points)
+        near = np.abs(points @ line[:2] + line[2]) < _NEAR
+        if near.sum() < least:
+            return None
+    return _through(points[near])
+
+
+def _through(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The line with the least squared distances to the points."""
+    dx, dy, x, y = cv2.fitLine(points.astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01).ravel()
+    return np.array([-dy, dx, dy * x - dx * y], np.float64)
+
+
+def _best_pair(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The line through two points, some way apart, that most other points support."""
+    count = len(points)
+    first, second = _PAIRS[:, (count > _PAIRS).all(axis=0)]
+    directions = points[second] - points[first]
+    normals = np.stack([-directions[:, 1], directions[:, 0]], axis=1)
+    normals /= np.maximum(np.hypot(directions[:, 0], directions[:, 1]), 1e-6)[:, None]
+    offsets = -np.sum(normals * points[first], axis=1)
+    support = (np.abs(normals @ points.T + offsets[:, None]) < _NEAR).sum(axis=1)
+    best = int(np.argmax(support))
+    return np.array([*normals[best], offsets[best]])
+
+
+_PAIRS = np.array([(i, j) for i in range(_PLACES) for j in range(i + _PLACES // 3, _PLACES, 2)]).T
+"""Pairs to try, ``[2, n]``: a third of the side apart at least, so that noise turns them little."""

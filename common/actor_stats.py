@@ -1,0 +1,79 @@
+"""What an actor tells about itself, once a second and when it leaves."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Literal, cast
+
+from common.errors import MessageError
+from common.wire import pack, take, unpack
+
+Role = Literal["actor", "evaluator"]
+
+
+@dataclass(frozen=True)
+class ActorStats:
+    """Counters of one actor process since its start."""
+
+    name: str
+    role: Role
+    incarnation: int
+    leaving: bool
+    """Last message of this process."""
+    steps: int
+    steps_per_second: float
+    epsilon: float
+    weights_version: int
+    made: int
+    """Chunks cut from the stream; in the end made = acked + refused."""
+    acked: int
+    retried: int
+    refused: int
+    held_share: float
+    """Share of the last second it paused because the learner was behind."""
+    valid_share: float
+    """Share of the steps since its start whose frame showed the screen."""
+    match_share: float
+    """Share of the steps since its start that ended with the commanded keys pressed."""
+
+
+def encode_stats(stats: ActorStats) -> bytes:
+    return pack(dataclasses.asdict(stats))
+
+
+def decode_stats(payload: bytes) -> ActorStats:
+    """The counters inside ``payload``.
+
+    Raises:
+        MessageError: they are not all there, or not of their types.
+    """
+    message = unpack(payload)
+    role = take(message, "role", str)
+    if role not in ("actor", "evaluator"):
+        raise MessageError(f"role is {role!r}")
+    return ActorStats(
+        name=take(message, "name", str),
+        role=cast(Role, role),
+        leaving=take(message, "leaving", bool),
+        **{
+            name: take(message, name, int, 0)
+            for name in (
+                "incarnation",
+                "steps",
+                "weights_version",
+                "made",
+                "acked",
+                "retried",
+                "refused",
+            )
+        },
+        **{
+            name: take(message, name, float, 0.0)
+            for name in (
+                "steps_per_second",
+                "epsilon",
+                "held_share",
+                "valid_share",
+                "match_share",
+            )
+        },
+    )

@@ -1,0 +1,39 @@
+"""How a process learns that it should end: by a signal, or because its parent is gone."""
+
+import os
+import signal
+import sys
+import threading
+from types import FrameType
+
+GRACE = 4.0
+"""Seconds that a process may take to leave once its parent is gone."""
+
+
+def on_signals(stop: threading.Event) -> None:
+    """Set ``stop`` at the first SIGINT or SIGTERM; a second one ends the process at once."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        if stop.is_set():
+            os._exit(128 + number)
+        stop.set()
+
+    signal.signal(signal.SIGINT, handle)
+    signal.signal(signal.SIGTERM, handle)
+
+
+def leave_with_parent(stop: threading.Event) -> None:
+    """Set ``stop`` when standard input ends, and end the process if it does not leave by itself.
+
+    The parent holds the other end of that pipe; however it dies, kill -9 included, the system
+    closes it, so no orphan is left.
+    """
+
+    def watch() -> None:
+        while os.read(sys.stdin.fileno(), 1024):
+            pass
+        stop.set()
+        threading.Event().wait(GRACE)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="leash", daemon=True).start()

@@ -1,0 +1,216 @@
+"""`python -m learner`: trains the run's network, and hosts its replay and hub."""
+
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+import zenoh
+
+from actors.envs import make_env
+from actors.envs.emulator import check_game
+from common.announcement import find_run
+from common.bus import DEFAULT_ENDPOINT, RunKeys, connect, open_hub
+from common.cli import RunFlags, parse, preset_of
+from common.config import RunConfig, differences
+from common.errors import InputError, exit_on_input_error
+from common.lifeline import on_signals
+from common.network import build_network
+from common.run_folder import RunFolder
+from learner.device import DeviceChoice, PrecisionChoice, choose_device
+from learner.display import open_display
+from learner.local import Crew
+from learner.trainer import Trainer
+from learner.training import Learner
+from replay.client import RemoteReplay
+from replay.interface import Replay
+from replay.memory import Memory
+from replay.server import ReplayServer
+
+
+@dataclass(frozen=True)
+class LearnerOptions:
+    """Train a network from what the actors live through, and send them its weights.
+
+    Hosts the run's replay and hub unless --connect names a replay of its own. Actors join from
+    other terminals or machines by `python -m actors --sync`; with --local they are started here.
+    """
+
+    config: RunFlags
+    run: str | None = None
+    """Name of the run; by default made of environment, game and preset."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs."""
+    resume: bool = False
+    """Go on with the run that is there, under its own settings."""
+    steps: int | None = None
+    """End by itself after so many agent steps, the warm-up included."""
+    local: bool = False
+    """Start actors and an evaluator on this machine, and end them with the learner."""
+    actors: int = 1
+    """Training actors of local mode."""
+    envs: int = 1
+    """Environments in each actor of local mode."""
+    evaluators: int = 1
+    """Evaluators of local mode."""
+    device: DeviceChoice = "auto"
+    """Hardware of the learner; 'auto' takes CUDA where there is one."""
+    precision: PrecisionChoice = "auto"
+    """Of the network's arithmetic; 'auto' takes bfloat16 where the hardware is made for it."""
+    threads: int = 0
+    """Processor threads of an update; 0 for as many as there are cores."""
+    listen: str = DEFAULT_ENDPOINT
+    """Address where actors find this process; name 0.0.0.0 to let other machines in."""
+    connect: str | None = None
+    """Address of a `python -m replay` to use instead of a replay of one's own."""
+    patience: float = 60.0
+    """Seconds to wait for that replay."""
+
+    def check(self) -> None:
+        for name, value, least in (
+            ("--actors", self.actors, 1),
+            ("--envs", self.envs, 1),
+            ("--evaluators", self.evaluators, 0),
+            ("--threads", self.threads, 0),
+        ):
+            if value < least:
+                raise InputError(f"{name} is {value}: choose {least} or more.")
+        check_game(self.config.game)
+        self.config.check()
+        if self.steps is not None and self.steps <= self.config.replay.warmup:
+            raise InputError(
+                f"--steps is {self.steps}, all of which the warm-up of "
+                f"{self.config.replay.warmup} takes: choose more, or lower --replay.warmup."
+            )
+
+
+def read_options(arguments: list[str]) -> LearnerOptions:
+    """The command line; when resuming, the run's own settings are the defaults."""
+    config = preset_of(arguments)
+    options = parse(LearnerOptions, "learner", arguments, config=config)
+    if options.resume:
+        stored = RunFolder(options.runs, run_name(options)).stored_config()
+        if stored is not None:
+            options = parse(LearnerOptions, "learner", arguments, config=stored)
+    options.check()
+    return options
+
+
+def run_name(options: LearnerOptions) -> str:
+    config = options.config
+    return options.run or f"{config.env}-{config.game}-{config.preset}".replace("_", "-")
+
+
+@contextmanager
+def hosted_replay(
+    options: LearnerOptions, config: RunConfig, folder: RunFolder
+) -> Iterator[tuple[zenoh.Session, Replay, str]]:
+    """Hub and replay in this process; also the address at which they are found."""
+    folder.claim("replay", config, begun=folder.replay, resume=options.resume)
+    session = open_hub(options.listen)
+    try:
+        memory = Memory(config, folder.replay)
+        try:
+            with ReplayServer(session, memory, config, folder.name):
+                yield session, memory, options.listen
+        finally:
+            memory.close()
+    finally:
+        session.close()  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def remote_replay(
+    options: LearnerOptions, endpoint: str, folder: RunFolder, stop: threading.Event
+) -> Iterator[tuple[zenoh.Session, Replay, str]]:
+    """Hub and replay of another process, which must serve this run."""
+    session = connect(endpoint, options.patience, stop.is_set)
+    try:
+        keys, config = find_run(session, folder.name, options.patience, stop.is_set)
+        if unequal := differences(config, options.config):
+            raise InputError(
+                f"the replay at {endpoint} serves {folder.name} with another configuration "
+                f"({'; '.join(unequal[:5])}): give both processes the same flags."
+            )
+        replay = RemoteReplay(session, keys, config)
+        stopping = threading.Thread(
+            target=lambda: (stop.wait(), replay.close()), name="stopping", daemon=True
+        )
+        stopping.start()
+        yield session, replay, endpoint
+    finally:
+        session.close()  # type: ignore[no-untyped-call]
+
+
+def count_actions(config: RunConfig) -> int:
+    """Actions that the run's environment offers."""
+    emulator_only = RunConfig(env="ale", game=config.game, play=config.play)
+    env = make_env(emulator_only, training=False)
+    try:
+        return int(env.action_space.n)  # type: ignore[attr-defined]
+    finally:
+        env.close()
+
+
+def main() -> int:
+    options = read_options(sys.argv[1:])
+    config = options.config
+    device = choose_device(options.device, options.precision)
+    torch.set_num_threads(options.threads or len(os.sched_getaffinity(0)))
+    stop = threading.Event()
+    on_signals(stop)
+    folder = RunFolder(options.runs, run_name(options))
+    folder.claim("learner", config, begun=folder.checkpoint, resume=options.resume)
+    place = (
+        hosted_replay(options, config, folder)
+        if options.connect is None
+        else remote_replay(options, options.connect, folder, stop)
+    )
+    with place as (session, replay, endpoint), open_display() as display:
+        learner = Learner(
+            session,
+            RunKeys(folder.name),
+            config,
+            folder,
+            replay,
+            Trainer(build_network(config, count_actions(config)), config.learning, device),
+            device,
+            display,
+            steps_goal=options.steps,
+            resume=options.resume and folder.checkpoint.exists(),
+            stop=stop,
+        )
+        crew = (
+            Crew(
+                endpoint,
+                folder.name,
+                options.actors,
+                options.envs,
+                options.evaluators,
+                folder.path / "logs",
+            )
+            if options.local
+            else None
+        )
+        try:
+            display.line(
+                f"run {folder.name} in {folder.path}: {config.game} ({config.env}), preset "
+                f"{config.preset}, on {device.name}; actors find it at {endpoint}."
+            )
+            learner.run(crew)
+        finally:
+            if crew is not None:
+                crew.close()
+    print(
+        f"Everything is in {folder.path}; go on with: python -m learner --run {folder.name} "
+        "--resume" + (" --local" if options.local else "")
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

@@ -1,0 +1,131 @@
+"""Local mode: actors and an evaluator as children of the learner, watched and ended with it."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from common.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[1]
+_LEAVE = 3.0
+"""Seconds that children have to leave before they are killed."""
+_STILLBORN = 15.0
+"""A child that ends this soon after its start, by itself, did not get to work."""
+_MOST_STILLBORN = 3
+
+
+@dataclass
+class _Child:
+    name: str
+    arguments: list[str]
+    process: subprocess.Popen[bytes]
+    started: float
+    stillborn: int = 0
+
+
+class Crew:
+    """Children on this machine; one that dies is started again.
+
+    Each holds the reading end of a pipe, its leash, and leaves when it closes, so that none
+    outlives this process, however it ends.
+
+    Args:
+        logs: folder for what they print.
+    """
+
+    def __init__(
+        self, endpoint: str, run: str, actors: int, envs: int, evaluators: int, logs: Path
+    ) -> None:
+        logs.mkdir(parents=True, exist_ok=True)
+        self._logs = logs
+        common = ["--connect", endpoint, "--run", run, "--leash"]
+        plans = [
+            (f"actor-{index}", [*common, "--sync", "--envs", str(envs)])
+            for index in range(1, actors + 1)
+        ] + [
+            (f"evaluator-{index}", [*common, "--sync", "--evaluator"])
+            for index in range(1, evaluators + 1)
+        ]
+        self._children = [self._start(name, arguments) for name, arguments in plans]
+        self._leaving = False
+
+    def watch(self) -> list[str]:
+        """Start the dead again; returns what happened, as sentences.
+
+        Raises:
+            InputError: a child cannot start at all.
+        """
+        notes = []
+        for at, child in enumerate(self._children):
+            status = child.process.poll()
+            if status is None or self._leaving:
+                continue
+            early = time.monotonic() - child.started < _STILLBORN and status > 0
+            stillborn = child.stillborn + 1 if early else 0
+            if stillborn >= _MOST_STILLBORN:
+                raise InputError(
+                    f"{child.name} cannot start: {self._last_words(child.name)} "
+                    f"(more in {self._log(child.name)})."
+                )
+            self._children[at] = self._start(child.name, child.arguments, stillborn)
+            how = f"signal {-status}" if status < 0 else f"status {status}"
+            notes.append(f"{child.name} ended by {how}, started again")
+        return notes
+
+    def finish(self) -> None:
+        """Children now leave by themselves when they are done: do not start them again."""
+        self._leaving = True
+
+    @property
+    def at_work(self) -> bool:
+        """Whether any child has not left."""
+        return any(child.process.poll() is None for child in self._children)
+
+    def close(self) -> None:
+        """End all children: ask, wait a little, kill."""
+        self.let_go()
+        deadline = time.monotonic() + _LEAVE
+        for child in self._children:
+            try:
+                child.process.wait(max(deadline - time.monotonic(), 0))
+            except subprocess.TimeoutExpired:
+                child.process.kill()
+                child.process.wait()
+
+    def let_go(self) -> None:
+        """Ask all children to leave."""
+        self._leaving = True
+        for child in self._children:
+            leash = child.process.stdin
+            if leash is not None and not leash.closed:
+                leash.close()
+
+    def _start(self, name: str, arguments: Sequence[str], stillborn: int = 0) -> _Child:
+        log: IO[bytes]
+        with self._log(name).open("ab") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "actors", "--name", name, *arguments],
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # the terminal's Ctrl-C is for the learner alone
+                env={**os.environ, "PYTHONPATH": _python_path()},
+            )
+        return _Child(name, list(arguments), process, time.monotonic(), stillborn)
+
+    def _log(self, name: str) -> Path:
+        return self._logs / f"{name}.log"
+
+    def _last_words(self, name: str) -> str:
+        lines = self._log(name).read_text(errors="replace").strip().splitlines()
+        return lines[-1].removeprefix("error: ").rstrip(".") if lines else "it says nothing"
+
+
+def _python_path() -> str:
+    """This checkout first, so that children run the same code from any working directory."""
+    return os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))

@@ -1,0 +1,136 @@
+"""Who takes part: what actors and evaluators say of themselves, and whether they live."""
+
+import threading
+import time
+from dataclasses import asdict
+from typing import Any
+
+import zenoh
+from zenoh.handlers import Callback
+
+from common.actor_stats import ActorStats, decode_stats
+from common.bus import RunKeys
+from common.errors import MessageError
+from learner.status import ActorStatus
+
+LEFT_SHOWN = 10.0
+"""Seconds that an actor which took its leave stays on the display."""
+
+
+class Roster:
+    """Listens to heartbeats and liveliness tokens; safe to ask from any thread."""
+
+    def __init__(self, session: zenoh.Session, keys: RunKeys) -> None:
+        self._lock = threading.Lock()
+        self._stats: dict[int, ActorStats] = {}  # by incarnation: every process there ever was
+        self._heard: dict[str, float] = {}
+        self._newest: dict[str, int] = {}
+        self._alive: dict[str, bool] = {}
+        self._notes: list[str] = []
+        self._subscriptions = (
+            session.declare_subscriber(
+                keys.stats("*", "*"), Callback(self._on_stats, indirect=False)
+            ),
+            session.liveliness().declare_subscriber(
+                keys.live("*", "*"), Callback(self._on_token, indirect=False), history=True
+            ),
+        )
+
+    def restore(self, state: list[dict[str, Any]]) -> None:
+        """Remember the processes of a checkpoint, so that counts go on from there."""
+        with self._lock:
+            for each in state:
+                stats = ActorStats(**each)
+                self._stats.setdefault(stats.incarnation, stats)
+
+    def state(self) -> list[dict[str, Any]]:
+        """All processes there ever were, of JSON's types."""
+        with self._lock:
+            return [asdict(stats) for stats in self._stats.values()]
+
+    def take_notes(self) -> list[str]:
+        """Arrivals and losses since the last call, as sentences."""
+        with self._lock:
+            notes, self._notes = self._notes, []
+        return notes
+
+    def alive(self, role: str) -> set[str]:
+        """Names of the living."""
+        with self._lock:
+            return {
+                name.split("/")[1]
+                for name, alive in self._alive.items()
+                if alive and name.startswith(role + "/")
+            }
+
+    def counts(self) -> tuple[int, int]:
+        """Chunks made and sent again, over all processes there ever were."""
+        with self._lock:
+            every = list(self._stats.values())
+        return sum(s.made for s in every), sum(s.retried for s in every)
+
+    def actors(self) -> tuple[ActorStatus, ...]:
+        """The living, and those that were lost or left a moment ago."""
+        now = time.monotonic()
+        with self._lock:
+            found = []
+            for key, alive in sorted(self._alive.items()):
+                stats = self._stats.get(self._newest.get(key, -1))
+                silent = now - self._heard.get(key, now)
+                if not alive and (stats is None or stats.leaving) and silent > LEFT_SHOWN:
+                    continue
+                role, name = key.split("/")
+                if role not in ("actor", "evaluator"):
+                    continue
+                found.append(_status(name, role, alive, silent, stats))
+            return tuple(found)
+
+    def _on_stats(self, sample: zenoh.Sample) -> None:
+        try:
+            stats = decode_stats(sample.payload.to_bytes())
+        except MessageError:
+            return  # somebody else's noise on our key
+        key = f"{stats.role}/{stats.name}"
+        if not str(sample.key_expr).endswith("/" + key):
+            return
+        with self._lock:
+            self._stats[stats.incarnation] = stats
+            self._newest[key] = stats.incarnation
+            self._heard[key] = time.monotonic()
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        key = "/".join(str(sample.key_expr).split("/")[-2:])
+        alive = sample.kind == zenoh.SampleKind.PUT
+        with self._lock:
+            before = self._alive.get(key)
+            self._alive[key] = alive
+            self._heard[key] = time.monotonic()
+            stats = self._stats.get(self._newest.get(key, -1))
+            name = key.split("/")[1]
+            if alive and before is not True:
+                self._notes.append(f"{name} joined")
+            elif not alive and (stats is None or not stats.leaving):
+                self._notes.append(f"{name} was lost")
+            elif not alive:
+                self._notes.append(f"{name} left")
+
+
+def _status(
+    name: str, role: Any, alive: bool, silent: float, stats: ActorStats | None
+) -> ActorStatus:
+    if stats is None:
+        return ActorStatus(name=name, role=role, alive=alive, silent_for=silent)
+    return ActorStatus(
+        name=name,
+        role=role,
+        alive=alive,
+        steps=stats.steps,
+        steps_per_second=stats.steps_per_second if alive else 0.0,
+        epsilon=stats.epsilon,
+        weights_version=stats.weights_version,
+        made=stats.made,
+        acked=stats.acked,
+        retried=stats.retried,
+        refused=stats.refused,
+        silent_for=silent,
+    )

@@ -1,0 +1,121 @@
+"""``summary.json``: what a run has come to, in one file that other programs can read.
+
+Strict JSON: a figure that is unknown, infinite or not a number is null.
+"""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from common.config import RunConfig
+from common.run_folder import write_atomically
+from learner.provenance import Provenance
+from learner.status import Status
+
+_SECONDS_PER_DAY = 86_400
+
+
+def epochs_per_day(
+    epoch_steps: int,
+    test_steps: int,
+    train_steps_per_second: float | None,
+    test_steps_per_second: float | None,
+) -> float | None:
+    """Epochs of training, then testing, that fit in a day at these measured rates.
+
+    One after the other, as in 2017, so that the figure compares with that experiment's 40 (ALE-
+    Only) and 2 to 4 (ALE-Robot) a day. Here evaluators play while training goes on, so a run does
+    no fewer than this when both rates were measured side by side. None where a needed rate is
+    unknown or 0.
+    """
+    seconds = 0.0
+    for steps, rate in (
+        (epoch_steps, train_steps_per_second),
+        (test_steps, test_steps_per_second),
+    ):
+        if steps == 0:
+            continue
+        if not rate:
+            return None
+        seconds += steps / rate
+    return _SECONDS_PER_DAY / seconds if seconds else None
+
+
+def write_summary(
+    path: Path,
+    status: Status,
+    config: RunConfig,
+    provenance: Provenance,
+    *,
+    train_steps_per_second: float | None,
+    test_steps_per_second: float | None,
+) -> None:
+    """Write the run's summary to ``path``, atomically.
+
+    Args:
+        train_steps_per_second: measured over the finished training phases, all actors together;
+            written as ``steps_per_second``. None before the first: the status' own then stands in.
+        test_steps_per_second: measured over all tests, all evaluators together.
+    """
+    protocol = config.protocol
+    if train_steps_per_second is None:
+        train_steps_per_second = status.steps_per_second
+    summary = {
+        "run": status.run,
+        "preset": status.preset,
+        "env": status.env,
+        "game": status.game,
+        "seed": config.seed,
+        "device": status.device,
+        "wall_seconds": status.elapsed,
+        "agent_steps": status.agent_steps,
+        "updates": status.updates,
+        "epoch": status.epoch,
+        "games": status.games,
+        "random_reward": status.random_reward,
+        "train_reward": status.train_reward,
+        "test_reward": status.test_reward,
+        "test_epoch": status.test_epoch,
+        "best_test_reward": max(status.test_history, default=None),
+        "epsilon": status.epsilon,
+        "loss": status.loss,
+        "mean_max_q": status.mean_max_q,
+        "held_out_std": status.held_out_std,
+        "samples_per_insert": status.samples_per_insert,
+        "samples_per_insert_goal": status.samples_per_insert_goal,
+        "stored": status.stored,
+        "capacity": status.capacity,
+        "chunks": dataclasses.asdict(status.chunks),
+        "weights_version": status.weights_version,
+        "staleness_updates": {"p50": status.staleness_p50, "p95": status.staleness_p95},
+        "steps_per_second": train_steps_per_second,
+        "test_steps_per_second": test_steps_per_second,
+        "updates_per_second": status.updates_per_second,
+        "epochs_per_day": epochs_per_day(
+            protocol.epoch_steps,
+            protocol.test_steps,
+            train_steps_per_second,
+            test_steps_per_second,
+        ),
+        "valid_frame_share": status.valid_frame_share,
+        "press_match_share": status.press_match_share,
+        "gates": [dataclasses.asdict(gate) for gate in status.gates],
+        "actors": [dataclasses.asdict(actor) for actor in status.actors],
+        "config": dataclasses.asdict(config),
+        **dataclasses.asdict(provenance),
+    }
+    text = json.dumps(_strict(summary), indent=2, ensure_ascii=False, allow_nan=False)
+    write_atomically(path, (text + "\n").encode())
+
+
+def _strict(value: Any) -> Any:
+    """``value`` with null for every number that JSON does not have."""
+    if isinstance(value, dict):
+        return {name: _strict(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_strict(inner) for inner in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

@@ -1,0 +1,397 @@
+"""The learner's main loop, and what happens around it on schedule."""
+
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+import zenoh
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
+
+from common.bus import RunKeys
+from common.config import RunConfig
+from common.errors import InputError
+from common.run_folder import RunFolder, write_atomically
+from common.weights import encode_weights
+from learner.bookkeeping import Bookkeeping, PhaseEnd
+from learner.checkpoint import load_checkpoint, save_checkpoint
+from learner.device import Device
+from learner.display import Display
+from learner.epochs import EpochRow
+from learner.examiner import Examiner, Test
+from learner.gauges import Gauges
+from learner.local import Crew
+from learner.monitor import Monitor
+from learner.prefetch import Prefetched, Prefetcher
+from learner.records import Records
+from learner.roster import Roster
+from learner.status import Phase, Status
+from learner.trainer import Trainer
+from replay.facts import MOST_FACTS
+from replay.interface import Replay
+
+_TICK = 0.1
+_LOOK = 0.25
+_MEASURE_Q = 10.0
+_CURVE_POINT = 10.0
+_SUMMARY = 60.0
+_PUBLISH_AGAIN = 10.0
+_LAST_CHUNKS = 10.0
+"""Seconds that the actors of a finished run have to hand in their last chunks."""
+
+
+class Learner:
+    """One learner process' work: `run` trains until the goal or ``stop``.
+
+    Args:
+        steps_goal: agent steps, warm-up included, after which it ends by itself.
+        crew: the children of local mode.
+        resume: go on from the checkpoint in ``folder``.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: RunKeys,
+        config: RunConfig,
+        folder: RunFolder,
+        replay: Replay,
+        trainer: Trainer,
+        device: Device,
+        display: Display,
+        *,
+        steps_goal: int | None,
+        resume: bool,
+        stop: threading.Event,
+    ) -> None:
+        self._config = config
+        self._folder = folder
+        self._replay = replay
+        self._trainer = trainer
+        self._device = device
+        self._display = display
+        self._steps_goal = steps_goal
+        self._stop = stop
+        self._crew: Crew | None = None
+
+        self._updates = 0
+        self._phase_updates = 0
+        self._phase_loss = torch.zeros((), device=device.torch)
+        self._phase_began = 0.0
+        self._seconds_before = 0.0
+        self._published = 0
+        self._finished = False
+        self._due: dict[str, float] = {}
+        self._max_q: tuple[float, float] | None = None
+        self._started = time.monotonic()
+
+        self._books = Bookkeeping(config)
+        self._gauges = Gauges()
+        self._roster = Roster(session, keys)
+        self._examiner = Examiner(
+            session,
+            keys,
+            folder.snapshots,
+            config.protocol,
+            lambda: self._roster.alive("evaluator"),
+            self._seconds,
+        )
+        rows = self._restore() if resume else 0
+        self._records = Records(folder, config, rows, self._books.agent_steps if resume else None)
+        self._held_out = self._load_held_out()
+        self._monitor = Monitor(
+            keys,
+            config,
+            device,
+            steps_goal,
+            self._books,
+            self._roster,
+            self._records,
+            self._gauges,
+            self._examiner,
+            self._seconds,
+        )
+        self._progress = replay.progress(self._books.facts_seen)
+        self._weights = session.declare_publisher(
+            keys.weights, congestion_control=zenoh.CongestionControl.DROP
+        )
+        self._publish()
+        self._checkpoint()
+        self._prefetcher = Prefetcher(
+            replay, device.torch, config.learning.batch_size, self._updates
+        )
+
+    def run(self, crew: Crew | None = None) -> None:
+        """Train until the goal is reached or ``stop`` is set, and leave everything on disk.
+
+        Args:
+            crew: the children of local mode.
+
+        Raises:
+            InputError: the loss diverged, or local mode's children cannot start.
+        """
+        self._crew = crew
+        try:
+            while not self._stop.is_set() and not self._goal_reached():
+                batch = self._prefetcher.next(_TICK)
+                if batch is not None:
+                    self._learn(batch)
+                self._look()
+            self._prefetcher.close()
+            if not self._stop.is_set():
+                self._conclude()
+            if crew is not None:
+                crew.let_go()
+            self._checkpoint()
+            self._records.summarise(self._status())
+        finally:
+            self._prefetcher.close()
+            self._records.close()
+
+    # ------------------------------------------------------------------ one update
+
+    def _learn(self, batch: Prefetched) -> None:
+        result = self._trainer.update(batch.tensors)
+        self._updates += 1
+        self._phase_updates += 1
+        self._phase_loss += result.loss
+        self._gauges.add(batch.tensors, result)
+        schedule = self._config.learning
+        if self._config.replay.sampler == "prioritised":
+            self._replay.update_priorities(batch.ids, result.td_errors.abs().cpu().numpy())
+        if self._updates % schedule.target_every == 0:
+            self._trainer.copy_to_target()
+        if self._updates % schedule.publish_every == 0:
+            self._publish()
+        if self._updates % schedule.checkpoint_every == 0:
+            self._checkpoint()
+
+    def _publish(self) -> None:
+        """Broadcast the weights; their version is the number of updates that made them."""
+        payload = encode_weights(self._trainer.online)
+        self._weights.put(payload, attachment=str(self._updates).encode())
+        self._published = self._updates
+        self._due["publish"] = time.monotonic() + _PUBLISH_AGAIN
+
+    # ------------------------------------------------------------------ now and then
+
+    def _look(self) -> None:
+        """Hear what happened elsewhere, and tell."""
+        if not self._is_due("look", _LOOK):
+            return
+        while True:
+            self._progress = self._replay.progress(self._books.facts_seen, finished=self._finished)
+            for ended in self._books.book(self._progress.facts):
+                self._end_phase(ended)
+            if len(self._progress.facts) < MOST_FACTS:
+                break
+        for test in self._examiner.take_finished():
+            self._record_test(test)
+        if self._crew is not None:
+            for note in self._crew.watch():
+                self._monitor.note(note)
+        if self._held_out is not None and self._is_due("measure", _MEASURE_Q):
+            self._measure()
+        if self._is_due("publish", _PUBLISH_AGAIN):
+            self._publish()  # for a replay that was restarted and has none to give
+        status = self._status()
+        if status.loss is not None and not abs(status.loss) < float("inf"):
+            raise InputError(
+                f"the loss is no finite number any more at update {self._updates}: go back to "
+                f"{self._folder.checkpoint} with a smaller --learning.learning-rate."
+            )
+        self._display.show(status)
+        if self._is_due("curves", _CURVE_POINT):
+            self._records.point(status)
+        if self._is_due("summary", _SUMMARY):
+            self._records.summarise(status)
+
+    def _is_due(self, what: str, period: float) -> bool:
+        now = time.monotonic()
+        if now < self._due.get(what, 0.0):
+            return False
+        self._due[what] = now + period
+        return True
+
+    def _status(self) -> Status:
+        phase: Phase = "training" if self._books.epoch else "warm-up"
+        return self._monitor.status(
+            self._progress,
+            "finishing" if self._finished else phase,
+            self._updates,
+            self._published,
+            self._max_q,
+        )
+
+    def _measure(self) -> None:
+        """Mean and deviation of max-Q over the held-out states."""
+        assert self._held_out is not None
+        values = self._trainer.max_q(*self._held_out)
+        self._max_q = (float(values.mean()), float(values.std(unbiased=False)))
+
+    def _seconds(self) -> float:
+        """Wall clock of the run."""
+        return self._seconds_before + time.monotonic() - self._started
+
+    # ------------------------------------------------------------------ phases and tests
+
+    def _end_phase(self, ended: PhaseEnd) -> None:
+        """Record a phase; have the snapshot of an epoch tested."""
+        if ended.epoch == 0:
+            self._held_out = self._draw_held_out()
+        if self._held_out is not None:
+            self._measure()
+        now = self._seconds()
+        meanq = self._max_q[0] if self._max_q else None
+        self._records.add(
+            EpochRow.of_games(
+                ended.scores,
+                epoch=ended.epoch,
+                phase="train" if ended.epoch else "random",
+                steps=ended.steps,
+                last_exploration_rate=self._config.epsilon_at(self._books.agent_steps),
+                total_train_steps=self._books.train_steps if ended.epoch else 0,
+                replay_memory_count=self._progress.stored,
+                meanq=meanq,
+                meancost=float(self._phase_loss) / max(self._phase_updates, 1),
+                weight_updates=self._updates,
+                total_time=now,
+                epoch_time=now - self._phase_began,
+            )
+        )
+        self._phase_began = now
+        self._phase_updates = 0
+        self._phase_loss.zero_()
+        if ended.epoch:
+            test = Test(
+                epoch=ended.epoch,
+                weight_updates=self._updates,
+                total_train_steps=self._books.train_steps,
+                replay_memory_count=self._progress.stored,
+                meanq=meanq,
+                remaining=self._config.protocol.test_steps,
+            )
+            self._examiner.add(test, encode_weights(self._trainer.online))
+        self._checkpoint()
+
+    def _record_test(self, test: Test) -> None:
+        now = self._seconds()
+        best = max(self._records.rewards("test"), default=None)
+        self._records.add(
+            EpochRow.of_games(
+                test.scores,
+                epoch=test.epoch,
+                phase="test",
+                steps=test.steps,
+                last_exploration_rate=self._config.protocol.test_epsilon,
+                total_train_steps=test.total_train_steps,
+                replay_memory_count=test.replay_memory_count,
+                meanq=test.meanq,
+                meancost=0.0,
+                weight_updates=test.weight_updates,
+                total_time=now,
+                epoch_time=now - (test.began if test.began is not None else now),
+            )
+        )
+        # First a checkpoint that needs the snapshot no more, then away with it.
+        self._checkpoint()
+        self._examiner.settle(test, best)
+
+    # ------------------------------------------------------------------ the end
+
+    def _goal_reached(self) -> bool:
+        """All steps are there, and all updates that they call for are done."""
+        if self._steps_goal is None or self._books.agent_steps < self._steps_goal:
+            return False
+        self._finished = True  # told to the actors with the next look
+        steps = self._steps_goal - self._config.replay.warmup
+        return self._updates >= steps // self._config.learning.train_every
+
+    def _conclude(self) -> None:
+        """Let the actors hand in their last chunks, and have the last epoch tested."""
+        deadline = time.monotonic() + _LAST_CHUNKS
+        if self._crew is not None:
+            self._crew.finish()
+        self._wait_while(lambda: bool(self._roster.alive("actor")) and time.monotonic() < deadline)
+        if self._books.phase_steps:
+            self._end_phase(self._books.close_phase())
+        self._examiner.finish()
+        if self._examiner.pending and not self._roster.alive("evaluator"):
+            self._display.line(
+                "No evaluator is there, so the last epoch stays untested: "
+                "start `python -m actors --evaluator` beside the learner next time."
+            )
+        self._wait_while(
+            lambda: self._examiner.pending > 0 and bool(self._roster.alive("evaluator"))
+        )
+        self._wait_while(
+            lambda: bool(self._roster.alive("evaluator")) and time.monotonic() < deadline
+        )
+
+    def _wait_while(self, busy: Any) -> None:
+        self._due.pop("look", None)
+        self._look()
+        while busy() and not self._stop.is_set():
+            self._stop.wait(_TICK)
+            self._look()
+        self._due.pop("look", None)
+        self._look()
+
+    # ------------------------------------------------------------------ what is kept
+
+    def _checkpoint(self) -> None:
+        save_checkpoint(
+            self._folder.checkpoint,
+            self._trainer,
+            {
+                "updates": self._updates,
+                "phase_updates": self._phase_updates,
+                "phase_loss": float(self._phase_loss),
+                "phase_began": self._phase_began,
+                "seconds": self._seconds(),
+                "rows": len(self._records.rows),
+                "books": self._books.state(),
+                "tests": self._examiner.state(),
+                "actors": self._roster.state(),
+            },
+        )
+
+    def _restore(self) -> int:
+        """Take up the checkpoint; returns how many rows it knows of."""
+        state = load_checkpoint(self._folder.checkpoint, self._trainer)
+        self._updates = int(state["updates"])
+        self._phase_updates = int(state["phase_updates"])
+        self._phase_loss += float(state["phase_loss"])
+        self._phase_began = float(state["phase_began"])
+        self._seconds_before = float(state["seconds"])
+        self._books.restore(state["books"])
+        self._examiner.restore(state["tests"])
+        self._roster.restore(state["actors"])
+        return int(state["rows"])
+
+    @property
+    def _held_out_file(self) -> Path:
+        return self._folder.path / "held_out.safetensors"
+
+    def _draw_held_out(self) -> tuple[torch.Tensor, torch.Tensor] | None:
+        """Choose the states on which max-Q is measured from now on."""
+        frames, vectors = self._replay.held_out(self._config.protocol.held_out_states)
+        if not len(frames):
+            return None
+        held_out = (torch.from_numpy(frames.copy()), torch.from_numpy(vectors.copy()))
+        content = save({"frames": held_out[0], "vectors": held_out[1]})
+        write_atomically(self._held_out_file, content)
+        return held_out
+
+    def _load_held_out(self) -> tuple[torch.Tensor, torch.Tensor] | None:
+        if not self._held_out_file.exists():
+            return None
+        try:
+            found = load_file(self._held_out_file)
+            return found["frames"], found["vectors"]
+        except (SafetensorError, OSError, KeyError) as error:
+            raise InputError(
+                f"{self._held_out_file} is damaged ({error}): remove the run, or put it back."
+            ) from None

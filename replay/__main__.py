@@ -1,0 +1,82 @@
+"""``python -m replay``: the replay as a process of its own, and the run's hub.
+
+The learner joins it by ``--connect``, as the actors do.
+"""
+
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from common.bus import DEFAULT_ENDPOINT, open_hub
+from common.cli import RunFlags, parse, preset_of
+from common.errors import exit_on_input_error
+from common.lifeline import on_signals
+from common.run_folder import RunFolder
+from replay.facts import Progress
+from replay.memory import Memory
+from replay.server import ReplayServer
+
+_REPORT_EVERY = 5.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """Keep what the actors live through, and give the learner minibatches of it."""
+
+    config: RunFlags
+    run: str = tyro.MISSING
+    """Name of the run."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs; the memory lies in <runs>/<run>/replay."""
+    listen: str = DEFAULT_ENDPOINT
+    """Address where learner and actors find this process."""
+    resume: bool = False
+    """Go on with the run that is there."""
+
+
+def main() -> None:
+    """Serve until Ctrl-C or SIGTERM."""
+    arguments = sys.argv[1:]
+    options = parse(Options, "replay", arguments, config=preset_of(arguments))
+    config = options.config
+    config.check()
+    folder = RunFolder(options.runs, options.run)
+    folder.claim("replay", config, begun=folder.replay, resume=options.resume)
+    stop = threading.Event()
+    on_signals(stop)
+    session = open_hub(options.listen)
+    try:
+        memory = Memory(config, folder.replay)
+        try:
+            with ReplayServer(session, memory, config, folder.name):
+                print(
+                    f"replay of run {folder.name} in {folder.replay}, at {options.listen}.",
+                    flush=True,
+                )
+                while True:
+                    print(_line(memory.progress(sys.maxsize)), flush=True)
+                    if stop.wait(_REPORT_EVERY):
+                        break
+        finally:
+            memory.close()
+    finally:
+        session.close()  # type: ignore[no-untyped-call]
+
+
+def _line(progress: Progress) -> str:
+    return (
+        f"{progress.agent_steps:,} steps, {progress.stored:,} stored, "
+        f"{progress.samplable:,} can be drawn; chunks: {progress.accepted:,} accepted, "
+        f"{progress.duplicates:,} duplicate, {progress.refused:,} refused"
+        f"{'; actors are held' if progress.hold else ''}; "
+        f"{progress.private_bytes / 2**20:,.0f} MiB private, "
+        f"{progress.resident_bytes / 2**20:,.0f} MiB resident, "
+        f"{progress.file_bytes / 2**30:.2f} GiB of file."
+    )
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

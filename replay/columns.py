@@ -1,0 +1,143 @@
+"""The ring's files: one preallocated file per column, one row per slot.
+
+Rows are written with `pwrite` and read through a shared mapping. Both see the kernel's page
+cache, so a row that was written outlives the process, and writing needs no page faults (on a
+fresh file it is 40 times as fast as storing through the mapping).
+"""
+
+import fcntl
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.chunk import FRAME_SHAPE
+from common.errors import InputError
+
+
+def _size(dtype: Any, shape: tuple[int, ...]) -> int:
+    return math.prod(shape) * int(np.dtype(dtype).itemsize)
+
+
+class Columns:
+    """Arrays of ``capacity`` rows under ``folder``; their attributes are read-only views."""
+
+    frames: NDArray[np.uint8]
+    """``[capacity, 84, 84]``"""
+    actions: NDArray[np.uint8]
+    rewards: NDArray[np.float32]
+    flags: NDArray[np.uint8]
+    elapsed: NDArray[np.uint8]
+    vectors: NDArray[np.float32]
+    """``[capacity, vector_width]``"""
+    priorities: NDArray[np.float64]
+    """α-th powers of the priorities, writable in place, padded to ``priority_slots``."""
+
+    def __init__(
+        self,
+        folder: Path,
+        capacity: int,
+        vector_width: int,
+        *,
+        priority_slots: int = 0,
+        existing: bool = False,
+    ) -> None:
+        """Create the files with all the space they will ever need, or open ``existing`` ones.
+
+        Raises:
+            InputError: no space, no permission, another process uses the folder, or files that
+                should be there are not.
+        """
+        self.capacity = capacity
+        self.folder = folder
+        self._files: dict[str, int] = {}
+        layout: dict[str, tuple[Any, tuple[int, ...]]] = {
+            "frames": (np.uint8, (capacity, *FRAME_SHAPE)),
+            "actions": (np.uint8, (capacity,)),
+            "rewards": (np.float32, (capacity,)),
+            "flags": (np.uint8, (capacity,)),
+            "elapsed": (np.uint8, (capacity,)),
+            "vectors": (np.float32, (capacity, vector_width)),
+        }
+        sizes = {name: _size(dtype, shape) for name, (dtype, shape) in layout.items()}
+        if existing:
+            self._check(sizes)
+        # A cache of what the learner thinks, not data: a ring may be reopened without them.
+        layout["priorities"] = (np.float64, (priority_slots,))
+        sizes["priorities"] = _size(*layout["priorities"])
+        self._allocate(sizes)
+        for name, (dtype, shape) in layout.items():
+            setattr(self, name, self._map(name, dtype, shape))
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.bin"
+
+    def _check(self, sizes: dict[str, int]) -> None:
+        for name, size in sizes.items():
+            path = self._path(name)
+            if not path.is_file() or path.stat().st_size != size:
+                raise InputError(
+                    f"{path} is missing or not {size:,} bytes long, so the replay in "
+                    f"{self.folder} is damaged: move that folder away to start with an empty one."
+                )
+
+    def _allocate(self, sizes: dict[str, int]) -> None:
+        created: list[Path] = []
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            for name, size in sizes.items():
+                path = self._path(name)
+                if not path.exists():
+                    created.append(path)
+                self._files[name] = file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+                if name == "frames":
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                os.ftruncate(file, size)
+                if size:
+                    os.posix_fallocate(file, 0, size)
+        except BlockingIOError:
+            self.close()
+            raise InputError(f"another process uses the replay in {self.folder}.") from None
+        except OSError as error:
+            self.close()
+            for path in created:  # or the disk would stay full of half a ring
+                path.unlink(missing_ok=True)
+            raise InputError(
+                f"the replay needs {sum(sizes.values()):,} bytes in {self.folder} and cannot have "
+                f"them ({error.strerror}): free some space, name another folder with --runs, "
+                "or lower --replay.capacity."
+            ) from None
+
+    def _map(self, name: str, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+        if 0 in shape:
+            return np.zeros(shape, dtype)
+        mode: Any = "r+" if name == "priorities" else "r"
+        mapped = np.memmap(self._path(name), dtype, mode, shape=shape)
+        return np.asarray(mapped)  # without memmap's own, slow indexing
+
+    def write(self, name: str, row: int, values: NDArray[Any]) -> None:
+        """Write ``values`` to rows ``row % capacity`` onward, around the end if need be."""
+        if not values.size:
+            return
+        values = np.ascontiguousarray(values)
+        row %= self.capacity
+        until_end = self.capacity - row
+        for at, part in ((row, values[:until_end]), (0, values[until_end:])):
+            rest = part.reshape(-1).view(np.uint8).data
+            offset = at * (part.nbytes // max(len(part), 1))
+            while len(rest):
+                done = os.pwrite(self._files[name], rest, offset)
+                rest, offset = rest[done:], offset + done
+
+    @property
+    def file_bytes(self) -> int:
+        """Bytes on disk that the files really take."""
+        return sum(os.fstat(file).st_blocks * 512 for file in self._files.values())
+
+    def close(self) -> None:
+        """Close the files; the views stay readable."""
+        while self._files:
+            os.close(self._files.popitem()[1])

@@ -1,0 +1,216 @@
+"""The ring: frames once, and the links by which states and returns are put together again.
+
+Every frame has an id, counted upward for ever, and lies in slot ``id % capacity``. Ids from
+``tail`` to ``head`` are alive; an older id is recognised as such, whatever its slot holds now.
+A chunk takes consecutive ids: context frames (only if the chunk before is not there to lend
+its own), its steps, then the true final frames of its truncated steps.
+
+Two links per slot make every walk a fixed number of array look-ups, without a case to tell apart:
+
+* ``previous``: the frame before. The first frame of an episode is its own, and so is repeated
+  when a state is stacked there.
+* ``next``: the frame one step later. Of a terminated step, itself, with a discount of 0; of a
+  truncated one, its final frame; of that, itself, with a reward of 0 after 0 decisions; of the
+  newest step of a stream, -1 until the next chunk comes.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.chunk import Chunk
+from replay.batch import Batch
+from replay.columns import Columns
+
+TERMINATED, TRUNCATED, VALID, STEP = 1, 2, 4, 8
+
+_BLOCK = 65_536
+
+Ids = NDArray[np.int64]
+
+
+class Placement(NamedTuple):
+    """Where in the ring a chunk lies."""
+
+    base: int
+    """Id of its first frame."""
+    context: int
+    """Context frames that are stored."""
+    steps: int
+    finals: int
+    previous: int
+    """Id of the step before, whose frames it shares; -1 if it shares none."""
+
+    @property
+    def first(self) -> int:
+        """Id of its first step."""
+        return self.base + self.context
+
+    @property
+    def last(self) -> int:
+        """Id of its last step."""
+        return self.first + self.steps - 1
+
+    @property
+    def end(self) -> int:
+        return self.first + self.steps + self.finals
+
+
+class Ring:
+    """Stored chunks, and the transitions that can be read from them."""
+
+    def __init__(
+        self, columns: Columns, *, history: int, n_step: int, discount: float, clip_rewards: bool
+    ) -> None:
+        self.head = 0
+        """The next id."""
+        self.tail = 0
+        """The oldest id alive."""
+        self._columns = columns
+        self._capacity = columns.capacity
+        self._history = history
+        self._n_step = n_step
+        self._clip_rewards = clip_rewards
+        self._previous = np.zeros(columns.capacity, np.int64)
+        self._next = np.full(columns.capacity, -1, np.int64)
+        self._discounts = discount ** np.arange(256, dtype=np.float64)
+        """Of a step, by the decisions it took."""
+
+    def write(self, placement: Placement, chunk: Chunk) -> None:
+        """Put the chunk's data into its slots, which no id alive has."""
+        columns, base, first = self._columns, placement.base, placement.first
+        steps = slice(placement.context, placement.context + placement.steps)
+        count = placement.end - base
+
+        def column(values: NDArray[np.generic]) -> NDArray[np.generic]:
+            full = np.zeros(count, values.dtype)
+            full[steps] = values
+            return full
+
+        if placement.context:
+            columns.write("frames", base, chunk.context)
+        columns.write("frames", first, chunk.frames)
+        columns.write("frames", placement.last + 1, chunk.final_frames)
+        columns.write("vectors", first, chunk.vectors)
+        columns.write("vectors", placement.last + 1, chunk.final_vectors)
+        columns.write("actions", base, column(chunk.actions))
+        columns.write("rewards", base, column(chunk.rewards))
+        columns.write("elapsed", base, column(chunk.elapsed))
+        flags = np.full(placement.steps, STEP, np.uint8)
+        flags[chunk.terminated] |= TERMINATED
+        flags[chunk.truncated] |= TRUNCATED
+        flags[chunk.valid] |= VALID
+        columns.write("flags", base, column(flags))
+
+    def link(self, placement: Placement) -> None:
+        """Set the links within a written chunk, and back to the step it continues."""
+        context, last = placement.context, placement.context + placement.steps - 1
+        ids = np.arange(placement.base, placement.end)
+        slots = ids % self._capacity
+        flags = self._columns.flags[slots]
+        previous, following = ids - 1, ids + 1
+        previous[0] = placement.previous if placement.previous >= 0 else ids[0]
+        following[:context] = ids[:context]
+        begins = np.flatnonzero(flags[context:last] & (TERMINATED | TRUNCATED)) + context + 1
+        previous[begins] = ids[begins]
+        following[last] = -1
+        terminated = np.flatnonzero(flags & TERMINATED)
+        following[terminated] = ids[terminated]
+        following[last + 1 :] = ids[last + 1 :]
+        truncated = np.flatnonzero(flags & TRUNCATED)
+        following[truncated] = ids[last + 1 :]
+        previous[last + 1 :] = ids[truncated]
+        self._previous[slots] = previous
+        self._next[slots] = following
+
+    def join(self, last: int, first: int) -> None:
+        """Say that step ``first`` follows step ``last``, which waited for it."""
+        self._next[last % self._capacity] = first
+
+    def is_open(self, placement: Placement) -> bool:
+        """Whether the chunk's last step leaves its episode going on."""
+        flags = int(self._columns.flags[placement.last % self._capacity])
+        return not flags & (TERMINATED | TRUNCATED)
+
+    def can_lend(self, last: int) -> bool:
+        """Whether the step after ``last`` could be stacked from the frames before it."""
+        frame = last
+        for _ in range(self._history - 2):
+            if frame < self.tail:
+                return False
+            frame = int(self._previous[frame % self._capacity])
+        return frame >= self.tail
+
+    def is_complete(self, ids: Ids) -> NDArray[np.bool_]:
+        """Which of ``ids`` are steps all of whose frames, to the end of the return, are alive."""
+        complete = (self._columns.flags[ids % self._capacity] & STEP) > 0
+        for at in range(0, len(ids), _BLOCK):
+            block = slice(at, at + _BLOCK)
+            path = self._path(ids[block])
+            stacks = self._stacks(np.concatenate([path[0], path[-1]]))
+            complete[block] &= (path >= self.tail).all(axis=0)
+            complete[block] &= (stacks.reshape(2, -1, self._history) >= self.tail).all(axis=(0, 2))
+        return complete
+
+    def all_seen(self, ids: Ids) -> NDArray[np.bool_]:
+        """Which of the complete steps ``ids`` have a state of valid frames only."""
+        flags = self._columns.flags[self._stacks(ids) % self._capacity]
+        return np.asarray(((flags & VALID) > 0).all(axis=1))
+
+    def states(self, ids: Ids) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Frames ``[B, H, 84, 84]`` and vectors ``[B, P]`` of complete steps."""
+        return self._frames(self._stacks(ids)), self._columns.vectors[ids % self._capacity]
+
+    def read(self, ids: Ids, weights: NDArray[np.float32]) -> Batch | None:
+        """The transitions from complete steps ``ids``; None if one was evicted while reading.
+
+        Needs no lock: an id's slot is overwritten only after ``tail`` has passed it, so if all
+        ids on the way are alive afterwards, all that was read was theirs.
+        """
+        path = self._path(ids)
+        stacks = self._stacks(np.concatenate([path[0], path[-1]]))
+        slots = path % self._capacity
+        columns = self._columns
+        rewards = columns.rewards[slots[:-1]].astype(np.float64)
+        if self._clip_rewards:
+            rewards = rewards.clip(-1.0, 1.0)
+        going_on = (columns.flags[slots[:-1]] & TERMINATED) == 0
+        discounts = self._discounts[columns.elapsed[slots[:-1]]] * going_on
+        so_far = np.cumprod(discounts, axis=0)
+        returns = rewards[0] + (so_far[:-1] * rewards[1:]).sum(axis=0)
+        frames = self._frames(stacks)
+        batch = Batch(
+            ids=ids,
+            s_tm1=frames[: len(ids)],
+            a_tm1=columns.actions[slots[0]],
+            r_t=returns.astype(np.float32),
+            discount_t=so_far[-1].astype(np.float32),
+            s_t=frames[len(ids) :],
+            weights=weights,
+            x_tm1=columns.vectors[slots[0]],
+            x_t=columns.vectors[slots[-1]],
+        )
+        oldest = min(int(path.min()), int(stacks.min()))
+        return batch if oldest >= self.tail else None
+
+    def _path(self, ids: Ids) -> Ids:
+        """Ids of the states 0 … n steps after ``ids``, ``[n + 1, B]``."""
+        path = np.empty((self._n_step + 1, len(ids)), np.int64)
+        path[0] = ids
+        for step in range(self._n_step):
+            path[step + 1] = self._next[path[step] % self._capacity]
+        return path
+
+    def _stacks(self, ids: Ids) -> Ids:
+        """Ids of the frames that make the states at ``ids``, oldest first, ``[B, H]``."""
+        stacks = np.empty((len(ids), self._history), np.int64)
+        stacks[:, -1] = ids
+        for place in range(self._history - 1, 0, -1):
+            stacks[:, place - 1] = self._previous[stacks[:, place] % self._capacity]
+        return stacks
+
+    def _frames(self, stacks: Ids) -> NDArray[np.uint8]:
+        frames = self._columns.frames
+        found = frames.take((stacks % self._capacity).reshape(-1), axis=0, mode="clip")
+        return found.reshape(*stacks.shape, *frames.shape[1:])

@@ -1,0 +1,187 @@
+"""`ReplayServer`: a run's `Memory` for the processes that reach it over Zenoh.
+
+Each kind of question has a queue and a thread of its own, so a draw that waits for actors holds
+up no insert. The queues hold far more than the actors' windows together, because a full one
+would block Zenoh's own receiving threads. What nobody should have sent is answered with a
+sentence, counted, and forgotten.
+"""
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
+from zenoh.handlers import FifoChannel
+
+from common.ack import encode_ack
+from common.announcement import encode_announcement
+from common.bus import RunKeys
+from common.chunk import decode_chunk
+from common.config import RunConfig
+from common.errors import MessageError
+from common.wire import MAX_MESSAGE_BYTES
+from replay import messages
+from replay.facts import encode_progress
+from replay.memory import Memory
+
+LONGEST_WAIT = 1.0
+"""Seconds that a draw or a knock may wait at the server."""
+_QUEUE = 4_096
+_LONGEST_VERSION = 20
+
+_log = logging.getLogger(__name__)
+
+Answer = Callable[[zenoh.Query], None]
+
+
+class ReplayServer:
+    """Answers for ``memory`` until it is closed; a context manager."""
+
+    def __init__(self, session: zenoh.Session, memory: Memory, config: RunConfig, run: str) -> None:
+        self._memory = memory
+        self._config = config
+        self._keys = keys = RunKeys(run)
+        self._weights: tuple[int, bytes] | None = None
+        self._knocks: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
+        self._threads: list[threading.Thread] = []
+        self._start("replay-knocks", self._answer_knocks)
+        self._subscriber = declare_advanced_subscriber(
+            session,
+            keys.weights,
+            FifoChannel(_QUEUE),
+            history=HistoryConfig(detect_late_publishers=True, max_samples=1),
+            recovery=RecoveryConfig(periodic_queries=None, heartbeat=True),
+        )
+        self._start("replay-weights", self._keep_weights)
+        answers: dict[str, Answer] = {
+            keys.config: self._config_asked,
+            keys.latest_weights: self._weights_asked,
+            keys.sample: self._sample,
+            keys.priorities: self._priorities,
+            keys.held_out: self._held_out,
+            keys.progress: self._progress,
+            keys.insert("*"): self._insert,
+        }
+        self._queryables = [
+            self._serve(session.declare_queryable(key, FifoChannel(_QUEUE)), answer)
+            for key, answer in answers.items()
+        ]
+
+    def __enter__(self) -> "ReplayServer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop answering; the memory stays open."""
+        for queryable in self._queryables:
+            queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+        self._knocks.put(None)
+        for thread in self._threads:
+            thread.join(2 * LONGEST_WAIT)
+
+    def _start(self, name: str, target: Callable[..., None], *args: Any) -> None:
+        thread = threading.Thread(target=target, args=args, name=name, daemon=True)
+        thread.start()
+        self._threads.append(thread)
+
+    def _serve(self, queryable: zenoh.Queryable[Any], answer: Answer) -> zenoh.Queryable[Any]:
+        def loop() -> None:
+            for query in queryable:
+                if answer == self._insert and not _payload(query):
+                    self._knocks.put(query)
+                    continue
+                with query:
+                    try:
+                        answer(query)
+                    except MessageError as error:
+                        query.reply_err(str(error))
+                    except Exception:
+                        # No answer, for the message is not at fault: its sender should keep it.
+                        _log.exception("a query at %s found no answer", query.key_expr)
+
+        self._start(f"replay-{queryable.key_expr}", loop)
+        return queryable
+
+    def _insert(self, query: zenoh.Query) -> None:
+        actor = str(query.key_expr).rsplit("/", 1)[-1]
+        try:
+            chunk = decode_chunk(_payload(query))
+            if (chunk.run, chunk.actor) != (self._keys.run, actor):
+                raise MessageError(
+                    f"a chunk of {chunk.run}/{chunk.actor} at the key of {self._keys.run}/{actor}"
+                )
+        except MessageError:
+            self._memory.refuse()
+            raise
+        ack = self._memory.insert(chunk)
+        query.reply(query.key_expr, encode_ack(ack))
+
+    def _answer_knocks(self) -> None:
+        """Held actors wait here, each at most `LONGEST_WAIT`, while inserts go on."""
+        waiting: list[tuple[float, zenoh.Query]] = []
+        while True:
+            try:
+                query = self._knocks.get(block=not waiting)
+            except queue.Empty:
+                # A knock that comes meanwhile is due later than those that wait already.
+                ack = self._memory.await_release(max(waiting[0][0] - time.monotonic(), 0.0))
+                now, answer = time.monotonic(), encode_ack(ack)
+                going_on = ack.finished or not ack.hold
+                while waiting and (going_on or waiting[0][0] <= now):
+                    with waiting.pop(0)[1] as due:
+                        due.reply(due.key_expr, answer)
+                continue
+            if query is None:
+                return
+            waiting.append((time.monotonic() + LONGEST_WAIT, query))
+
+    def _sample(self, query: zenoh.Query) -> None:
+        drawn, timeout = messages.decode_sample_request(_payload(query))
+        batch = self._memory.sample(drawn, min(timeout, LONGEST_WAIT))
+        query.reply(self._keys.sample, messages.encode_sample_reply(batch))
+
+    def _priorities(self, query: zenoh.Query) -> None:
+        self._memory.update_priorities(*messages.decode_priorities(_payload(query)))
+        query.reply(self._keys.priorities, b"")
+
+    def _held_out(self, query: zenoh.Query) -> None:
+        held = self._memory.held_out(messages.decode_held_out_request(_payload(query)))
+        query.reply(self._keys.held_out, messages.encode_held_out_reply(held))
+
+    def _progress(self, query: zenoh.Query) -> None:
+        since, finished = messages.decode_progress_request(_payload(query))
+        progress = self._memory.progress(since, finished=finished)
+        query.reply(self._keys.progress, encode_progress(progress))
+
+    def _config_asked(self, query: zenoh.Query) -> None:
+        # At the run's own key: those who look for any run ask at 'ale-robot/*/config'.
+        answer = encode_announcement(self._keys.run, self._config)
+        query.reply(self._keys.config, answer)
+
+    def _weights_asked(self, query: zenoh.Query) -> None:
+        if self._weights is None:
+            raise MessageError("there are no weights yet")
+        version, payload = self._weights
+        query.reply(self._keys.latest_weights, payload, attachment=str(version))
+
+    def _keep_weights(self) -> None:
+        for sample in self._subscriber:
+            text = sample.attachment.to_bytes() if sample.attachment is not None else b""
+            size = len(sample.payload)
+            if not text.isdigit() or len(text) > _LONGEST_VERSION or size > MAX_MESSAGE_BYTES:
+                _log.warning("weights of %d bytes, version %r, were passed over", size, text)
+                continue
+            # Not the largest but the latest: a resumed learner may start from an older version.
+            self._weights = int(text), sample.payload.to_bytes()
+            self._memory.weights_version = int(text)
+
+
+def _payload(query: zenoh.Query) -> bytes:
+    return query.payload.to_bytes() if query.payload is not None else b""

@@ -1,0 +1,67 @@
+from pathlib import Path
+
+import pytest
+
+from common.errors import InputError
+from replay.journal import Journal, read_journal
+
+
+def test_what_was_written_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path, [{"kind": "a"}])
+    journal.append({"kind": "b", "n": [1, 2]})
+    assert read_journal(path) == [{"kind": "a"}, {"kind": "b", "n": [1, 2]}]
+    assert journal.lines == 2
+
+
+def test_there_is_nothing_before_the_first_start(tmp_path: Path) -> None:
+    assert read_journal(tmp_path / "none.jsonl") == []
+
+
+@pytest.mark.parametrize("cut", range(1, 12))
+def test_a_torn_last_line_was_never_written(tmp_path: Path, cut: int) -> None:
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path, [{"kind": "a"}])
+    journal.append({"kind": "b"})
+    path.write_bytes(path.read_bytes()[:-cut])
+    assert read_journal(path) == [{"kind": "a"}]
+
+
+@pytest.mark.parametrize("junk", [b"{]", b"7", b"\xff\x00", b""])
+def test_a_damaged_line_in_the_middle_is_named(tmp_path: Path, junk: bytes) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(b'{"kind":"a"}\n' + junk + b'\n{"kind":"b"}\n')
+    with pytest.raises(InputError, match="line 2"):
+        read_journal(path)
+
+
+def test_rewriting_replaces_all_and_appending_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path, [{"n": n} for n in range(9)])
+    journal.rewrite([{"n": 8}])
+    journal.append({"n": 9})
+    journal.close()
+    assert read_journal(path) == [{"n": 8}, {"n": 9}]
+    assert [file.name for file in tmp_path.iterdir()] == ["journal.jsonl"]
+
+
+def test_a_line_that_finds_no_space_leaves_no_trace(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path, [{"n": 0}])
+    import os
+
+    whole = os.write
+
+    def half(file: int, data: bytes) -> int:
+        if len(data) < 8:
+            raise OSError(28, "No space left on device")
+        return whole(file, data[:-4])
+
+    with monkeypatch.context() as patch:
+        patch.setattr("replay.journal.os.write", half)
+        with pytest.raises(OSError, match="No space"):
+            journal.append({"kind": "lost"})
+    journal.append({"n": 1})
+    assert read_journal(path) == [{"n": 0}, {"n": 1}]
