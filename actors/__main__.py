@@ -7,12 +7,10 @@ import threading
 import time
 import zlib
 from dataclasses import dataclass
-from typing import Annotated
 
 import cv2
 import numpy as np
 import torch
-import tyro
 
 from actors.actor import Actor
 from actors.envs import make_env
@@ -56,7 +54,7 @@ class ActorOptions:
     restarted does not live through the same games again."""
     patience: float = 300.0
     """Seconds to wait for the hub, at the start and whenever it goes away."""
-    leash: Annotated[bool, tyro.conf.Suppress] = False
+    leash: bool = False
     """Leave when standard input ends; the learner's local mode holds the other end."""
 
     def check(self) -> None:

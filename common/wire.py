@@ -38,7 +38,7 @@ def unpack(payload: bytes) -> dict[str, Any]:
     if len(payload) > MAX_MESSAGE_BYTES:
         raise MessageError(f"{len(payload)} bytes are over the bound of {MAX_MESSAGE_BYTES}")
     try:
-        message = msgpack.unpackb(payload, max_buffer_size=MAX_MESSAGE_BYTES)
+        message = msgpack.unpackb(payload)  # lengths are bounded by the payload
     except (ValueError, msgpack.UnpackException, RecursionError) as error:
         raise MessageError(f"not msgpack: {error}") from None
     if not isinstance(message, dict) or not all(isinstance(key, str) for key in message):

@@ -62,7 +62,7 @@ class LearnerOptions:
     precision: PrecisionChoice = "auto"
     """Of the network's arithmetic; 'auto' takes bfloat16 where the hardware is made for it."""
     threads: int = 0
-    """Processor threads of an update; 0 for as many as there are cores."""
+    """Processor threads of an update; 0 for as many cores as local mode's actors leave free."""
     listen: str = DEFAULT_ENDPOINT
     """Address where actors find this process; name 0.0.0.0 to let other machines in."""
     connect: str | None = None
@@ -137,10 +137,12 @@ def remote_replay(
                 f"({'; '.join(unequal[:5])}): give both processes the same flags."
             )
         replay = RemoteReplay(session, keys, config)
-        stopping = threading.Thread(
-            target=lambda: (stop.wait(), replay.close()), name="stopping", daemon=True
-        )
-        stopping.start()
+
+        def let_go() -> None:
+            stop.wait()
+            replay.close()
+
+        threading.Thread(target=let_go, name="let-go", daemon=True).start()
         yield session, replay, endpoint
     finally:
         session.close()  # type: ignore[no-untyped-call]
@@ -156,11 +158,18 @@ def count_actions(config: RunConfig) -> int:
         env.close()
 
 
+def free_cores(options: LearnerOptions) -> int:
+    """Cores for the update. Threads that share a core wait for each other at every layer: two on
+    two busy cores are slower than one alone (benchmarks/LOG.md)."""
+    cores = len(os.sched_getaffinity(0))
+    return max(cores - options.actors, 1) if options.local else cores
+
+
 def main() -> int:
     options = read_options(sys.argv[1:])
     config = options.config
     device = choose_device(options.device, options.precision)
-    torch.set_num_threads(options.threads or len(os.sched_getaffinity(0)))
+    torch.set_num_threads(options.threads or free_cores(options))
     stop = threading.Event()
     on_signals(stop)
     folder = RunFolder(options.runs, run_name(options))

@@ -29,7 +29,7 @@ class _Child:
 
 
 class Crew:
-    """Children on this machine; one that dies is started again.
+    """Children on this machine; one that fails is started again.
 
     Each holds the reading end of a pipe, its leash, and leaves when it closes, so that none
     outlives this process, however it ends.
@@ -55,7 +55,7 @@ class Crew:
         self._leaving = False
 
     def watch(self) -> list[str]:
-        """Start the dead again; returns what happened, as sentences.
+        """Start those that failed again; returns what happened, as sentences.
 
         Raises:
             InputError: a child cannot start at all.
@@ -63,8 +63,8 @@ class Crew:
         notes = []
         for at, child in enumerate(self._children):
             status = child.process.poll()
-            if status is None or self._leaving:
-                continue
+            if not status or self._leaving:
+                continue  # at work, or gone because the run is finished
             early = time.monotonic() - child.started < _STILLBORN and status > 0
             stillborn = child.stillborn + 1 if early else 0
             if stillborn >= _MOST_STILLBORN:
@@ -76,15 +76,6 @@ class Crew:
             how = f"signal {-status}" if status < 0 else f"status {status}"
             notes.append(f"{child.name} ended by {how}, started again")
         return notes
-
-    def finish(self) -> None:
-        """Children now leave by themselves when they are done: do not start them again."""
-        self._leaving = True
-
-    @property
-    def at_work(self) -> bool:
-        """Whether any child has not left."""
-        return any(child.process.poll() is None for child in self._children)
 
     def close(self) -> None:
         """End all children: ask, wait a little, kill."""

@@ -55,7 +55,7 @@ class Monitor:
 
     def note(self, text: str) -> None:
         """Remember an event for the display."""
-        self._notes.append(f"{time.strftime('%H:%M:%S')} {text}")
+        self._notes.append(text)
 
     def status(
         self,
@@ -80,6 +80,8 @@ class Monitor:
         made = max(made, progress.accepted + progress.refused)
         mean_max_q, deviation = max_q or (None, None)
         valid, matched = books.share("valid"), books.share("matched")
+        # Between two phases at the very end: the last epoch, whole.
+        ended = phase == "finishing" and not books.phase_steps
         tests = [row for row in self._records.rows if row.phase == "test"]
         test_history = self._records.rewards("test")
         return Status(
@@ -95,9 +97,9 @@ class Monitor:
             steps_goal=self._steps_goal,
             warmup=config.replay.warmup,
             warmup_done=min(books.agent_steps, config.replay.warmup),
-            epoch=books.epoch,
+            epoch=books.epoch - ended,
             epoch_steps=config.protocol.epoch_steps,
-            epoch_done=books.phase_steps if books.epoch else 0,
+            epoch_done=config.protocol.epoch_steps if ended else books.phase_steps,
             epsilon=config.epsilon_at(books.agent_steps),
             updates=updates,
             loss=loss,

@@ -13,6 +13,8 @@ from common.bus import RunKeys
 from common.errors import MessageError
 from learner.status import ActorStatus
 
+_LAST_WORDS = 1.0
+"""Seconds in which the counters of a process that leaves may come after its token has gone."""
 LEFT_SHOWN = 10.0
 """Seconds that an actor which took its leave stays on the display."""
 
@@ -27,6 +29,7 @@ class Roster:
         self._newest: dict[str, int] = {}
         self._alive: dict[str, bool] = {}
         self._notes: list[str] = []
+        self._gone: dict[str, float] = {}
         self._subscriptions = (
             session.declare_subscriber(
                 keys.stats("*", "*"), Callback(self._on_stats, indirect=False)
@@ -50,7 +53,14 @@ class Roster:
 
     def take_notes(self) -> list[str]:
         """Arrivals and losses since the last call, as sentences."""
+        now = time.monotonic()
         with self._lock:
+            for key, since in list(self._gone.items()):
+                if now - since > _LAST_WORDS:
+                    del self._gone[key]
+                    stats = self._stats.get(self._newest.get(key, -1))
+                    left = stats is not None and stats.leaving
+                    self._notes.append(f"{_name(key)} {'left' if left else 'was lost'}")
             notes, self._notes = self._notes, []
         return notes
 
@@ -58,9 +68,9 @@ class Roster:
         """Names of the living."""
         with self._lock:
             return {
-                name.split("/")[1]
-                for name, alive in self._alive.items()
-                if alive and name.startswith(role + "/")
+                _name(key)
+                for key, alive in self._alive.items()
+                if alive and key.startswith(role + "/")
             }
 
     def counts(self) -> tuple[int, int]:
@@ -105,14 +115,15 @@ class Roster:
             before = self._alive.get(key)
             self._alive[key] = alive
             self._heard[key] = time.monotonic()
-            stats = self._stats.get(self._newest.get(key, -1))
-            name = key.split("/")[1]
             if alive and before is not True:
-                self._notes.append(f"{name} joined")
-            elif not alive and (stats is None or not stats.leaving):
-                self._notes.append(f"{name} was lost")
+                self._gone.pop(key, None)
+                self._notes.append(f"{_name(key)} joined")
             elif not alive:
-                self._notes.append(f"{name} left")
+                self._gone[key] = time.monotonic()
+
+
+def _name(key: str) -> str:
+    return key.split("/")[1]
 
 
 def _status(

@@ -34,6 +34,7 @@ from replay.interface import Replay
 
 _TICK = 0.1
 _LOOK = 0.25
+_SHOW = 1.0
 _MEASURE_Q = 10.0
 _CURVE_POINT = 10.0
 _SUMMARY = 60.0
@@ -202,7 +203,8 @@ class Learner:
                 f"the loss is no finite number any more at update {self._updates}: go back to "
                 f"{self._folder.checkpoint} with a smaller --learning.learning-rate."
             )
-        self._display.show(status)
+        if self._is_due("show", _SHOW):
+            self._display.show(status)
         if self._is_due("curves", _CURVE_POINT):
             self._records.point(status)
         if self._is_due("summary", _SUMMARY):
@@ -312,8 +314,6 @@ class Learner:
     def _conclude(self) -> None:
         """Let the actors hand in their last chunks, and have the last epoch tested."""
         deadline = time.monotonic() + _LAST_CHUNKS
-        if self._crew is not None:
-            self._crew.finish()
         self._wait_while(lambda: bool(self._roster.alive("actor")) and time.monotonic() < deadline)
         if self._books.phase_steps:
             self._end_phase(self._books.close_phase())

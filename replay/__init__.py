@@ -1,5 +1,6 @@
 """The replay: what was lived through, stored once, drawn many times.
 
-columns → ring → ledger and journal → samplers and limiter → `Memory`, which the learner uses
-in its own process; `ReplayServer` and `RemoteReplay` carry the same calls over Zenoh.
+Columns, ring, ledger, journal and samplers make the `Store`; with the limiter it is the `Memory`,
+which a learner has in its own process; `ReplayServer` and `RemoteReplay` carry the same calls
+over Zenoh.
 """

@@ -56,10 +56,10 @@ def main() -> None:
                     f"replay of run {folder.name} in {folder.replay}, at {options.listen}.",
                     flush=True,
                 )
-                while True:
+                print(_line(memory.progress(sys.maxsize)), flush=True)
+                while not stop.wait(_REPORT_EVERY):
                     print(_line(memory.progress(sys.maxsize)), flush=True)
-                    if stop.wait(_REPORT_EVERY):
-                        break
+            print(_line(memory.progress(sys.maxsize)), flush=True)
         finally:
             memory.close()
     finally:

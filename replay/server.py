@@ -42,6 +42,7 @@ class ReplayServer:
     """Answers for ``memory`` until it is closed; a context manager."""
 
     def __init__(self, session: zenoh.Session, memory: Memory, config: RunConfig, run: str) -> None:
+        self._closed = False
         self._memory = memory
         self._config = config
         self._keys = keys = RunKeys(run)
@@ -79,6 +80,9 @@ class ReplayServer:
 
     def close(self) -> None:
         """Stop answering; the memory stays open."""
+        if self._closed:
+            return
+        self._closed = True
         for queryable in self._queryables:
             queryable.undeclare()  # type: ignore[no-untyped-call]
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]

@@ -22,7 +22,18 @@ HOVER = 0.0015
 PUSH = 0.0032
 """m that a fingertip pushes a key down: beyond its threshold, short of its stop."""
 SWING = 0.5
+"""How much higher than at rest a fingertip goes on its way between keys, against the height
+from pushing to rest."""
+NEAR_ENOUGH = 0.006
+"""m beside its place from which a fingertip may start to go down: it still has that way to go
+before it touches."""
+SETTLED = 4
+"""Frames after which the arm has reached a waypoint."""
+PATIENCE = 12
+"""Frames after which a fingertip that is not at its place is taken for caught."""
 POSITION_GAIN = 0.35
+"""Share of its error that a joint's motor wants to make good in a physics step. More overshoots
+with the published torques, less is late."""
 VELOCITY_GAIN = 1.0
 
 _DIRECTIONS = Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT
@@ -37,6 +48,18 @@ class _Poses:
 
     over: dict[Keys, Angles]
     on: dict[Keys, Angles]
+    jacobian: dict[Keys, NDArray[np.float64]]
+    """``[3, 4]``: how the fingertip over a place moves with the joints."""
+    lift: Angles
+    """From on to over, the mean of all places."""
+
+
+@dataclass(frozen=True)
+class _Waypoint:
+    target: Angles
+    over: Angles
+    """The hovering pose at the same place."""
+    down: bool = False
 
 
 class Arm:
@@ -52,6 +75,7 @@ class Arm:
     ) -> None:
         self._engine = engine
         self._drive = engine.setJointMotorControl2
+        self._states = engine.getJointStates
         self._mode = engine.POSITION_CONTROL
         self._body = body
         chain = ArmChain(side)
@@ -68,7 +92,10 @@ class Arm:
         start = _COMFORTABLE * mirror
         self.poses = self._solve(places, start)
         self._wanted = Keys.NONE
-        self._path: list[Angles] = []
+        self._path: list[_Waypoint] = []
+        self._over = self.poses.over[Keys.NONE]
+        self._down = False
+        self._still = 0
 
     def _solve(self, places: dict[Keys, tuple[float, float]], start: Angles) -> _Poses:
         over: dict[Keys, Angles] = {}
@@ -79,31 +106,35 @@ class Arm:
             if keys:
                 below = self._controller.point(place, FINGERTIP_RADIUS - PUSH)
                 on[keys] = self._chain.reach(below, over[keys])
-        return _Poses(over, on)
+        jacobian = {keys: self._chain.jacobian(pose) for keys, pose in over.items()}
+        lift = np.mean([over[keys] - on[keys] for keys in on], axis=0)
+        return _Poses(over, on, jacobian, lift)
 
     def want(self, keys: Keys) -> None:
-        """Plan the way to ``keys`` (or to rest, for none)."""
+        """Plan the way to ``keys`` (or to rest, for none), from wherever the hand is now."""
         if keys == self._wanted:
             return
-        old, self._wanted = self._wanted, keys
-        over = self.poses.over
-        if keys == Keys.NONE:
-            self._path = [over[old], over[Keys.NONE]]
-        elif old == Keys.NONE:
-            self._path = [over[keys], self.poses.on[keys]]
-        else:
-            on = self.poses.on
-            between = (over[old] + over[keys]) / 2
-            lift = between - (on[old] + on[keys]) / 2
-            self._path = [between + SWING * lift, over[keys], on[keys]]
+        self._wanted = keys
+        goal = self.poses.over[keys]
+        self._path = [_Waypoint(goal, goal)]
+        if self._down or self._still < SETTLED:
+            # Up first, and then over the keys a little higher than at rest.
+            between = (self._over + goal) / 2
+            self._path.insert(0, _Waypoint(between + SWING * self.poses.lift, between))
+        if keys:
+            self._path.append(_Waypoint(self.poses.on[keys], goal, down=True))
 
     def advance(self) -> None:
         """Give the motors this frame's target; call it before each emulator frame's physics."""
-        if not self._path:
+        self._still += 1
+        if self._still % PATIENCE == 0 and not self._is_over(self._wanted):
+            self._free()
+        if not self._path or (self._path[0].down and not self._is_over(self._wanted)):
             return
-        target = self._path.pop(0)
+        waypoint = self._path.pop(0)
+        self._over, self._down, self._still = waypoint.over, waypoint.down, 0
         for joint, angle, torque, speed in zip(
-            self.joints, target, self._torques, self._speeds, strict=True
+            self.joints, waypoint.target, self._torques, self._speeds, strict=True
         ):
             self._drive(
                 self._body, joint, self._mode, targetPosition=angle,
@@ -111,14 +142,36 @@ class Arm:
                 velocityGain=VELOCITY_GAIN,
             )  # fmt: skip
 
+    def _free(self) -> None:
+        """Plan a high way round: the fingertip got caught on the edge of a key."""
+        goal, lift = self.poses.over[self._wanted], self.poses.lift
+        here = np.array([state[0] for state in self._states(self._body, self.joints)])
+        straight_up = _Waypoint(here + 3.0 * lift, goal)
+        self._path = [
+            straight_up,
+            straight_up,
+            _Waypoint(goal + 2.0 * lift, goal),
+            _Waypoint(goal, goal),
+        ]
+        if self._wanted:
+            self._path.append(_Waypoint(self.poses.on[self._wanted], goal, down=True))
+
+    def _is_over(self, keys: Keys) -> bool:
+        """Whether the fingertip has come near enough above ``keys`` to go down on them."""
+        states = self._states(self._body, self.joints)
+        missing = self.poses.over[keys] - [state[0] for state in states]
+        x, y, _ = self.poses.jacobian[keys] @ missing
+        return bool(x * x + y * y < NEAR_ENOUGH**2)
+
     def settle(self) -> None:
         """At rest over the keys, without motion."""
         pose = self.poses.over[Keys.NONE]
         for joint, angle in zip(self.joints, pose, strict=True):
             self._engine.resetJointState(self._body, joint, angle, 0.0)
         self._wanted = Keys.NONE
-        self._path = [pose]
+        self._path = [_Waypoint(pose, pose)]
         self.advance()
+        self._still = SETTLED
 
 
 class Arms:

@@ -53,7 +53,7 @@ KEY_PLACES: dict[Keys, tuple[float, float]] = {
 CAP_RADIUS = math.hypot(_FIRE_RADIUS, CAP_HEIGHT / 2)
 """m around a key's middle, beyond which nothing of it is."""
 
-_RELEASED = {key: (0.20, 0.21, 0.24, 1.0) for key in KEY_PLACES}
+_RELEASED = dict.fromkeys(KEY_PLACES, (0.20, 0.21, 0.24, 1.0))
 _RELEASED[Keys.FIRE] = (0.62, 0.08, 0.08, 1.0)
 _PRESSED = (0.20, 0.95, 0.35, 1.0)
 

@@ -40,6 +40,10 @@ class ArmChain:
         """Centre of the fingertip in the room, ``float64 [3]``, for ``angles`` ``[4]``."""
         return self._walk(angles)[0]
 
+    def jacobian(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        """m that the fingertip moves per rad of each joint, ``float64 [3, 4]``."""
+        return self._walk(angles)[1]
+
     def reach(self, point: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
         """Angles ``[4]`` within the limits that bring the fingertip to ``point`` (0.01 mm).
 

@@ -12,9 +12,18 @@ from numpy.typing import NDArray
 from actors.nao.camera import Camera, Rendering
 from actors.vision.layout import GAME_IN_PICTURE
 
+_FINER = 8
+"""Samples per pixel and axis for how much of a pixel the picture's outer edge covers."""
+
+_UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+
 
 class Projection:
-    """The picture on the screen as one camera sees it, for games of one size."""
+    """The picture on the screen as one camera sees it, for games of one size.
+
+    The border does not change, so it is drawn once for each rendering; what is left for every
+    frame is the game in the middle.
+    """
 
     def __init__(
         self,
@@ -26,10 +35,11 @@ class Projection:
         """``corners [4, 3]`` are the picture's in the room, from the top left clockwise as the
         audience sees it; ``game_size`` is rows and columns."""
         self._screen_body = screen_body
-        rows, columns = game_size
         seen = camera.project(corners).astype(np.float32)
-        picture = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
-        to_picture = cv2.getPerspectiveTransform(seen, picture)
+        from_picture = cv2.getPerspectiveTransform(_UNIT_SQUARE, seen)
+        self._shadow = 1.0 - _coverage(camera, seen)
+
+        rows, columns = game_size
         # The game's outermost edges, half a pixel outside the middles of its first and last one.
         edges = np.array(
             [
@@ -40,37 +50,59 @@ class Projection:
             ],
             np.float32,
         )
-        to_game = cv2.getPerspectiveTransform(GAME_IN_PICTURE, edges) @ to_picture
-
-        left, top = np.maximum(np.floor(seen.min(axis=0)).astype(int), 0)
-        right, bottom = np.ceil(seen.max(axis=0)).astype(int) + 1
+        to_game = cv2.getPerspectiveTransform(GAME_IN_PICTURE, edges) @ np.linalg.inv(from_picture)
+        game_seen = cv2.perspectiveTransform(GAME_IN_PICTURE[None], from_picture)[0]
+        left, top = np.maximum(np.floor(game_seen.min(axis=0)).astype(int) - 1, 0)
+        right, bottom = np.ceil(game_seen.max(axis=0)).astype(int) + 2
         right, bottom = min(right, camera.width), min(bottom, camera.height)
         self._window = (slice(top, bottom), slice(left, right))
         x, y = np.meshgrid(np.arange(left, right), np.arange(top, bottom))
-        pixels = np.stack([x, y], axis=2).astype(np.float64)
-        in_picture = cv2.perspectiveTransform(pixels, to_picture)
-        self._on_picture = ((in_picture >= 0) & (in_picture <= 1)).all(axis=2)
-        in_game = cv2.perspectiveTransform(pixels, to_game).astype(np.float32)
-        self._map, self._fraction = cv2.convertMaps(in_game, None, cv2.CV_16SC2)
-        self._bodies: NDArray[np.int32] | None = None
+        in_game = cv2.perspectiveTransform(np.stack([x, y], axis=2).astype(np.float64), to_game)
+        # Within a pixel of the game, for its outermost pixels fade into the border.
+        self._in_game = ((in_game > -1) & (in_game < (columns, rows))).all(axis=2)
+        to_x, to_y = np.moveaxis(in_game.astype(np.float32), 2, 0)
+        self._map, self._fraction = cv2.convertMaps(to_x, to_y, cv2.CV_16SC2)
+        self._drawn: Rendering | None = None
+        self._dark = np.zeros((0, 0, 3), np.uint8)
         self._lit = np.zeros((0, 0), np.uint8)
 
     def draw(self, rendering: Rendering, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """``rendering`` with ``game uint8 [rows, columns, 3]`` on its screen, a new image."""
-        image = rendering.rgb.copy()
-        window = image[self._window]
-        light = cv2.remap(
-            game,
-            self._map,
-            self._fraction,
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=(0, 0, 0),
-        )
         # The same rendering comes again as long as nothing has moved in view.
-        if rendering.bodies is not self._bodies:
-            on_screen = rendering.bodies[self._window] == self._screen_body
-            self._lit = (on_screen & self._on_picture).astype(np.uint8)
-            self._bodies = rendering.bodies
-        cv2.copyTo(light, self._lit, window)
+        if rendering is not self._drawn:
+            self._draw_border(rendering)
+        image = self._dark.copy()
+        light = cv2.remap(
+            game, self._map, self._fraction, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+        )
+        cv2.copyTo(light, self._lit, image[self._window])
         return image
+
+    def _draw_border(self, rendering: Rendering) -> None:
+        """Darken the whole picture, its edge by how much of each pixel it covers."""
+        on_screen = rendering.bodies == self._screen_body
+        left = np.where(on_screen, self._shadow, 1.0)[:, :, None]
+        self._dark = np.rint(rendering.rgb * left).astype(np.uint8)
+        self._lit = (on_screen[self._window] & self._in_game).astype(np.uint8)
+        self._drawn = rendering
+
+
+def _coverage(camera: Camera, seen: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Share of each of the camera's pixels that the picture covers, ``float64 [H, W]``.
+
+    A camera's pixel gathers light over its area. Without this the picture's edges, nearly level
+    as they are, would stand up to half a pixel off.
+    """
+    share = np.zeros((camera.height, camera.width))
+    left, top = np.maximum(np.floor(seen.min(axis=0)).astype(int), 0)
+    right, bottom = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 1, share.shape[::-1])
+    # Samples at the middles of _FINER × _FINER parts of each pixel.
+    x = left - 0.5 + (np.arange((right - left) * _FINER) + 0.5) / _FINER
+    y = top - 0.5 + (np.arange((bottom - top) * _FINER) + 0.5) / _FINER
+    h = cv2.getPerspectiveTransform(seen, _UNIT_SQUARE)
+    across, down, scale = (row[0] * x[None, :] + row[1] * y[:, None] + row[2] for row in h)
+    u, v = across / scale, down / scale
+    inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+    parts = inside.reshape(bottom - top, _FINER, right - left, _FINER)
+    share[top:bottom, left:right] = parts.mean(axis=(1, 3))
+    return share

@@ -44,6 +44,7 @@ class Room:
 
     def __init__(self, game_size: tuple[int, int] = (210, 160)) -> None:
         self._game_size = game_size
+        self._open = True
         with silenced(), tempfile.TemporaryDirectory() as folder:
             self._engine: Any = BulletClient(pybullet.DIRECT)
             self._build(Path(folder))
@@ -73,9 +74,8 @@ class Room:
         self.view_of_robot = StillView(
             engine, top_camera(engine), self._movables(), self._look_of_keys
         )
-        self._projection = Projection(
-            self.view_of_robot.camera, PICTURE_CORNERS, self.furniture.screen, self._game_size
-        )
+        self._projection = self._project_for(self.view_of_robot.camera)
+        self._visits: dict[tuple[int, int], tuple[Camera, Projection]] = {}
         self.arms.settle()
         self.controller.release()
         # Keys sink by a hair under their own weight: let them come to rest.
@@ -123,7 +123,13 @@ class Room:
         self, game: NDArray[np.uint8], width: int = 640, height: int = 480
     ) -> NDArray[np.uint8]:
         """The room as a visitor sees it, ``uint8 [height, width, 3]``; takes about 50 ms."""
+        if (width, height) not in self._visits:
+            self._visits[width, height] = self._visit(width, height)
+        camera, projection = self._visits[width, height]
         self.controller.show()
+        return projection.draw(camera.render(), game)
+
+    def _visit(self, width: int, height: int) -> tuple[Camera, Projection]:
         tall = _VISITOR_ANGLE
         wide = 2 * np.degrees(np.arctan(np.tan(np.radians(tall) / 2) * width / height))
         camera = Camera(
@@ -134,12 +140,16 @@ class Room:
             size=(width, height),
             angles=(float(wide), tall),
         )
-        projection = Projection(camera, PICTURE_CORNERS, self.furniture.screen, self._game_size)
-        return projection.draw(camera.render(), game)
+        return camera, self._project_for(camera)
+
+    def _project_for(self, camera: Camera) -> Projection:
+        return Projection(camera, PICTURE_CORNERS, self.furniture.screen, self._game_size)
 
     def close(self) -> None:
-        """End the physics; the room cannot be used any more."""
-        self._engine.disconnect()
+        """End the physics; the room cannot be used any more. Closing twice does no harm."""
+        if self._open:
+            self._engine.disconnect()
+        self._open = False
 
 
 def _extent(piece: Piece) -> float:

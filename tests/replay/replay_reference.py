@@ -7,12 +7,13 @@ each frame of its stack lies and whether the steps of its return are there.
 
 import dataclasses
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.chunk import Chunk, Game
-from common.config import LearningConfig, PlayConfig, ReplayConfig, RunConfig
+from common.config import LearningConfig, PlayConfig, ReplayConfig, RunConfig, StreamConfig
 
 RUN = "test"
 GOES_ON, TERMINATES, TRUNCATES = 0, 1, 2
@@ -38,11 +39,16 @@ def make_config(kind: type[RunConfig] = RunConfig, **settings: object) -> RunCon
     }
     settings = defaults | settings
 
-    def group(of: type) -> object:
+    def group(of: type[Any]) -> Any:
         names = {each.name for each in dataclasses.fields(of)}
         return of(**{name: value for name, value in settings.items() if name in names})
 
-    return kind(play=group(PlayConfig), replay=group(ReplayConfig), learning=group(LearningConfig))
+    return kind(
+        play=group(PlayConfig),
+        stream=group(StreamConfig),
+        replay=group(ReplayConfig),
+        learning=group(LearningConfig),
+    )
 
 
 def numbered_frame(number: int) -> NDArray[np.uint8]:
@@ -89,13 +95,8 @@ class Actor:
 
     def live(self, endings: list[int], rng: np.random.Generator) -> Chunk:
         """The next chunk, one step for each of ``endings``."""
-        context = self._episode[len(self._episode) - self.history + 1 :] if self._episode else []
-        if len(self._episode) < self.history:
-            context = list(self._episode)
-        context = context[: self.history - 1]
-        if self.history == 1:
-            context = []
-        new = []
+        context = self._episode[-(self.history - 1) :] if self.history > 1 else []
+        new: list[Moment] = []
         for ending in endings:
             self.first_number += 1
             self._episode.append(self.first_number)
@@ -217,15 +218,17 @@ class ListReplay:
             return False
         self._known.add((chunk.actor, chunk.sequence))
         self._serial += 1
-        most = len(chunk.context) + len(chunk) + len(chunk.final_frames)
-        while sum(each.slots for each in self._chunks) + most > self._capacity:
-            self._chunks.pop(0)
+        slots = len(chunk) + len(chunk.final_frames)
+        self._make_room(slots)
         before = self._find(chunk.actor, chunk.sequence - 1)
         borrowed: list[int] | None = None
         if len(chunk.context) and before is not None and self._ending(before, -1) == GOES_ON:
             borrowed = before.sources[-1][1:]
             if not self._alive(borrowed):
                 borrowed = None
+        if borrowed is None:
+            slots += len(chunk.context)
+            self._make_room(slots)
         own = self._serial
         sources: list[list[int]] = []
         ended = len(chunk.context) == 0
@@ -237,9 +240,12 @@ class ListReplay:
             else:
                 sources.append([*sources[-1][1:], own])
             ended = bool(chunk.terminated[step] or chunk.truncated[step])
-        slots = most - (len(chunk.context) if borrowed is not None else 0)
         self._chunks.append(_Stored(own, chunk, slots, sources))
         return True
+
+    def _make_room(self, slots: int) -> None:
+        while sum(each.slots for each in self._chunks) + slots > self._capacity:
+            self._chunks.pop(0)
 
     def numbers(self) -> set[int]:
         """Numbers of the newest frames of all states that can be drawn."""
@@ -275,7 +281,7 @@ class ListReplay:
             step += 1
             if step == len(stored.chunk):
                 after = self._find(stored.chunk.actor, stored.chunk.sequence + 1)
-                if after is None or len(after.chunk.context) == 0:
+                if after is None or (self._history > 1 and len(after.chunk.context) == 0):
                     return False
                 stored, step = after, 0
         return self._alive(stored.sources[step])

@@ -1,0 +1,268 @@
+"""`Store`: what is remembered of a run, in files and in RAM, and how it changes.
+
+An insert: make room (journaled before anything is overwritten) → write the data → journal the
+chunk → link and admit its steps. A process killed in between has not acknowledged the chunk, and
+its successor finds all that was acknowledged before.
+
+One insert passes at a time, and writes files without disturbing anyone; only what is decided in
+RAM happens under the lock that readers share.
+"""
+
+import threading
+from collections.abc import Iterable
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from common.actions import KEYS_OF_ACTION
+from common.chunk import Chunk
+from common.config import RunConfig
+from common.errors import InputError, MessageError
+from replay.columns import Columns
+from replay.facts import ChunkFacts
+from replay.journal import Entry, Journal, damaged, read_journal
+from replay.ledger import ChunkKey, ChunkRecord, Ledger, chunk_entry, tail_entry
+from replay.ring import Placement, Ring
+from replay.samplers import PrioritisedSampler, Sampler, UniformSampler
+from replay.sum_tree import padded
+
+FORMAT = 1
+_SPARE_LINES = 1_000
+
+
+class Store:
+    """Ring, books, journal and sampler of one run, kept in step.
+
+    ``ledger``, ``ring`` and ``sampler`` may be read under ``state``, the lock given.
+    """
+
+    def __init__(self, config: RunConfig, folder: Path, state: threading.Condition) -> None:
+        """Open the replay in ``folder``, or create it where there is none.
+
+        Raises:
+            InputError: no space, a replay of other sizes, a damaged one, or one in use.
+        """
+        self._config = config
+        self._state = state
+        self._writer = threading.Lock()
+        self._closed = False
+        path = folder / "journal.jsonl"
+        self.ledger = self._read(path)
+        prioritised = config.replay.sampler == "prioritised"
+        self._columns = Columns(
+            folder,
+            config.replay.capacity,
+            config.vector_width,
+            priority_slots=padded(config.replay.capacity) if prioritised else 0,
+            existing=path.exists(),
+        )
+        self.ring = Ring(
+            self._columns,
+            history=config.play.history,
+            n_step=config.learning.n_step,
+            discount=config.learning.discount,
+            clip_rewards=config.learning.clip_rewards,
+        )
+        self.sampler = self._new_sampler()
+        self._rebuild()
+        self._journal = Journal(path, self._entries())
+        self._compacted_lines = self._journal.lines
+
+    @property
+    def _header(self) -> Entry:
+        return {
+            "kind": "ring",
+            "format": FORMAT,
+            "capacity": self._config.replay.capacity,
+            "history": self._config.play.history,
+            "vector_width": self._config.vector_width,
+        }
+
+    def _read(self, path: Path) -> Ledger:
+        ledger = Ledger()
+        for number, entry in enumerate(read_journal(path), start=1):
+            if number > 1:
+                try:
+                    ledger.apply(entry)
+                except (KeyError, TypeError, ValueError):
+                    raise damaged(path, number) from None
+            elif unequal := [
+                f"{name} {entry.get(name)} instead of {value}"
+                for name, value in self._header.items()
+                if entry.get(name) != value
+            ]:
+                raise InputError(
+                    f"the replay in {path.parent} has {', '.join(unequal)}: resume it with the "
+                    "settings it was made with, or name another run."
+                )
+        return ledger
+
+    def _new_sampler(self) -> Sampler:
+        settings = self._config.replay
+        if settings.sampler == "uniform":
+            return UniformSampler(settings.capacity)
+        return PrioritisedSampler(
+            settings.capacity,
+            self._columns.priorities,
+            settings.priority_exponent,
+            settings.importance_exponent,
+        )
+
+    def _rebuild(self) -> None:
+        """Links and admitted steps from the ledger and the files."""
+        ring, ledger = self.ring, self.ledger
+        ring.tail, ring.head = ledger.tail, ledger.head
+        for record in ledger.chunks:
+            ring.link(record.placement)
+        for record in ledger.chunks:
+            self._join(record, ledger.neighbour(record.key, 1))
+        alive = np.arange(ring.tail, ring.head)
+        self.sampler.restore(alive[ring.is_complete(alive)])
+
+    def _entries(self) -> Iterable[Entry]:
+        return chain([self._header], self.ledger.entries())
+
+    def insert(self, chunk: Chunk, staleness: int) -> bool:
+        """Store ``chunk``; False if it came before.
+
+        Raises:
+            MessageError: it does not fit this run; it is counted as refused.
+            OSError: the files could not be written; it may be sent again.
+        """
+        try:
+            self._check(chunk)
+        except MessageError:
+            self.count_refused()
+            raise
+        key = ChunkKey(chunk.actor, chunk.incarnation, chunk.stream, chunk.sequence)
+        with self._writer:
+            if self._closed:
+                raise OSError("the replay is closed")
+            if self.ledger.has_received(key):
+                self.ledger.duplicates += 1
+                self._journal.append(self.ledger.counts_entry())
+                return False
+            record = ChunkRecord(key, self._place(key, chunk))
+            self.ring.write(record.placement, chunk)
+            facts = self._facts(chunk, staleness)
+            self._journal.append(chunk_entry(record, facts))
+            with self._state:
+                self._admit(record, facts)
+                self._state.notify_all()
+            if self._journal.lines > 2 * self._compacted_lines + _SPARE_LINES:
+                self._journal.rewrite(self._entries())
+                self._compacted_lines = self._journal.lines
+            return True
+
+    def count_refused(self) -> None:
+        """Note a chunk that could not be accepted."""
+        with self._writer:
+            self.ledger.refused += 1
+            if not self._closed:
+                self._journal.append(self.ledger.counts_entry())
+
+    @property
+    def file_bytes(self) -> int:
+        return self._columns.file_bytes
+
+    def close(self) -> None:
+        """Refuse inserts and close the files; what was stored can still be read."""
+        with self._writer:
+            self._closed = True
+            self._journal.close()
+            self._columns.close()
+
+    def _check(self, chunk: Chunk) -> None:
+        width = chunk.vectors.shape[1]
+        most = self._config.play.history - 1
+        slots = len(chunk.context) + len(chunk) + len(chunk.final_frames)
+        if width != self._config.vector_width:
+            raise MessageError(
+                f"vectors of {width} numbers where the run has {self._config.vector_width}"
+            )
+        if len(chunk.context) > most:
+            raise MessageError(f"{len(chunk.context)} context frames where {most} are stacked")
+        if slots > self._config.replay.capacity:
+            raise MessageError(f"{slots} frames do not fit the ring")
+        if (chunk.actions >= len(KEYS_OF_ACTION)).any():
+            raise MessageError(f"actions should be less than {len(KEYS_OF_ACTION)}")
+
+    def _place(self, key: ChunkKey, chunk: Chunk) -> Placement:
+        """Make room for the chunk, and say where it goes."""
+        ring, ledger = self.ring, self.ledger
+        steps, finals, context = len(chunk), len(chunk.final_frames), len(chunk.context)
+        self._make_room(steps + finals)
+        before, previous = ledger.neighbour(key, -1), -1
+        if context and before is not None and ring.is_open(before.placement):
+            last = before.placement.last
+            if ring.can_lend(last):
+                previous, context = last, 0
+        self._make_room(context + steps + finals)
+        return Placement(ring.head, context, steps, finals, previous)
+
+    def _make_room(self, count: int) -> None:
+        """Evict the oldest chunks until ``count`` slots are free."""
+        ring, ledger = self.ring, self.ledger
+        least = ring.head + count - self._config.replay.capacity
+        tail = ring.tail
+        for record in ledger.chunks:
+            if tail >= least:
+                break
+            tail = record.placement.end
+        if tail == ring.tail:
+            return
+        # First of all: the slots below are about to be overwritten, and a successor of this
+        # process must not take them for what they were.
+        self._journal.append(tail_entry(tail))
+        with self._state:
+            admitted = self.sampler.admitted
+            touched = set(range(ring.tail, tail))
+            ring.tail = tail
+            for record in ledger.evict(tail):
+                touched |= self._steps_beside(record.key)
+            ids = np.array(sorted(touched), np.int64)
+            ids = ids[admitted.contains(ids)]
+            self.sampler.remove(ids[~ring.is_complete(ids)])
+
+    def _steps_beside(self, key: ChunkKey) -> set[int]:
+        """Steps whose return, or whose stack, may reach into the chunk."""
+        n_step, history = self._config.learning.n_step, self._config.play.history
+        return self.ledger.steps_beside(key, n_step, history - 1)
+
+    def _facts(self, chunk: Chunk, staleness: int) -> ChunkFacts:
+        return ChunkFacts(
+            index=self.ledger.accepted,
+            agent_steps=self.ledger.agent_steps + len(chunk),
+            steps=len(chunk),
+            actor=chunk.actor,
+            epsilon=chunk.epsilon,
+            weights_version=chunk.weights_version,
+            staleness=staleness,
+            valid=int(np.count_nonzero(chunk.valid)),
+            matched=int(np.count_nonzero(chunk.matched)),
+            games=chunk.games,
+        )
+
+    def _admit(self, record: ChunkRecord, facts: ChunkFacts) -> None:
+        ring, ledger, place = self.ring, self.ledger, record.placement
+        ledger.accept(record, facts)
+        ring.head = place.end
+        ring.link(place)
+        before = ledger.neighbour(record.key, -1)
+        if before is not None:
+            self._join(before, record)
+        self._join(record, ledger.neighbour(record.key, 1))
+        touched = self._steps_beside(record.key) | set(range(place.first, place.last + 1))
+        ids = np.array(sorted(touched), np.int64)
+        ids = ids[~self.sampler.admitted.contains(ids)]
+        self.sampler.add(ids[ring.is_complete(ids)])
+
+    def _join(self, record: ChunkRecord, after: ChunkRecord | None) -> None:
+        """Let ``after``, if it goes on with the episode at the end of ``record``, complete it."""
+        if after is None or not self.ring.is_open(record.placement):
+            return
+        place = after.placement
+        # States of one frame need no context, so its absence says nothing.
+        if place.context or place.previous >= 0 or self._config.play.history == 1:
+            self.ring.join(record.placement.last, place.first)

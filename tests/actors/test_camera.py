@@ -1,0 +1,115 @@
+"""NAO's camera: what it sees is what a full rendering gives, however seldom it renders."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from actors.nao.furniture import PICTURE_CORNERS
+from actors.nao.room import Room
+from common.actions import KEYS_OF_ACTION
+
+
+@pytest.fixture(scope="module")
+def room() -> Iterator[Room]:
+    room = Room()
+    yield room
+    room.close()
+
+
+def assert_same_as_full(room: Room) -> None:
+    cached, full = room.view_of_robot.rendering(), room.view_of_robot.camera.render()
+    assert np.array_equal(cached.rgb, full.rgb)
+    assert np.array_equal(cached.bodies, full.bodies)
+
+
+def raise_arm(room: Room, pitch: float, roll: float) -> None:
+    """The left arm stretched out forwards, at rest."""
+    for joint, angle in zip(room.arms.left.joints, (pitch, roll, 0.0, -0.1), strict=True):
+        room._engine.resetJointState(room.body, joint, angle)
+
+
+def test_playing_happens_out_of_view(room: Room) -> None:
+    room.reset()
+    before = room.view_of_robot.renderings
+    for keys in KEYS_OF_ACTION:
+        room.command(keys)
+        for _ in range(4):
+            room.step_frame()
+        room.view_of_robot.rendering()
+    assert room.view_of_robot.renderings <= before + 1
+    assert not np.isin(
+        room.view_of_robot.camera.render().bodies, (room.body, room.controller.body)
+    ).any()
+
+
+@pytest.mark.parametrize("action", [0, 6, 17])
+def test_cached_picture_while_playing(room: Room, action: int) -> None:
+    room.reset()
+    room.view_of_robot.rendering()
+    room.command(KEYS_OF_ACTION[action])
+    for _ in range(3):
+        room.step_frame()
+    assert_same_as_full(room)
+
+
+def test_cached_picture_with_an_arm_in_view(room: Room) -> None:
+    room.reset()
+    empty = room.view_of_robot.rendering()
+    for pitch, roll in ((-0.3, 0.0), (-0.3, 0.05), (-0.1, 0.0)):
+        raise_arm(room, pitch, roll)
+        assert (room.view_of_robot.rendering().bodies == room.body).any()
+        assert_same_as_full(room)
+    room.reset()
+    assert_same_as_full(room)
+    assert np.array_equal(room.view_of_robot.rendering().rgb, empty.rgb)
+
+
+def test_a_still_arm_in_view_is_rendered_once(room: Room) -> None:
+    raise_arm(room, -0.2, 0.0)
+    room.view_of_robot.rendering()
+    before = room.view_of_robot.renderings
+    room.view_of_robot.rendering()
+    assert room.view_of_robot.renderings == before
+    room.reset()
+
+
+def test_nothing_is_seen_that_may_see_denies(room: Room) -> None:
+    """Random arm poses: whenever a pixel of the robot is drawn, the test for it had said so."""
+    view = room.view_of_robot
+    rng = np.random.default_rng(0)
+    seen = 0
+    for _ in range(8):
+        raise_arm(room, float(rng.uniform(-1.5, 1.0)), float(rng.uniform(-0.3, 1.3)))
+        drawn = bool((view.camera.render().bodies == room.body).any())
+        seen += drawn
+        if drawn:
+            assert view._scene() != "nothing that moves"
+    assert 0 < seen
+    room.reset()
+
+
+def test_projected_corners_are_where_the_renderer_draws(room: Room) -> None:
+    """The middle of the screen's pixels against the middle of its projected outline."""
+    camera = room.view_of_robot.camera
+    rows, columns = np.nonzero(camera.render().bodies == room.furniture.screen)
+    middle = PICTURE_CORNERS.mean(axis=0)
+    margin = 1.0 + np.array([0.0, 0.06 / 0.912, 0.06 / 0.684])
+    outline = camera.project(middle + (PICTURE_CORNERS - middle) * margin)
+    x, y = outline[:, 0], outline[:, 1]
+    # Area and middle of a polygon by its edges (the shoelace formula).
+    cross = x * np.roll(y, -1) - np.roll(x, -1) * y
+    area = cross.sum() / 2
+    middle_x = ((x + np.roll(x, -1)) * cross).sum() / (6 * area)
+    middle_y = ((y + np.roll(y, -1)) * cross).sum() / (6 * area)
+    assert columns.mean() == pytest.approx(middle_x, abs=0.1)
+    assert rows.mean() == pytest.approx(middle_y, abs=0.1)
+    assert len(rows) == pytest.approx(abs(area), rel=0.01)
+
+
+def test_the_whole_picture_is_in_view(room: Room) -> None:
+    x, y = room.view_of_robot.camera.project(PICTURE_CORNERS).T
+    assert (x > 5).all()
+    assert (x < 314).all()
+    assert (y > 5).all()
+    assert (y < 234).all()

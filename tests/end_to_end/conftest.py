@@ -1,0 +1,149 @@
+"""Real processes over real Zenoh: started, awaited by what they say and write, and cleaned up."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE = 120.0
+"""Seconds after which something that does not happen is a failure."""
+
+SMALL = (
+    "--replay.warmup=1000",
+    "--replay.capacity=20000",
+    "--replay.ratio-tolerance=256",
+    "--protocol.epoch-steps=1000",
+    "--protocol.test-steps=500",
+    "--protocol.held-out-states=64",
+    "--learning.checkpoint-every=100",
+    "--learning.publish-every=20",
+)
+"""Settings of a run that is over in seconds."""
+
+
+def wait_until(condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
+    """The condition's first true value; fails when it never comes."""
+    deadline = time.monotonic() + patience
+    while not (value := condition()):
+        if time.monotonic() > deadline:
+            pytest.fail(f"waited {patience:.0f} s in vain until {what}")
+        time.sleep(0.05)
+    return value
+
+
+class Program:
+    """A process of the project under test, with what it printed."""
+
+    def __init__(self, folder: Path, name: str, *arguments: str) -> None:
+        self.log = folder / f"{name}.log"
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, *arguments],
+                cwd=folder,
+                env={**os.environ, "PYTHONPATH": str(ROOT)},
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    @property
+    def output(self) -> str:
+        return self.log.read_text(errors="replace")
+
+    def says(self, text: str) -> None:
+        """Wait until it has printed ``text``."""
+
+        def said() -> bool:
+            if text in self.output:
+                return True
+            assert self.process.poll() is None, f"it ended without {text!r}:\n{self.output}"
+            return False
+
+        wait_until(said, f"{text!r} is said; so far:\n{self.output}")
+
+    def ends(self, status: int = 0) -> str:
+        """Wait for its end with this status; returns what it printed."""
+        try:
+            found = self.process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            pytest.fail(f"it does not end:\n{self.output}")
+        assert found == status, self.output
+        return self.output
+
+    def send(self, number: signal.Signals) -> None:
+        self.process.send_signal(number)
+
+
+class Stage:
+    """Where one test's processes play: a folder, a port, and a broom."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.programs: list[Program] = []
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+    def start(self, *arguments: str) -> Program:
+        """`python ARGUMENTS` in the test's folder."""
+        name = f"{len(self.programs)}-{arguments[1].rsplit('/', 1)[-1]}"
+        program = Program(self.folder, name, *arguments)
+        self.programs.append(program)
+        return program
+
+    def learner(self, *arguments: str) -> Program:
+        return self.start("-m", "learner", "--listen", self.endpoint, "--run", "r", *arguments)
+
+    def actor(self, name: str, *arguments: str) -> Program:
+        return self.start(
+            "-m", "actors", "--sync", "--connect", self.endpoint, "--name", name, *arguments
+        )
+
+    @property
+    def run(self) -> Path:
+        return self.folder / "runs" / "r"
+
+    def summary(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads((self.run / "summary.json").read_text())
+        return found
+
+    def rows(self) -> list[dict[str, str]]:
+        header, *lines = (self.run / "epochs.csv").read_text().splitlines()
+        return [dict(zip(header.split(","), line.split(","), strict=True)) for line in lines]
+
+    def strays(self) -> list[str]:
+        """Command lines of processes that mention this test's address."""
+        found = []
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit():
+                try:
+                    command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+                except (OSError, UnicodeDecodeError):
+                    continue
+                if self.endpoint in command:
+                    found.append(command)
+        return found
+
+    def close(self) -> None:
+        for program in self.programs:
+            if program.process.poll() is None:
+                program.process.kill()
+                program.process.wait()
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Iterator[Stage]:
+    stage = Stage(tmp_path)
+    yield stage
+    stage.close()
+    wait_until(lambda: not stage.strays(), f"no process is left of {stage.strays()}", 30)

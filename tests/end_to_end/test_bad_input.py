@@ -1,0 +1,69 @@
+"""What cannot be done is said in one sentence, with exit code 2."""
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.conftest import SMALL, Stage
+
+
+def _sentence(output: str) -> str:
+    (line,) = output.strip().splitlines()
+    assert line.startswith("error: ")
+    assert line.endswith(".")
+    return line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--env", "ale", "--game", "pomg"], "pong"),
+        (["--env", "ale", "--replay.ratio-tolerance", "1"], "ratio_tolerance"),
+        (["--env", "ale", "--replay.capacity", "20000", "--replay.warmup", "30000"], "capacity"),
+        (["--preset", "papper"], "preset"),
+        (["--env", "ale", "--resume"], "no run"),
+        (["--env", "ale", "--steps", "500", *SMALL], "--steps"),
+        (["--env", "ale", "--listen", "nowhere"], "address"),
+        (["--env", "ale", "--device", "cuda"], "CUDA"),
+        (["--env", "ale", "--replay.capacity", "2000000000"], "space"),
+        (["--connect", "tcp/127.0.0.1:9", "--patience", "0.5"], "no hub answered"),
+    ],
+)
+def test_the_learner_refuses(stage: Stage, arguments: list[str], words: str) -> None:
+    import torch
+
+    if words == "CUDA" and torch.cuda.is_available():
+        pytest.skip("there is a CUDA device here")
+    assert words in _sentence(stage.learner(*arguments).ends(2))
+
+
+def test_a_port_that_is_taken(stage: Stage) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", int(stage.endpoint.rsplit(":", 1)[1])))
+        taken.listen()
+        sentence = _sentence(stage.learner("--env", "ale", *SMALL).ends(2))
+    assert stage.endpoint in sentence
+
+
+def test_an_actor_without_a_hub(stage: Stage) -> None:
+    sentence = _sentence(stage.actor("a", "--patience", "0.5").ends(2))
+    assert "no hub answered" in sentence
+    assert "in 1 s" in sentence or "in 2 s" in sentence
+
+
+def test_resuming_with_other_settings_or_damaged_files(stage: Stage) -> None:
+    stage.learner("--local", "--env", "ale", "--steps", "1200", *SMALL).ends()
+    checkpoint: Path = stage.run / "checkpoint.safetensors"
+
+    other = _sentence(stage.learner("--resume", "--learning.n-step", "7").ends(2))
+    assert "learning.n_step 3 → 7" in other
+    fresh = _sentence(stage.learner("--env", "ale", *SMALL).ends(2))
+    assert "--resume" in fresh
+    whole = checkpoint.read_bytes()
+    checkpoint.write_bytes(whole[: len(whole) // 2])
+    assert "damaged" in _sentence(stage.learner("--resume").ends(2))
+    spoilt = bytearray(whole)
+    spoilt[len(spoilt) // 2] ^= 1
+    checkpoint.write_bytes(spoilt)
+    assert "damaged" in _sentence(stage.learner("--resume").ends(2))

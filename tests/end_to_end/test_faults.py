@@ -1,0 +1,102 @@
+"""Processes die by kill -9; nothing that was acknowledged is lost."""
+
+import signal
+
+from common.bus import RunKeys, connect
+from common.config import RunConfig
+from common.presets import PRESETS
+from replay.client import RemoteReplay
+from replay.facts import Progress
+from tests.end_to_end.conftest import SMALL, Stage, wait_until
+
+
+def test_three_actors_of_which_one_is_killed(stage: Stage) -> None:
+    learner = stage.learner("--env", "ale", "--steps", "4000", *SMALL)
+    actors = [stage.actor(f"a{index}") for index in range(3)]
+    for actor in actors:
+        actor.says("plays pong")
+    learner.says("a1 joined")
+
+    actors[1].send(signal.SIGKILL)
+
+    learner.says("a1 was lost")
+    learner.ends()
+    actors[0].ends()
+    actors[2].ends()
+    summary = stage.summary()
+    chunks = summary["chunks"]
+    assert chunks["made"] == chunks["acked"]
+    assert chunks["refused"] == 0
+    survivors = {a["name"]: a for a in summary["actors"] if a["name"] in ("a0", "a2")}
+    assert all(a["made"] == a["acked"] > 0 for a in survivors.values())
+    assert chunks["acked"] >= sum(a["acked"] for a in summary["actors"])
+
+
+def _progress(stage: Stage) -> Progress:
+    session = connect(stage.endpoint, 30)
+    try:
+        config: RunConfig = PRESETS["fast"]
+        return RemoteReplay(session, RunKeys("r"), config).progress(0)
+    finally:
+        session.close()
+
+
+def _replay(stage: Stage, *arguments: str) -> None:
+    stage.start("-m", "replay", "--listen", stage.endpoint, "--run", "r", *arguments)
+    stage.programs[-1].says("replay of run r")
+
+
+def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stage: Stage) -> None:
+    _replay(stage, "--env", "ale", *SMALL)
+    replay = stage.programs[-1]
+    learner = stage.start(
+        "-m", "learner", "--connect", stage.endpoint, "--run", "r", "--runs", "learner-runs",
+        "--env", "ale", "--steps", "4000", *SMALL,
+    )  # fmt: skip
+    actor = stage.actor("a")
+    wait_until(lambda: _progress(stage).agent_steps > 1500, "the learner is learning")
+    before = _progress(stage)
+
+    replay.send(signal.SIGKILL)
+    replay.process.wait()
+    _replay(stage, "--resume")
+
+    after = _progress(stage)
+    assert after.accepted >= before.accepted
+    assert after.agent_steps >= before.agent_steps
+    assert after.facts[: len(before.facts)] == before.facts
+    learner.ends()
+    actor.ends()
+    end = _progress(stage)
+    assert end.agent_steps >= 4000
+    assert sum(facts.steps for facts in end.facts) == end.agent_steps
+    assert end.refused == 0
+
+
+def test_a_learner_that_is_killed_goes_on_where_it_was(stage: Stage) -> None:
+    learner = stage.learner("--env", "ale", *SMALL)
+    actor = stage.actor("a")
+    wait_until(
+        lambda: (
+            (stage.run / "checkpoint.safetensors").exists()
+            and (stage.run / "epochs.csv").exists()
+            and len(stage.rows()) >= 2
+        ),
+        "an epoch is complete",
+    )
+    before = _progress(stage)
+
+    learner.send(signal.SIGKILL)
+    learner.process.wait()
+    again = stage.learner("--resume", "--steps", str(before.agent_steps + 1000))
+
+    again.ends()
+    actor.ends()
+    summary = stage.summary()
+    assert summary["agent_steps"] >= before.agent_steps + 1000
+    assert summary["chunks"]["made"] == summary["chunks"]["acked"]
+    # The same actor process lived through it: its own count is the replay's.
+    (seen,) = summary["actors"]
+    assert seen["made"] == seen["acked"] == summary["chunks"]["acked"]
+    phases = [(row["epoch"], row["phase"]) for row in stage.rows()]
+    assert len(phases) == len(set(phases))

@@ -1,0 +1,95 @@
+"""`python -m learner --local`: everything on one machine, from nothing to the files it leaves."""
+
+import signal
+
+import pytest
+from safetensors.numpy import load_file
+
+from learner.epochs import COLUMNS
+from tests.end_to_end.conftest import SMALL, Stage, wait_until
+
+
+@pytest.mark.parametrize("env", ["ale", "robot"])
+def test_learns_a_little_and_leaves_its_files_with_balanced_counts(stage: Stage, env: str) -> None:
+    learner = stage.learner("--local", "--env", env, "--steps", "3000", *SMALL)
+
+    output = learner.ends()
+
+    summary = stage.summary()
+    chunks = summary["chunks"]
+    assert summary["agent_steps"] >= 3000
+    assert summary["updates"] >= (3000 - 1000) // 4
+    assert summary["weights_version"] > 0
+    assert chunks["made"] == chunks["acked"] + chunks["refused"]
+    assert (chunks["refused"], chunks["duplicate"]) == (0, 0)
+    assert sum(actor["made"] for actor in summary["actors"]) == chunks["acked"]
+    assert summary["valid_frame_share"] >= 0.99
+    assert summary["press_match_share"] > (0.3 if env == "robot" else 0.999)
+    assert summary["staleness_updates"]["p95"] is not None
+    assert summary["versions"]["pybullet"]
+    header = (stage.run / "epochs.csv").read_text().splitlines()[0]
+    assert header == ",".join(COLUMNS)
+    rows = stage.rows()
+    assert [row["phase"] for row in rows[:2]] == ["random", "train"]
+    trained = [row for row in rows if row["phase"] == "train"]
+    tested = [row for row in rows if row["phase"] == "test"]
+    assert len(trained) == len(tested) == 2
+    assert all(-21 <= float(row["average_reward"]) <= 21 for row in tested)
+    assert all(int(row["steps"]) >= 500 for row in tested)
+    assert float(trained[-1]["meanq"]) != 0
+    assert load_file(stage.run / "snapshots" / "best.safetensors")
+    assert list((stage.run / "tensorboard").iterdir())
+    assert "pybullet build time" not in output
+    assert "Game console created" not in output
+    logs = "".join(log.read_text() for log in (stage.run / "logs").iterdir())
+    assert "pybullet build time" not in logs
+    assert "A.L.E" not in logs
+
+
+def test_ctrl_c_ends_every_process_and_leaves_a_run_that_goes_on(stage: Stage) -> None:
+    learner = stage.learner("--local", "--env", "ale", *SMALL)
+    wait_until(lambda: (stage.run / "epochs.csv").exists(), "the warm-up is over")
+    learner.says("evaluator-1 joined")
+
+    learner.send(signal.SIGINT)
+    learner.ends()
+
+    assert stage.strays() == []
+    before = stage.summary()
+    goal = before["agent_steps"] + 500
+    output = stage.learner("--local", "--resume", "--steps", str(goal)).ends()
+    after = stage.summary()
+    assert after["agent_steps"] >= goal
+    assert after["updates"] > before["updates"]
+    assert after["wall_seconds"] > before["wall_seconds"]
+    assert after["chunks"]["made"] == after["chunks"]["acked"] > before["chunks"]["acked"]
+    assert "warm-up 0 %" not in output
+
+
+def test_no_orphan_is_left_when_the_learner_is_killed(stage: Stage) -> None:
+    learner = stage.learner("--local", "--env", "ale", *SMALL)
+    learner.says("actor-1 joined")
+    assert len(stage.strays()) >= 2
+
+    learner.send(signal.SIGKILL)
+
+    wait_until(lambda: not stage.strays(), "the children have left", 30)
+
+
+def test_a_killed_actor_is_started_again(stage: Stage) -> None:
+    learner = stage.learner("--local", "--env", "ale", *SMALL)
+    learner.says("actor-1 joined")
+    log = stage.run / "logs" / "actor-1.log"
+    wait_until(lambda: log.read_text().count("plays pong") == 1, "the actor plays")
+
+    import os
+    from pathlib import Path
+
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and b"actor-1" in (entry / "cmdline").read_bytes():
+            os.kill(int(entry.name), signal.SIGKILL)
+
+    learner.says("actor-1 ended by signal 9, started again")
+    wait_until(lambda: log.read_text().count("plays pong") == 2, "the actor plays again")
+    learner.send(signal.SIGTERM)
+    learner.ends()

@@ -1,0 +1,154 @@
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from common.chunk import Game
+from common.errors import MessageError
+from common.wire import pack, unpack
+from replay import messages
+from replay.batch import Batch, decode_batch, encode_batch
+from replay.facts import ChunkFacts, Progress, decode_progress, encode_progress
+
+
+def a_batch(count: int, history: int, width: int) -> Batch:
+    rng = np.random.default_rng(count)
+
+    def states() -> Any:
+        return rng.integers(0, 256, (count, history, 84, 84), np.uint8)
+
+    def numbers(*shape: int) -> Any:
+        return rng.normal(size=shape).astype(np.float32)
+
+    return Batch(
+        ids=rng.integers(0, 2**60, count),
+        s_tm1=states(),
+        a_tm1=rng.integers(0, 18, count, np.uint8),
+        r_t=numbers(count),
+        discount_t=numbers(count),
+        s_t=states(),
+        weights=numbers(count),
+        x_tm1=numbers(count, width),
+        x_t=numbers(count, width),
+    )
+
+
+@pytest.mark.parametrize(("count", "history", "width"), [(1, 4, 0), (3, 1, 5), (0, 4, 2)])
+def test_a_batch_comes_through_whole(count: int, history: int, width: int) -> None:
+    batch = a_batch(count, history, width)
+    for name, array in decode_batch(encode_batch(batch))._asdict().items():
+        expected = getattr(batch, name)
+        assert array.dtype == expected.dtype
+        np.testing.assert_array_equal(array, expected)
+
+
+def test_the_answer_may_be_that_there_is_no_batch() -> None:
+    assert messages.decode_sample_reply(messages.encode_sample_reply(None)) is None
+
+
+@pytest.mark.parametrize("name", Batch._fields)
+def test_a_batch_without_one_of_its_arrays_is_refused(name: str) -> None:
+    message = unpack(encode_batch(a_batch(2, 4, 0)))
+    del message["schema"], message[name]
+    with pytest.raises(MessageError, match=name):
+        decode_batch(pack(message))
+
+
+FACTS = st.builds(
+    ChunkFacts,
+    index=st.integers(0, 2**62),
+    agent_steps=st.integers(0, 2**62),
+    steps=st.integers(1, 1_024),
+    actor=st.text(max_size=20),
+    epsilon=st.floats(0, 1),
+    weights_version=st.integers(0, 2**62),
+    staleness=st.integers(0, 2**62),
+    valid=st.integers(0, 1_024),
+    matched=st.integers(0, 1_024),
+    games=st.lists(
+        st.builds(Game, st.floats(-1e6, 1e6), st.integers(0, 2**31 - 1)), max_size=3
+    ).map(tuple),
+)
+
+
+@settings(deadline=None)
+@given(st.lists(FACTS, max_size=3).map(tuple), st.booleans(), st.integers(0, 2**62))
+def test_progress_comes_through_whole(
+    facts: tuple[ChunkFacts, ...], hold: bool, number: int
+) -> None:
+    progress = Progress(number, 1, 2, 3, 4, 5, hold, 6, 7, number, facts)
+    assert decode_progress(encode_progress(progress)) == progress
+
+
+@pytest.mark.parametrize("bad", [None, [], [1], [[1, 2, 3]], [[0, 1, 1, "a", 1, 0, 0, 0, 0, []]]])
+def test_facts_of_other_kinds_are_refused(bad: Any) -> None:
+    message = unpack(encode_progress(Progress(0, 1, 2, 3, 4, 5, False, 6, 7, 8, ())))
+    del message["schema"]
+    with pytest.raises(MessageError):
+        decode_progress(pack({**message, "facts": bad} if bad != [] else {"facts": bad}))
+
+
+def test_requests_come_through_whole() -> None:
+    assert messages.decode_sample_request(messages.encode_sample_request(640, 0.5)) == (640, 0.5)
+    assert messages.decode_held_out_request(messages.encode_held_out_request(9)) == 9
+    request = messages.encode_progress_request(3, True)
+    assert messages.decode_progress_request(request) == (3, True)
+
+
+@given(hnp.arrays(np.float32, st.integers(0, 9), elements=st.floats(0, 1, width=32)))
+def test_priorities_come_through_whole(priorities: Any) -> None:
+    ids = np.arange(len(priorities)) + 2**40
+    found = messages.decode_priorities(messages.encode_priorities(ids, priorities))
+    np.testing.assert_array_equal(found[0], ids)
+    np.testing.assert_array_equal(found[1], priorities)
+
+
+def test_held_out_states_come_through_whole() -> None:
+    batch = a_batch(3, 4, 2)
+    held = messages.decode_held_out_reply(
+        messages.encode_held_out_reply((batch.s_tm1, batch.x_tm1))
+    )
+    np.testing.assert_array_equal(held[0], batch.s_tm1)
+    np.testing.assert_array_equal(held[1], batch.x_tm1)
+
+
+DECODERS: list[Callable[[bytes], object]] = [
+    decode_batch,
+    decode_progress,
+    messages.decode_sample_request,
+    messages.decode_priorities,
+    messages.decode_held_out_request,
+    messages.decode_held_out_reply,
+    messages.decode_progress_request,
+]
+
+
+@settings(deadline=None)
+@given(st.sampled_from(DECODERS), st.binary(max_size=60))
+def test_random_bytes_are_refused(decode: Callable[[bytes], object], payload: bytes) -> None:
+    with pytest.raises(MessageError):
+        decode(payload)
+
+
+@settings(deadline=None)
+@given(
+    st.sampled_from(DECODERS),
+    st.dictionaries(
+        st.sampled_from(["ids", "drawn", "timeout", "count", "since", "facts", "frames", "s_tm1"]),
+        st.none() | st.integers(-(2**63), 2**63) | st.floats() | st.text(max_size=3) | st.just([]),
+    ),
+)
+def test_maps_of_anything_are_decoded_or_refused(
+    decode: Callable[[bytes], object], message: dict[str, Any]
+) -> None:
+    try:
+        decoded = decode(pack(message))
+    except MessageError:
+        return
+    # What passes can only be the two requests whose every field may be among these.
+    assert decode in (messages.decode_sample_request, messages.decode_held_out_request)
+    assert decoded is not None

@@ -1,0 +1,227 @@
+"""Server and client over a real Zenoh session, in one process."""
+
+import random
+import socket
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh
+from replay_reference import GOES_ON, RUN, TERMINATES, Actor, make_config
+
+from common.ack import Ack, decode_ack
+from common.announcement import find_run
+from common.bus import RunKeys, connect, open_hub
+from common.chunk import Chunk, encode_chunk
+from common.errors import InputError, MessageError
+from common.wire import pack
+from replay.client import RemoteReplay
+from replay.memory import Memory
+from replay.server import ReplayServer
+
+KEYS = RunKeys(RUN)
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def ask(session: zenoh.Session, key: str, payload: bytes) -> bytes:
+    """The one answer.
+
+    Raises:
+        MessageError: the server refused.
+    """
+    for reply in session.get(key, payload=payload, timeout=20.0):
+        if reply.ok is not None:
+            return reply.ok.payload.to_bytes()
+        if reply.err is not None:
+            raise MessageError(reply.err.payload.to_bytes().decode())
+    raise AssertionError("no answer")
+
+
+def insert(session: zenoh.Session, chunk: Chunk) -> Ack:
+    return decode_ack(ask(session, KEYS.insert(chunk.actor), encode_chunk(chunk)))
+
+
+@dataclass
+class Place:
+    """A served replay, and a client's session."""
+
+    memory: Memory
+    server: ReplayServer
+    hub: zenoh.Session
+    session: zenoh.Session
+    remote: RemoteReplay
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Iterator[Place]:
+    config = make_config(
+        capacity=256,
+        warmup=20,
+        ratio_tolerance=64,
+        sampler="prioritised",
+        chunk_steps=8,
+        window=2,
+    )
+    endpoint = free_endpoint()
+    hub = open_hub(endpoint)
+    memory = Memory(config, tmp_path)
+    session = connect(endpoint, 10.0)
+    remote = RemoteReplay(session, KEYS, config)
+    place = Place(memory, ReplayServer(hub, memory, config, RUN), hub, session, remote)
+    try:
+        yield place
+    finally:
+        remote.close()
+        place.server.close()
+        memory.close()
+        session.close()  # type: ignore[no-untyped-call]
+        hub.close()  # type: ignore[no-untyped-call]
+
+
+def test_the_hub_announces_its_run(place: Place) -> None:
+    keys, config = find_run(place.session, None, 10.0, lambda: False)
+    assert keys == KEYS
+    assert config.replay.capacity == 256
+
+
+def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> None:
+    actor, rng = Actor("a", 4), np.random.default_rng(0)
+    chunk = actor.live([GOES_ON] * 20 + [TERMINATES], rng)
+    assert place.remote.sample(0, 0.0) is None
+    assert insert(place.session, chunk) == Ack("stored", False, False, 21, 0)
+    assert insert(place.session, chunk).status == "duplicate"
+    batch = place.remote.sample(0, 10.0)
+    assert batch is not None
+    assert batch.s_tm1.shape == (16, 4, 84, 84)
+    for at, id_ in enumerate(batch.ids):
+        assert (batch.s_tm1[at, -1] == chunk.frames[id_]).all()
+        assert batch.a_tm1[at] == chunk.actions[id_]
+    place.remote.update_priorities(np.arange(21), np.eye(21, dtype=np.float32)[7] * 1e9)
+    batch = place.remote.sample(16, 10.0)
+    assert batch is not None
+    assert set(batch.ids.tolist()) == {7}
+    frames, vectors = place.remote.held_out(2)
+    assert len(frames) == len(vectors) <= 2
+    progress = place.remote.progress(0)
+    assert (progress.accepted, progress.duplicates, progress.refused) == (1, 1, 0)
+    assert progress.facts == place.memory.progress(0).facts
+    assert place.remote.progress(1, finished=True).facts == ()
+    assert insert(place.session, actor.live([GOES_ON], rng)).finished
+
+
+def test_a_chunk_at_another_actors_key_is_refused(place: Place) -> None:
+    chunk = Actor("a", 4).live([GOES_ON], np.random.default_rng(0))
+    with pytest.raises(MessageError, match="test/a at the key of test/b"):
+        ask(place.session, KEYS.insert("b"), encode_chunk(chunk))
+    assert place.memory.progress(0).refused == 1
+
+
+def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> None:
+    dice = random.Random(0)
+    actor = Actor("a", 4)
+    good = encode_chunk(actor.live([GOES_ON, TERMINATES], np.random.default_rng(0)))
+    junk = [dice.randbytes(dice.randrange(1, 300)) for _ in range(30)]
+    junk += [good[: dice.randrange(1, len(good))] for _ in range(30)]
+    for _ in range(30):  # the head of the message, where its structure is
+        spoiled = bytearray(good)
+        spoiled[dice.randrange(60)] ^= 1 << dice.randrange(8)
+        junk.append(bytes(spoiled))
+    refused = 0
+    for message in junk:
+        try:
+            decode_ack(ask(place.session, KEYS.insert("a"), message))
+        except MessageError:
+            refused += 1
+    assert refused > 60
+    assert place.memory.progress(0).refused == refused
+    for key in (KEYS.sample, KEYS.priorities, KEYS.held_out, KEYS.progress):
+        for message in (b"", b"\x81", good, pack({}), pack({"count": -1, "drawn": 2**63})):
+            with pytest.raises(MessageError):
+                ask(place.session, key, message)
+    after = Actor("b", 4).live([GOES_ON] * 20, np.random.default_rng(0))
+    assert insert(place.session, after).status == "stored"
+
+
+def test_a_knock_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> None:
+    actor, rng = Actor("a", 4), np.random.default_rng(0)
+    assert insert(place.session, actor.live([GOES_ON] * 100, rng)).hold
+    key = KEYS.insert("a")
+    assert decode_ack(ask(place.session, key, b"")).hold  # after its second
+    found: list[Ack] = []
+    held = [
+        threading.Thread(target=lambda: found.append(decode_ack(ask(place.session, key, b""))))
+        for _ in range(3)
+    ]
+    for thread in held:
+        thread.start()
+    assert insert(place.session, actor.live([GOES_ON], rng)).status == "stored"
+    assert place.remote.sample(10_000, 0.0) is None  # nothing to draw, but it tells its count
+    for thread in held:
+        thread.join(20.0)
+    assert [ack.status for ack in found] == ["knock"] * 3
+    assert not decode_ack(ask(place.session, key, b"")).hold
+
+
+def test_the_newest_weights_wait_for_late_joiners(place: Place) -> None:
+    with pytest.raises(MessageError, match="no weights yet"):
+        ask(place.session, KEYS.latest_weights, b"")
+    publisher = place.session.declare_publisher(KEYS.weights)
+    actor, rng = Actor("a", 4), np.random.default_rng(0)
+    publisher.put(b"unversioned")
+    publisher.put(b"odd", attachment=b"-1")
+    arrived = threading.Event()
+    watch = place.session.declare_subscriber(KEYS.weights, lambda _: arrived.set())
+    for version in (50, 100):
+        publisher.put(b"weights %d" % version, attachment=str(version).encode())
+    assert arrived.wait(20.0)
+    for _ in range(200):  # the server has a thread of its own for them
+        ack = insert(place.session, actor.live([GOES_ON], rng))
+        if ack.weights_version == 100:
+            break
+    assert ack.weights_version == 100
+    for reply in place.session.get(KEYS.latest_weights, timeout=20.0):
+        assert reply.ok is not None
+        assert reply.ok.payload.to_bytes() == b"weights 100"
+        assert reply.ok.attachment is not None
+        assert reply.ok.attachment.to_bytes() == b"100"
+    watch.undeclare()  # type: ignore[no-untyped-call]
+
+
+def test_a_learner_waits_for_a_server_that_is_away(place: Place) -> None:
+    insert(place.session, Actor("a", 4).live([GOES_ON] * 30, np.random.default_rng(0)))
+    place.server.close()
+    assert place.remote.sample(0, 0.3) is None
+    place.remote.update_priorities(np.arange(2), np.ones(2, np.float32))
+    found: list[int] = []
+    asking = threading.Thread(target=lambda: found.append(place.remote.progress(0).accepted))
+    asking.start()
+    place.server = ReplayServer(place.hub, place.memory, make_config(), RUN)
+    asking.join(20.0)
+    assert found == [1]
+    assert place.remote.sample(0, 20.0) is not None
+
+
+def test_a_learner_that_stops_waits_no_longer(place: Place) -> None:
+    place.server.close()
+    failures: list[BaseException] = []
+
+    def wait() -> None:
+        try:
+            place.remote.progress(0)
+        except InputError as error:
+            failures.append(error)
+
+    asking = threading.Thread(target=wait)
+    asking.start()
+    place.remote.close()
+    asking.join(20.0)
+    assert "did not answer" in str(failures[0])
+    assert place.remote.sample(0, 60.0) is None
