@@ -5,8 +5,8 @@ that would really be used.
 """
 
 import argparse
-from collections.abc import Sequence
-from typing import Annotated, Any, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, Protocol, TypeVar
 
 import tyro
 
@@ -30,6 +30,39 @@ def preset_of(arguments: Sequence[str]) -> RunConfig:
     if name not in PRESETS:
         raise InputError(f"there is no preset {name!r}: choose one of {', '.join(PRESETS)}.")
     return PRESETS[name]
+
+
+class RunOptions(Protocol):
+    """What the command lines of learner and replay have in common."""
+
+    @property
+    def config(self) -> RunConfig: ...
+    @property
+    def resume(self) -> bool: ...
+
+
+R = TypeVar("R", bound=RunOptions)
+
+
+def parse_run(
+    kind: type[R],
+    program: str,
+    arguments: Sequence[str],
+    stored: Callable[[R], RunConfig | None],
+) -> R:
+    """As `parse`, with the defaults of a preset, or when resuming of the run itself.
+
+    Args:
+        stored: finds the configuration of the run that is to be resumed.
+
+    Raises:
+        InputError: no such preset, or settings that cannot work.
+    """
+    options = parse(kind, program, arguments, config=preset_of(arguments))
+    if options.resume and (config := stored(options)) is not None:
+        options = parse(kind, program, arguments, config=config)
+    options.config.check()
+    return options
 
 
 def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any) -> T:

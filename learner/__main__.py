@@ -15,7 +15,7 @@ from actors.envs import make_env
 from actors.envs.emulator import check_game
 from common.announcement import find_run
 from common.bus import DEFAULT_ENDPOINT, RunKeys, connect, open_hub
-from common.cli import RunFlags, parse, preset_of
+from common.cli import RunFlags, parse_run
 from common.config import RunConfig, differences
 from common.errors import InputError, exit_on_input_error
 from common.lifeline import on_signals
@@ -80,24 +80,11 @@ class LearnerOptions:
             if value < least:
                 raise InputError(f"{name} is {value}: choose {least} or more.")
         check_game(self.config.game)
-        self.config.check()
         if self.steps is not None and self.steps <= self.config.replay.warmup:
             raise InputError(
                 f"--steps is {self.steps}, all of which the warm-up of "
                 f"{self.config.replay.warmup} takes: choose more, or lower --replay.warmup."
             )
-
-
-def read_options(arguments: list[str]) -> LearnerOptions:
-    """The command line; when resuming, the run's own settings are the defaults."""
-    config = preset_of(arguments)
-    options = parse(LearnerOptions, "learner", arguments, config=config)
-    if options.resume:
-        stored = RunFolder(options.runs, run_name(options)).stored_config()
-        if stored is not None:
-            options = parse(LearnerOptions, "learner", arguments, config=stored)
-    options.check()
-    return options
 
 
 def run_name(options: LearnerOptions) -> str:
@@ -166,7 +153,13 @@ def free_cores(options: LearnerOptions) -> int:
 
 
 def main() -> int:
-    options = read_options(sys.argv[1:])
+    options = parse_run(
+        LearnerOptions,
+        "learner",
+        sys.argv[1:],
+        lambda options: RunFolder(options.runs, run_name(options)).stored_config(),
+    )
+    options.check()
     config = options.config
     device = choose_device(options.device, options.precision)
     torch.set_num_threads(options.threads or free_cores(options))

@@ -11,7 +11,7 @@ from pathlib import Path
 import tyro
 
 from common.bus import DEFAULT_ENDPOINT, open_hub
-from common.cli import RunFlags, parse, preset_of
+from common.cli import RunFlags, parse_run
 from common.errors import exit_on_input_error
 from common.lifeline import on_signals
 from common.run_folder import RunFolder
@@ -23,7 +23,7 @@ _REPORT_EVERY = 5.0
 
 
 @dataclass(frozen=True)
-class Options:
+class ReplayOptions:
     """Keep what the actors live through, and give the learner minibatches of it."""
 
     config: RunFlags
@@ -39,10 +39,13 @@ class Options:
 
 def main() -> None:
     """Serve until Ctrl-C or SIGTERM."""
-    arguments = sys.argv[1:]
-    options = parse(Options, "replay", arguments, config=preset_of(arguments))
+    options = parse_run(
+        ReplayOptions,
+        "replay",
+        sys.argv[1:],
+        lambda options: RunFolder(options.runs, options.run).stored_config(),
+    )
     config = options.config
-    config.check()
     folder = RunFolder(options.runs, options.run)
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     stop = threading.Event()

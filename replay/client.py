@@ -67,7 +67,7 @@ class RemoteReplay:
         answer = self._insist(self._keys.held_out, messages.encode_held_out_request(count))
         return messages.decode_held_out_reply(answer)
 
-    def progress(self, since: int, *, finished: bool = False) -> Progress:
+    def progress(self, since: int, *, finished: bool | None = None) -> Progress:
         """See `Replay.progress`.
 
         Raises:

@@ -30,11 +30,11 @@ class Replay(Protocol):
         All their frames were valid; they do not count as drawn.
         """
 
-    def progress(self, since: int, *, finished: bool = False) -> Progress:
+    def progress(self, since: int, *, finished: bool | None = None) -> Progress:
         """The replay's counters, and the facts of chunks from index ``since`` on.
 
-        ``finished`` tells the actors, through their acknowledgements, that the run is over; it
-        holds until the next draw.
+        ``finished`` tells the actors, through their acknowledgements, whether the run is over; it
+        holds until it is told otherwise. None asks only.
         """
 
     def close(self) -> None:

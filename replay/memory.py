@@ -90,7 +90,6 @@ class Memory:
         with self._state:
             released = drawn > self._drawn and self._should_hold()
             self._drawn = drawn
-            self._finished = False  # whoever draws goes on, as after a resume with more steps
             if released and not self._should_hold():
                 self._state.notify_all()
             self._state.wait_for(lambda: self._closed or self._may_sample(drawn), timeout)
@@ -130,12 +129,12 @@ class Memory:
             ids = ids[self._store.ring.all_seen(ids)][:count]
             return self._store.ring.states(ids)
 
-    def progress(self, since: int, *, finished: bool = False) -> Progress:
+    def progress(self, since: int, *, finished: bool | None = None) -> Progress:
         """See `Replay.progress`."""
         resident, private = footprint()
         with self._state:
-            if finished and not self._finished:
-                self._finished = True
+            if finished is not None and finished != self._finished:
+                self._finished = finished
                 self._state.notify_all()
             ledger = self._store.ledger
             return Progress(

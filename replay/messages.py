@@ -62,10 +62,11 @@ def decode_held_out_reply(payload: bytes) -> Held:
     return frames, take_array(message, "vectors", np.float32, (len(frames), None))
 
 
-def encode_progress_request(since: int, finished: bool) -> bytes:
+def encode_progress_request(since: int, finished: bool | None) -> bytes:
     return pack({"since": since, "finished": finished})
 
 
-def decode_progress_request(payload: bytes) -> tuple[int, bool]:
+def decode_progress_request(payload: bytes) -> tuple[int, bool | None]:
     message = unpack(payload)
-    return take(message, "since", int, 0), take(message, "finished", bool)
+    silent = message.get("finished") is None
+    return take(message, "since", int, 0), None if silent else take(message, "finished", bool)

@@ -80,8 +80,10 @@ class Store:
         }
 
     def _read(self, path: Path) -> Ledger:
-        ledger = Ledger()
-        for number, entry in enumerate(read_journal(path), start=1):
+        ledger, entries = Ledger(), read_journal(path)
+        if path.exists() and not entries:
+            raise damaged(path, 1)
+        for number, entry in enumerate(entries, start=1):
             if number > 1:
                 try:
                     ledger.apply(entry)

@@ -107,8 +107,8 @@ _LEFT_ARM_LINKS = (
     Link("l_hand", 0.18533, (0.03434, -0.00088, 0.00308), (6.86e-5, 1.36e-4, 1.33e-4)),
 )
 
-# The legs never move here and their parts stand on the seat and the floor, so their inertia has
-# no effect; the masses are the maker's, the inertias those of rods of that mass.
+# The legs never move here, so their figures have no effect on play. They are approximate: they
+# make the whole robot weigh about what it does, 5.3 kg.
 _LEFT_LEG_LINKS = (
     Link("l_pelvis", 0.21034, (-0.0076, 0.0, 0.011), (1.0e-4, 1.0e-4, 1.0e-4)),
     Link("l_thigh", 0.38968, (0.0014, 0.0, -0.0537), (1.64e-3, 1.59e-3, 3.0e-4)),

@@ -131,10 +131,8 @@ class Controller:
                 self._engine.changeVisualShape(self.body, joint, rgbaColor=colour)
         self._shown = self._held
 
-    def release(self) -> None:
-        """Every key up and at rest."""
-        for joint in self._joints:
-            self._engine.resetJointState(self.body, joint, 0.0, 0.0)
+    def forget(self) -> None:
+        """Take every key for released, now that the physics has been put back to its start."""
         self._held = Keys.NONE
 
     def point(self, place: tuple[float, float], above: float) -> NDArray[np.float64]:

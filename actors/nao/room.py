@@ -6,7 +6,6 @@ are pressed and the robot's own camera picture come out.
 
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +14,13 @@ from actors.nao.arms import Arms
 from actors.nao.assembly import Piece, assemble
 from actors.nao.camera import Camera, Movable, StillView, top_camera
 from actors.nao.controller import CAP_RADIUS, Controller
+from actors.nao.engine import open_engine
 from actors.nao.furniture import DESK_TOP, PICTURE_CORNERS, Furniture
 from actors.nao.posture import TORSO_ORIGIN
 from actors.nao.projector import Projection
 from actors.nao.silence import silenced
 from actors.nao.urdf import write_urdf
 from common.actions import Keys
-
-with silenced():
-    # Its import prints a build time.
-    import pybullet
-    from pybullet_utils.bullet_client import BulletClient
 
 PHYSICS_RATE = 240
 """Steps per second."""
@@ -45,8 +40,8 @@ class Room:
     def __init__(self, game_size: tuple[int, int] = (210, 160)) -> None:
         self._game_size = game_size
         self._open = True
+        self._engine = open_engine()
         with silenced(), tempfile.TemporaryDirectory() as folder:
-            self._engine: Any = BulletClient(pybullet.DIRECT)
             self._build(Path(folder))
 
     def _build(self, folder: Path) -> None:
@@ -77,11 +72,11 @@ class Room:
         self._projection = self._project_for(self.view_of_robot.camera)
         self._visits: dict[tuple[int, int], tuple[Camera, Projection]] = {}
         self.arms.settle()
-        self.controller.release()
         # Keys sink by a hair under their own weight: let them come to rest.
         for _ in range(PHYSICS_RATE // 2):
             engine.stepSimulation()
         self._at_rest: int = engine.saveState()
+        self.reset()
 
     def _movables(self) -> list[Movable]:
         pieces = assemble()[0]
@@ -101,7 +96,7 @@ class Room:
         """Hands at rest over released keys, whatever was before, exactly the same every time."""
         self._engine.restoreState(self._at_rest)
         self.arms.settle()
-        self.controller.release()
+        self.controller.forget()
 
     def command(self, keys: Keys) -> None:
         """Let the hands set out to hold exactly ``keys`` down."""
@@ -122,7 +117,7 @@ class Room:
     def view(
         self, game: NDArray[np.uint8], width: int = 640, height: int = 480
     ) -> NDArray[np.uint8]:
-        """The room as a visitor sees it, ``uint8 [height, width, 3]``; takes about 50 ms."""
+        """The room as a visitor sees it, ``uint8 [height, width, 3]`` (0.1 s or more)."""
         if (width, height) not in self._visits:
             self._visits[width, height] = self._visit(width, height)
         camera, projection = self._visits[width, height]

@@ -57,16 +57,41 @@ def test_from_any_action_to_any_other_within_two_decisions(room: Room) -> None:
     assert strays / len(frames) <= 0.05
 
 
-def test_no_hurry_ever_wedges_a_finger(room: Room) -> None:
-    """Commands that change before they are carried out, then half a second to get it right."""
+def test_random_play_pushes_no_key_through_its_stop(room: Room) -> None:
     room.reset()
     rng = np.random.default_rng(0)
+    for action in rng.integers(18, size=200):
+        keys = KEYS_OF_ACTION[action]
+        assert hold(room, keys, DECISION)[-1] == keys
+        assert room.controller.depths().max() < TRAVEL
+
+
+def test_no_hurry_leaves_a_finger_caught(room: Room) -> None:
+    """Commands that change before they are carried out, then a second to get it right."""
+    room.reset()
+    rng = np.random.default_rng(2)
     for _ in range(60):
-        for _ in range(rng.integers(1, 6)):
-            keys = KEYS_OF_ACTION[rng.integers(18)]
-            hold(room, keys, int(rng.integers(1, 5)))
-            assert room.controller.depths().max() < TRAVEL + 0.0005
-        assert hold(room, keys, HALF_SECOND)[-1] == keys
+        for action in rng.integers(18, size=4):
+            hold(room, KEYS_OF_ACTION[action], int(rng.integers(1, DECISION)))
+        last = KEYS_OF_ACTION[rng.integers(18)]
+        assert hold(room, last, 2 * HALF_SECOND)[-1] == last
+
+
+def test_a_finger_that_is_caught_frees_itself(room: Room) -> None:
+    """The fingertip is put between two keys' sides, below their tops."""
+    room.reset()
+    arm = room.arms.left
+    chain = ArmChain("L")
+    room.command(Keys.UP)
+    for _ in range(2 * DECISION):
+        room.step_frame()
+    caught = chain.reach(
+        room.controller.point(place_of(Keys.DOWN), FINGERTIP_RADIUS - 0.003),
+        arm.poses.over[Keys.DOWN],
+    )
+    for joint, angle in zip(arm.joints, caught, strict=True):
+        room._engine.resetJointState(room.body, joint, angle, 0.0)
+    assert hold(room, Keys.UP, 2 * HALF_SECOND)[-1] == Keys.UP
 
 
 @pytest.mark.parametrize("side", ["L", "R"])
@@ -75,9 +100,9 @@ def test_poses_are_within_limits_and_put_the_fingertip_where_it_belongs(
 ) -> None:
     arm = room.arms.left if side == "L" else room.arms.right
     chain = ArmChain(side)
-    served = [k for k in KEYS_OF_ACTION if k and k & DIRECTIONS == k] if side == "L" else [
-        Keys.FIRE
-    ]
+    served = (
+        [k for k in KEYS_OF_ACTION if k and k & DIRECTIONS == k] if side == "L" else [Keys.FIRE]
+    )
     assert set(arm.poses.on) == set(served)
     assert set(arm.poses.over) == {Keys.NONE, *served}
     for keys in served:

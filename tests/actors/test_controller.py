@@ -3,10 +3,13 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from actors.nao.controller import (
+    CENTRE,
     KEY_PITCH,
     KEY_PLACES,
     PRESS_DEPTH,
@@ -16,16 +19,16 @@ from actors.nao.controller import (
     Controller,
     place_of,
 )
+from actors.nao.engine import open_engine
 from actors.nao.posture import FINGERTIP_RADIUS
-from actors.nao.room import BulletClient, pybullet
 from common.actions import KEYS_OF_ACTION, Keys
 
 DIRECTIONS = Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT
 
 
 @pytest.fixture
-def engine() -> Iterator[BulletClient]:
-    engine = BulletClient(pybullet.DIRECT)
+def engine() -> Iterator[Any]:
+    engine = open_engine()
     engine.setGravity(0, 0, -9.81)
     engine.setPhysicsEngineParameter(fixedTimeStep=1 / 240)
     yield engine
@@ -33,11 +36,11 @@ def engine() -> Iterator[BulletClient]:
 
 
 @pytest.fixture
-def controller(engine: BulletClient, tmp_path: Path) -> Controller:
+def controller(engine: Any, tmp_path: Path) -> Controller:
     return Controller(engine, tmp_path, 0.2)
 
 
-def push(engine: BulletClient, controller: Controller, key: Keys, newton: float) -> Keys:
+def push(engine: Any, controller: Controller, key: Keys, newton: float) -> Keys:
     """Push one key down for half a second."""
     link = controller.links[list(KEY_PLACES).index(key)]
     for _ in range(120):
@@ -49,23 +52,19 @@ def push(engine: BulletClient, controller: Controller, key: Keys, newton: float)
 
 
 @pytest.mark.parametrize("key", list(KEY_PLACES))
-def test_a_key_needs_more_than_its_spring(
-    engine: BulletClient, controller: Controller, key: Keys
-) -> None:
+def test_a_key_needs_more_than_its_spring(engine: Any, controller: Controller, key: Keys) -> None:
     assert push(engine, controller, key, 0.7 * SPRING_FORCE) == Keys.NONE
     assert push(engine, controller, key, 1.5 * SPRING_FORCE) == key
     assert push(engine, controller, key, 0.0) == Keys.NONE
     assert controller.depths().max() < 0.0003
 
 
-def test_a_key_stops_at_the_end_of_its_travel(
-    engine: BulletClient, controller: Controller
-) -> None:
+def test_a_key_stops_at_the_end_of_its_travel(engine: Any, controller: Controller) -> None:
     push(engine, controller, Keys.UP, 5.0)
     assert controller.depths()[0] == pytest.approx(TRAVEL, abs=0.0003)
 
 
-def test_hysteresis(engine: BulletClient, controller: Controller) -> None:
+def test_hysteresis(engine: Any, controller: Controller) -> None:
     between = (PRESS_DEPTH + RELEASE_DEPTH) / 2
     link = controller.links[list(KEY_PLACES).index(Keys.LEFT)]
     found = []
@@ -75,20 +74,25 @@ def test_hysteresis(engine: BulletClient, controller: Controller) -> None:
     assert found == [Keys.NONE, Keys.LEFT, Keys.LEFT, Keys.NONE, Keys.NONE]
 
 
-def test_pressed_keys_change_colour_and_back(
-    engine: BulletClient, controller: Controller
-) -> None:
+def test_pressed_keys_change_colour_and_back(engine: Any, controller: Controller) -> None:
     link = controller.links[list(KEY_PLACES).index(Keys.FIRE)]
 
-    def colour() -> tuple[float, ...]:
+    def colour() -> list[int]:
+        """Of the button's middle, seen from above."""
         controller.pressed()
         controller.show()
-        shapes = engine.getVisualShapeData(controller.body)
-        return next(tuple(shape[7]) for shape in shapes if shape[1] == link)
+        x, y = KEY_PLACES[Keys.FIRE]
+        above = (CENTRE[0] + x, CENTRE[1] + y, 0.3)
+        view = engine.computeViewMatrix(above, (*above[:2], 0.2), (1, 0, 0))
+        lens = engine.computeProjectionMatrixFOV(5, 1, 0.01, 1)
+        _, _, rgba, _, _ = engine.getCameraImage(8, 8, view, lens)
+        return list(np.asarray(rgba).reshape(8, 8, 4)[4, 4, :3])
 
     released = colour()
+    assert released[0] > released[1]  # red
     engine.resetJointState(controller.body, link, TRAVEL)
-    assert colour() != released
+    pressed = colour()
+    assert pressed[1] > pressed[0]  # green
     engine.resetJointState(controller.body, link, 0.0)
     assert colour() == released
 

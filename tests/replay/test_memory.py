@@ -184,12 +184,13 @@ def test_a_held_actor_and_a_waiting_learner_are_woken(tmp_path: Path) -> None:
     assert found[-1] is None
 
 
-def test_a_draw_takes_back_that_the_run_is_over(tmp_path: Path) -> None:
+def test_that_the_run_is_over_holds_until_it_is_taken_back(tmp_path: Path) -> None:
     memory = long_run(make_config(), tmp_path, 4)
     memory.progress(0, finished=True)
     memory.progress(0)
-    assert memory.await_release(0.0).finished
     memory.sample(0, 0.0)
+    assert memory.await_release(0.0).finished
+    memory.progress(0, finished=False)
     assert not memory.await_release(0.0).finished
 
 
@@ -357,6 +358,18 @@ def test_a_ring_without_its_frames_is_refused(tmp_path: Path) -> None:
     long_run(make_config(), tmp_path, 2).close()
     (tmp_path / "frames.bin").unlink()
     with pytest.raises(InputError, match="damaged"):
+        Memory(make_config(), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("lines", "number"), [("", 1), ('{"ki', 1), ("[]\n", 1), ('HEADER\n{"kind":"odd"}\n', 2)]
+)
+def test_a_damaged_journal_is_refused(tmp_path: Path, lines: str, number: int) -> None:
+    long_run(make_config(), tmp_path, 2).close()
+    journal = tmp_path / "journal.jsonl"
+    header = journal.read_text().splitlines()[0]
+    journal.write_text(lines.replace("HEADER", header))
+    with pytest.raises(InputError, match=f"damaged in line {number}"):
         Memory(make_config(), tmp_path)
 
 

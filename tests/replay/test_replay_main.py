@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from replay_reference import GOES_ON, RUN, TERMINATES, Actor
-from test_replay_server import KEYS, free_endpoint, insert
+from replay_sessions import KEYS, free_endpoint, insert
 
 from common.bus import connect
 from common.config import RunConfig

@@ -1,7 +1,6 @@
 """Server and client over a real Zenoh session, in one process."""
 
 import random
-import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,42 +10,17 @@ import numpy as np
 import pytest
 import zenoh
 from replay_reference import GOES_ON, RUN, TERMINATES, Actor, make_config
+from replay_sessions import KEYS, ask, free_endpoint, insert
 
 from common.ack import Ack, decode_ack
 from common.announcement import find_run
-from common.bus import RunKeys, connect, open_hub
-from common.chunk import Chunk, encode_chunk
+from common.bus import connect, open_hub
+from common.chunk import encode_chunk
 from common.errors import InputError, MessageError
 from common.wire import pack
 from replay.client import RemoteReplay
 from replay.memory import Memory
 from replay.server import ReplayServer
-
-KEYS = RunKeys(RUN)
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def ask(session: zenoh.Session, key: str, payload: bytes) -> bytes:
-    """The one answer.
-
-    Raises:
-        MessageError: the server refused.
-    """
-    for reply in session.get(key, payload=payload, timeout=20.0):
-        if reply.ok is not None:
-            return reply.ok.payload.to_bytes()
-        if reply.err is not None:
-            raise MessageError(reply.err.payload.to_bytes().decode())
-    raise AssertionError("no answer")
-
-
-def insert(session: zenoh.Session, chunk: Chunk) -> Ack:
-    return decode_ack(ask(session, KEYS.insert(chunk.actor), encode_chunk(chunk)))
 
 
 @dataclass

@@ -1,0 +1,37 @@
+"""Talking to a replay server over Zenoh."""
+
+import socket
+
+import zenoh
+from replay_reference import RUN
+
+from common.ack import Ack, decode_ack
+from common.bus import RunKeys
+from common.chunk import Chunk, encode_chunk
+from common.errors import MessageError
+
+KEYS = RunKeys(RUN)
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def ask(session: zenoh.Session, key: str, payload: bytes) -> bytes:
+    """The one answer.
+
+    Raises:
+        MessageError: the server refused.
+    """
+    for reply in session.get(key, payload=payload, timeout=20.0):
+        if reply.ok is not None:
+            return reply.ok.payload.to_bytes()
+        if reply.err is not None:
+            raise MessageError(reply.err.payload.to_bytes().decode())
+    raise AssertionError("no answer")
+
+
+def insert(session: zenoh.Session, chunk: Chunk) -> Ack:
+    return decode_ack(ask(session, KEYS.insert(chunk.actor), encode_chunk(chunk)))
