@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from common.config import LearningConfig
-from common.network import QNetwork
+from common.network import QNetwork, as_pixels
 from learner.device import Device
 from learner.loss import bootstrap_values, td_errors, td_loss
 from learner.optimizer import build_optimizer
@@ -49,10 +49,9 @@ class Trainer:
         config = self._config
         with torch.autocast(self._device.torch.type, torch.bfloat16, enabled=self._device.bfloat16):
             with torch.no_grad():
-                q_t_target = self.target(batch.s_t, batch.x_t)
-                q_t_online = (
-                    self.online(batch.s_t, batch.x_t) if config.target == "double" else None
-                )
+                s_t = as_pixels(batch.s_t)
+                q_t_target = self.target(s_t, batch.x_t)
+                q_t_online = self.online(s_t, batch.x_t) if config.target == "double" else None
             q_tm1 = self.online(batch.s_tm1, batch.x_tm1)
         errors = td_errors(
             q_tm1,
