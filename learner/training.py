@@ -39,6 +39,8 @@ _MEASURE_Q = 10.0
 _CURVE_POINT = 10.0
 _SUMMARY = 60.0
 _PUBLISH_AGAIN = 10.0
+_LEAST_PHASE = 0.1
+"""Share of an epoch below which the last steps of a run are no epoch of their own."""
 _LAST_CHUNKS = 10.0
 """Seconds that the actors of a finished run have to hand in their last chunks."""
 
@@ -315,7 +317,7 @@ class Learner:
         """Let the actors hand in their last chunks, and have the last epoch tested."""
         deadline = time.monotonic() + _LAST_CHUNKS
         self._wait_while(lambda: bool(self._roster.alive("actor")) and time.monotonic() < deadline)
-        if self._books.phase_steps:
+        if self._books.phase_steps >= _LEAST_PHASE * self._books.phase_length:
             self._end_phase(self._books.close_phase())
         self._examiner.finish()
         if self._examiner.pending and not self._roster.alive("evaluator"):

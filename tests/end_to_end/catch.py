@@ -1,0 +1,98 @@
+"""A tiny visual game behind the environments' interface, and actors that play it.
+
+A ball falls straight down a 7 × 7 field; the paddle at the bottom moves one cell a step. Caught
+is +1, missed is -1, and either ends the game. The actions are Pong's six, of which two go right,
+two go left and two stay.
+
+    python catch.py ENDPOINT NAME actor|evaluator
+"""
+
+import sys
+import threading
+import time
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from actors.actor import Actor
+from actors.evaluator import Evaluator
+from actors.policy import Policy
+from common.announcement import find_run
+from common.bus import connect
+from common.lifeline import on_signals
+from common.network import build_network
+
+CELLS = 7
+CELL = 84 // CELLS
+MOVES = (0, 0, 1, -1, 1, -1)
+HISTORY = 4
+
+RANDOM_SCORE = -0.72
+"""Mean score of the random policy over 10,000 games."""
+
+
+class Catch(gymnasium.Env[NDArray[np.uint8], int]):
+    def __init__(self) -> None:
+        self.observation_space = gymnasium.spaces.Box(0, 255, (HISTORY, 84, 84), np.uint8)
+        self.action_space = gymnasium.spaces.Discrete(len(MOVES))  # type: ignore[assignment]
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+        super().reset(seed=seed)
+        self._ball = int(self.np_random.integers(CELLS))
+        self._paddle = int(self.np_random.integers(CELLS))
+        self._height = 0
+        self._frames = np.stack([self._draw()] * HISTORY)
+        return self._frames.copy(), self._info(0.0)
+
+    def step(self, action: int) -> tuple[NDArray[np.uint8], float, bool, bool, dict[str, Any]]:
+        self._height += 1
+        self._paddle = min(max(self._paddle + MOVES[action], 0), CELLS - 1)
+        landed = self._height == CELLS - 1
+        reward = (1.0 if self._ball == self._paddle else -1.0) if landed else 0.0
+        self._frames = np.concatenate((self._frames[1:], self._draw()[None]))
+        return self._frames.copy(), reward, landed, False, self._info(reward, landed)
+
+    def _draw(self) -> NDArray[np.uint8]:
+        frame = np.full((84, 84), 40, np.uint8)
+        for row, column, grey in ((self._height, self._ball, 255), (CELLS - 1, self._paddle, 160)):
+            frame[row * CELL : (row + 1) * CELL, column * CELL : (column + 1) * CELL] = grey
+        return frame
+
+    def _info(self, score: float, over: bool = False) -> dict[str, Any]:
+        return {
+            "game_over": over,
+            "game_score": score,
+            "game_steps": self._height,
+            "valid_frame": True,
+            "keys_match": True,
+            "elapsed": 1,
+        }
+
+
+def main(endpoint: str, name: str, role: str) -> None:
+    torch.set_num_threads(1)
+    stop = threading.Event()
+    on_signals(stop)
+    session = connect(endpoint, 60, stop.is_set)
+    keys, config = find_run(session, None, 60, stop.is_set)
+    policy = Policy(build_network(config, len(MOVES)), len(MOVES), np.random.default_rng(1))
+    common: dict[str, Any] = {
+        "patience": 60.0,
+        "stop": stop,
+        "warn": lambda text: print(text, flush=True),
+    }
+    incarnation = time.time_ns()
+    if role == "evaluator":
+        Evaluator(session, keys, name, incarnation, Catch(), policy, **common).run(7)
+    else:
+        Actor(session, config, keys, name, incarnation, [Catch()], policy, **common).run([3])
+    session.close()  # type: ignore[no-untyped-call]
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,40 @@
+"""The whole pipeline learns: Catch through actors, Zenoh, replay, Double DQN and back."""
+
+from tests.end_to_end import catch
+from tests.end_to_end.conftest import Stage
+
+
+def test_it_learns_to_catch(stage: Stage) -> None:
+    learner = stage.learner(
+        "--env", "ale",
+        "--threads", "1",
+        "--steps", "9000",
+        "--replay.warmup", "1000",
+        "--replay.capacity", "20000",
+        "--replay.ratio-tolerance", "256",
+        "--learning.train-every", "4",
+        "--learning.learning-rate", "0.0005",
+        "--learning.n-step", "1",
+        "--learning.discount", "0.9",
+        "--learning.target-every", "100",
+        "--learning.publish-every", "20",
+        "--exploration.end", "0.1",
+        "--exploration.steps", "3000",
+        "--protocol.epoch-steps", "4000",
+        "--protocol.test-steps", "1200",
+        "--protocol.test-epsilon", "0",
+        "--protocol.held-out-states", "64",
+    )  # fmt: skip
+    for name, role in (("a", "actor"), ("e", "evaluator")):
+        stage.start(catch.__file__, stage.endpoint, name, role)
+
+    learner.ends()
+
+    rows = stage.rows()
+    random, last = rows[0], rows[-1]
+    assert (random["phase"], last["phase"]) == ("random", "test")
+    # 166 random games: the mean's standard error is 0.07.
+    assert abs(float(random["average_reward"]) - catch.RANDOM_SCORE) < 0.3
+    # 200 games without exploration: chance would miss nearly 4 of 5.
+    assert int(last["nr_games"]) >= 190
+    assert float(last["average_reward"]) >= 0.8
