@@ -1,0 +1,1 @@
+"""Measurements and plots. Every published number comes from one of these commands."""

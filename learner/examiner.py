@@ -24,7 +24,7 @@ _QUEUE = 256
 
 
 @dataclass
-class Test:
+class EpochTest:
     """One epoch's test, from its snapshot to its last game."""
 
     epoch: int
@@ -70,9 +70,9 @@ class Examiner:
         self._evaluators = evaluators
         self._seconds = seconds
         self._lock = threading.Lock()
-        self._tests: dict[int, Test] = {}
+        self._tests: dict[int, EpochTest] = {}
         self._portions: dict[str, _Portion] = {}
-        self._finished: list[Test] = []
+        self._finished: list[EpochTest] = []
         self._over = False
         snapshots.mkdir(parents=True, exist_ok=True)
         for key, answer in ((keys.task, self._on_task), (keys.report, self._on_report)):
@@ -81,7 +81,7 @@ class Examiner:
                 target=_serve, args=(queryable, answer), name="examiner", daemon=True
             ).start()
 
-    def add(self, test: Test, weights: bytes) -> None:
+    def add(self, test: EpochTest, weights: bytes) -> None:
         """Have ``weights`` tested."""
         write_atomically(self._file(test.epoch), weights)
         with self._lock:
@@ -90,7 +90,7 @@ class Examiner:
     def restore(self, state: list[dict[str, Any]]) -> None:
         """Take up the tests of a checkpoint; each is played anew."""
         for each in state:
-            test = Test(**each)
+            test = EpochTest(**each)
             test.remaining, test.steps, test.scores, test.began = (
                 self._protocol.test_steps,
                 0,
@@ -126,7 +126,7 @@ class Examiner:
         """From now on evaluators for which there is no work are sent home."""
         self._over = True
 
-    def take_finished(self) -> list[Test]:
+    def take_finished(self) -> list[EpochTest]:
         """Tests that ended since the last call; also notices evaluators that were lost."""
         living = self._evaluators()
         now = time.monotonic()
@@ -137,7 +137,7 @@ class Examiner:
             finished, self._finished = self._finished, []
         return finished
 
-    def settle(self, test: Test, best_before: float | None) -> None:
+    def settle(self, test: EpochTest, best_before: float | None) -> None:
         """Drop the snapshot of a test that is recorded, unless it is the best so far."""
         snapshot = self._file(test.epoch)
         mean = sum(test.scores) / len(test.scores) if test.scores else None
@@ -199,7 +199,7 @@ class Examiner:
         test.remaining += max(portion.left, 0)
         self._close_if_done(test)
 
-    def _close_if_done(self, test: Test) -> None:
+    def _close_if_done(self, test: EpochTest) -> None:
         busy = any(portion.epoch == test.epoch for portion in self._portions.values())
         if test.remaining == 0 and not busy:
             del self._tests[test.epoch]

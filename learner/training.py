@@ -20,7 +20,7 @@ from learner.checkpoint import load_checkpoint, save_checkpoint
 from learner.device import Device
 from learner.display import Display
 from learner.epochs import EpochRow
-from learner.examiner import Examiner, Test
+from learner.examiner import EpochTest, Examiner
 from learner.gauges import Gauges
 from learner.local import Crew
 from learner.monitor import Monitor
@@ -269,7 +269,7 @@ class Learner:
         self._phase_updates = 0
         self._phase_loss.zero_()
         if ended.epoch:
-            test = Test(
+            test = EpochTest(
                 epoch=ended.epoch,
                 weight_updates=self._updates,
                 total_train_steps=self._books.train_steps,
@@ -280,7 +280,7 @@ class Learner:
             self._examiner.add(test, encode_weights(self._trainer.online))
         self._checkpoint()
 
-    def _record_test(self, test: Test) -> None:
+    def _record_test(self, test: EpochTest) -> None:
         now = self._seconds()
         best = max(self._records.rewards("test"), default=None)
         self._records.add(

@@ -1,0 +1,165 @@
+"""Tests are handed out, shared, taken back from the lost, and counted once."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import zenoh
+
+import learner.examiner as module
+from common.chunk import Game
+from common.config import ProtocolConfig
+from common.errors import InputError
+from common.examination import Report, Task, decode_task, encode_report
+from learner.examiner import EpochTest, Examiner
+from tests.learner.conftest import KEYS
+
+PROTOCOL = replace(ProtocolConfig(), test_steps=100, test_epsilon=0.05)
+
+Sessions = tuple[zenoh.Session, zenoh.Session]
+
+
+class Evaluators:
+    """Who lives; the examiner asks."""
+
+    def __init__(self, *names: str) -> None:
+        self.living = set(names)
+
+    def __call__(self) -> set[str]:
+        return self.living
+
+
+def _examiner(hub: zenoh.Session, folder: Path, living: Callable[[], set[str]]) -> Examiner:
+    return Examiner(hub, KEYS, folder, PROTOCOL, living, lambda: 12.5)
+
+
+def _test(epoch: int) -> EpochTest:
+    return EpochTest(
+        epoch=epoch,
+        weight_updates=epoch * 10,
+        total_train_steps=epoch * 40,
+        replay_memory_count=epoch * 40,
+        meanq=0.5,
+        remaining=PROTOCOL.test_steps,
+    )
+
+
+def _ask(client: zenoh.Session, name: str) -> Task:
+    (reply,) = client.get(KEYS.task, payload=name.encode())
+    assert reply.ok is not None
+    return decode_task(reply.ok.payload.to_bytes())
+
+
+def _report(client: zenoh.Session, name: str, epoch: int, steps: int, scores: list[float],
+            done: bool) -> bool:  # fmt: skip
+    report = Report(name, epoch, steps, tuple(Game(score, 10) for score in scores), done)
+    (reply,) = client.get(KEYS.report, payload=encode_report(report))
+    return reply.ok is not None
+
+
+def test_one_evaluator_plays_a_whole_test(sessions: Sessions, tmp_path: Path) -> None:
+    hub, client = sessions
+    examiner = _examiner(hub, tmp_path, Evaluators("e"))
+    assert _ask(client, "e").kind == "wait"
+    examiner.add(_test(1), b"weights of 1")
+
+    assert _ask(client, "e") == Task("test", 1, 100, 0.05, b"weights of 1")
+    assert _report(client, "e", 1, 60, [-3.0], done=False)
+    assert examiner.take_finished() == []
+    assert examiner.steps_left == 40
+    assert _report(client, "e", 1, 50, [5.0], done=True)
+
+    (done,) = examiner.take_finished()
+    assert (done.epoch, done.steps, done.scores, done.began) == (1, 110, [-3.0, 5.0], 12.5)
+    assert examiner.pending == 0
+    assert _ask(client, "e").kind == "wait"
+    examiner.finish()
+    assert _ask(client, "e").kind == "finished"
+
+
+def test_two_evaluators_share_a_test(sessions: Sessions, tmp_path: Path) -> None:
+    hub, client = sessions
+    examiner = _examiner(hub, tmp_path, Evaluators("e", "f"))
+    examiner.add(_test(1), b"w")
+    examiner.add(_test(2), b"v")
+    assert [_ask(client, name).steps for name in ("e", "f")] == [50, 50]
+    assert _report(client, "e", 1, 50, [1.0], done=True)
+    assert examiner.take_finished() == []
+    assert _ask(client, "e").epoch == 2
+    assert _report(client, "f", 1, 55, [2.0], done=True)
+    (done,) = examiner.take_finished()
+    assert (done.steps, sorted(done.scores)) == (105, [1.0, 2.0])
+
+
+def test_what_a_lost_evaluator_left_is_played_by_another(
+    sessions: Sessions, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_NEWCOMER", 0.0)
+    hub, client = sessions
+    evaluators = Evaluators("e")
+    examiner = _examiner(hub, tmp_path, evaluators)
+    examiner.add(_test(1), b"w")
+    _ask(client, "e")
+    assert _report(client, "e", 1, 30, [4.0], done=False)
+
+    evaluators.living = set()
+    assert examiner.take_finished() == []
+
+    assert not _report(client, "e", 1, 10, [9.0], done=False), "it was given up"
+    assert _ask(client, "f").steps == 70
+    assert _report(client, "f", 1, 70, [6.0], done=True)
+    (done,) = examiner.take_finished()
+    assert (done.steps, done.scores) == (100, [4.0, 6.0])
+
+
+def test_an_evaluator_that_asks_again_has_given_up_its_task(
+    sessions: Sessions, tmp_path: Path
+) -> None:
+    hub, client = sessions
+    examiner = _examiner(hub, tmp_path, Evaluators("e"))
+    examiner.add(_test(1), b"w")
+    assert _ask(client, "e").steps == 100
+    assert _ask(client, "e").steps == 100
+    assert _report(client, "e", 1, 100, [1.0], done=True)
+    assert len(examiner.take_finished()) == 1
+
+
+def test_the_best_snapshot_is_kept_and_others_go(sessions: Sessions, tmp_path: Path) -> None:
+    examiner = _examiner(sessions[0], tmp_path, Evaluators())
+    best: float | None = None
+    for epoch, score in ((1, -20.0), (2, 3.0), (3, 1.0)):
+        test = replace(_test(epoch), scores=[score])
+        examiner.add(test, f"weights of {epoch}".encode())
+        examiner.settle(test, best)
+        best = score if best is None else max(best, score)
+    assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 2"
+    assert '"epoch": 2' in (tmp_path / "best.json").read_text()
+    assert not list(tmp_path.glob("epoch-*"))
+
+
+def test_a_pending_test_survives_a_restart(sessions: Sessions, tmp_path: Path) -> None:
+    hub, client = sessions
+    examiner = _examiner(hub, tmp_path, Evaluators("e"))
+    examiner.add(_test(4), b"w")
+    _ask(client, "e")
+    _report(client, "e", 4, 30, [4.0], done=False)
+    again = Examiner.__new__(Examiner)  # its queryables would compete with the first one's
+    again.__dict__.update(examiner.__dict__ | {"_tests": {}, "_portions": {}})
+
+    again.restore(examiner.state())
+
+    assert again.state()[0] | {"remaining": 100, "steps": 0, "scores": []} == again.state()[0]
+    (tmp_path / "epoch-0004.safetensors").unlink()
+    with pytest.raises(InputError, match="epoch-0004"):
+        again.restore(examiner.state())
+
+
+def test_junk_is_refused_and_the_examiner_goes_on(sessions: Sessions, tmp_path: Path) -> None:
+    hub, client = sessions
+    examiner = _examiner(hub, tmp_path, Evaluators("e"))
+    (reply,) = client.get(KEYS.report, payload=b"junk")
+    assert reply.err is not None
+    assert not _report(client, "e", 9, 10, [], done=True)
+    examiner.add(_test(1), b"w")
+    assert _ask(client, "e").kind == "test"

@@ -1,0 +1,47 @@
+"""The optimizers against their formulas, step by step in plain Python."""
+
+import math
+
+import pytest
+import torch
+
+from common.config import LearningConfig
+from learner.optimizer import build_optimizer
+
+GRADIENTS = [0.3, -1.2, 0.05, 2.0, 0.0, -0.7]
+
+
+def _steps(config: LearningConfig) -> list[float]:
+    weight = torch.nn.Parameter(torch.tensor([0.5]))
+    optimizer = build_optimizer([weight], config)
+    found = []
+    for gradient in GRADIENTS:
+        weight.grad = torch.tensor([gradient])
+        optimizer.step()
+        found.append(float(weight.detach()))
+    return found
+
+
+def test_rmsprop_is_the_one_of_keras() -> None:
+    config = LearningConfig(
+        optimizer="rmsprop", learning_rate=0.01, rmsprop_decay=0.95, optimizer_epsilon=0.01
+    )
+    weight, mean_square, expected = 0.5, 0.0, []
+    for gradient in GRADIENTS:
+        mean_square = 0.95 * mean_square + 0.05 * gradient**2
+        weight -= 0.01 * gradient / (math.sqrt(mean_square) + 0.01)
+        expected.append(weight)
+    assert _steps(config) == pytest.approx(expected, rel=1e-5)
+
+
+def test_adam_is_the_one_of_its_paper() -> None:
+    config = LearningConfig(optimizer="adam", learning_rate=0.01, optimizer_epsilon=1.5e-4)
+    weight, first, second, expected = 0.5, 0.0, 0.0, []
+    for step, gradient in enumerate(GRADIENTS, start=1):
+        first = 0.9 * first + 0.1 * gradient
+        second = 0.999 * second + 0.001 * gradient**2
+        weight -= (
+            0.01 * (first / (1 - 0.9**step)) / (math.sqrt(second / (1 - 0.999**step)) + 1.5e-4)
+        )
+        expected.append(weight)
+    assert _steps(config) == pytest.approx(expected, rel=1e-5)

@@ -1,0 +1,78 @@
+"""Minibatches drawn ahead: in order, counted for the limiter, and with their failures."""
+
+import threading
+from typing import cast
+
+import numpy as np
+import pytest
+import torch
+
+from learner.prefetch import DEPTH, Prefetcher
+from replay.batch import Batch
+from replay.interface import Replay
+
+
+def _batch(number: int) -> Batch:
+    frames = np.full((2, 4, 84, 84), number, np.uint8)
+    return Batch(
+        ids=np.array([number, number]),
+        s_tm1=frames,
+        a_tm1=np.array([1, 2], np.uint8),
+        r_t=np.zeros(2, np.float32),
+        discount_t=np.ones(2, np.float32),
+        s_t=frames,
+        weights=np.ones(2, np.float32),
+        x_tm1=np.zeros((2, 0), np.float32),
+        x_t=np.zeros((2, 0), np.float32),
+    )
+
+
+class Source:
+    """Gives numbered batches up to ``last``, then what ``after`` says."""
+
+    def __init__(self, last: int, failure: Exception | None = None) -> None:
+        self.drawn: list[int] = []
+        self.last = last
+        self.failure = failure
+        self.asked = threading.Semaphore(0)
+
+    def sample(self, drawn: int, timeout: float) -> Batch | None:
+        self.asked.release()
+        if len(self.drawn) == self.last:
+            if self.failure is not None:
+                raise self.failure
+            return None
+        self.drawn.append(drawn)
+        return _batch(len(self.drawn))
+
+
+def _prefetcher(source: Source, batches: int) -> Prefetcher:
+    return Prefetcher(cast(Replay, source), torch.device("cpu"), 2, batches)
+
+
+def test_batches_come_in_order_and_the_limiter_hears_of_all_draws() -> None:
+    source = Source(last=5)
+    prefetcher = _prefetcher(source, batches=10)
+    found = [prefetcher.next(10) for _ in range(5)]
+    assert [int(batch.ids[0]) for batch in found if batch] == [1, 2, 3, 4, 5]
+    assert all(batch and batch.tensors.a_tm1.dtype == torch.int64 for batch in found)
+    assert source.drawn == [20, 22, 24, 26, 28]
+    assert prefetcher.next(0.01) is None
+    prefetcher.close()
+
+
+def test_it_draws_no_further_ahead_than_its_depth() -> None:
+    source = Source(last=100)
+    prefetcher = _prefetcher(source, batches=0)
+    for _ in range(DEPTH + 1):
+        assert source.asked.acquire(timeout=10)
+    assert not source.asked.acquire(timeout=0.3)
+    prefetcher.close()
+
+
+def test_a_failure_reaches_the_learner() -> None:
+    prefetcher = _prefetcher(Source(last=0, failure=RuntimeError("the disk is gone")), batches=0)
+    prefetcher._thread.join(10)
+    with pytest.raises(RuntimeError, match="the disk is gone"):
+        prefetcher.next(0.1)
+    prefetcher.close()

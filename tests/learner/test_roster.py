@@ -1,0 +1,91 @@
+"""Who lives, who left, who was lost; over real Zenoh."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+import zenoh
+
+import learner.roster as module
+from common.actor_stats import ActorStats, encode_stats
+from learner.roster import Roster
+from tests.learner.conftest import KEYS
+
+STATS = ActorStats(
+    name="a1", role="actor", incarnation=7, leaving=False, steps=640, steps_per_second=100.0,
+    epsilon=0.5, weights_version=50, made=10, acked=8, retried=2, refused=0, held_share=0.0,
+    valid_share=1.0, match_share=1.0,
+)  # fmt: skip
+
+Sessions = tuple[zenoh.Session, zenoh.Session]
+
+
+def _until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_an_actor_from_its_arrival_to_its_leave(
+    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_LAST_WORDS", 0.2)
+    hub, client = sessions
+    roster = Roster(hub, KEYS)
+    notes: list[str] = []
+    token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
+    _until(lambda: roster.alive("actor") == {"a1"})
+    assert roster.alive("evaluator") == set()
+    client.put(KEYS.stats("actor", "a1"), encode_stats(STATS))
+    _until(lambda: roster.counts() == (10, 2))
+    (actor,) = roster.actors()
+    assert (actor.name, actor.alive, actor.steps, actor.made) == ("a1", True, 640, 10)
+
+    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, leaving=True, made=11)))
+    _until(lambda: roster.counts() == (11, 2))
+    token.undeclare()
+    _until(lambda: bool(notes.extend(roster.take_notes()) or "a1 left" in notes))
+    assert notes == ["a1 joined", "a1 left"]
+    (actor,) = roster.actors()
+    assert not actor.alive
+
+
+def test_one_that_goes_without_a_word_was_lost(
+    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_LAST_WORDS", 0.2)
+    hub, client = sessions
+    roster = Roster(hub, KEYS)
+    token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
+    _until(lambda: roster.alive("actor") == {"a1"})
+    client.put(KEYS.stats("actor", "a1"), encode_stats(STATS))
+    _until(lambda: roster.counts() == (10, 2))
+    token.undeclare()
+    notes: list[str] = []
+    _until(lambda: bool(notes.extend(roster.take_notes()) or "a1 was lost" in notes))
+    assert roster.alive("actor") == set()
+
+
+def test_counts_add_up_over_restarts_of_actor_and_learner(sessions: Sessions) -> None:
+    hub, client = sessions
+    roster = Roster(hub, KEYS)
+    client.put(KEYS.stats("actor", "a1"), encode_stats(STATS))
+    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, incarnation=8, made=5)))
+    _until(lambda: roster.counts() == (15, 4))
+    again = Roster(client, KEYS)
+    again.restore(roster.state())
+    assert again.counts() == (15, 4)
+    hub.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, incarnation=8, made=6)))
+    _until(lambda: again.counts() == (16, 4))
+
+
+def test_noise_is_passed_over(sessions: Sessions) -> None:
+    hub, client = sessions
+    roster = Roster(hub, KEYS)
+    client.put(KEYS.stats("actor", "a1"), b"noise")
+    client.put(KEYS.stats("actor", "somebody-else"), encode_stats(STATS))
+    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, made=3)))
+    _until(lambda: roster.counts() != (0, 0))
+    assert roster.counts() == (3, 2)
