@@ -61,6 +61,10 @@ class RunFolder:
         return self.path / "tensorboard"
 
     @property
+    def held_out(self) -> Path:
+        return self.path / "held_out.safetensors"
+
+    @property
     def replay(self) -> Path:
         return self.path / "replay"
 

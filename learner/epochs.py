@@ -142,7 +142,8 @@ class EpochTable:
     def _lines(self) -> list[str]:
         """The lines after the header, with their ends."""
         try:
-            text = self._path.read_bytes().decode("utf-8")
+            # The tables of 2017 end their lines as Windows does.
+            text = self._path.read_bytes().decode("utf-8").replace("\r\n", "\n")
         except FileNotFoundError:
             return []
         except UnicodeDecodeError:

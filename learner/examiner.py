@@ -126,16 +126,15 @@ class Examiner:
         """From now on evaluators for which there is no work are sent home."""
         self._over = True
 
-    def take_finished(self) -> list[EpochTest]:
-        """Tests that ended since the last call; also notices evaluators that were lost."""
+    def take_finished(self) -> EpochTest | None:
+        """A test that is over, once; also notices evaluators that were lost."""
         living = self._evaluators()
         now = time.monotonic()
         with self._lock:
             for name, portion in list(self._portions.items()):
                 if name not in living and now - portion.given > _NEWCOMER:
                     self._give_back(name)
-            finished, self._finished = self._finished, []
-        return finished
+            return self._finished.pop(0) if self._finished else None
 
     def settle(self, test: EpochTest, best_before: float | None) -> None:
         """Drop the snapshot of a test that is recorded, unless it is the best so far."""

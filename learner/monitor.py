@@ -140,7 +140,10 @@ class Monitor:
                 valid_frame_share=valid,
                 pixel_deviation=pixels,
                 max_q_deviation=deviation,
-                squared_td_error=squared_error,
+                # Before it has explored, a network cannot be better than a blind one.
+                squared_td_error=(
+                    squared_error if books.train_steps >= config.exploration.steps else None
+                ),
                 reward_variance=reward_variance,
                 press_match_share=matched,
                 refused_chunks=progress.refused,

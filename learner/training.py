@@ -2,18 +2,15 @@
 
 import threading
 import time
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable
 
 import torch
 import zenoh
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save
 
 from common.bus import RunKeys
 from common.config import RunConfig
 from common.errors import InputError
-from common.run_folder import RunFolder, write_atomically
+from common.run_folder import RunFolder
 from common.weights import encode_weights
 from learner.bookkeeping import Bookkeeping, PhaseEnd
 from learner.checkpoint import load_checkpoint, save_checkpoint
@@ -22,6 +19,7 @@ from learner.display import Display
 from learner.epochs import EpochRow
 from learner.examiner import EpochTest, Examiner
 from learner.gauges import Gauges
+from learner.held_out import HeldOut
 from learner.local import Crew
 from learner.monitor import Monitor
 from learner.prefetch import Prefetched, Prefetcher
@@ -41,8 +39,8 @@ _SUMMARY = 60.0
 _PUBLISH_AGAIN = 10.0
 _LEAST_PHASE = 0.1
 """Share of an epoch below which the last steps of a run are no epoch of their own."""
-_LAST_CHUNKS = 10.0
-"""Seconds that the actors of a finished run have to hand in their last chunks."""
+_FAREWELL = 10.0
+"""Seconds that the actors, and then the evaluators, of a finished run have to leave."""
 
 
 class Learner:
@@ -87,7 +85,6 @@ class Learner:
         self._published = 0
         self._finished = False
         self._due: dict[str, float] = {}
-        self._max_q: tuple[float, float] | None = None
         self._started = time.monotonic()
 
         self._books = Bookkeeping(config)
@@ -103,7 +100,7 @@ class Learner:
         )
         rows = self._restore() if resume else 0
         self._records = Records(folder, config, rows, self._books.agent_steps if resume else None)
-        self._held_out = self._load_held_out()
+        self._held_out = HeldOut(folder.held_out)
         self._monitor = Monitor(
             keys,
             config,
@@ -137,21 +134,29 @@ class Learner:
         """
         self._crew = crew
         try:
-            while not self._stop.is_set() and not self._goal_reached():
-                batch = self._prefetcher.next(_TICK)
-                if batch is not None:
-                    self._learn(batch)
-                self._look()
-            self._prefetcher.close()
+            self._train()
+        except InputError:
+            if not self._stop.is_set():
+                raise
+            # Stopped while it waited for a replay that is away: keep what has been learned.
+        else:
             if not self._stop.is_set():
                 self._conclude()
-            if crew is not None:
-                crew.let_go()
-            self._checkpoint()
-            self._records.summarise(self._status())
         finally:
             self._prefetcher.close()
-            self._records.close()
+        if crew is not None:
+            crew.let_go()
+        self._checkpoint()
+        self._records.summarise(self._status())
+        self._records.close()
+
+    def _train(self) -> None:
+        """The main loop."""
+        while not self._stop.is_set() and not self._goal_reached():
+            batch = self._prefetcher.next(_TICK)
+            if batch is not None:
+                self._learn(batch)
+            self._look()
 
     # ------------------------------------------------------------------ one update
 
@@ -190,13 +195,13 @@ class Learner:
                 self._end_phase(ended)
             if len(self._progress.facts) < MOST_FACTS:
                 break
-        for test in self._examiner.take_finished():
+        while (test := self._examiner.take_finished()) is not None:
             self._record_test(test)
         if self._crew is not None:
             for note in self._crew.watch():
                 self._monitor.note(note)
-        if self._held_out is not None and self._is_due("measure", _MEASURE_Q):
-            self._measure()
+        if self._is_due("measure", _MEASURE_Q):
+            self._held_out.measure(self._trainer)
         if self._is_due("publish", _PUBLISH_AGAIN):
             self._publish()  # for a replay that was restarted and has none to give
         status = self._status()
@@ -226,14 +231,8 @@ class Learner:
             "finishing" if self._finished else phase,
             self._updates,
             self._published,
-            self._max_q,
+            self._held_out.max_q,
         )
-
-    def _measure(self) -> None:
-        """Mean and deviation of max-Q over the held-out states."""
-        assert self._held_out is not None
-        values = self._trainer.max_q(*self._held_out)
-        self._max_q = (float(values.mean()), float(values.std(unbiased=False)))
 
     def _seconds(self) -> float:
         """Wall clock of the run."""
@@ -244,11 +243,10 @@ class Learner:
     def _end_phase(self, ended: PhaseEnd) -> None:
         """Record a phase; have the snapshot of an epoch tested."""
         if ended.epoch == 0:
-            self._held_out = self._draw_held_out()
-        if self._held_out is not None:
-            self._measure()
+            self._held_out.draw(self._replay, self._config.protocol.held_out_states)
+        self._held_out.measure(self._trainer)
         now = self._seconds()
-        meanq = self._max_q[0] if self._max_q else None
+        meanq = self._held_out.max_q[0] if self._held_out.max_q else None
         self._records.add(
             EpochRow.of_games(
                 ended.scores,
@@ -315,7 +313,8 @@ class Learner:
 
     def _conclude(self) -> None:
         """Let the actors hand in their last chunks, and have the last epoch tested."""
-        deadline = time.monotonic() + _LAST_CHUNKS
+        self._prefetcher.close()
+        deadline = time.monotonic() + _FAREWELL
         self._wait_while(lambda: bool(self._roster.alive("actor")) and time.monotonic() < deadline)
         if self._books.phase_steps >= _LEAST_PHASE * self._books.phase_length:
             self._end_phase(self._books.close_phase())
@@ -328,11 +327,12 @@ class Learner:
         self._wait_while(
             lambda: self._examiner.pending > 0 and bool(self._roster.alive("evaluator"))
         )
+        deadline = time.monotonic() + _FAREWELL
         self._wait_while(
             lambda: bool(self._roster.alive("evaluator")) and time.monotonic() < deadline
         )
 
-    def _wait_while(self, busy: Any) -> None:
+    def _wait_while(self, busy: Callable[[], bool]) -> None:
         self._due.pop("look", None)
         self._look()
         while busy() and not self._stop.is_set():
@@ -372,28 +372,3 @@ class Learner:
         self._examiner.restore(state["tests"])
         self._roster.restore(state["actors"])
         return int(state["rows"])
-
-    @property
-    def _held_out_file(self) -> Path:
-        return self._folder.path / "held_out.safetensors"
-
-    def _draw_held_out(self) -> tuple[torch.Tensor, torch.Tensor] | None:
-        """Choose the states on which max-Q is measured from now on."""
-        frames, vectors = self._replay.held_out(self._config.protocol.held_out_states)
-        if not len(frames):
-            return None
-        held_out = (torch.from_numpy(frames.copy()), torch.from_numpy(vectors.copy()))
-        content = save({"frames": held_out[0], "vectors": held_out[1]})
-        write_atomically(self._held_out_file, content)
-        return held_out
-
-    def _load_held_out(self) -> tuple[torch.Tensor, torch.Tensor] | None:
-        if not self._held_out_file.exists():
-            return None
-        try:
-            found = load_file(self._held_out_file)
-            return found["frames"], found["vectors"]
-        except (SafetensorError, OSError, KeyError) as error:
-            raise InputError(
-                f"{self._held_out_file} is damaged ({error}): remove the run, or put it back."
-            ) from None

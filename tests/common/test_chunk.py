@@ -13,11 +13,8 @@ from hypothesis import strategies as st
 from common.chunk import Chunk, Game, decode_chunk, encode_chunk
 from common.errors import MessageError
 
-ARRAYS = [
-    each.name for each in dataclasses.fields(Chunk) if "NDArray" in str(each.type)
-]
+ARRAYS = [name for name, value in vars(example_chunk()).items() if isinstance(value, np.ndarray)]
 NUMBERS = ["incarnation", "stream", "sequence", "weights_version"]
-PER_STEP = ["frames", "rewards", "terminated", "truncated", "elapsed", "valid", "matched"]
 
 
 def message_of(chunk: Chunk) -> dict[str, Any]:
@@ -25,7 +22,7 @@ def message_of(chunk: Chunk) -> dict[str, Any]:
     return message
 
 
-def refused(message: dict[str, Any], match: str = "") -> None:
+def refused(message: dict[str, Any], match: str | None = None) -> None:
     with pytest.raises(MessageError, match=match):
         decode_chunk(msgpack.packb(message))
 
@@ -50,13 +47,8 @@ def test_the_message_is_little_larger_than_its_frames() -> None:
     assert len(encode_chunk(chunk)) < (2 + 3 + 1) * 84 * 84 + 1_000
 
 
-def test_there_are_twelve_arrays_to_corrupt() -> None:
-    assert len(ARRAYS) == 12
-    assert set(PER_STEP) < set(ARRAYS)
-
-
 @pytest.mark.parametrize("name", [each.name for each in dataclasses.fields(Chunk)])
-@pytest.mark.parametrize("value", ["left out", None, {}, [1], -1, float("nan")])
+@pytest.mark.parametrize("value", ["left out", None, {}, b"\x01", -1, float("nan")])
 def test_a_field_left_out_or_of_another_kind_is_refused(name: str, value: Any) -> None:
     message = message_of(example_chunk())
     if value == "left out":

@@ -1,0 +1,280 @@
+"""RunConfig: each rule with its sentence, the schedules by hand, and JSON there and back."""
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config import (
+    ExplorationConfig,
+    LearningConfig,
+    PlayConfig,
+    ReplayConfig,
+    RunConfig,
+    StreamConfig,
+    differences,
+    from_mapping,
+    to_json,
+)
+from common.errors import InputError
+from common.presets import PRESETS
+
+GOOD = PRESETS["fast"]
+
+
+def changed(field: str, value: Any, config: RunConfig = GOOD) -> RunConfig:
+    """``config`` with ``group.name`` or ``name`` set to ``value``."""
+    group, _, name = field.rpartition(".")
+    changes: dict[str, Any] = {name: value}
+    if not group:
+        return replace(config, **changes)
+    changes = {group: replace(getattr(config, group), **changes)}
+    return replace(config, **changes)
+
+
+def test_the_defaults_pass() -> None:
+    RunConfig().check()
+
+
+AT_LEAST_1 = [
+    "play.frame_skip",
+    "stream.chunk_steps",
+    "stream.window",
+    "learning.batch_size",
+    "learning.train_every",
+    "learning.n_step",
+    "learning.target_every",
+    "learning.publish_every",
+    "learning.checkpoint_every",
+    "protocol.epoch_steps",
+    "protocol.test_steps",
+]
+SHARES = [
+    "exploration.start",
+    "exploration.end",
+    "protocol.test_epsilon",
+    "learning.discount",
+]
+AT_LEAST_0 = [
+    *AT_LEAST_1,
+    *SHARES,
+    "play.history",
+    "play.random_starts",
+    "play.max_game_frames",
+    "replay.capacity",
+    "replay.warmup",
+    "replay.priority_exponent",
+    "replay.importance_exponent",
+    "replay.ratio_tolerance",
+    "learning.learning_rate",
+    "learning.rmsprop_decay",
+    "learning.optimizer_epsilon",
+    "learning.gradient_norm",
+    "exploration.steps",
+    "protocol.held_out_states",
+]
+
+
+@pytest.mark.parametrize("field", AT_LEAST_0)
+@pytest.mark.parametrize("value", [-1, float("nan"), float("inf"), float("-inf")])
+def test_no_number_is_negative_or_endless(field: str, value: float) -> None:
+    name = field.split(".")[1]
+    with pytest.raises(InputError, match=f"^{name} is {value}: choose a number that is not neg"):
+        changed(field, value).check()
+
+
+@pytest.mark.parametrize("field", AT_LEAST_1)
+def test_what_must_be_1_or_more(field: str) -> None:
+    with pytest.raises(InputError, match=f"^{field} is 0: choose 1 or more.$"):
+        changed(field, 0).check()
+
+
+@pytest.mark.parametrize("field", SHARES)
+def test_shares_end_at_1(field: str) -> None:
+    changed(field, 1.0).check()
+    changed(field, 0.0).check()
+    with pytest.raises(InputError, match=f"^{field} is 1.01: choose a number from 0 to 1.$"):
+        changed(field, 1.01).check()
+
+
+@pytest.mark.parametrize(
+    ("field", "least", "most", "sentence"),
+    [
+        ("play.history", 2, 16, "choose a number from 2 to 16."),
+        ("protocol.held_out_states", 1, 2_048, "choose a number from 1 to 2048."),
+    ],
+)
+def test_ranges(field: str, least: int, most: int, sentence: str) -> None:
+    for value in (least, most):
+        changed(field, value).check()
+    for value in (least - 1, most + 1):
+        with pytest.raises(InputError, match=f"^{field} is {value}: {sentence}$"):
+            changed(field, value).check()
+
+
+def test_a_chunk_has_at_most_1024_steps() -> None:
+    config = changed("replay.ratio_tolerance", 10_000)
+    changed("stream.chunk_steps", 1_024, config).check()
+    with pytest.raises(InputError, match=r"^stream.chunk_steps is 1025: choose at most 1024\.$"):
+        changed("stream.chunk_steps", 1_025, config).check()
+
+
+def test_the_warm_up_fills_a_minibatch() -> None:
+    # 32 transitions of 3 steps each.
+    changed("replay.warmup", 35).check()
+    with pytest.raises(InputError, match=r"^replay.warmup is 34: .* at least 35 steps"):
+        changed("replay.warmup", 34).check()
+
+
+def test_the_ring_holds_the_warm_up_and_two_chunks() -> None:
+    # 10,000 + 2 × 64.
+    changed("replay.capacity", 10_128).check()
+    with pytest.raises(InputError, match=r"^replay.capacity is 10127, .* needs 10128 slots"):
+        changed("replay.capacity", 10_127).check()
+
+
+def test_the_tolerance_holds_an_actors_window() -> None:
+    # 64 steps × 4 chunks.
+    changed("replay.ratio_tolerance", 256).check()
+    with pytest.raises(InputError, match=r"^replay.ratio_tolerance is 255, .* at least 256"):
+        changed("replay.ratio_tolerance", 255).check()
+
+
+def test_the_tolerance_holds_the_steps_of_one_update() -> None:
+    config = changed("learning.train_every", 2_000)
+    changed("replay.ratio_tolerance", 2_000, config).check()
+    with pytest.raises(InputError, match=r"^replay.ratio_tolerance is 1999, .* at least 2000"):
+        changed("replay.ratio_tolerance", 1_999, config).check()
+
+
+@pytest.mark.parametrize(
+    ("agent_steps", "epsilon"),
+    [
+        (0, 1.0),
+        (50, 1.0),
+        (100, 1.0),
+        (101, 0.996),
+        (150, 0.8),
+        (200, 0.6),
+        (300, 0.2),
+        (301, 0.2),
+        (10**12, 0.2),
+    ],
+)
+def test_epsilon_falls_in_a_line_after_the_warm_up(agent_steps: int, epsilon: float) -> None:
+    config = replace(
+        GOOD,
+        replay=ReplayConfig(warmup=100),
+        exploration=ExplorationConfig(start=1.0, end=0.2, steps=200),
+    )
+    assert config.epsilon_at(agent_steps) == pytest.approx(epsilon, abs=1e-12)
+
+
+def test_epsilon_of_a_schedule_without_length_jumps() -> None:
+    config = replace(
+        GOOD,
+        replay=ReplayConfig(warmup=100),
+        exploration=ExplorationConfig(start=0.9, end=0.1, steps=0),
+    )
+    assert config.epsilon_at(100) == pytest.approx(0.9)
+    assert config.epsilon_at(101) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("batch", "every", "ratio"), [(32, 4, 8.0), (32, 1, 32.0), (1, 4, 0.25)])
+def test_samples_per_insert(batch: int, every: int, ratio: float) -> None:
+    config = replace(GOOD, learning=LearningConfig(batch_size=batch, train_every=every))
+    assert config.samples_per_insert == ratio
+
+
+@pytest.mark.parametrize("name", list(PRESETS))
+def test_a_preset_survives_json(name: str) -> None:
+    config = PRESETS[name]  # type: ignore[index]
+    assert from_mapping(RunConfig, json.loads(to_json(config))) == config
+
+
+@given(
+    st.integers(),
+    st.builds(PlayConfig, st.integers(), st.integers(), st.integers(), st.booleans()),
+    st.builds(
+        LearningConfig,
+        target=st.sampled_from(["dqn", "double"]),
+        learning_rate=st.floats(allow_nan=False),
+        scale_pixels=st.booleans(),
+    ),
+    st.builds(StreamConfig, st.integers(), st.integers()),
+)
+def test_any_configuration_survives_json(
+    seed: int, play: PlayConfig, learning: LearningConfig, stream: StreamConfig
+) -> None:
+    config = RunConfig(seed=seed, play=play, learning=learning, stream=stream)
+    assert from_mapping(RunConfig, json.loads(to_json(config))) == config
+
+
+def mapping(**changes: Any) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(to_json(GOOD))
+    return found | changes
+
+
+def test_a_missing_field_is_named() -> None:
+    data = mapping()
+    del data["replay"]["warmup"]
+    with pytest.raises(InputError, match=r"^here.replay has a missing or unknown field: warmup\.$"):
+        from_mapping(RunConfig, data, "here")
+
+
+def test_unknown_fields_are_named() -> None:
+    with pytest.raises(InputError, match=r"^here has a missing or unknown field: aa, zz\.$"):
+        from_mapping(RunConfig, mapping(zz=1, aa=2), "here")
+
+
+@pytest.mark.parametrize("data", [None, [], "text", 5])
+def test_what_is_no_table_is_refused(data: Any) -> None:
+    with pytest.raises(InputError, match=r"^here should be a table of settings\.$"):
+        from_mapping(RunConfig, data, "here")
+    with pytest.raises(InputError, match=r"^here.play should be a table of settings\.$"):
+        from_mapping(RunConfig, mapping(play=data), "here")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "sentence"),
+    [
+        ("seed", "1", "here.seed is '1', which is not a int."),
+        ("seed", 1.0, "here.seed is 1.0, which is not a int."),
+        ("seed", True, "here.seed is True, which is not a int."),
+        ("game", 5, "here.game is 5, which is not a str."),
+        ("env", "real", "here.env is 'real': choose one of ale, robot."),
+        ("env", ["ale"], "here.env is ['ale']: choose one of ale, robot."),
+        ("preset", None, "here.preset is None: choose one of paper, fast, robot."),
+    ],
+)
+def test_a_field_of_another_type_is_named(field: str, value: Any, sentence: str) -> None:
+    with pytest.raises(InputError) as caught:
+        from_mapping(RunConfig, mapping(**{field: value}), "here")
+    assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("scale_pixels", 1), ("learning_rate", "1e-4"), ("learning_rate", True)]
+)
+def test_a_field_of_another_type_within_a_group_is_named(field: str, value: Any) -> None:
+    data = mapping()
+    data["learning"][field] = value
+    with pytest.raises(InputError, match=rf"^here\.learning\.{field} is "):
+        from_mapping(RunConfig, data, "here")
+
+
+def test_a_whole_number_does_for_a_float() -> None:
+    data = mapping()
+    data["learning"]["gradient_norm"] = 10
+    found = from_mapping(RunConfig, data)
+    assert found == GOOD
+    assert type(found.learning.gradient_norm) is float
+
+
+def test_differences_name_each_field_and_both_values() -> None:
+    assert differences(GOOD, GOOD) == []
+    other = changed("replay.warmup", 20_000, changed("game", "breakout"))
+    assert differences(GOOD, other) == ["game pong → breakout", "replay.warmup 10000 → 20000"]

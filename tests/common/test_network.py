@@ -1,0 +1,177 @@
+"""The network, against a plain one written from the paper's sentence about it."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+from torch.nn.functional import conv2d, linear, relu
+
+from common.config import PlayConfig
+from common.network import QNetwork, as_pixels, build_network
+from common.presets import PRESETS
+
+
+def frames_of(batch: int, history: int = 4, seed: int = 0) -> Tensor:
+    rng = torch.Generator().manual_seed(seed)
+    return torch.randint(256, (batch, history, 84, 84), dtype=torch.uint8, generator=rng)
+
+
+def network_of(seed: int = 0, actions: int = 6, **settings: int | bool) -> QNetwork:
+    torch.manual_seed(seed)
+    return QNetwork(actions, **settings)  # type: ignore[arg-type]
+
+
+def plain(network: QNetwork, frames: Tensor, vectors: Tensor, scale: float) -> Tensor:
+    """Mnih et al. 2015: 32 8×8 stride 4, 64 4×4 stride 2, 64 3×3 stride 1, 512, actions."""
+    weights = {
+        name: value.detach().clone(memory_format=torch.contiguous_format)
+        for name, value in network.named_parameters()
+    }
+    names = iter(weights.values())
+    x = frames.to(torch.float32) * scale
+    for stride in (4, 2, 1):
+        x = relu(conv2d(x, next(names), next(names), stride=stride))
+    x = torch.cat((x.reshape(len(x), -1), vectors), dim=1)
+    x = relu(linear(x, next(names), next(names)))
+    return linear(x, next(names), next(names))
+
+
+@pytest.mark.parametrize("actions", [4, 6, 18])
+@pytest.mark.parametrize("batch", [1, 3])
+def test_one_value_for_each_action_of_each_state(batch: int, actions: int) -> None:
+    values = network_of(actions=actions)(frames_of(batch), torch.zeros(batch, 0))
+    assert values.shape == (batch, actions)
+    assert values.dtype == torch.float32
+
+
+def test_the_number_of_weights_is_that_of_the_paper() -> None:
+    by_hand = (
+        (32 * 4 * 8 * 8 + 32)
+        + (64 * 32 * 4 * 4 + 64)
+        + (64 * 64 * 3 * 3 + 64)
+        + (3136 * 512 + 512)
+        + (512 * 6 + 6)
+    )
+    assert by_hand == 1_687_206
+    assert sum(weight.numel() for weight in network_of().parameters()) == by_hand
+
+
+@pytest.mark.parametrize(("scale_pixels", "scale"), [(True, 1 / 255), (False, 1.0)])
+@pytest.mark.parametrize(("history", "width"), [(4, 0), (4, 7), (2, 0)])
+def test_it_computes_what_the_plain_network_computes(
+    scale_pixels: bool, scale: float, history: int, width: int
+) -> None:
+    network = network_of(history=history, vector_width=width, scale_pixels=scale_pixels)
+    frames = frames_of(5, history)
+    vectors = torch.randn(5, width, generator=torch.Generator().manual_seed(1))
+    expected = plain(network, frames, vectors, scale)
+    with torch.no_grad():
+        torch.testing.assert_close(network(frames, vectors), expected, rtol=1e-4, atol=1e-4)
+
+
+def test_its_gradients_are_those_of_the_plain_network() -> None:
+    network = network_of()
+    frames = frames_of(2)
+    network(frames, torch.zeros(2, 0)).square().sum().backward()
+    weight = network.convolutions[0].weight
+    assert isinstance(weight, torch.nn.Parameter)
+    assert weight.grad is not None
+    # A small move of one weight changes the plain network's loss by gradient × move.
+    where = tuple(int(at) for at in torch.nonzero(weight.grad == weight.grad.max())[0])
+    moved, step = [], 1e-3
+    for sign in (1, -1):
+        with torch.no_grad():
+            weight[where] += sign * step
+            moved.append(plain(network, frames, torch.zeros(2, 0), 1 / 255).square().sum().item())
+            weight[where] -= sign * step
+    slope = (moved[0] - moved[1]) / (2 * step)
+    assert weight.grad[where].item() == pytest.approx(slope, rel=0.05)
+
+
+def test_frames_that_are_pixels_already_give_the_same_values() -> None:
+    network, frames = network_of(), frames_of(3)
+    with torch.no_grad():
+        bare = network(frames, torch.zeros(3, 0))
+        assert torch.equal(network(as_pixels(frames), torch.zeros(3, 0)), bare)
+
+
+def test_pixels_keep_their_values() -> None:
+    every = torch.arange(256, dtype=torch.uint8).reshape(1, 4, 8, 8)
+    assert (as_pixels(every) == every).all()
+    assert as_pixels(every).dtype == torch.float32
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        assert as_pixels(every).dtype == torch.bfloat16
+        assert (as_pixels(every) == every).all()
+
+
+def test_a_vector_changes_the_values() -> None:
+    network, frames = network_of(vector_width=3), frames_of(1)
+    with torch.no_grad():
+        one = network(frames, torch.zeros(1, 3))
+        other = network(frames, torch.tensor([[0.0, 1.0, 0.0]]))
+    assert not torch.allclose(one, other)
+
+
+def test_bfloat16_comes_close() -> None:
+    network, frames = network_of(), frames_of(8)
+    with torch.no_grad():
+        exact = network(frames, torch.zeros(8, 0))
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            rough = network(frames, torch.zeros(8, 0))
+    assert rough.dtype == torch.float32
+    assert not torch.equal(rough, exact)
+    # bfloat16 keeps 8 bits: errors of a few hundredths of the values' size.
+    torch.testing.assert_close(rough, exact, rtol=0.05, atol=0.01)
+
+
+def test_glorot_draws_between_its_bounds_with_zero_biases() -> None:
+    fans = {
+        "convolutions.0": (4 * 64, 32 * 64),
+        "convolutions.2": (32 * 16, 64 * 16),
+        "convolutions.4": (64 * 9, 64 * 9),
+        "dense.0": (3136, 512),
+        "dense.2": (512, 6),
+    }
+    weights = dict(network_of(glorot=True).named_parameters())
+    assert len(weights) == 2 * len(fans)
+    for layer, (fan_in, fan_out) in fans.items():
+        bound = math.sqrt(6 / (fan_in + fan_out))
+        weight = weights[f"{layer}.weight"]
+        assert 0.95 * bound < weight.abs().max().item() <= bound
+        assert weight.std().item() == pytest.approx(bound / math.sqrt(3), rel=0.05)
+        assert (weights[f"{layer}.bias"] == 0).all()
+
+
+def test_a_black_screen_is_worth_exactly_nothing_to_fresh_glorot_weights() -> None:
+    values = network_of(glorot=True)(torch.zeros(2, 4, 84, 84, dtype=torch.uint8), torch.zeros(2, 0))
+    assert (values == 0).all()
+
+
+def test_the_seed_of_the_run_makes_the_first_weights() -> None:
+    config = PRESETS["fast"]
+    torch.manual_seed(5)
+    one = build_network(config, 6).state_dict()
+    torch.manual_seed(6)
+    other = build_network(config, 6).state_dict()
+    third = build_network(replace(config, seed=2), 6).state_dict()
+    for name, weight in one.items():
+        assert torch.equal(weight, other[name])
+        assert not torch.equal(weight, third[name])
+
+
+def test_building_leaves_the_random_state_alone() -> None:
+    before = torch.random.get_rng_state()
+    build_network(PRESETS["fast"], 6)
+    assert torch.equal(torch.random.get_rng_state(), before)
+
+
+def test_the_configuration_shapes_the_network() -> None:
+    assert build_network(PRESETS["fast"], 6).pixel_scale == 1 / 255
+    paper = build_network(replace(PRESETS["paper"], play=PlayConfig(history=3)), 4)
+    assert paper.pixel_scale == 1
+    shapes = [tuple(weight.shape) for weight in paper.parameters()]
+    assert shapes[0] == (32, 3, 8, 8)
+    assert shapes[-1] == (4,)
+    assert all((bias == 0).all() for name, bias in paper.named_parameters() if "bias" in name)

@@ -1,0 +1,65 @@
+"""The presets: `paper` against the report's section 4, number by number."""
+
+import pytest
+
+from common.presets import PRESETS
+
+PAPER = PRESETS["paper"]
+
+
+@pytest.mark.parametrize("name", list(PRESETS))
+def test_a_preset_passes_its_own_check_and_knows_its_name(name: str) -> None:
+    config = PRESETS[name]  # type: ignore[index]
+    config.check()
+    assert config.preset == name
+
+
+def test_paper_plays_as_the_report_did() -> None:
+    play = PAPER.play
+    assert (play.history, play.frame_skip, play.random_starts) == (4, 4, 30)
+    assert PAPER.env == "ale"
+    assert PAPER.game == "pong"
+
+
+def test_paper_learns_as_the_report_did() -> None:
+    learning = PAPER.learning
+    assert learning.target == "double"
+    assert learning.loss == "mse"
+    assert learning.loss_mean_over == "outputs"
+    assert learning.optimizer == "rmsprop"
+    assert learning.learning_rate == 0.00025
+    assert learning.rmsprop_decay == 0.95
+    assert learning.optimizer_epsilon == 0.01
+    assert learning.gradient_norm == 0
+    assert learning.discount == 0.99
+    assert learning.n_step == 1
+    assert learning.batch_size == 32
+    assert learning.train_every == 4
+    assert not learning.scale_pixels
+    # "every 10000 steps, the target network is updated"; here it is counted in updates.
+    assert learning.target_every * learning.train_every == 10_000
+
+
+def test_paper_remembers_and_explores_as_the_report_did() -> None:
+    assert PAPER.replay.capacity == 1_000_000
+    assert PAPER.replay.warmup == 50_000
+    assert PAPER.replay.sampler == "uniform"
+    assert PAPER.samples_per_insert == 8
+    assert PAPER.epsilon_at(0) == 1
+    assert PAPER.epsilon_at(50_000 + 500_000) == pytest.approx(0.55)
+    assert PAPER.epsilon_at(50_000 + 1_000_000) == pytest.approx(0.1)
+    assert PAPER.epsilon_at(50_000_000) == pytest.approx(0.1)
+
+
+def test_paper_is_tested_as_the_report_was() -> None:
+    protocol = PAPER.protocol
+    assert protocol.epoch_steps == 250_000
+    assert protocol.test_steps == 125_000
+    assert protocol.test_epsilon == 0.05
+
+
+def test_the_robot_is_offered_every_key_the_emulator_only_the_games_own() -> None:
+    assert PRESETS["robot"].env == "robot"
+    assert not PRESETS["robot"].play.minimal_actions
+    assert PRESETS["fast"].env == "ale"
+    assert PRESETS["fast"].play.minimal_actions
