@@ -1,6 +1,6 @@
 # Everything a fresh machine with Python 3.11 and make needs.
 
-PYTHON ?= python3.11
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 NAME ?= nao-pong
@@ -21,7 +21,8 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 	@touch $@
 
 train: setup  ## train the robot on this machine until Ctrl-C; go on by running it again (NAME=, ACTORS=, ARGS=)
-	$(BIN)/python -m learner --local --run $(NAME) --actors $(ACTORS) --resume $(ARGS)
+	$(BIN)/python -m learner --local --run $(NAME) --actors $(ACTORS) \
+		$(if $(wildcard runs/$(NAME)/config.json),--resume) $(ARGS)
 
 test: setup check  ## static checks and the whole test suite
 	$(BIN)/python -m pytest -m "not slow"

@@ -1,0 +1,117 @@
+"""Finding a run at a hub, over Zenoh."""
+
+from dataclasses import replace
+
+import pytest
+import zenoh
+from zenoh.handlers import Callback
+
+from common.announcement import decode_announcement, encode_announcement, find_run
+from common.bus import RunKeys
+from common.errors import InputError, MessageError
+from common.presets import PRESETS
+from common.wire import SCHEMA, pack
+
+FAST, PAPER = PRESETS["fast"], PRESETS["paper"]
+
+
+def announce(hub: zenoh.Session, run: str, answer: bytes) -> None:
+    """Answer as the hub of ``run``, for as long as its session is open."""
+
+    def reply(query: zenoh.Query) -> None:
+        with query:
+            query.reply(RunKeys(run).config, answer)
+
+    hub.declare_queryable(RunKeys(run).config, Callback(reply, indirect=False))
+
+
+def never() -> bool:
+    return False
+
+
+@pytest.mark.parametrize("name", list(PRESETS))
+def test_a_configuration_is_announced_whole(name: str) -> None:
+    config = PRESETS[name]  # type: ignore[index]
+    assert decode_announcement(encode_announcement("run-1", config)) == ("run-1", config)
+
+
+def test_a_run_is_found_by_its_name(hub: zenoh.Session, session: zenoh.Session) -> None:
+    announce(hub, "one", encode_announcement("one", FAST))
+    announce(hub, "two", encode_announcement("two", PAPER))
+    assert find_run(session, "one", 10.0, never) == (RunKeys("one"), FAST)
+    assert find_run(session, "two", 10.0, never) == (RunKeys("two"), PAPER)
+
+
+def test_the_only_run_is_found_without_a_name(hub: zenoh.Session, session: zenoh.Session) -> None:
+    announce(hub, "one", encode_announcement("one", PAPER))
+    assert find_run(session, None, 10.0, never) == (RunKeys("one"), PAPER)
+
+
+def test_of_several_runs_one_must_be_named(hub: zenoh.Session, session: zenoh.Session) -> None:
+    announce(hub, "two", encode_announcement("two", FAST))
+    announce(hub, "one", encode_announcement("one", FAST))
+    with pytest.raises(InputError, match=r"several runs \(one, two\): name one with --run"):
+        find_run(session, None, 10.0, never)
+
+
+def test_no_run_is_told_after_the_patience(session: zenoh.Session) -> None:
+    with pytest.raises(InputError, match=r"^the hub serves no run: start `python -m learner`"):
+        find_run(session, None, 0.0, never)
+
+
+def test_a_run_that_is_not_there_is_told_by_name(
+    hub: zenoh.Session, session: zenoh.Session
+) -> None:
+    announce(hub, "one", encode_announcement("one", FAST))
+    with pytest.raises(InputError, match=r"^the hub serves no run called 'other'"):
+        find_run(session, "other", 0.0, never)
+
+
+def test_a_run_that_starts_later_is_waited_for(hub: zenoh.Session, session: zenoh.Session) -> None:
+    asked = 0
+
+    def begins_after_two_looks() -> bool:
+        nonlocal asked
+        asked += 1
+        if asked == 2:
+            announce(hub, "late", encode_announcement("late", FAST))
+        return False
+
+    assert find_run(session, None, 30.0, begins_after_two_looks)[0] == RunKeys("late")
+    assert asked >= 2
+
+
+def test_whoever_wants_to_stop_need_not_wait(session: zenoh.Session) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        find_run(session, None, 1e9, lambda: True)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"",
+        b"garbage",
+        pack({"run": "one"}),
+        pack({"run": "one", "config": b"{"}),
+        pack({"run": 1, "config": encode_announcement("one", FAST)}),
+        encode_announcement("one", FAST).replace(b"schema" + bytes([SCHEMA]), b"schema\x63"),
+    ],
+)
+def test_a_hub_of_another_version_is_told(
+    hub: zenoh.Session, session: zenoh.Session, answer: bytes
+) -> None:
+    announce(hub, "one", answer)
+    with pytest.raises(InputError, match="install the same version on both machines"):
+        find_run(session, None, 10.0, never)
+
+
+def test_what_is_announced_is_checked() -> None:
+    with pytest.raises(InputError, match="'a/b' cannot be used"):
+        decode_announcement(encode_announcement("a/b", FAST))
+    with pytest.raises(InputError, match="the hub's configuration has a missing or unknown field"):
+        decode_announcement(pack({"run": "one", "config": b"{}"}))
+    hopeless = replace(FAST, replay=replace(FAST.replay, capacity=1))
+    with pytest.raises(InputError, match=r"replay\.capacity is 1"):
+        decode_announcement(encode_announcement("one", hopeless))
+    with pytest.raises(MessageError, match="no JSON"):
+        decode_announcement(pack({"run": "one", "config": b"\xff"}))
