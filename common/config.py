@@ -35,6 +35,37 @@ class PlayConfig:
     """Offer the game's own actions (Pong: 6) instead of all 18."""
     max_game_frames: int = 108_000
     """A game longer than this (30 minutes at 60 Hz) is truncated; 0 for no bound."""
+    read_keys: Literal["frame", "decision"] = "frame"
+    """When the robot's controller is read: before every emulator frame, as a console does, or once
+    per decision before the arms move, as in 2017."""
+    wait_bound: int = 8
+    """Most decisions that a robot waits for its commanded keys, where it waits at all."""
+    vector: bool = False
+    """Show the last commands and keys, and a robot's joints, beside the frames."""
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """How far the robot's camera is from a perfect one; all off by default."""
+
+    noise: float = 0.0
+    """Standard deviation of each pixel's noise, in grey levels of 255."""
+    blur: float = 0.0
+    """Standard deviation of the blur, in pixels."""
+    exposure: float = 0.0
+    """Most by which the brightness differs from game to game, as a share."""
+    colour_gain: float = 0.0
+    """Most by which each colour's gain differs from game to game, as a share."""
+    distortion: float = 0.0
+    """Radial lens distortion k₁, at the half width of the picture."""
+    delay: int = 0
+    """Decisions by which the picture is late, 0 to 3."""
+    camera_jitter: float = 0.0
+    """Most by which the head's yaw and pitch differ from game to game, in degrees."""
+    screen_jitter: float = 0.0
+    """Most by which the screen's distance differs from game to game, as a share."""
+    ambient: float = 0.0
+    """Light that falls on the screen beside the projector's, as a share of white."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +177,7 @@ class RunConfig:
     seed: int = 1
     """Of the first weights, the minibatches and the actors' games."""
     play: PlayConfig = field(default_factory=PlayConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
     stream: StreamConfig = field(default_factory=StreamConfig)
     replay: ReplayConfig = field(default_factory=ReplayConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
@@ -175,7 +207,15 @@ class RunConfig:
             InputError: with the field at fault and what to choose.
         """
         learning, replay, stream = self.learning, self.replay, self.stream
-        for group in (self.play, stream, replay, learning, self.exploration, self.protocol):
+        for group in (
+            self.play,
+            self.camera,
+            stream,
+            replay,
+            learning,
+            self.exploration,
+            self.protocol,
+        ):
             for name, value in dataclasses.asdict(group).items():
                 if isinstance(value, (int, float)) and not 0 <= value < float("inf"):
                     raise InputError(f"{name} is {value}: choose a number that is not negative.")

@@ -80,7 +80,7 @@ def test_a_wrong_task_is_refused(name: str, value: Any) -> None:
         ("epoch", None),
         ("steps", -1),
         ("games", None),
-        ("games", {}),
+        ("games", "text"),
         ("done", 1),
     ],
 )
