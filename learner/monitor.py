@@ -125,6 +125,9 @@ class Monitor:
             weights_version=weights_version,
             stored=progress.stored,
             capacity=config.replay.capacity,
+            replay_private_bytes=progress.private_bytes,
+            replay_resident_bytes=progress.resident_bytes,
+            replay_file_bytes=progress.file_bytes,
             chunks=ChunkCounts(
                 made=made,
                 acked=progress.accepted,

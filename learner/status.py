@@ -118,6 +118,11 @@ class Status:
     stored: int = 0
     """Steps in the replay."""
     capacity: int
+    replay_private_bytes: int = 0
+    """Memory of the process that holds the replay, without file pages."""
+    replay_resident_bytes: int = 0
+    """The same with the file pages that happen to be in memory."""
+    replay_file_bytes: int = 0
     chunks: ChunkCounts = field(default_factory=ChunkCounts)
     valid_frame_share: float | None = None
     press_match_share: float | None = None

@@ -87,6 +87,11 @@ def write_summary(
         "samples_per_insert_goal": status.samples_per_insert_goal,
         "stored": status.stored,
         "capacity": status.capacity,
+        "replay_process": {
+            "private_bytes": status.replay_private_bytes,
+            "resident_bytes": status.replay_resident_bytes,
+            "file_bytes": status.replay_file_bytes,
+        },
         "chunks": dataclasses.asdict(status.chunks),
         "weights_version": status.weights_version,
         "staleness_updates": {"p50": status.staleness_p50, "p95": status.staleness_p95},

@@ -1,0 +1,117 @@
+"""How processes learn that they should end: real ones, with a real parent and real signals."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE = 60.0
+
+ON_A_LEASH = """
+import sys, threading
+from common import lifeline
+
+stop = threading.Event()
+lifeline.leave_with_parent(stop)
+print("ready", flush=True)
+stop.wait()
+print("left", flush=True)
+"""
+
+DEAF = """
+import threading
+from common import lifeline
+
+lifeline.GRACE = 0.1
+lifeline.leave_with_parent(threading.Event())
+print("ready", flush=True)
+threading.Event().wait()
+"""
+
+ON_SIGNALS = """
+import threading
+from common import lifeline
+
+stop = threading.Event()
+lifeline.on_signals(stop)
+print("ready", flush=True)
+stop.wait()
+print("stopping", flush=True)
+threading.Event().wait({seconds})
+"""
+
+
+def start(script: str) -> "subprocess.Popen[str]":
+    process = subprocess.Popen(
+        [sys.executable, "-c", script],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    return process
+
+
+def test_a_process_leaves_when_its_standard_input_ends() -> None:
+    process = start(ON_A_LEASH)
+    assert process.poll() is None
+    output, _ = process.communicate(timeout=PATIENCE)
+    assert output == "left\n"
+    assert process.returncode == 0
+
+
+def test_what_arrives_at_standard_input_does_not_end_it() -> None:
+    process = start(ON_A_LEASH)
+    assert process.stdin is not None
+    process.stdin.write("text\n" * 1_000)
+    process.stdin.flush()
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(0.2)
+    output, _ = process.communicate(timeout=PATIENCE)
+    assert output == "left\n"
+
+
+def test_a_process_that_does_not_leave_is_ended() -> None:
+    process = start(DEAF)
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+
+
+def test_a_process_leaves_with_a_parent_that_was_killed() -> None:
+    grandchild = (
+        "import subprocess, sys\n"
+        f"child = subprocess.Popen([sys.executable, '-c', {ON_A_LEASH!r}], stdin=subprocess.PIPE)\n"
+        "child.wait()\n"
+    )
+    parent = start(grandchild)  # the grandchild says that it is ready, to the same pipe
+    parent.kill()
+    assert parent.stdout is not None
+    assert parent.stdout.read() == "left\n"  # ends when the grandchild's end of it is closed
+    parent.communicate(timeout=PATIENCE)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_asks_it_to_stop(number: signal.Signals) -> None:
+    process = start(ON_SIGNALS.format(seconds=0))
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=PATIENCE)
+    assert output == "stopping\n"
+    assert process.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+)
+def test_the_second_signal_ends_it_at_once(number: signal.Signals, status: int) -> None:
+    process = start(ON_SIGNALS.format(seconds=PATIENCE))
+    process.send_signal(signal.SIGTERM)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "stopping\n"
+    process.send_signal(number)
+    process.communicate(timeout=PATIENCE / 2)
+    assert process.returncode == status
