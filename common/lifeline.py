@@ -4,17 +4,28 @@ import os
 import signal
 import sys
 import threading
+import time
 from types import FrameType
 
+_TOGETHER = 1.0
 GRACE = 4.0
 """Seconds that a process may take to leave once its parent is gone."""
 
 
 def on_signals(stop: threading.Event) -> None:
-    """Set ``stop`` at the first SIGINT or SIGTERM; a second one ends the process at once."""
+    """Set ``stop`` at the first SIGINT or SIGTERM; one that comes later ends the process at once.
+
+    Those that come together are one: `timeout` and some terminals send a signal both to the
+    process and to its group.
+    """
+    first: float | None = None
 
     def handle(number: int, frame: FrameType | None) -> None:
-        if stop.is_set():
+        nonlocal first
+        now = time.monotonic()
+        if first is None:
+            first = now
+        elif now - first > _TOGETHER:
             os._exit(128 + number)
         stop.set()
 
