@@ -55,7 +55,7 @@ class Outbox:
         self.last_ack: Ack | None = None
         self._window = window
         self._patience = patience
-        self._hub_seen = time.monotonic()
+        self._missed_since: float | None = None
         self._stopped = stopped
         self._warn = warn
         self._letters: list[_Letter] = []  # unacknowledged, oldest first
@@ -111,7 +111,11 @@ class Outbox:
         """
         for reply in self._querier.get(payload=b""):
             if reply.ok is not None:
-                self.last_ack = decode_ack(reply.ok.payload.to_bytes())
+                try:
+                    self.last_ack = decode_ack(reply.ok.payload.to_bytes())
+                except MessageError as error:
+                    self._warn(f"the replay gave an answer that is none: {error}")
+                    continue
                 return self.last_ack
         self._look_for_hub()
         with self._changed:
@@ -126,8 +130,10 @@ class Outbox:
     def _look_for_hub(self) -> None:
         now = time.monotonic()
         if self._hub_is_there:
-            self._hub_seen = now
-        elif now - self._hub_seen > self._patience:
+            self._missed_since = None
+        elif self._missed_since is None:
+            self._missed_since = now
+        elif now - self._missed_since > self._patience:
             raise InputError(
                 f"the hub went away and did not come back in {self._patience:.0f} s: "
                 "start it again with --resume, then start this actor."

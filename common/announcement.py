@@ -28,7 +28,7 @@ def decode_announcement(payload: bytes) -> tuple[str, RunConfig]:
     message = unpack(payload)
     try:
         mapping = json.loads(take(message, "config", bytes))
-    except ValueError:
+    except (ValueError, RecursionError):
         raise MessageError("the configuration is no JSON") from None
     config = from_mapping(RunConfig, mapping, "the hub's configuration")
     config.check()
@@ -44,6 +44,8 @@ def find_run(
         InputError: none in ``patience`` seconds, several, or one of another version.
         KeyboardInterrupt: ``stopped`` became true.
     """
+    if name is not None:
+        check_name("run", name)
     began = time.monotonic()
     while True:
         found: dict[str, RunConfig] = {}

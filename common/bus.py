@@ -120,6 +120,7 @@ def _session_config(mode: str) -> zenoh.Config:
         "connect/endpoints": [],
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
+        "scouting/delay": 0,  # nobody is looked for, so there is nothing to wait for
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": 3000,
     }

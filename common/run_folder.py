@@ -76,7 +76,7 @@ class RunFolder:
             )
         except FileNotFoundError:
             return None
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{self.config_file} cannot be read: {error}.") from None
 
     def claim(self, part: str, config: RunConfig, *, begun: Path, resume: bool) -> None:

@@ -45,7 +45,7 @@ def unpack(payload: bytes) -> dict[str, Any]:
         raise MessageError(f"not msgpack: {error}") from None
     if not isinstance(message, dict) or not all(isinstance(key, str) for key in message):
         raise MessageError("not a map with text keys")
-    if message.get("schema") != SCHEMA:
+    if type(message.get("schema")) is not int or message["schema"] != SCHEMA:
         raise MessageError(f"schema {message.get('schema')!r} where {SCHEMA} is spoken")
     return message
 

@@ -23,8 +23,8 @@ OF_TYPE = {type_: [n for n, v in vars(GOOD).items() if type(v) is type_] for typ
         name=st.text(max_size=64),
         role=st.sampled_from(["actor", "evaluator"]),
         leaving=st.booleans(),
-        **{name: COUNTS for name in OF_TYPE[int]},
-        **{name: AMOUNTS for name in OF_TYPE[float]},
+        **dict.fromkeys(OF_TYPE[int], COUNTS),
+        **dict.fromkeys(OF_TYPE[float], AMOUNTS),
     )
 )
 def test_stats_survive_the_wire(stats: ActorStats) -> None:

@@ -114,3 +114,13 @@ def test_what_is_announced_is_checked() -> None:
         decode_announcement(encode_announcement("one", hopeless))
     with pytest.raises(MessageError, match="no JSON"):
         decode_announcement(pack({"run": "one", "config": b"\xff"}))
+
+
+def test_a_configuration_nested_without_end_is_refused() -> None:
+    with pytest.raises(MessageError):
+        decode_announcement(pack({"run": "one", "config": b"[" * 200_000}))
+
+
+def test_a_name_that_is_no_key_is_told(session: zenoh.Session) -> None:
+    with pytest.raises(InputError, match="'a//b' cannot be used"):
+        find_run(session, "a//b", 0.0, never)

@@ -38,9 +38,7 @@ def parsed(*arguments: str, stored: RunConfig | None = None) -> Options:
         (["--pre", "paper"], "robot"),
     ],
 )
-def test_the_preset_is_asked_for_or_suits_the_environment(
-    arguments: list[str], name: str
-) -> None:
+def test_the_preset_is_asked_for_or_suits_the_environment(arguments: list[str], name: str) -> None:
     assert preset_of(arguments).preset == name
 
 

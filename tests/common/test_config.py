@@ -1,5 +1,6 @@
 """RunConfig: each rule with its sentence, the schedules by hand, and JSON there and back."""
 
+import dataclasses
 import json
 from dataclasses import replace
 from typing import Any
@@ -9,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config import (
+    MAX_WAIT,
     ExplorationConfig,
     LearningConfig,
     PlayConfig,
@@ -58,27 +60,16 @@ SHARES = [
     "protocol.test_epsilon",
     "learning.discount",
 ]
-AT_LEAST_0 = [
-    *AT_LEAST_1,
-    *SHARES,
-    "play.history",
-    "play.random_starts",
-    "play.max_game_frames",
-    "replay.capacity",
-    "replay.warmup",
-    "replay.priority_exponent",
-    "replay.importance_exponent",
-    "replay.ratio_tolerance",
-    "learning.learning_rate",
-    "learning.rmsprop_decay",
-    "learning.optimizer_epsilon",
-    "learning.gradient_norm",
-    "exploration.steps",
-    "protocol.held_out_states",
+NUMBERS = [
+    f"{group}.{name}"
+    for group, values in dataclasses.asdict(GOOD).items()
+    if isinstance(values, dict)
+    for name, value in values.items()
+    if type(value) in (int, float)
 ]
 
 
-@pytest.mark.parametrize("field", AT_LEAST_0)
+@pytest.mark.parametrize("field", NUMBERS)
 @pytest.mark.parametrize("value", [-1, float("nan"), float("inf"), float("-inf")])
 def test_no_number_is_negative_or_endless(field: str, value: float) -> None:
     name = field.split(".")[1]
@@ -104,6 +95,7 @@ def test_shares_end_at_1(field: str) -> None:
     ("field", "least", "most", "sentence"),
     [
         ("play.history", 2, 16, "choose a number from 2 to 16."),
+        ("play.wait_bound", 1, MAX_WAIT, f"choose a number from 1 to {MAX_WAIT}."),
         ("protocol.held_out_states", 1, 2_048, "choose a number from 1 to 2048."),
     ],
 )
@@ -272,6 +264,20 @@ def test_a_whole_number_does_for_a_float() -> None:
     found = from_mapping(RunConfig, data)
     assert found == GOOD
     assert type(found.learning.gradient_norm) is float
+
+
+def test_a_whole_number_too_large_for_a_float_is_refused() -> None:
+    data = mapping()
+    data["learning"]["learning_rate"] = 10**400
+    with pytest.raises(InputError, match=r"^here\.learning\.learning_rate is "):
+        from_mapping(RunConfig, data, "here")
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64])
+def test_a_seed_that_no_generator_takes_is_refused(seed: int) -> None:
+    # numpy takes no negative one, PyTorch none of more than 64 bits.
+    with pytest.raises(InputError, match=f"^seed is {seed}: "):
+        replace(GOOD, seed=seed).check()
 
 
 def test_differences_name_each_field_and_both_values() -> None:

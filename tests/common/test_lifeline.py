@@ -32,15 +32,16 @@ threading.Event().wait()
 """
 
 ON_SIGNALS = """
-import threading
+import sys, threading
 from common import lifeline
 
+lifeline._TOGETHER = {together}
 stop = threading.Event()
 lifeline.on_signals(stop)
 print("ready", flush=True)
 stop.wait()
 print("stopping", flush=True)
-threading.Event().wait({seconds})
+sys.stdin.read()
 """
 
 
@@ -97,21 +98,33 @@ def test_a_process_leaves_with_a_parent_that_was_killed() -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_first_signal_asks_it_to_stop(number: signal.Signals) -> None:
-    process = start(ON_SIGNALS.format(seconds=0))
+    process = start(ON_SIGNALS.format(together=0.0))
     process.send_signal(number)
     output, _ = process.communicate(timeout=PATIENCE)
     assert output == "stopping\n"
     assert process.returncode == 0
 
 
-@pytest.mark.parametrize(
-    ("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
-)
-def test_the_second_signal_ends_it_at_once(number: signal.Signals, status: int) -> None:
-    process = start(ON_SIGNALS.format(seconds=PATIENCE))
+def stopping(together: float) -> "subprocess.Popen[str]":
+    """A process that got a signal, and is about to stop once its standard input ends."""
+    process = start(ON_SIGNALS.format(together=together))
     process.send_signal(signal.SIGTERM)
     assert process.stdout is not None
     assert process.stdout.readline() == "stopping\n"
+    return process
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_later_signal_ends_it_at_once(number: signal.Signals, status: int) -> None:
+    process = stopping(together=0.0)
     process.send_signal(number)
-    process.communicate(timeout=PATIENCE / 2)
-    assert process.returncode == status
+    assert process.wait(PATIENCE) == status
+    process.communicate()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_that_come_together_are_one(number: signal.Signals) -> None:
+    process = stopping(together=1e9)
+    process.send_signal(number)
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0

@@ -145,7 +145,9 @@ def test_glorot_draws_between_its_bounds_with_zero_biases() -> None:
 
 
 def test_a_black_screen_is_worth_exactly_nothing_to_fresh_glorot_weights() -> None:
-    values = network_of(glorot=True)(torch.zeros(2, 4, 84, 84, dtype=torch.uint8), torch.zeros(2, 0))
+    values = network_of(glorot=True)(
+        torch.zeros(2, 4, 84, 84, dtype=torch.uint8), torch.zeros(2, 0)
+    )
     assert (values == 0).all()
 
 

@@ -62,7 +62,7 @@ def test_a_name_that_leads_elsewhere_is_refused(tmp_path: Path) -> None:
 
 
 def test_resuming_needs_a_run(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there is no run in .* to resume: start it without"):
+    with pytest.raises(InputError, match=r"there is no run in .* to resume: start it without"):
         claim(tmp_path, resume=True)
     assert not (tmp_path / "r").exists()
 
@@ -101,7 +101,7 @@ def test_another_configuration_is_refused_with_the_differences(
 def test_learner_and_replay_share_a_run(tmp_path: Path) -> None:
     folder = claim(tmp_path)
     folder.claim("replay", FAST, begun=folder.replay, resume=False)
-    with pytest.raises(InputError, match="^another replay is at work in"):
+    with pytest.raises(InputError, match=r"^another replay is at work in"):
         claim(tmp_path, "replay")
 
 
@@ -129,7 +129,7 @@ def test_another_processs_part_is_locked_until_that_process_is_dead(tmp_path: Pa
     ) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
-        with pytest.raises(InputError, match="^another learner is at work in"):
+        with pytest.raises(InputError, match=r"^another learner is at work in"):
             claim(tmp_path, resume=True)
         holder.send_signal(signal.SIGKILL)
         holder.wait()
@@ -179,7 +179,7 @@ def test_a_write_that_fails_leaves_the_old_file(
 def test_whoever_holds_the_old_file_open_reads_it_to_its_end(tmp_path: Path) -> None:
     path = tmp_path / "file"
     write_atomically(path, b"old content")
-    with path.open("rb") as reader:
+    with path.open("rb", buffering=0) as reader:
         assert reader.read(3) == b"old"
         write_atomically(path, b"new")
         assert reader.read() == b" content"

@@ -14,17 +14,17 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE = 120.0
+PATIENCE = 300.0
 """Seconds after which something that does not happen is a failure."""
 
 SMALL = (
-    "--replay.warmup=1000",
+    "--replay.warmup=600",
     "--replay.capacity=20000",
     "--replay.ratio-tolerance=256",
-    "--protocol.epoch-steps=1000",
-    "--protocol.test-steps=500",
+    "--protocol.epoch-steps=600",
+    "--protocol.test-steps=300",
     "--protocol.held-out-states=64",
-    "--learning.checkpoint-every=100",
+    "--learning.checkpoint-every=50",
     "--learning.publish-every=20",
 )
 """Settings of a run that is over in seconds."""
@@ -102,7 +102,10 @@ class Stage:
         return program
 
     def learner(self, *arguments: str) -> Program:
-        return self.start("-m", "learner", "--listen", self.endpoint, "--run", "r", *arguments)
+        # One thread: other tests and programs may want the cores too.
+        return self.start(
+            "-m", "learner", "--listen", self.endpoint, "--run", "r", "--threads=1", *arguments
+        )
 
     def actor(self, name: str, *arguments: str) -> Program:
         return self.start(

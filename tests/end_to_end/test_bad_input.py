@@ -53,7 +53,7 @@ def test_an_actor_without_a_hub(stage: Stage) -> None:
 
 
 def test_resuming_with_other_settings_or_damaged_files(stage: Stage) -> None:
-    stage.learner("--local", "--env", "ale", "--steps", "1200", *SMALL).ends()
+    stage.learner("--local", "--env", "ale", "--steps", "700", *SMALL).ends()
     checkpoint: Path = stage.run / "checkpoint.safetensors"
 
     other = _sentence(stage.learner("--resume", "--learning.n-step", "7").ends(2))

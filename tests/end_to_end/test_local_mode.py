@@ -11,14 +11,14 @@ from tests.end_to_end.conftest import SMALL, Stage, wait_until
 
 @pytest.mark.parametrize("env", ["ale", "robot"])
 def test_learns_a_little_and_leaves_its_files_with_balanced_counts(stage: Stage, env: str) -> None:
-    learner = stage.learner("--local", "--env", env, "--steps", "3000", *SMALL)
+    learner = stage.learner("--local", "--env", env, "--steps", "1800", *SMALL)
 
     output = learner.ends()
 
     summary = stage.summary()
     chunks = summary["chunks"]
-    assert summary["agent_steps"] >= 3000
-    assert summary["updates"] >= (3000 - 1000) // 4
+    assert summary["agent_steps"] >= 1800
+    assert summary["updates"] >= (1800 - 600) // 4
     assert summary["weights_version"] > 0
     assert chunks["made"] == chunks["acked"] + chunks["refused"]
     assert (chunks["refused"], chunks["duplicate"]) == (0, 0)
@@ -33,9 +33,10 @@ def test_learns_a_little_and_leaves_its_files_with_balanced_counts(stage: Stage,
     assert [row["phase"] for row in rows[:2]] == ["random", "train"]
     trained = [row for row in rows if row["phase"] == "train"]
     tested = [row for row in rows if row["phase"] == "test"]
-    assert len(trained) == len(tested) == 2
+    # Steps that were on their way when the goal was reached may complete one more.
+    assert len(trained) == len(tested) >= 2
     assert all(-21 <= float(row["average_reward"]) <= 21 for row in tested)
-    assert all(int(row["steps"]) >= 500 for row in tested)
+    assert all(int(row["steps"]) >= 300 for row in tested)
     assert float(trained[-1]["meanq"]) != 0
     assert load_file(stage.run / "snapshots" / "best.safetensors")
     assert list((stage.run / "tensorboard").iterdir())
@@ -56,7 +57,7 @@ def test_ctrl_c_ends_every_process_and_leaves_a_run_that_goes_on(stage: Stage) -
 
     assert stage.strays() == []
     before = stage.summary()
-    goal = before["agent_steps"] + 500
+    goal = before["agent_steps"] + 300
     output = stage.learner("--local", "--resume", "--steps", str(goal)).ends()
     after = stage.summary()
     assert after["agent_steps"] >= goal

@@ -1,0 +1,81 @@
+"""A hub's side of a conversation, played by the test itself: it answers when the test says so."""
+
+import queue
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import zenoh
+from zenoh.handlers import Callback
+
+from common.ack import Ack, encode_ack
+
+PATIENCE = 30.0
+"""Seconds after which something that does not happen is a failure."""
+
+STORED = Ack("stored", hold=False, finished=False, agent_steps=0, weights_version=0)
+
+
+def wait_until(condition: Callable[[], Any], what: str) -> Any:
+    """The condition's first true value; fails when it never comes."""
+    deadline = time.monotonic() + PATIENCE
+    while not (value := condition()):
+        if time.monotonic() > deadline:
+            pytest.fail(f"waited in vain until {what}")
+        time.sleep(0.005)
+    return value
+
+
+def payload_of(query: zenoh.Query) -> bytes:
+    return query.payload.to_bytes() if query.payload is not None else b""
+
+
+class Questions:
+    """Queries to ``key``, in order of arrival, for the test to answer one by one."""
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self._closed = False
+        self._queries: queue.SimpleQueue[zenoh.Query] = queue.SimpleQueue()
+        self._queryable = session.declare_queryable(
+            key, Callback(self._queries.put, indirect=False)
+        )
+
+    def next(self) -> zenoh.Query:
+        try:
+            return self._queries.get(timeout=PATIENCE)
+        except queue.Empty:
+            pytest.fail("waited in vain for a query")
+
+    def waiting(self) -> Iterator[zenoh.Query]:
+        """Those that are there already."""
+        while not self._queries.empty():
+            yield self._queries.get()
+
+    def close(self) -> None:
+        """Listen no more; those that wait get no answer. A second time does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        self._queryable.undeclare()  # type: ignore[no-untyped-call]
+        for query in self.waiting():
+            ignore(query)
+
+
+def answer(query: zenoh.Query, payload: bytes) -> None:
+    with query:
+        query.reply(query.key_expr, payload)
+
+
+def acknowledge(query: zenoh.Query, ack: Ack = STORED) -> None:
+    answer(query, encode_ack(ack))
+
+
+def refuse(query: zenoh.Query, sentence: str) -> None:
+    with query:
+        query.reply_err(sentence)
+
+
+def ignore(query: zenoh.Query) -> None:
+    """End it without an answer, as happens when a server goes away."""
+    query.drop()  # type: ignore[no-untyped-call]
