@@ -6,20 +6,22 @@ import sys
 import threading
 import time
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 import torch
+import tyro
 
 from actors.actor import Actor
 from actors.envs import make_env
 from actors.evaluator import Evaluator
+from actors.looking.options import LookingOptions
 from actors.policy import Policy
 from common.announcement import find_run
 from common.bus import DEFAULT_ENDPOINT, check_name, connect
 from common.cli import parse
-from common.config import EnvKind, RunConfig
+from common.config import MAX_SEED, EnvKind, RunConfig
 from common.errors import InputError, exit_on_input_error
 from common.lifeline import leave_with_parent, on_signals
 from common.network import build_network
@@ -30,11 +32,18 @@ class ActorOptions:
     """Join a run: play, send what happened to its replay, and follow its learner's weights.
 
     What is played and how comes from the run's hub, so a plain `python -m actors --sync` is
-    enough. Start as many as there are cores, on as many machines as there are.
+    enough. Start as many as there are cores, on as many machines as there are. Or look at one
+    robot without any run: see the looking options.
     """
 
     sync: bool = True
-    """Physics, emulator and agent in lockstep, as fast as the machine goes."""
+    """Physics, emulator and agent in lockstep, as fast as the machine goes; or else a robot's
+    physics and game go on in real time, whether the agent is ready or not."""
+    wait_action: bool = False
+    """Let each of a robot's decisions last until the keys are as commanded (or the run's
+    play.wait_bound is reached)."""
+    speed: float = 1.0
+    """Game seconds per second, with --no-sync."""
     connect: str = DEFAULT_ENDPOINT
     """Address of the run's hub (the learner, or a replay of its own)."""
     run: str | None = None
@@ -56,10 +65,16 @@ class ActorOptions:
     """Seconds to wait for the hub, at the start and whenever it goes away."""
     leash: bool = False
     """Leave when standard input ends; the learner's local mode holds the other end."""
+    looking: tyro.conf.OmitArgPrefixes[LookingOptions] = field(default_factory=LookingOptions)
 
     def check(self) -> None:
-        if not self.sync:
-            raise InputError("--no-sync is not built yet: use --sync.")
+        self.looking.check_flags()
+        if not 0 < self.speed < float("inf"):
+            raise InputError(f"--speed is {self.speed}: choose a number above 0.")
+        if self.sync and self.speed != 1.0:
+            raise InputError("--speed is for --no-sync: with --sync time goes as fast as it can.")
+        if self.seed is not None and not 0 <= self.seed < MAX_SEED:
+            raise InputError(f"--seed is {self.seed}: choose a number from 0 to {MAX_SEED - 1}.")
         if not 1 <= self.envs <= 256:
             raise InputError(f"--envs is {self.envs}: choose a number from 1 to 256.")
         if self.evaluator and self.envs != 1:
@@ -83,9 +98,41 @@ def default_name() -> str:
     return f"{host.strip('-')[:40] or 'actor'}-{secrets.token_hex(3)}"
 
 
+def look(options: ActorOptions) -> int:
+    """Check, play or hand over a robot, without any run; the exit status."""
+    # Late, because an actor that trains needs none of it.
+    from actors.looking.check import check
+    from actors.looking.human import play_by_hand
+    from actors.looking.player import config_to_play
+    from actors.looking.show import show
+
+    looking = options.looking
+    stop = threading.Event()
+    on_signals(stop)
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    config = config_to_play(looking.weights, options.env, options.game, looking.minimal_actions)
+    seed = config.seed if options.seed is None else options.seed
+    if looking.check:
+        return check(config, looking.output, nao_urdf=looking.nao_urdf, seed=seed, stop=stop)
+    if looking.human:
+        return play_by_hand(config, seed=seed, stop=stop)
+    return show(
+        looking,
+        config,
+        seed=seed,
+        stop=stop,
+        sync=options.sync,
+        wait_action=options.wait_action,
+        speed=options.speed,
+    )
+
+
 def main() -> int:
     options = parse(ActorOptions, "actors", sys.argv[1:])
     options.check()
+    if options.looking.looks:
+        return look(options)
     name = check_name("actor", options.name or default_name())
     stop = threading.Event()
     on_signals(stop)
@@ -109,7 +156,16 @@ def main() -> int:
             else [options.seed]
         )
         policy_seed, *seeds = np.random.SeedSequence(entropy).generate_state(1 + options.envs)
-        envs = [make_env(config, training=not options.evaluator) for _ in range(options.envs)]
+        envs = [
+            make_env(
+                config,
+                training=not options.evaluator,
+                sync=options.sync,
+                wait_action=options.wait_action,
+                speed=options.speed,
+            )
+            for _ in range(options.envs)
+        ]
         actions = int(envs[0].action_space.n)  # type: ignore[attr-defined]
         policy = Policy(build_network(config, actions), actions, np.random.default_rng(policy_seed))
         warn(f"plays {config.game} ({config.env}) for run {keys.run} at {options.connect}.")

@@ -168,4 +168,6 @@ class Actor:
             held_share=held,
             valid_share=self._tally.valid_share,
             match_share=self._tally.match_share,
+            missed_deadlines=self._tally.missed_deadlines,
+            waits_given_up=self._tally.waits_given_up,
         )

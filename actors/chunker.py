@@ -32,7 +32,11 @@ class Chunker:
             self._context = step.s_tm1[-1 - older : -1].copy()
         self._age += 1
         # The loop overwrites its states in place: keep only what the chunk needs, and own it.
-        self._steps.append(step._replace(s_tm1=step.s_tm1[-1].copy(), s_t=step.s_t[-1].copy()))
+        self._steps.append(
+            step._replace(
+                s_tm1=step.s_tm1[-1].copy(), s_t=step.s_t[-1].copy(), x_tm1=step.x_tm1.copy()
+            )
+        )
         return self.cut(policy) if len(self._steps) == self._length else None
 
     def cut(self, policy: Policy) -> Chunk | None:
@@ -41,8 +45,8 @@ class Chunker:
             return None
         steps, self._steps = self._steps, []
         run, actor, incarnation, stream = self._identity
-        finals = [step.s_t for step in steps if step.truncated]
-        frame = steps[0].s_tm1.shape
+        cut = [step for step in steps if step.truncated]
+        frame, width = steps[0].s_tm1.shape, len(steps[0].x_tm1)
         chunk = Chunk(
             run=run,
             actor=actor,
@@ -60,9 +64,9 @@ class Chunker:
             elapsed=np.array([step.info["elapsed"] for step in steps], np.uint8),
             valid=np.array([step.valid for step in steps], np.bool_),
             matched=np.array([step.info["keys_match"] for step in steps], np.bool_),
-            vectors=np.zeros((len(steps), 0), np.float32),
-            final_frames=np.stack(finals) if finals else np.zeros((0, *frame), np.uint8),
-            final_vectors=np.zeros((len(finals), 0), np.float32),
+            vectors=np.stack([step.x_tm1 for step in steps]),
+            final_frames=np.array([step.s_t for step in cut], np.uint8).reshape(len(cut), *frame),
+            final_vectors=np.array([step.x_t for step in cut], np.float32).reshape(len(cut), width),
             games=tuple(
                 Game(float(step.info["game_score"]), int(step.info["game_steps"]))
                 for step in steps

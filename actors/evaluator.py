@@ -143,4 +143,6 @@ class Evaluator:
             held_share=0.0,
             valid_share=self._tally.valid_share,
             match_share=self._tally.match_share,
+            missed_deadlines=self._tally.missed_deadlines,
+            waits_given_up=self._tally.waits_given_up,
         )

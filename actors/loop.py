@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from actors.policy import Policy
 
+NO_VECTOR: NDArray[np.float32] = np.zeros(0, np.float32)
+
 
 class Step(NamedTuple):
     """One decision of one environment."""
@@ -31,6 +33,16 @@ class Step(NamedTuple):
     s_t: NDArray[np.uint8]
     info: dict[str, Any]
     """What the environment said after the step."""
+    x_tm1: NDArray[np.float32] = NO_VECTOR
+    """Vector observation beside ``s_tm1``, ``[P]``."""
+    x_t: NDArray[np.float32] = NO_VECTOR
+
+
+def frames_and_vector(observation: Any) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Both parts of an environment's observation; the vector is empty where it shows none."""
+    if isinstance(observation, dict):
+        return observation["frames"], observation["vector"]
+    return observation, NO_VECTOR
 
 
 def play(
@@ -38,14 +50,16 @@ def play(
 ) -> Iterator[Step]:
     """Endless steps, environment by environment; an ended episode is followed by a reset."""
     first = [env.reset(seed=seed) for env, seed in zip(envs, seeds, strict=True)]
-    states = np.stack([state for state, _ in first])
+    observed = [frames_and_vector(observation) for observation, _ in first]
+    states = np.stack([frames for frames, _ in observed])
+    vectors = np.stack([vector for _, vector in observed])
     valid = [bool(info["valid_frame"]) for _, info in first]
     begins = [True] * len(envs)
-    no_vectors = np.zeros((len(envs), 0), np.float32)
     while True:
-        actions = policy.act(states, no_vectors)
+        actions = policy.act(states, vectors)
         for i, env in enumerate(envs):
-            s_t, r_t, terminated, truncated, info = env.step(actions[i])
+            observation, r_t, terminated, truncated, info = env.step(actions[i])
+            s_t, x_t = frames_and_vector(observation)
             yield Step(
                 stream=i,
                 begins=begins[i],
@@ -57,9 +71,12 @@ def play(
                 truncated=truncated,
                 s_t=s_t,
                 info=info,
+                x_tm1=vectors[i],
+                x_t=x_t,
             )
             begins[i] = terminated or truncated
             if begins[i]:
-                s_t, info = env.reset()
-            states[i] = s_t
+                observation, info = env.reset()
+                s_t, x_t = frames_and_vector(observation)
+            states[i], vectors[i] = s_t, x_t
             valid[i] = bool(info["valid_frame"])

@@ -11,6 +11,11 @@ class Tally:
     def __init__(self) -> None:
         self.steps = 0
         self.held_seconds = 0.0
+        self.missed_deadlines = 0
+        """Decisions that passed before their command was there, and frames that began more than
+        a frame too late; only where the world goes on in real time."""
+        self.waits_given_up = 0
+        """Steps that ended at the bound of their wait, without the commanded keys."""
         self._valid = 0
         self._matched = 0
         self._looked = (time.monotonic(), 0, 0.0)
@@ -19,6 +24,10 @@ class Tally:
         self.steps += 1
         self._valid += step.valid
         self._matched += bool(step.info["keys_match"])
+        # Only a robot's environment has the rest.
+        self.missed_deadlines += step.info.get("missed_deadlines", 0)
+        self.missed_deadlines += step.info.get("late_frames", 0)
+        self.waits_given_up += step.info.get("gave_up", False)
 
     @property
     def valid_share(self) -> float:

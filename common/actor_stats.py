@@ -34,6 +34,10 @@ class ActorStats:
     """Share of the steps since its start whose frame showed the screen."""
     match_share: float
     """Share of the steps since its start that ended with the commanded keys pressed."""
+    missed_deadlines: int = 0
+    """In real time: decisions that passed before their command, and frames that began late."""
+    waits_given_up: int = 0
+    """Steps whose wait for the commanded keys ended at its bound."""
 
 
 def encode_stats(stats: ActorStats) -> bytes:
@@ -64,6 +68,8 @@ def decode_stats(payload: bytes) -> ActorStats:
                 "acked",
                 "retried",
                 "refused",
+                "missed_deadlines",
+                "waits_given_up",
             )
         },
         **{

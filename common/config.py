@@ -10,10 +10,13 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from common.errors import InputError
+from common.vector_layout import width_of
 
 MAX_CHUNK_STEPS = 1_024
 MAX_HISTORY = 16
 MAX_HELD_OUT = 2_048
+MAX_SEED = 2**63
+MAX_WAIT = 50
 
 EnvKind = Literal["ale", "robot"]
 PresetName = Literal["paper", "fast", "robot"]
@@ -121,7 +124,7 @@ class LearningConfig:
     scale_pixels: bool = True
     """Divide pixels by 255 before the first layer."""
     clip_rewards: bool = True
-    """Learn from rewards clipped to [-1, 1]; scores are never clipped."""
+    """Learn from each decision's reward clipped to [-1, 1]; scores are never clipped."""
     discount: float = 0.99
     """γ per decision."""
     n_step: int = 3
@@ -192,7 +195,7 @@ class RunConfig:
     @property
     def vector_width(self) -> int:
         """Numbers of the vector observation that stands beside the frames; 0 for none."""
-        return 0
+        return width_of(self.env) if self.play.vector else 0
 
     def epsilon_at(self, agent_steps: int) -> float:
         """ε after this many agent steps, the warm-up included, over all actors."""
@@ -207,6 +210,8 @@ class RunConfig:
             InputError: with the field at fault and what to choose.
         """
         learning, replay, stream = self.learning, self.replay, self.stream
+        if not 0 <= self.seed < MAX_SEED:
+            raise InputError(f"seed is {self.seed}: choose a number from 0 to {MAX_SEED - 1}.")
         for group in (
             self.play,
             self.camera,
@@ -237,6 +242,10 @@ class RunConfig:
         if not 2 <= self.play.history <= MAX_HISTORY:
             raise InputError(
                 f"play.history is {self.play.history}: choose a number from 2 to {MAX_HISTORY}."
+            )
+        if not 1 <= self.play.wait_bound <= MAX_WAIT:
+            raise InputError(
+                f"play.wait_bound is {self.play.wait_bound}: choose a number from 1 to {MAX_WAIT}."
             )
         for name, share in (
             ("exploration.start", self.exploration.start),
@@ -301,7 +310,7 @@ def _typed(hint: Any, value: Any, where: str) -> Any:
         if value not in get_args(hint):
             raise InputError(f"{where} is {value!r}: choose one of {', '.join(get_args(hint))}.")
         return value
-    if hint is float and type(value) is int:
+    if hint is float and type(value) is int and abs(value) < 2**53:
         return float(value)
     if type(value) is not hint:
         raise InputError(f"{where} is {value!r}, which is not a {hint.__name__}.")

@@ -57,12 +57,20 @@ class LearnerOptions:
     """Environments in each actor of local mode."""
     evaluators: int = 1
     """Evaluators of local mode."""
+    sync: bool = True
+    """Local mode's physics, emulators and agents in lockstep; or else a robot's physics and game
+    go on in real time."""
+    wait_action: bool = False
+    """Let each decision of local mode's robots last until the keys are as commanded."""
+    speed: float = 1.0
+    """Game seconds per second, with --no-sync."""
     device: DeviceChoice = "auto"
     """Hardware of the learner; 'auto' takes CUDA where there is one."""
     precision: PrecisionChoice = "auto"
     """Of the network's arithmetic; 'auto' takes bfloat16 where the hardware is made for it."""
     threads: int = 0
-    """Processor threads of an update; 0 for as many cores as local mode's actors leave free."""
+    """Processor threads of an update; 0 for as many cores as local mode's actors leave free, or
+    half of them when actors may run in other terminals."""
     listen: str = DEFAULT_ENDPOINT
     """Address where actors find this process; name 0.0.0.0 to let other machines in."""
     connect: str | None = None
@@ -79,6 +87,8 @@ class LearnerOptions:
         ):
             if value < least:
                 raise InputError(f"{name} is {value}: choose {least} or more.")
+        if not 0 < self.speed < float("inf"):
+            raise InputError(f"--speed is {self.speed}: choose a number above 0.")
         check_game(self.config.game)
         if self.steps is not None and self.steps <= self.config.replay.warmup:
             raise InputError(
@@ -145,11 +155,20 @@ def count_actions(config: RunConfig) -> int:
         env.close()
 
 
+def clock_flags(options: LearnerOptions) -> list[str]:
+    """How time passes for local mode's actors, in their own flags."""
+    flags = ["--sync"] if options.sync else ["--no-sync", "--speed", str(options.speed)]
+    return [*flags, "--wait-action"] if options.wait_action else flags
+
+
 def free_cores(options: LearnerOptions) -> int:
-    """Cores for the update. Threads that share a core wait for each other at every layer: two on
-    two busy cores are slower than one alone (benchmarks/LOG.md)."""
+    """Cores for the update: those that actors here leave free.
+
+    Threads that share a core wait for each other at every layer: two on two busy cores are far
+    slower than one alone (benchmarks/LOG.md).
+    """
     cores = len(os.sched_getaffinity(0))
-    return max(cores - options.actors, 1) if options.local else cores
+    return max(cores - options.actors if options.local else cores // 2, 1)
 
 
 def main() -> int:
@@ -194,6 +213,7 @@ def main() -> int:
                 options.envs,
                 options.evaluators,
                 folder.path / "logs",
+                clock_flags(options),
             )
             if options.local
             else None

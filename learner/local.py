@@ -36,21 +36,25 @@ class Crew:
 
     Args:
         logs: folder for what they print.
+        clock: flags that say how time passes for them, such as ``["--sync"]``.
     """
 
     def __init__(
-        self, endpoint: str, run: str, actors: int, envs: int, evaluators: int, logs: Path
+        self,
+        endpoint: str,
+        run: str,
+        actors: int,
+        envs: int,
+        evaluators: int,
+        logs: Path,
+        clock: Sequence[str],
     ) -> None:
         logs.mkdir(parents=True, exist_ok=True)
         self._logs = logs
-        common = ["--connect", endpoint, "--run", run, "--leash"]
+        common = ["--connect", endpoint, "--run", run, "--leash", *clock]
         plans = [
-            (f"actor-{index}", [*common, "--sync", "--envs", str(envs)])
-            for index in range(1, actors + 1)
-        ] + [
-            (f"evaluator-{index}", [*common, "--sync", "--evaluator"])
-            for index in range(1, evaluators + 1)
-        ]
+            (f"actor-{index}", [*common, "--envs", str(envs)]) for index in range(1, actors + 1)
+        ] + [(f"evaluator-{index}", [*common, "--evaluator"]) for index in range(1, evaluators + 1)]
         self._children = [self._start(name, arguments) for name, arguments in plans]
         self._leaving = False
 

@@ -271,12 +271,20 @@ def _people_and_gates(status: Status, width: int, rows: int) -> Table:
     grid = _grid(Column(ratio=1), Column(width=38), gap=3)
     grid.add_row(
         _titled(
-            f"Actors, {alive} of {len(status.actors)} alive",
+            f"Actors, {alive} of {len(status.actors)} alive{_troubles(status.actors)}",
             _actors(status.actors, rows, roomy=width >= _ROOMY),
         ),
         _titled(f"Gates, {verdict}", _gates(status.gates)),
     )
     return grid
+
+
+def _troubles(actors: Sequence[ActorStatus]) -> str:
+    """What went wrong with the actors' time, if anything did."""
+    late = sum(actor.missed_deadlines for actor in actors)
+    given_up = sum(actor.waits_given_up for actor in actors)
+    told = [f", {figures.count(late)} late"] if late else []
+    return "".join([*told, f", {figures.count(given_up)} gave up"] if given_up else told)
 
 
 def _actors(actors: Sequence[ActorStatus], rows: int, roomy: bool) -> Table:
@@ -292,7 +300,7 @@ def _actors(actors: Sequence[ActorStatus], rows: int, roomy: bool) -> Table:
         if roomy:
             cells += [
                 _text(f"ε {figures.decimal(actor.epsilon, 3)}"),
-                _text(f"{figures.count(actor.retried)} retried", _LABEL),
+                _text(f"{figures.count(actor.retried)} retried{_troubles([actor])}", _LABEL),
                 _text(f"silent {actor.silent_for:.0f} s", _LABEL),
             ]
         mark = Text("●", _GOOD) if actor.alive else Text("○", _BAD)

@@ -143,5 +143,7 @@ def _status(
         acked=stats.acked,
         retried=stats.retried,
         refused=stats.refused,
+        missed_deadlines=stats.missed_deadlines,
+        waits_given_up=stats.waits_given_up,
         silent_for=silent,
     )

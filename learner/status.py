@@ -29,6 +29,10 @@ class ActorStatus:
     acked: int = 0
     retried: int = 0
     refused: int = 0
+    missed_deadlines: int = 0
+    """In real time: decisions that passed before their command, and frames that began late."""
+    waits_given_up: int = 0
+    """Steps whose wait for the commanded keys ended at its bound."""
     silent_for: float = 0.0
     """Seconds since it was last heard of."""
 

@@ -106,6 +106,8 @@ def write_summary(
         ),
         "valid_frame_share": status.valid_frame_share,
         "press_match_share": status.press_match_share,
+        "missed_deadlines": sum(actor.missed_deadlines for actor in status.actors),
+        "waits_given_up": sum(actor.waits_given_up for actor in status.actors),
         "gates": [dataclasses.asdict(gate) for gate in status.gates],
         "actors": [dataclasses.asdict(actor) for actor in status.actors],
         "config": dataclasses.asdict(config),

@@ -174,7 +174,9 @@ class Ring:
         columns = self._columns
         rewards = columns.rewards[slots[:-1]].astype(np.float64)
         if self._clip_rewards:
-            rewards = rewards.clip(-1.0, 1.0)
+            # A step of several decisions brings the sum of rewards that were clipped one by one.
+            most = columns.elapsed[slots[:-1]].astype(np.float64)
+            rewards = rewards.clip(-most, most)
         going_on = (columns.flags[slots[:-1]] & TERMINATED) == 0
         discounts = self._discounts[columns.elapsed[slots[:-1]]] * going_on
         so_far = np.cumprod(discounts, axis=0)

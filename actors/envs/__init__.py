@@ -19,8 +19,20 @@ def env_id(game: str, *, robot: bool) -> str:
     return f"ALERobot/{name}-v0" if robot else f"ALERobot/{name}-Emulator-v0"
 
 
-def make_env(config: RunConfig, *, training: bool) -> gymnasium.Env[Any, Any]:
-    """The environment of a run; ``training`` lets episodes end at a lost life.
+def make_env(
+    config: RunConfig,
+    *,
+    training: bool,
+    sync: bool = True,
+    wait_action: bool = False,
+    speed: float = 1.0,
+) -> gymnasium.Env[Any, Any]:
+    """The environment of a run.
+
+    Args:
+        training: let episodes end at a lost life.
+        sync, wait_action, speed: the robot's clock, see `RobotEnv`; they do not concern the bare
+            emulator.
 
     Raises:
         InputError: ale-py does not bundle ``config.game``.
@@ -31,7 +43,17 @@ def make_env(config: RunConfig, *, training: bool) -> gymnasium.Env[Any, Any]:
         return AtariEnv(config.game, play=config.play, training=training)
     from actors.envs.robot import RobotEnv
 
-    return RobotEnv(config.game, play=config.play, training=training)
+    return RobotEnv(
+        config.game,
+        play=config.play,
+        camera=config.camera,
+        training=training,
+        sync=sync,
+        wait_action=wait_action,
+        speed=speed,
+        discount=config.learning.discount,
+        clip_rewards=config.learning.clip_rewards,
+    )
 
 
 for _game in GAMES:

@@ -6,24 +6,31 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.envs.body_sense import BodySense
+from actors.envs.emulator import Emulator
 from actors.envs.game import REPORT_PLAY, AtariGame
-from actors.envs.observation import FrameHistory, shrink
-from common.chunk import FRAME_SHAPE
+from actors.envs.observation import FrameHistory, Observation, observation_space, shrink
+from actors.looking.window import TerminalWindow, render_modes
+from actors.vision.layout import ASPECT
+from common.actions import KEYS_OF_ACTION
 from common.config import PlayConfig
+from common.vector_layout import KEY_FRAMES
 
 
-class AtariEnv(gymnasium.Env[NDArray[np.uint8], np.int64]):
+class AtariEnv(gymnasium.Env[Observation, np.int64]):
     """One step is one decision of ``play.frame_skip`` emulator frames.
 
-    Observation: ``uint8 [history, 84, 84]``, newest frame last. Action: an index into all 18
-    actions, or into the game's own with ``play.minimal_actions``. Reward: points, not clipped.
+    Observation: ``uint8 [history, 84, 84]``, newest frame last; with ``play.vector`` in a
+    dictionary beside the last commands and keys, which are here always the commanded ones.
+    Action: an index into all 18 actions, or into the game's own with ``play.minimal_actions``.
+    Reward: points, not clipped.
     With ``training`` an episode also ends at a lost life, and the next ``reset()`` carries the
     same game on without touching the emulator. A ``reset()`` with a seed, with
     ``options={"new_game": True}`` or in the middle of an episode starts a new game.
     The keys of ``info`` are those of `AtariGame.info`.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012 - Gymnasium's way
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 15}  # noqa: RUF012
 
     def __init__(
         self,
@@ -33,40 +40,70 @@ class AtariEnv(gymnasium.Env[NDArray[np.uint8], np.int64]):
         training: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        """Raises InputError for a game that ale-py does not bundle."""
-        self.metadata = {**self.metadata, "render_fps": 60 / play.frame_skip}
+        """Raises InputError for a game that ale-py does not bundle, and for render_mode "human"
+        where there is no terminal to draw into."""
+        rate = 60 / play.frame_skip
+        self.metadata = {"render_modes": render_modes(), "render_fps": rate}
         self.render_mode = render_mode
+        self._window = TerminalWindow(rate) if render_mode == "human" else None
         # ALE repeats the action itself: four times faster than being asked for every frame.
         self._game = AtariGame(game, play, training=training, emulator_skip=play.frame_skip)
         self._frames = FrameHistory(play.history)
         self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
-        self.observation_space = gymnasium.spaces.Box(
-            0, 255, (play.history, *FRAME_SHAPE), np.uint8
-        )
+        self.observation_space = observation_space(play, "ale")
+        self._felt_frames = min(play.frame_skip, KEY_FRAMES)
+        self._sense = BodySense("ale") if play.vector else None
+
+    @property
+    def emulator(self) -> Emulator:
+        """The console; another one after a reset with a seed."""
+        return self._game.emulator
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+    ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; its first state is its first frame, repeated."""
         super().reset(seed=seed)
-        self._game.begin_episode(
+        new = self._game.begin_episode(
             self.np_random,
             seeded=seed is not None,
             new_game=bool((options or {}).get("new_game", False)),
         )
-        state = self._frames.restart(shrink(self._game.emulator.screen_grey()))
-        return state, self._game.info(valid_frame=True, keys_match=True, elapsed=0)
+        if new and self._sense is not None:
+            self._sense.forget()
+        self._frames.restart(shrink(self._game.emulator.screen_grey()))
+        self._show()
+        return self._observation(), self._game.info(valid_frame=True, keys_match=True, elapsed=0)
 
-    def step(
-        self, action: np.int64 | int
-    ) -> tuple[NDArray[np.uint8], float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold the action for one decision."""
-        reward = self._game.hold(self._game.actions[action])
+        held = self._game.actions[action]
+        reward = self._game.hold(held)
+        if self._sense is not None:
+            self._sense.command(held)
+            for _ in range(self._felt_frames):
+                self._sense.feel(KEYS_OF_ACTION[held])
         terminated, truncated = self._game.end_decision()
-        state = self._frames.push(shrink(self._game.emulator.screen_grey()))
+        self._frames.push(shrink(self._game.emulator.screen_grey()))
+        self._show()
         info = self._game.info(valid_frame=True, keys_match=True, elapsed=1)
-        return state, reward, terminated, truncated, info
+        return self._observation(), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """The emulator's screen, ``uint8 [rows, columns, 3]``, for render_mode "rgb_array"."""
         return self._game.emulator.screen_rgb() if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Give the terminal back, if it was drawn into."""
+        if self._window is not None:
+            self._window.close()
+
+    def _show(self) -> None:
+        if self._window is not None:
+            self._window.show(self._game.emulator.screen_rgb(), ASPECT)
+
+    def _observation(self) -> Observation:
+        frames = self._frames.state
+        if self._sense is None:
+            return frames
+        return {"frames": frames, "vector": self._sense.vector()}

@@ -1,10 +1,30 @@
-"""The state both environments show: the newest grey 84×84 frames, as in Mnih et al. (2015)."""
+"""The state both environments show: the newest grey 84×84 frames, as in Mnih et al. (2015).
+
+With ``play.vector`` a vector (`common.vector_layout`) stands beside them, in a dictionary.
+"""
+
+from typing import Any, TypeAlias
 
 import cv2
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from common.chunk import FRAME_SHAPE
+from common.config import EnvKind, PlayConfig
+from common.vector_layout import width_of
+
+Observation: TypeAlias = NDArray[np.uint8] | dict[str, Any]
+"""Frames ``uint8 [history, 84, 84]``; or these as ``frames`` and ``vector float32 [P]``."""
+
+
+def observation_space(play: PlayConfig, env: EnvKind) -> gymnasium.Space[Any]:
+    """The space of an environment's observations."""
+    frames = gymnasium.spaces.Box(0, 255, (play.history, *FRAME_SHAPE), np.uint8)
+    if not play.vector:
+        return frames
+    vector = gymnasium.spaces.Box(-1.0, 1.0, (width_of(env),), np.float32)
+    return gymnasium.spaces.Dict(frames=frames, vector=vector)
 
 
 def shrink(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:

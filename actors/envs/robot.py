@@ -1,5 +1,10 @@
-"""ALE-Robot: the agent behind a NAO's camera and hands (the report's figure 1), in lockstep."""
+"""ALE-Robot: the agent behind a NAO's camera and hands (the report's figure 1).
 
+The report's two switches are here too: ``sync`` off lets the world go on in real time, and
+``wait_action`` makes a step last until the hands hold the keys they were told to.
+"""
+
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -7,111 +12,231 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.envs.clock import Clock, Lockstep, RealTime
+from actors.envs.emulator import Emulator
 from actors.envs.game import REPORT_PLAY, AtariGame
-from actors.envs.observation import FrameHistory
+from actors.envs.observation import FrameHistory, Observation, observation_space
+from actors.envs.world import Decision, World
+from actors.looking.window import TerminalWindow, render_modes
 from actors.nao.room import Room
+from actors.nao.sensor import PERFECT_CAMERA
 from actors.vision.eye import Eye, Sight
-from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
-from common.chunk import FRAME_SHAPE
-from common.config import PlayConfig
+from common.actions import Keys
+from common.config import CameraConfig, PlayConfig
 
 
-class RobotEnv(gymnasium.Env[NDArray[np.uint8], np.int64]):
+class RobotEnv(gymnasium.Env[Observation, np.int64]):
     """One step is one decision of ``play.frame_skip`` emulator frames, 1/60 s each.
 
     An action sends the hands to its keys; before every emulator frame the physics goes on and
     the controller is read, and the keys that are then really pressed are what the game gets. The
     state's frames come from the robot's camera only. Spaces, rewards, episodes and ``info`` are
     those of `AtariEnv`, so that the two can be compared.
+
+    A step takes several decisions where the agent waits for its keys or, in real time, was too
+    slow; its reward is then their points discounted by the time that had passed, so that
+    ``reward + discount ** info["elapsed"] * value`` is the return. ``info`` has these beside
+    those of `AtariGame.info`: ``gave_up`` (the wait ended at its bound, without the keys),
+    ``missed_deadlines`` (decisions of this step that passed before its command) and
+    ``late_frames`` (emulator frames of this step that began more than a frame too late).
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012 - Gymnasium's way
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 15}  # noqa: RUF012
 
     def __init__(
         self,
         game: str = "pong",
         *,
         play: PlayConfig = REPORT_PLAY,
+        camera: CameraConfig = PERFECT_CAMERA,
         training: bool = False,
+        sync: bool = True,
+        wait_action: bool = False,
+        speed: float = 1.0,
+        discount: float = 1.0,
+        clip_rewards: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        """Raises InputError for a game that ale-py does not bundle."""
-        self.metadata = {**self.metadata, "render_fps": 60 / play.frame_skip}
+        """Sit the robot down at its desk.
+
+        Args:
+            sync: the world waits for the agent; or else goes on in real time.
+            wait_action: a step lasts until the keys are as commanded, ``play.wait_bound``
+                decisions at most.
+            speed: game seconds per second, if not sync.
+            discount: γ per decision, within steps of several decisions.
+            clip_rewards: count each decision's points as -1 to 1. Scores stay as they are.
+
+        Raises:
+            InputError: ale-py does not bundle the game, or render_mode is "human" where there is
+                no terminal to draw into.
+        """
+        rate = 60 / play.frame_skip
+        self.metadata = {"render_modes": render_modes(), "render_fps": rate}
         self.render_mode = render_mode
+        self._window = TerminalWindow(rate) if render_mode == "human" else None
         self._play = play
         # The random start is not the emulator's here: it goes through the hands, see `reset`.
         self._game = AtariGame(game, replace(play, random_starts=0), training=training)
-        self._room = Room(self._game.emulator.screen_shape)
-        self._eye = Eye()
+        self._camera = camera
+        self.room = Room(self._game.emulator.screen_shape, camera)
+        """The robot and all around it."""
+        self.eye = Eye(camera.distortion)
+        """Replaced at each new game: do not keep it."""
+        self.seen: NDArray[np.uint8]
+        """The camera's last picture, ``[240, 320, 3]``."""
+        self.sight: Sight
+        """What the eye made of it."""
+        self._world = World(self.room, self._game, play)
+        self._clock: Clock = Lockstep(self._world) if sync else RealTime(self._world, speed)
+        self._most_decisions = play.wait_bound if wait_action else 1
+        self._wait_action = wait_action
+        self._discount = discount
+        self._clip_rewards = clip_rewards
+        self._late_frames = 0
         self._frames = FrameHistory(play.history)
         self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
-        self.observation_space = gymnasium.spaces.Box(
-            0, 255, (play.history, *FRAME_SHAPE), np.uint8
-        )
+        self.observation_space = observation_space(play, "robot")
+
+    @property
+    def emulator(self) -> Emulator:
+        """The console; another one after a reset with a seed."""
+        return self._game.emulator
+
+    @property
+    def wanted(self) -> Keys:
+        """The keys of the last command."""
+        return self._world.wanted
+
+    @property
+    def pressed(self) -> Keys:
+        """The keys that the game was given last."""
+        return self._world.pressed
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+    ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; its first state is what is seen first, repeated.
 
         A new game begins with the hands at rest and up to ``play.random_starts`` random
-        decisions; a game that goes on after a lost life leaves everything as it is.
+        decisions; a game that goes on after a lost life leaves everything as it is. No game time
+        passes between two episodes, not even in real time, and the random start is played as fast
+        as the machine goes.
         """
         super().reset(seed=seed)
+        self._clock.stop()
         if self._game.begin_episode(
             self.np_random,
             seeded=seed is not None,
             new_game=bool((options or {}).get("new_game", False)),
         ):
-            self._room.reset()
+            self._world.restart()
+            self.room.begin_game(self.np_random)
             # Nothing of an earlier game may show in a seeded one, not even where the screen was.
-            self._eye = Eye()
+            self.eye = Eye(self._camera.distortion)
             self._play_random_start()
-        sight = self._look()
-        state = self._frames.restart(sight.frame)
-        return state, self._game.info(valid_frame=sight.valid, keys_match=True, elapsed=0)
+        self._photograph(0)
+        self._look()
+        self._frames.restart(self.sight.frame)
+        observation, info = self._observation(), self._info([], 0, gave_up=False)
+        self._clock.start()
+        return observation, info
 
-    def step(
-        self, action: np.int64 | int
-    ) -> tuple[NDArray[np.uint8], float, bool, bool, dict[str, Any]]:
-        """Let the hands set out for the action's keys, and let one decision pass."""
-        reward, pressed, wanted = self._decide(self._game.actions[action])
-        terminated, truncated = self._game.end_decision()
-        sight = self._look()
-        info = self._game.info(valid_frame=sight.valid, keys_match=pressed == wanted, elapsed=1)
-        return self._frames.push(sight.frame), reward, terminated, truncated, info
+    def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Let the hands set out for the action's keys, and let time pass."""
+        decisions = self._clock.command(self._game.actions[action])
+        missed = len(decisions)
+        photographed = 0
+        while not decisions or not decisions[-1].ended:
+            decisions += self._clock.pass_decision()
+            if self._obeyed(decisions[-1]) or len(decisions) - missed >= self._most_decisions:
+                break
+            if self._camera.delay > 0:  # a late picture may be one from the middle of a step
+                with self._clock.still():
+                    self._photograph(len(decisions) - photographed)
+                photographed = len(decisions)
+        last = decisions[-1]
+        with self._clock.still():
+            self._photograph(len(decisions) - photographed)
+            self._look()
+            self._frames.push(self.sight.frame)
+            gave_up = self._wait_action and not (last.ended or self._obeyed(last))
+            info = self._info(decisions, missed, gave_up=gave_up)
+            return (
+                self._observation(),
+                self._reward(decisions),
+                last.terminated,
+                last.truncated,
+                info,
+            )
 
     def render(self) -> NDArray[np.uint8] | None:
         """The room from outside, ``uint8 [480, 640, 3]``, for render_mode "rgb_array"."""
         if self.render_mode != "rgb_array":
             return None
-        return self._room.view(self._game.emulator.screen_rgb())
+        with self._clock.still():
+            return self.room.view(self._game.emulator.screen_rgb())
 
     def close(self) -> None:
-        """End the physics."""
-        self._room.close()
+        """End the physics, and give the terminal back if it was drawn into."""
+        if self._window is not None:
+            self._window.close()
+        self._clock.close()
+        self.room.close()
 
-    def _decide(self, action: int) -> tuple[float, Keys, Keys]:
-        """Points, keys pressed at the end and keys wanted, of one decision."""
-        wanted = KEYS_OF_ACTION[action]
-        self._room.command(wanted)
-        points, pressed = 0.0, Keys.NONE
-        for _ in range(self._play.frame_skip):
-            pressed = self._room.step_frame()
-            points += self._game.hold(action_of_keys(pressed))
-        return points, pressed, wanted
+    def _obeyed(self, decision: Decision) -> bool:
+        return decision.pressed == self._world.wanted
 
-    def _look(self) -> Sight:
-        return self._eye.see(self._room.picture(self._game.emulator.screen_rgb()))
+    def _reward(self, decisions: Sequence[Decision]) -> float:
+        points = [decision.points for decision in decisions]
+        if self._clip_rewards:
+            points = [min(max(each, -1.0), 1.0) for each in points]
+        return sum(self._discount**time * each for time, each in enumerate(points))
+
+    def _info(self, decisions: Sequence[Decision], missed: int, *, gave_up: bool) -> dict[str, Any]:
+        late, self._late_frames = (
+            self._clock.late_frames - self._late_frames,
+            self._clock.late_frames,
+        )
+        return {
+            **self._game.info(
+                valid_frame=self.sight.valid,
+                keys_match=not decisions or self._obeyed(decisions[-1]),
+                elapsed=len(decisions),
+            ),
+            "gave_up": gave_up,
+            "missed_deadlines": missed,
+            "late_frames": late,
+        }
+
+    def _photograph(self, decisions: int) -> None:
+        """Take a picture; ``decisions`` have passed since the last one."""
+        ideal = self.room.picture(self._game.emulator.screen_rgb())
+        self.seen = self.room.sensor.take(ideal, decisions)
+
+    def _show(self) -> None:
+        """Draw the room for people, small, as the terminal's cells are large."""
+        if self._window is not None:
+            with self._clock.still():
+                picture = self.room.view(self._game.emulator.screen_rgb(), 256, 192)
+            self._window.show(picture)
+
+    def _look(self) -> None:
+        self.sight = self.eye.see(self.seen)
+
+    def _observation(self) -> Observation:
+        vector = self._world.vector()
+        frames = self._frames.state
+        return frames if vector is None else {"frames": frames, "vector": vector}
 
     def _play_random_start(self) -> None:
         count = self.np_random.integers(self._play.random_starts + 1)
         for action in self.np_random.choice(self._game.actions, count):
-            self._decide(int(action))
-            terminated, _ = self._game.end_decision()
+            self._world.command(int(action))
+            decision = self._world.decide()
             if self._game.over:  # an unlucky start: play from the very beginning instead
                 self._game.begin_episode(self.np_random, seeded=False, new_game=True)
-                self._room.reset()
+                self._world.restart()
                 return
-            if terminated:  # a life lost before the episode began does not end it
+            if decision.terminated:  # a life lost before the episode began does not end it
                 self._game.begin_episode(self.np_random, seeded=False, new_game=False)

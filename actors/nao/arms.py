@@ -78,7 +78,7 @@ class Arm:
         self._states = engine.getJointStates
         self._mode = engine.POSITION_CONTROL
         self._body = body
-        chain = ArmChain(side)
+        self.chain = chain = ArmChain(side)
         names = [
             engine.getJointInfo(body, joint)[1].decode()
             for joint in range(engine.getNumJoints(body))
@@ -86,7 +86,6 @@ class Arm:
         self.joints = [names.index(joint.name) for joint in chain.joints]
         self._speeds = [joint.max_speed for joint in chain.joints]
         self._torques = [joint.max_torque for joint in chain.joints]
-        self._chain = chain
         self._controller = controller
         mirror = np.array([1.0, 1.0, 1.0, 1.0] if side == "L" else [1.0, -1.0, -1.0, -1.0])
         start = _COMFORTABLE * mirror
@@ -102,11 +101,11 @@ class Arm:
         on: dict[Keys, Angles] = {}
         for keys, place in places.items():
             above = self._controller.point(place, FINGERTIP_RADIUS + HOVER)
-            over[keys] = self._chain.reach(above, start)
+            over[keys] = self.chain.reach(above, start)
             if keys:
                 below = self._controller.point(place, FINGERTIP_RADIUS - PUSH)
-                on[keys] = self._chain.reach(below, over[keys])
-        jacobian = {keys: self._chain.jacobian(pose) for keys, pose in over.items()}
+                on[keys] = self.chain.reach(below, over[keys])
+        jacobian = {keys: self.chain.jacobian(pose) for keys, pose in over.items()}
         lift = np.mean([over[keys] - on[keys] for keys in on], axis=0)
         return _Poses(over, on, jacobian, lift)
 
@@ -184,6 +183,30 @@ class Arms:
         self.left = Arm(engine, body, "L", controller, {**directions, Keys.NONE: CROSS_MIDDLE})
         fire = place_of(Keys.FIRE)
         self.right = Arm(engine, body, "R", controller, {Keys.NONE: fire, Keys.FIRE: fire})
+        self._states = engine.getJointStates
+        self._body = body
+        self._joints = [*self.left.joints, *self.right.joints]
+        joints = [*self.left.chain.joints, *self.right.chain.joints]
+        self._middles = np.array([(joint.lower + joint.upper) / 2 for joint in joints])
+        self._ranges = np.array([(joint.upper - joint.lower) / 2 for joint in joints])
+        self._top_speeds = np.array([joint.max_speed for joint in joints])
+
+    def posture(self) -> tuple[Angles, Angles]:
+        """Of both arms' joints, left first, the angles between their limits (-1 to 1) and the
+        speeds as shares of their greatest, ``float64 [8]`` each."""
+        states = self._states(self._body, self._joints)
+        angles, speeds = np.array([state[:2] for state in states]).T
+        return (angles - self._middles) / self._ranges, speeds / self._top_speeds
+
+    def angles(self) -> dict[str, float]:
+        """The angle of each joint that moves, rad, by the joint's name."""
+        states = self._states(self._body, self._joints)
+        return {
+            joint.name: float(state[0])
+            for joint, state in zip(
+                (*self.left.chain.joints, *self.right.chain.joints), states, strict=True
+            )
+        }
 
     def command(self, keys: Keys) -> None:
         """Set out for exactly ``keys``; `advance` leads the arms there."""

@@ -24,6 +24,8 @@ from actors.nao.assembly import place_in_piece
 from actors.nao.posture import TORSO_ORIGIN
 from actors.nao.rotation import about
 
+CAMERA_SIZE = (320, 240)
+"""Width and height of the robot's picture, of those that NAO's camera offers."""
 # In front of the forehead, so that the camera does not look at its own lens.
 _NEAR = 0.03
 _FAR = 10.0
@@ -56,7 +58,8 @@ class Camera:
         """``size`` is width and height, ``angles`` those of the view's width and height."""
         self.width, self.height = size
         self._engine = engine
-        self._eye = eye
+        self.eye = eye
+        """Where it is in the room, ``[3]``."""
         self._view = engine.computeViewMatrix(eye.tolist(), (eye + forward).tolist(), up.tolist())
         right, top = (math.tan(math.radians(angle) / 2) * _NEAR for angle in angles)
         self._projection = engine.computeProjectionMatrix(-right, right, -top, top, _NEAR, _FAR)
@@ -68,15 +71,15 @@ class Camera:
         planes = np.array([w + x, w - x, w + y, w - y])
         self._planes = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
 
-    def render(self) -> Rendering:
-        """The room as it is now, without the projected game."""
+    def render(self, *, shadow: bool = True) -> Rendering:
+        """The room as it is now, without the projected game; half as slow without shadows."""
         _, _, rgba, _, bodies = self._engine.getCameraImage(
             self.width,
             self.height,
             self._view,
             self._projection,
             lightDirection=_LIGHT,
-            shadow=1,
+            shadow=int(shadow),
             lightAmbientCoeff=0.72,
             lightDiffuseCoeff=0.30,
             lightSpecularCoeff=0.04,
@@ -102,13 +105,37 @@ class Camera:
         return bool((distances + radii[:, None] >= 0).all(axis=1).any())
 
 
-def top_camera(engine: Any, size: tuple[int, int] = (320, 240)) -> Camera:
-    """The camera in NAO's forehead, at the head's pose."""
-    _, turn, origin = place_in_piece("head")
-    eye = np.array(TORSO_ORIGIN) + origin + turn @ np.array(TOP_CAMERA_ORIGIN)
+def top_camera(
+    engine: Any,
+    size: tuple[int, int] = CAMERA_SIZE,
+    *,
+    margin: tuple[int, int] = (0, 0),
+    yaw: float = 0.0,
+    pitch: float = 0.0,
+) -> Camera:
+    """The camera in NAO's forehead.
+
+    Args:
+        engine: The physics client.
+        size: Width and height of its picture.
+        margin: Pixels that are seen beyond the picture's left or right, and upper or lower edge,
+            for a lens that brings them in; the picture's own pixels stay what they are.
+        yaw: Degrees by which the head is turned to its left, away from its posture.
+        pitch: Degrees by which it is bent down.
+    """
+    _, posture, neck = place_in_piece("head")
+    turn = about((0.0, 0.0, 1.0), math.radians(yaw)) @ posture
+    turn = turn @ about((0.0, 1.0, 0.0), math.radians(pitch))
+    eye = np.array(TORSO_ORIGIN) + neck + turn @ np.array(TOP_CAMERA_ORIGIN)
     gaze = turn @ about((0.0, 1.0, 0.0), TOP_CAMERA_PITCH)
-    angles = (CAMERA_WIDTH_ANGLE, CAMERA_HEIGHT_ANGLE)
-    return Camera(engine, eye, gaze[:, 0], gaze[:, 2], size=size, angles=angles)
+    wide, tall = (
+        2 * math.degrees(math.atan(math.tan(math.radians(angle) / 2) * (1 + 2 * more / pixels)))
+        for angle, more, pixels in zip(
+            (CAMERA_WIDTH_ANGLE, CAMERA_HEIGHT_ANGLE), margin, size, strict=True
+        )
+    )
+    seen = (size[0] + 2 * margin[0], size[1] + 2 * margin[1])
+    return Camera(engine, eye, gaze[:, 0], gaze[:, 2], size=seen, angles=(wide, tall))
 
 
 @dataclass(frozen=True)

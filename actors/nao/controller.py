@@ -26,10 +26,11 @@ SPRING_FORCE = 0.6
 
 CENTRE: Vector = (0.205, 0.0, 0.0)
 """Of the box, on the desk's top."""
-BOX: Vector = (0.085, 0.180, 0.014)
+BOX: Vector = (0.085, 0.180, 0.016)
 CAP_HEIGHT = 0.008
-_CAP_ABOVE_BOX = 0.006
-KEY_TOP = BOX[2] + _CAP_ABOVE_BOX
+# A key at its stop is level with the box, so that a hard blow lands on the box: the engine lets a
+# heavy arm push a light key beyond the limit of its joint, but not through something that stands.
+KEY_TOP = BOX[2] + TRAVEL
 """Height of a released key's top above the desk."""
 
 _CROSS_Y = 0.052
@@ -79,7 +80,7 @@ class Controller:
         self._joint_states = engine.getJointStates
         self._key_top = desk_top + KEY_TOP
         self.body: int = engine.loadURDF(
-            str(path), (CENTRE[0], CENTRE[1], desk_top), useFixedBase=True
+            str(path), (CENTRE[0], CENTRE[1], desk_top + BOX[2] / 2), useFixedBase=True
         )
         names = [
             engine.getJointInfo(self.body, joint)[1].decode()
@@ -135,14 +136,22 @@ class Controller:
         """Take every key for released, now that the physics has been put back to its start."""
         self._held = Keys.NONE
 
+    def mimic(self, other: "Controller") -> None:
+        """Have the keys where ``other`` has them, for a picture of it in another room."""
+        for joint, depth in zip(self._joints, other.depths(), strict=True):
+            self._engine.resetJointState(self.body, joint, depth)
+        self._held = other.held
+
     def point(self, place: tuple[float, float], above: float) -> NDArray[np.float64]:
         """The point in the room ``above`` m over the released keys' tops at ``place``."""
         return np.array([CENTRE[0] + place[0], CENTRE[1] + place[1], self._key_top + above])
 
 
 def _urdf() -> str:
+    # Every shape lies in the middle of its link: only then does the engine see a contact coming,
+    # and stops a fast fingertip at a surface instead of pushing it out again afterwards.
     width, depth, height = BOX
-    box = f'<origin xyz="0 0 {height / 2}"/><geometry><box size="{width} {depth} {height}"/>'
+    box = f'<geometry><box size="{width} {depth} {height}"/>'
     parts = [
         '<link name="box"><inertial><mass value="0.4"/>'
         '<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -160,9 +169,8 @@ def _key(key: Keys) -> str:
     # by a margin of 1 mm, a quarter of the travel.
     box = f'<box size="{edge} {edge} {CAP_HEIGHT}"/>'
     disc = f'<cylinder radius="{_FIRE_RADIUS}" length="{CAP_HEIGHT}"/>'
-    turned = f'<origin rpy="0 0 {math.pi / 4}"/>'
-    seen = f"{turned}<geometry>{disc if key is Keys.FIRE else box}</geometry>"
-    touched = f"{turned}<geometry>{box}</geometry>"
+    seen = f"<geometry>{disc if key is Keys.FIRE else box}</geometry>"
+    touched = f"<geometry>{box}</geometry>"
     colour = " ".join(map(str, _RELEASED[key]))
     return (
         f'<link name="cap_{key.name}"><inertial><mass value="{_KEY_MASS}"/>'
@@ -171,6 +179,7 @@ def _key(key: Keys) -> str:
         f"<collision>{touched}</collision></link>"
         f'<joint name="{key.name}" type="prismatic"><parent link="box"/>'
         f'<child link="cap_{key.name}"/>'
-        f'<origin xyz="{x} {y} {KEY_TOP - CAP_HEIGHT / 2}"/><axis xyz="0 0 -1"/>'
+        f'<origin xyz="{x} {y} {KEY_TOP - CAP_HEIGHT / 2 - BOX[2] / 2}" rpy="0 0 {math.pi / 4}"/>'
+        '<axis xyz="0 0 -1"/>'
         f'<limit lower="0" upper="{TRAVEL}" velocity="10" effort="{SPRING_FORCE}"/></joint>'
     )

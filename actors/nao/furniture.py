@@ -24,9 +24,10 @@ _DESK_THICKNESS = 0.010
 _DESK_NEAR, _DESK_FAR, _DESK_WIDTH = 0.105, 0.400, 0.560
 
 _SCREEN_X = 1.15
-_PICTURE_CENTRE = (0.0, 0.560)
-PICTURE_WIDTH, PICTURE_HEIGHT = 0.912, 0.684
-"""m, of the projected picture with its border."""
+_PICTURE_CENTRE = (0.0, 0.545)
+PICTURE_WIDTH, PICTURE_HEIGHT = 0.520, 0.390
+"""m, of the projected picture with its border: as big as can be wholly in view of a head that is
+turned by 10° in yaw and pitch, 15 % nearer."""
 _SCREEN_MARGIN = 0.030
 _SCREEN_THICKNESS = 0.006
 
@@ -37,7 +38,7 @@ PICTURE_CORNERS: NDArray[np.float64] = np.array(
         for side, rise in ((1, 1), (-1, 1), (-1, -1), (1, -1))
     ]
 )
-"""``[4, 3]``: from the top left, as the robot sees it, clockwise."""
+"""``[4, 3]``: from the top left, as the robot sees it, clockwise; the screen at its usual place."""
 
 
 Box = tuple[Vector, Vector, Colour]
@@ -45,20 +46,32 @@ Box = tuple[Vector, Vector, Colour]
 
 
 class Furniture:
-    """The furniture in a physics client; ``screen`` is the body the picture falls on."""
+    """The furniture in a physics client."""
 
     def __init__(self, engine: Any) -> None:
+        self._engine = engine
         # One body for each thing: every body, even one that only stands there, costs the engine
         # time at every step.
-        for boxes in (_ROOM, _chair(), _PROJECTOR, _screen_stand()):
+        for boxes in (_ROOM, _chair(), _PROJECTOR):
             _stand(engine, boxes)
         _stand(engine, _desk(), touchable=True)
+        self._screen_stand = _stand(engine, _screen_stand())
         self.screen = _stand(engine, [_SCREEN_SHEET])
+        """The body that the picture falls on."""
+        self.picture_corners = PICTURE_CORNERS
+        """Of the projected picture, with its border, where the screen stands now."""
+
+    def push_screen(self, away: float) -> None:
+        """Put the screen ``away`` m farther from the robot than usual."""
+        shift = np.array([away, 0.0, 0.0])
+        for body in (self._screen_stand, self.screen):
+            self._engine.resetBasePositionAndOrientation(body, shift.tolist(), (0.0, 0.0, 0.0, 1.0))
+        self.picture_corners = PICTURE_CORNERS + shift
 
 
 _ROOM: list[Box] = [
     ((0.3, 1.5, -0.05), (5.0, 9.0, 0.1), _FLOOR),
-    ((_SCREEN_X + 0.20, 1.5, 1.2), (0.04, 9.0, 2.5), _WALL),
+    ((_SCREEN_X + 0.27, 1.5, 1.2), (0.04, 9.0, 2.5), _WALL),
 ]
 
 _PROJECTOR: list[Box] = [

@@ -22,7 +22,8 @@ class Projection:
     """The picture on the screen as one camera sees it, for games of one size.
 
     The border does not change, so it is drawn once for each rendering; what is left for every
-    frame is the game in the middle.
+    frame is the game in the middle. Other light in the room, ``ambient`` as a share of white,
+    falls on the screen too, and the camera exposes so that white stays what it is.
     """
 
     def __init__(
@@ -31,15 +32,22 @@ class Projection:
         corners: NDArray[np.float64],
         screen_body: int,
         game_size: tuple[int, int],
+        ambient: float = 0.0,
     ) -> None:
         """``corners [4, 3]`` are the picture's in the room, from the top left clockwise as the
         audience sees it; ``game_size`` is rows and columns."""
         self._screen_body = screen_body
+        self._black = 255.0 * ambient
+        shades = self._black + (1 - ambient) * np.arange(256)
+        self._shades = np.rint(shades).astype(np.uint8) if ambient > 0 else None
         seen = camera.project(corners).astype(np.float32)
         from_picture = cv2.getPerspectiveTransform(_UNIT_SQUARE, seen)
         self._shadow = 1.0 - _coverage(camera, seen)
 
-        rows, columns = game_size
+        game_seen = cv2.perspectiveTransform(GAME_IN_PICTURE[None], from_picture)[0]
+        self._coarse = _coarse_size(game_size, game_seen)
+        columns, rows = self._coarse
+        self._shrinks = (rows, columns) != game_size
         # The game's outermost edges, half a pixel outside the middles of its first and last one.
         edges = np.array(
             [
@@ -51,7 +59,6 @@ class Projection:
             np.float32,
         )
         to_game = cv2.getPerspectiveTransform(GAME_IN_PICTURE, edges) @ np.linalg.inv(from_picture)
-        game_seen = cv2.perspectiveTransform(GAME_IN_PICTURE[None], from_picture)[0]
         left, top = np.maximum(np.floor(game_seen.min(axis=0)).astype(int) - 1, 0)
         right, bottom = np.ceil(game_seen.max(axis=0)).astype(int) + 2
         right, bottom = min(right, camera.width), min(bottom, camera.height)
@@ -72,9 +79,13 @@ class Projection:
         if rendering is not self._drawn:
             self._draw_border(rendering)
         image = self._dark.copy()
+        if self._shrinks:
+            game = _averaged(game, self._coarse)
         light = cv2.remap(
             game, self._map, self._fraction, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
         )
+        if self._shades is not None:
+            light = cv2.LUT(light, self._shades)
         cv2.copyTo(light, self._lit, image[self._window])
         return image
 
@@ -82,9 +93,27 @@ class Projection:
         """Darken the whole picture, its edge by how much of each pixel it covers."""
         on_screen = rendering.bodies == self._screen_body
         left = np.where(on_screen, self._shadow, 1.0)[:, :, None]
-        self._dark = np.rint(rendering.rgb * left).astype(np.uint8)
+        self._dark = np.rint(rendering.rgb * left + self._black * (1 - left)).astype(np.uint8)
         self._lit = (on_screen[self._window] & self._in_game).astype(np.uint8)
         self._drawn = rendering
+
+
+def _coarse_size(game_size: tuple[int, int], game_seen: NDArray[np.float32]) -> tuple[int, int]:
+    """Columns and rows to which the game is averaged before it is drawn, a whole fraction of its
+    own: a camera's pixel gathers the light of all of the game's pixels that fall on it."""
+    sides = np.linalg.norm(np.roll(game_seen, -1, axis=0) - game_seen, axis=1)
+    across, down = (sides[0] + sides[2]) / 2, (sides[1] + sides[3]) / 2
+    rows, columns = game_size
+    return columns // max(1, int(columns / across)), rows // max(1, int(rows / down))
+
+
+def _averaged(game: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """``game`` averaged to ``size``, columns and rows."""
+    if game.shape[:2] == (2 * size[1], size[0]):  # ten times faster than resizing
+        coarse = cv2.addWeighted(game[::2], 0.5, game[1::2], 0.5, 0.0)
+    else:
+        coarse = cv2.resize(game, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(coarse, np.uint8)
 
 
 def _coverage(camera: Camera, seen: NDArray[np.float32]) -> NDArray[np.float64]:

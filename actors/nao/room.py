@@ -8,19 +8,23 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.nao.arms import Arms
 from actors.nao.assembly import Piece, assemble
-from actors.nao.camera import Camera, Movable, StillView, top_camera
+from actors.nao.camera import Movable, StillView, top_camera
 from actors.nao.controller import CAP_RADIUS, Controller
 from actors.nao.engine import open_engine
 from actors.nao.furniture import DESK_TOP, PICTURE_CORNERS, Furniture
 from actors.nao.posture import TORSO_ORIGIN
 from actors.nao.projector import Projection
+from actors.nao.sensor import PERFECT_CAMERA, Sensor
 from actors.nao.silence import silenced
 from actors.nao.urdf import write_urdf
+from actors.nao.viewpoint import VISITOR, Viewpoint, Views
 from common.actions import Keys
+from common.config import CameraConfig
 
 PHYSICS_RATE = 240
 """Steps per second."""
@@ -29,16 +33,17 @@ FRAME_SUBSTEPS = 4
 # With 5 a fingertip could be wedged between keys; from 10 on its depth is right to 0.03 mm.
 _SOLVER_ITERATIONS = 12
 
-_VISITOR = np.array([-0.62, -1.22, 0.92])
-_VISITOR_LOOKS_AT = np.array([0.50, 0.02, 0.36])
-_VISITOR_ANGLE = 42.0
-
 
 class Room:
     """One room in a physics client of its own; ``game_size`` is the picture's rows and columns."""
 
-    def __init__(self, game_size: tuple[int, int] = (210, 160)) -> None:
+    def __init__(
+        self, game_size: tuple[int, int] = (210, 160), camera: CameraConfig = PERFECT_CAMERA
+    ) -> None:
         self._game_size = game_size
+        self._camera = camera
+        self.sensor = Sensor(camera)
+        """What makes the robot's picture of what a pinhole sees."""
         self._open = True
         self._engine = open_engine()
         with silenced(), tempfile.TemporaryDirectory() as folder:
@@ -66,11 +71,8 @@ class Room:
             )
         self.controller = Controller(engine, folder, DESK_TOP)
         self.arms = Arms(engine, self.body, self.controller)
-        self.view_of_robot = StillView(
-            engine, top_camera(engine), self._movables(), self._look_of_keys
-        )
-        self._projection = self._project_for(self.view_of_robot.camera)
-        self._visits: dict[tuple[int, int], tuple[Camera, Projection]] = {}
+        self._moves = self._movables()
+        self.pose()
         self.arms.settle()
         # Keys sink by a hair under their own weight: let them come to rest.
         for _ in range(PHYSICS_RATE // 2):
@@ -95,8 +97,39 @@ class Room:
     def reset(self) -> None:
         """Hands at rest over released keys, whatever was before, exactly the same every time."""
         self._engine.restoreState(self._at_rest)
+        self.furniture.push_screen(self._screen_away)
         self.arms.settle()
         self.controller.forget()
+
+    def pose(self, *, yaw: float = 0.0, pitch: float = 0.0, distance: float = 1.0) -> None:
+        """Turn the camera out of its usual direction and put the screen elsewhere.
+
+        The head is drawn as it was: the robot does not see it.
+
+        Args:
+            yaw: Degrees to the robot's left.
+            pitch: Degrees down.
+            distance: Of the screen from the camera, as a multiple of the usual one.
+        """
+        margin = (0, 0) if self.sensor.lens is None else self.sensor.lens.margin
+        camera = top_camera(self._engine, margin=margin, yaw=yaw, pitch=pitch)
+        usual = float(PICTURE_CORNERS[0, 0] - top_camera(self._engine).eye[0])
+        self._screen_away = (distance - 1) * usual
+        self.furniture.push_screen(self._screen_away)
+        corners, screen = self.furniture.picture_corners, self.furniture.screen
+        self.view_of_robot = StillView(self._engine, camera, self._moves, self._look_of_keys)
+        self._projection = Projection(
+            camera, corners, screen, self._game_size, self._camera.ambient
+        )
+        self._views = Views(self._engine, screen, self._game_size, corners)
+
+    def begin_game(self, rng: Generator) -> None:
+        """Draw what the settings let differ from game to game: poses, and the camera's faults."""
+        most, nearest = self._camera.camera_jitter, self._camera.screen_jitter
+        if most > 0 or nearest > 0:
+            yaw, pitch = rng.uniform(-most, most, 2)
+            self.pose(yaw=yaw, pitch=pitch, distance=1 + rng.uniform(-nearest, nearest))
+        self.sensor.begin_game(rng)
 
     def command(self, keys: Keys) -> None:
         """Let the hands set out to hold exactly ``keys`` down."""
@@ -110,35 +143,31 @@ class Room:
         return self.controller.pressed()
 
     def picture(self, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """What the robot's camera sees while ``game uint8 [rows, columns, 3]`` is projected:
-        ``uint8 [240, 320, 3]``."""
+        """What a pinhole in the place of the robot's camera sees while ``game uint8 [rows,
+        columns, 3]`` is projected: ``uint8 [240, 320, 3]``, larger by the lens's margin."""
         return self._projection.draw(self.view_of_robot.rendering(), game)
 
+    def seen_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where points of the room, ``[N, 3]``, are in the robot's picture: ``float64 [N, 2]``."""
+        seen = self.view_of_robot.camera.project(points)
+        lens = self.sensor.lens
+        return seen if lens is None else lens.bend(seen - np.array(lens.margin))
+
     def view(
-        self, game: NDArray[np.uint8], width: int = 640, height: int = 480
+        self,
+        game: NDArray[np.uint8],
+        width: int = 640,
+        height: int = 480,
+        viewpoint: Viewpoint = VISITOR,
+        *,
+        moved: bool = True,
     ) -> NDArray[np.uint8]:
-        """The room as a visitor sees it, ``uint8 [height, width, 3]`` (0.1 s or more)."""
-        if (width, height) not in self._visits:
-            self._visits[width, height] = self._visit(width, height)
-        camera, projection = self._visits[width, height]
+        """The room as a visitor sees it, ``uint8 [height, width, 3]`` (0.1 s or more).
+
+        Without ``moved`` (1 ms) only the game is new: the rest is as it was the last time.
+        """
         self.controller.show()
-        return projection.draw(camera.render(), game)
-
-    def _visit(self, width: int, height: int) -> tuple[Camera, Projection]:
-        tall = _VISITOR_ANGLE
-        wide = 2 * np.degrees(np.arctan(np.tan(np.radians(tall) / 2) * width / height))
-        camera = Camera(
-            self._engine,
-            _VISITOR,
-            _VISITOR_LOOKS_AT - _VISITOR,
-            np.array([0.0, 0.0, 1.0]),
-            size=(width, height),
-            angles=(float(wide), tall),
-        )
-        return camera, self._project_for(camera)
-
-    def _project_for(self, camera: Camera) -> Projection:
-        return Projection(camera, PICTURE_CORNERS, self.furniture.screen, self._game_size)
+        return self._views.picture(viewpoint, game, width, height, moved=moved)
 
     def close(self) -> None:
         """End the physics; the room cannot be used any more. Closing twice does no harm."""

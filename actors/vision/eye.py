@@ -3,7 +3,7 @@
 As in the report: the biggest black quadrilateral is the projected picture, in it lies the game.
 Where in it is not looked for but known (`layout`): a game like Asteroids is black to its very
 edge, so that its own outline cannot be seen, while the border's outer edge always can. That the
-border is black all round then confirms that the quadrilateral is a projected picture.
+border is dark all round then confirms that the quadrilateral is a projected picture.
 """
 
 from typing import NamedTuple
@@ -12,20 +12,31 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.nao.anatomy import CAMERA_WIDTH_ANGLE
 from actors.vision.edges import refine
-from actors.vision.layout import GAME_IN_PICTURE
+from actors.vision.layout import ASPECT, GAME_IN_PICTURE
+from actors.vision.lens import Lens
 from actors.vision.quad import dark_quads
+from actors.vision.screen import Screen, homography_to
 from common.chunk import FRAME_SHAPE
 
 _DARK = 0.4
-"""A pixel is dark below this share of the way from the picture's black to its bright wall."""
+"""A pixel is dark below this share of the way from black to light."""
+_DARKS = (_DARK, 0.6, 0.75)
+"""Shares tried in the whole picture: light from elsewhere makes the picture's black a grey between
+the black and the light of other things."""
 _MIN_CONTRAST = 30.0
-"""Grey levels between black and wall below which there is nothing to see."""
+"""Grey levels between black and light below which there is nothing to see."""
 _BORDER_DARK = 0.7
-"""Least share of the border that is dark; arms may hide the rest."""
-_FINER = 2
-"""The game is unwarped this much finer than its frame and then averaged, which keeps a ball of
-two pixels as the emulator's own frame does."""
+_SIDE_DARK = 0.4
+"""Least share of the whole border, and of each of its sides, that is dark; arms may hide the
+rest."""
+_ASPECT_ERROR = 0.05
+"""Most by which the screen's width to height may differ from the projector's, as a share."""
+_SKEW = 0.08
+"""Most that the cosine between the screen's sides may be."""
+_EDGE = 0.25
+"""Least fall of light at an edge, as a share of the whole picture's contrast."""
 
 
 class Sight(NamedTuple):
@@ -43,98 +54,113 @@ class Sight(NamedTuple):
 class Eye:
     """Finds the projector screen and unwarps the game.
 
-    When it finds nothing it goes on with the last good homography and marks the frame invalid.
+    While the screen stands still and nothing comes before its edges, it is not searched again.
+    When nothing is found, the last good homography is kept and the frame is marked invalid.
     """
 
-    def __init__(self) -> None:
-        self._outer: NDArray[np.float32] | None = None
-        self._homography: NDArray[np.float64] | None = None
+    def __init__(self, distortion: float = 0.0) -> None:
+        """``distortion`` is k₁ of the camera's lens, known from calibration."""
+        self._distortion = distortion
+        self._lens: Lens | None = None
+        self._screen: Screen | None = None
+        self._corners: NDArray[np.float32] | None = None
 
     def see(self, image: NDArray[np.uint8]) -> Sight:
-        """Look at a camera picture, ``uint8 [height, width, 3]`` RGB."""
+        """Look at a camera picture, ``uint8 [height, width, 3]`` RGB, always of the same size."""
         grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
-        outer = self._find(grey)
-        if outer is not None:
-            self._outer = outer
-            self._homography = _homography_to(outer)
-        if self._homography is None:
+        if self._distortion > 0:
+            if self._lens is None:
+                self._lens = Lens(self._distortion, (grey.shape[1], grey.shape[0]))
+            grey = self._lens.straighten(grey)
+        found = self._screen is not None and self._screen.is_still_in(grey)
+        if not found:
+            outer = _find(grey, None if self._screen is None else self._screen.outer)
+            if outer is not None:
+                self._screen, found = Screen(outer, grey), True
+                self._corners = self._as_shown(self._screen.corners)
+        if self._screen is None:
             return Sight(np.zeros(FRAME_SHAPE, np.uint8), False, None)
-        corners = np.asarray(
-            cv2.perspectiveTransform(GAME_IN_PICTURE[None], self._homography)[0], np.float32
-        )
-        return Sight(_unwarp(grey, self._homography), outer is not None, corners)
+        return Sight(self._screen.unwarp(grey), found, self._corners)
 
-    def _find(self, grey: NDArray[np.uint8]) -> NDArray[np.float32] | None:
-        """Corners of the projected picture, border included, or None."""
-        sample = np.sort(grey[::4, ::4], axis=None)
-        black, wall = float(sample[len(sample) // 50]), float(sample[len(sample) * 9 // 10])
-        if wall - black < _MIN_CONTRAST:
-            return None
-        limit = black + _DARK * (wall - black)
-        dark = np.asarray(cv2.threshold(grey, limit, 255, cv2.THRESH_BINARY_INV)[1], np.uint8)
-        for quad in dark_quads(dark):
-            if (outer := self._confirm(grey, dark, quad, wall - black)) is not None:
-                return outer
-        # Something dark before the screen can spoil its outline, not all of its edges.
-        if self._outer is not None:
-            return self._confirm(grey, dark, self._outer, wall - black)
+    def _as_shown(self, corners: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Where in the camera's own picture places of the straightened one are."""
+        if self._lens is None:
+            return corners
+        return self._lens.bend(corners.astype(np.float64)).astype(np.float32)
+
+
+def _find(grey: NDArray[np.uint8], last: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+    """Corners of the projected picture, border included, or None.
+
+    Near the last place first: something before the screen can spoil its outline, not all of its
+    edges.
+    """
+    sample = np.sort(grey[::4, ::4], axis=None)
+    black, light = float(sample[len(sample) // 50]), float(sample[len(sample) * 9 // 10])
+    if light - black < _MIN_CONTRAST:
         return None
-
-    @staticmethod
-    def _confirm(
-        grey: NDArray[np.uint8], dark: NDArray[np.uint8], quad: NDArray[np.float32], span: float
-    ) -> NDArray[np.float32] | None:
-        outer = refine(grey, quad, 0.25 * span)
-        if outer is None:
-            return None
-        height, width = grey.shape
-        if outer.min() < 0 or (outer > (width - 1, height - 1)).any():
-            return None
-        border = cv2.perspectiveTransform(_BORDER_MIDDLE[None], _homography_to(outer))[0]
-        x, y = border.round().astype(int).T
-        return outer if np.mean(dark[y, x] > 0) >= _BORDER_DARK else None
-
-
-def _homography_to(outer: NDArray[np.float32]) -> NDArray[np.float64]:
-    """From a place in the projected picture, (0, 0) to (1, 1), to its pixel."""
-    return np.asarray(cv2.getPerspectiveTransform(_UNIT_SQUARE, outer), np.float64)
+    contrast = _EDGE * (light - black)
+    if last is not None and (outer := _confirm(grey, last, contrast)) is not None:
+        return outer
+    smooth = cv2.blur(grey, (3, 3))
+    for share in _DARKS:
+        limit = black + share * (light - black)
+        dark = cv2.threshold(smooth, limit, 255, cv2.THRESH_BINARY_INV)[1]
+        quads = dark_quads(np.asarray(dark, np.uint8))
+        found = [outer for quad in quads if (outer := _confirm(grey, quad, contrast)) is not None]
+        if found:
+            # A hand's edge beside the game can make a smaller one, but nothing a bigger one.
+            return max(found, key=lambda outer: float(cv2.contourArea(outer)))
+    return None
 
 
-def _unwarp(grey: NDArray[np.uint8], homography: NDArray[np.float64]) -> NDArray[np.uint8]:
-    height, width = FRAME_SHAPE
-    fine = cv2.warpPerspective(
-        grey,
-        homography @ _PICTURE_OF_FINE,
-        (width * _FINER, height * _FINER),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-    )
-    frame = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(frame, np.uint8)
+def _confirm(
+    grey: NDArray[np.uint8], quad: NDArray[np.float32], contrast: float
+) -> NDArray[np.float32] | None:
+    """The quadrilateral to a fraction of a pixel, if it is a projected picture."""
+    outer = refine(grey, quad, contrast)
+    if outer is None:
+        return None
+    height, width = grey.shape
+    if outer.min() < 0 or (outer > (width - 1, height - 1)).any():
+        return None
+    homography = homography_to(outer)
+    if not _is_picture_shaped(homography, width, height):
+        return None
+    places = cv2.perspectiveTransform(_BESIDE_EDGE, homography).round().astype(int)
+    x, y = np.clip(places, 0, (width - 1, height - 1)).transpose(2, 0, 1)
+    border, around = grey[y, x].astype(np.float64)
+    black, light = np.percentile(border, 25), np.median(around)
+    if light - black < _MIN_CONTRAST:
+        return None
+    dark = (border < black + _DARK * (light - black)).reshape(4, -1).mean(axis=1)
+    return outer if dark.mean() >= _BORDER_DARK and dark.min() >= _SIDE_DARK else None
 
 
-def _picture_of_fine() -> NDArray[np.float64]:
-    """From a pixel of the fine game picture to its place in the projected picture."""
-    (left, top), (right, bottom) = GAME_IN_PICTURE[0], GAME_IN_PICTURE[2]
-    per_x, per_y = (
-        (right - left) / FRAME_SHAPE[1] / _FINER,
-        (bottom - top) / FRAME_SHAPE[0] / _FINER,
-    )
-    # Half a pixel: the game ends at its outermost pixels' edges, not at their centres.
-    return np.array([[per_x, 0, left + per_x / 2], [0, per_y, top + per_y / 2], [0, 0, 1]])
+def _is_picture_shaped(homography: NDArray[np.float64], width: int, height: int) -> bool:
+    """Whether a rectangle of the projector's shape, somewhere in space, looks like that to NAO's
+    camera (Zhang 2000: a homography's columns are the plane's axes, seen)."""
+    focal = width / 2 / np.tan(np.radians(CAMERA_WIDTH_ANGLE) / 2)
+    across, down = homography[:, 0].copy(), homography[:, 1].copy()
+    for axis in (across, down):
+        axis[0] = (axis[0] - (width - 1) / 2 * axis[2]) / focal
+        axis[1] = (axis[1] - (height - 1) / 2 * axis[2]) / focal
+    wide, tall = np.linalg.norm(across), np.linalg.norm(down)
+    skew = abs(float(across @ down)) / (wide * tall)
+    return bool(abs(wide / tall / ASPECT - 1) < _ASPECT_ERROR and skew < _SKEW)
 
 
-def _border_middle(count: int = 32) -> NDArray[np.float32]:
-    """Places all along the middle of the black border, in the projected picture."""
-    low = float(GAME_IN_PICTURE[0, 0]) / 2
-    along = np.linspace(low, 1 - low, count)
-    sides = [
-        np.stack(pair, axis=1)
-        for fixed in (np.full(count, low), np.full(count, 1 - low))
-        for pair in ((along, fixed), (fixed, along))
-    ]
-    return np.concatenate(sides).astype(np.float32)
+def _beside_edge(count: int = 32) -> NDArray[np.float32]:
+    """Places all along the middle of the black border, and as many just outside of it, in the
+    projected picture: ``[2, places, 2]``."""
+    middle = float(GAME_IN_PICTURE[0, 0]) / 2
+    rings = []
+    for low in (middle, -middle / 2):
+        along = np.linspace(low, 1 - low, count)
+        fixed = np.full(count, low)
+        sides = [(along, fixed), (fixed, along), (along, 1 - fixed), (1 - fixed, along)]
+        rings.append(np.concatenate([np.stack(side, axis=1) for side in sides]))
+    return np.asarray(rings, np.float32)
 
 
-_UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
-_PICTURE_OF_FINE = _picture_of_fine()
-_BORDER_MIDDLE = _border_middle()
+_BESIDE_EDGE = _beside_edge()

@@ -1,6 +1,13 @@
-"""Rough search: the biggest dark quadrilateral in a picture, within a few pixels."""
+"""Rough search: quadrilaterals that dark regions of a picture may be, within a few pixels.
+
+A region's outline is cut into straight pieces. The dark side of each tells whether it may belong
+to the top, right, bottom or left side; pieces on one line count together, so that a hand in front
+of a side only shortens it. Lines with the most outline on them are tried first. Something dark
+that merges with the picture merely adds pieces.
+"""
 
 from collections.abc import Iterator
+from itertools import product
 
 import cv2
 import numpy as np
@@ -8,12 +15,28 @@ from numpy.typing import NDArray
 
 _MIN_SHARE = 0.02
 """Least share of the picture that the projected picture fills; smaller, 84×84 would be blurred."""
-_CANDIDATES = 2
+_REGIONS = 2
 """Dark regions tried, biggest first: robot and furniture may be dark and bigger than the screen."""
+_ROUGH = 2.0
+"""Pixels by which a straight piece may pass by its outline."""
+_SHORTEST = 8.0
+"""Pixels; shorter pieces are noise."""
+_NEAR = 3.0
+"""Pixels by which both ends of a piece may lie off the line that it counts for."""
+_LINES = 3
+"""Lines tried for each side."""
+_QUADS = 6
+"""Quadrilaterals tried of each region."""
+_LEAST_OUTLINE = 0.3
+"""Least share of a quadrilateral's outline that must be the region's."""
+_BEYOND = 0.1
+"""How far, as a share of the picture, a corner may lie outside: rough corners may."""
+_NARROWEST, _WIDEST = 0.7, 2.5
+"""Bounds of width to height."""
 
 
 def dark_quads(dark: NDArray[np.uint8]) -> Iterator[NDArray[np.float32]]:
-    """Quadrilaterals of the biggest regions of ``dark``, biggest first.
+    """Quadrilaterals of the biggest regions of ``dark``, the likeliest of each first.
 
     Args:
         dark: 255 where the picture is dark, else 0, ``uint8 [height, width]``.
@@ -24,40 +47,81 @@ def dark_quads(dark: NDArray[np.uint8]) -> Iterator[NDArray[np.float32]]:
     contours, _ = cv2.findContours(dark, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     least = _MIN_SHARE * dark.size
     boxes = [(w * h, i) for i, (_, _, w, h) in enumerate(map(cv2.boundingRect, contours))]
-    for area, index in sorted(boxes, reverse=True)[:_CANDIDATES]:
+    for area, index in sorted(boxes, reverse=True)[:_REGIONS]:
         if area < least:
             return
-        quad = _four_sides(np.asarray(contours[index], np.int32))
-        if quad is not None:
-            yield quad
+        yield from _quads(np.asarray(contours[index], np.int32), dark.shape)
 
 
-def _four_sides(contour: NDArray[np.int32]) -> NDArray[np.float32] | None:
-    """The quadrilateral of the contour's four longest sides.
+def _quads(contour: NDArray[np.int32], shape: tuple[int, ...]) -> list[NDArray[np.float32]]:
+    points = cv2.approxPolyDP(contour, _ROUGH, True).reshape(-1, 2).astype(np.float64)
+    if cv2.contourArea(points.astype(np.float32), oriented=True) < 0:
+        points = points[::-1]  # clockwise as seen, so that the dark is to the right of the way
+    ways = np.roll(points, -1, axis=0) - points
+    lengths = np.hypot(ways[:, 0], ways[:, 1])
+    long = lengths >= _SHORTEST
+    starts, ways, lengths = points[long], ways[long], lengths[long]
+    x, y = ways[:, 0], ways[:, 1]
+    level = np.abs(x) >= np.abs(y)
+    tops, bottoms = level & (x > 0), level & (x < 0)
+    rights, lefts = ~level & (y > 0), ~level & (y < 0)
+    sides = [
+        _strongest(starts[which], ways[which], lengths[which])
+        for which in (tops, rights, bottoms, lefts)
+    ]
+    height, width = shape
+    found: list[tuple[float, NDArray[np.float32]]] = []
+    for chosen in product(*sides):
+        top, right, bottom, left = chosen
+        # `meet` gives the corner between each line and the one before.
+        quad = meet(np.stack([line for line, _ in (top, right, bottom, left)]))
+        if quad is None or not _plausible(quad, width, height):
+            continue
+        edges = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1)
+        outline = np.minimum(edges, [length for _, length in chosen]).sum() / edges.sum()
+        if outline >= _LEAST_OUTLINE:
+            found.append((float(outline), quad))
+    found.sort(key=lambda pair: -pair[0])
+    return [quad for _, quad in found[:_QUADS]]
 
-    The hull bridges what stands before a side, and a corner that is hidden or cut off is where
-    the two long sides beside it meet.
-    """
-    hull = cv2.convexHull(contour)
-    polygon = cv2.approxPolyDP(hull, 0.01 * cv2.arcLength(hull, True), True)
-    points = polygon.reshape(-1, 2).astype(np.float64)
-    if len(points) < 4:
-        return None
-    sides = np.roll(points, -1, axis=0) - points
-    longest = np.sort(np.argsort(-np.hypot(sides[:, 0], sides[:, 1]))[:4])
-    lines = _lines(points[longest], sides[longest])
-    quad = meet(lines)
-    if quad is None:
-        return None
-    # The sides cannot be the picture's if they enclose much more or less than is dark.
-    filled = cv2.contourArea(hull) / max(cv2.contourArea(quad), 1.0)
-    return from_top_left(quad) if 0.7 < filled < 1.1 else None
+
+_Line = tuple[NDArray[np.float64], float]
+"""(a, b, c) of a·x + b·y + c = 0, and how many pixels of outline lie on it."""
 
 
-def _lines(points: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lines a·x + b·y + c = 0 through points, ``float64 [n, 3]``."""
-    normals = np.stack([-directions[:, 1], directions[:, 0]], axis=1)
-    return np.column_stack([normals, -np.sum(normals * points, axis=1)])
+def _strongest(
+    starts: NDArray[np.float64], ways: NDArray[np.float64], lengths: NDArray[np.float64]
+) -> list[_Line]:
+    """The lines that have most outline on them, most first, of pieces of one side."""
+    lines: list[_Line] = []
+    left = np.ones(len(starts), bool)
+    ends = starts + ways
+    while left.any() and len(lines) < _LINES:
+        seed = int(np.argmax(np.where(left, lengths, 0.0)))
+        normal = np.array([-ways[seed, 1], ways[seed, 0]]) / lengths[seed]
+        offset = normal @ starts[seed]
+        away = np.maximum(np.abs(starts @ normal - offset), np.abs(ends @ normal - offset))
+        on = left & (away < _NEAR)
+        if on.sum() > 1:
+            both = np.concatenate([starts[on], ends[on]]).astype(np.float32)
+            dx, dy, px, py = cv2.fitLine(both, cv2.DIST_L2, 0, 0.01, 0.01).ravel()
+            normal = np.array([-dy, dx], np.float64)
+            offset = normal @ (px, py)
+        lines.append((np.array([*normal, -offset]), float(lengths[on].sum())))
+        left &= ~on
+    return sorted(lines, key=lambda line: -line[1])
+
+
+def _plausible(quad: NDArray[np.float32], width: int, height: int) -> bool:
+    size = np.array([width, height])
+    if (quad < -_BEYOND * size).any() or (quad > (1 + _BEYOND) * size).any():
+        return False
+    top, right, bottom, left = np.roll(quad, -1, axis=0) - quad
+    across, down = (top - bottom) / 2, (right - left) / 2
+    wide, tall = float(across[0]), float(down[1])
+    if wide <= 0 or tall <= 0 or not _NARROWEST < wide / tall < _WIDEST:
+        return False
+    return float(cv2.contourArea(quad)) >= _MIN_SHARE * width * height
 
 
 def meet(lines: NDArray[np.float64]) -> NDArray[np.float32] | None:
@@ -67,11 +131,3 @@ def meet(lines: NDArray[np.float64]) -> NDArray[np.float32] | None:
         return None
     quad = (corners[:, :2] / corners[:, 2:]).astype(np.float32)
     return quad if cv2.isContourConvex(quad) else None
-
-
-def from_top_left(quad: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The corners clockwise as seen, from the top left one; NAO's neck cannot roll its head."""
-    x, y = quad[:, 0], quad[:, 1]
-    if np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) < 0:
-        quad = quad[::-1]
-    return np.roll(quad, -int(np.argmin(quad.sum(axis=1))), axis=0)

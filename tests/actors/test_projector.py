@@ -36,7 +36,12 @@ def smooth_game() -> NDArray[np.uint8]:
 
 
 def reference(room: Room, game: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """The picture by intersecting each pixel's ray with the screen's plane; NaN beside it."""
+    """The picture by intersecting each pixel's ray with the screen's plane; NaN beside it.
+
+    More than two, but not three, of the game's rows fall on one of the camera's, so that it is
+    drawn from the means of pairs of rows.
+    """
+    game = game.reshape(ROWS // 2, 2, COLUMNS, 3).mean(axis=1)
     camera = room.view_of_robot.camera
     image = np.full((camera.height, camera.width, 3), np.nan)
     left_top, right_top, _, left_bottom = PICTURE_CORNERS
@@ -55,17 +60,17 @@ def reference(room: Room, game: NDArray[np.uint8]) -> NDArray[np.float64]:
             if not (0 <= u <= 1 and 0 <= v <= 1):
                 continue
             game_x = (u * (1 + 2 * BORDER) - BORDER) * COLUMNS - 0.5
-            game_y = (v * (1 + 2 * BORDER) - BORDER) * ROWS - 0.5
+            game_y = (v * (1 + 2 * BORDER) - BORDER) * len(game) - 0.5
             image[row, column] = bilinear(game, game_x, game_y)
     return image
 
 
-def bilinear(game: NDArray[np.uint8], x: float, y: float) -> NDArray[np.float64]:
+def bilinear(game: NDArray[np.float64], x: float, y: float) -> NDArray[np.float64]:
     total = np.zeros(3)
     left, top = int(np.floor(x)), int(np.floor(y))
     for row in (top, top + 1):
         for column in (left, left + 1):
-            if 0 <= row < ROWS and 0 <= column < COLUMNS:
+            if 0 <= row < len(game) and 0 <= column < COLUMNS:
                 total += game[row, column] * (1 - abs(x - column)) * (1 - abs(y - row))
     return total
 
@@ -81,16 +86,16 @@ def test_picture_is_what_rays_find(room: Room, projection: Projection) -> None:
     for axis in (0, 1):
         for shift in (1, -1):
             inner &= np.roll(on_picture, shift, axis)
-    assert inner.sum() > 0.4 * inner.size
+    assert inner.sum() > 10_000
     # OpenCV's fixed-point maps are exact to 1/32 pixel: at the game's own edge, where it falls to
     # black, that is up to 8 grey levels.
     difference = np.abs(drawn[inner] - expected[inner])
     assert difference.max() <= 8.5
     assert difference.mean() < 0.5
     outside = ~on_picture
-    for axis in (0, 1):
-        for shift in (1, -1):
-            outside &= np.roll(~on_picture, shift, axis)
+    for down in (-1, 0, 1):
+        for across in (-1, 0, 1):
+            outside &= ~np.roll(on_picture, (down, across), (0, 1))
     assert np.array_equal(drawn[outside], rendering.rgb[outside])
 
 

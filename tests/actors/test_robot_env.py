@@ -58,7 +58,7 @@ def test_the_eye_sees_what_the_emulator_shows(env: RobotEnv) -> None:
     for _ in range(40):
         state, _, _, _, info = env.step(int(rng.integers(18)))
         assert info["valid_frame"]
-        truth = shrink(env._game.emulator.screen_grey())
+        truth = shrink(env.emulator.screen_grey())
         assert np.abs(state[-1].astype(int) - truth).mean() <= 2.0
     assert state[-1].std() > 10
 
@@ -72,7 +72,7 @@ def test_pressed_keys_play_the_game(env: RobotEnv) -> None:
         for _ in range(12):
             *_, info = env.step(action)
         assert info["keys_match"]
-        heights.append(int(env._game.emulator.ram()[paddle]))
+        heights.append(int(env.emulator.ram()[paddle]))
     assert abs(heights[0] - heights[1]) > 50
 
 
@@ -81,7 +81,7 @@ def test_all_actions_are_pressed(env: RobotEnv, action: int) -> None:
     env.reset(seed=3)
     matches = [env.step(action)[4]["keys_match"] for _ in range(3)]
     assert matches[1:] == [True, True]
-    assert env._room.controller.held == KEYS_OF_ACTION[action]
+    assert env.room.controller.held == KEYS_OF_ACTION[action]
 
 
 def test_keys_match_tells_of_a_hand_that_does_not_obey(
@@ -91,7 +91,7 @@ def test_keys_match_tells_of_a_hand_that_does_not_obey(
     for _ in range(3):
         env.step(0)
     with monkeypatch.context() as broken:
-        broken.setattr(env._room.arms.right, "advance", lambda: None)
+        broken.setattr(env.room.arms.right, "advance", lambda: None)
         for _ in range(3):
             *_, info = env.step(1)
         assert not info["keys_match"]
@@ -105,14 +105,14 @@ def test_a_random_start_goes_through_the_hands() -> None:
     still = RobotEnv(play=PlayConfig(random_starts=0))
     _, info = still.reset(seed=0)
     assert info["game_steps"] == 0
-    assert still._room.controller.held == Keys.NONE
+    assert still.room.controller.held == Keys.NONE
     still.close()
     moved = RobotEnv(play=PlayConfig(random_starts=5))
     steps, held = [], []
     for seed in range(6):
         _, info = moved.reset(seed=seed)
         steps.append(info["game_steps"])
-        held.append(moved._room.controller.held)
+        held.append(moved.room.controller.held)
     assert len(set(steps)) > 1
     assert max(steps) <= 5
     assert set(held) != {Keys.NONE}
@@ -150,7 +150,7 @@ def test_minimal_actions() -> None:
     env.reset(seed=0)
     for _ in range(2):
         env.step(1)
-    assert env._room.controller.held == Keys.FIRE
+    assert env.room.controller.held == Keys.FIRE
     env.close()
 
 

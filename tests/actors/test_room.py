@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from actors.nao.controller import RELEASE_DEPTH
 from actors.nao.room import Room
+from actors.nao.viewpoint import VISITOR
 from common.actions import KEYS_OF_ACTION, Keys
 
 GAME = np.full((210, 160, 3), (200, 40, 90), np.uint8)
@@ -72,8 +73,7 @@ def test_view_shows_robot_and_game(room: Room) -> None:
     view = room.view(GAME, 320, 240)
     assert view.shape == (240, 320, 3)
     assert (view == (200, 40, 90)).all(axis=2).mean() > 0.03
-    camera, _ = room._visits[320, 240]
-    bodies = camera.render().bodies
+    bodies = VISITOR.camera(room._engine, 320, 240).render().bodies
     assert (bodies == room.body).mean() > 0.02
     assert (bodies == room.controller.body).any()
 

@@ -180,7 +180,7 @@ def expected_transition(actor: Actor, number: int, config: RunConfig) -> Expecte
         moment = actor.moments[at + step]
         gain = moment.reward
         if config.learning.clip_rewards:
-            gain = max(-1.0, min(1.0, gain))
+            gain = max(-moment.elapsed, min(moment.elapsed, gain))
         reward += discount * gain
         discount *= config.learning.discount**moment.elapsed
         if moment.ending == TERMINATES:

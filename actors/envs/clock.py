@@ -1,0 +1,229 @@
+"""Whose time it is: the world waits for the agent (lockstep), or goes on without it (real time).
+
+An environment asks its clock to pass decisions and never moves the world itself, so that all else
+is the same in both.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from typing import Protocol
+
+from actors.envs.world import Decision
+
+FRAME = 1 / 60
+"""s of game time per emulator frame."""
+MOST_MISSED = 100
+"""Decisions after which a world that nobody attends to stops, as on a console put on pause. A
+chunk counts the decisions of a step in one byte, and a held actor should not lose its games."""
+BREATH = 5e-5
+"""s that a late world leaves the agent between two frames, which else could not get in."""
+
+
+class Moving(Protocol):
+    """What a clock needs of the world."""
+
+    def command(self, action: int) -> None:
+        """Let the hands set out for one of the 18 actions."""
+
+    def frame(self) -> Decision | None:
+        """Pass one emulator frame; the decision that it completes, if any."""
+
+    def decide(self) -> Decision:
+        """Pass the frames to the end of the decision."""
+
+
+class Clock(Protocol):
+    """Passes the world's decisions."""
+
+    late_frames: int
+    """Frames so far that began more than a frame too late."""
+
+    def start(self) -> None:
+        """Let time pass: an episode begins."""
+
+    def stop(self) -> None:
+        """Let no time pass until the next `start`."""
+
+    def still(self) -> AbstractContextManager[object]:
+        """While it is entered the world stands still, to be looked at."""
+
+    def command(self, action: int) -> list[Decision]:
+        """Give a command; the decisions that passed before it, for want of one."""
+
+    def pass_decision(self) -> list[Decision]:
+        """The next decision, or all up to now if there were several; never after an episode's
+        end."""
+
+    def close(self) -> None:
+        """Stop for good."""
+
+
+class Lockstep:
+    """Time passes only while the agent waits for it."""
+
+    def __init__(self, world: Moving) -> None:
+        self.late_frames = 0
+        self._world = world
+
+    def start(self) -> None:
+        """Nothing to do: time passes decision by decision."""
+
+    def stop(self) -> None:
+        """Nothing to do."""
+
+    def still(self) -> AbstractContextManager[object]:
+        """The world stands still anyway."""
+        return nullcontext()
+
+    def command(self, action: int) -> list[Decision]:
+        """Give a command; nothing ever passed before it."""
+        self._world.command(action)
+        return []
+
+    def pass_decision(self) -> list[Decision]:
+        """One decision."""
+        return [self._world.decide()]
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+
+class Deadlines:
+    """When frames are due: at a fixed rate from the start on, so that lateness never adds up."""
+
+    def __init__(self, period: float, now: Callable[[], float]) -> None:
+        self._period = period
+        self._now = now
+        self._due = now()
+
+    def restart(self) -> None:
+        """The next frame is due one period from now."""
+        self._due = self._now() + self._period
+
+    def delay(self) -> float:
+        """Seconds until the next frame is due; not positive if it is."""
+        return self._due - self._now()
+
+    def meet(self) -> bool:
+        """Begin the frame that is due; whether it is late by more than a whole frame."""
+        late = self._now() - self._due > self._period
+        self._due += self._period
+        return late
+
+
+def _wait(changed: threading.Condition, seconds: float | None) -> None:
+    changed.wait(seconds)
+
+
+class RealTime:
+    """Time passes by itself, frame by frame, in a thread of its own.
+
+    The agent's command takes effect when it comes, and it is answered at the end of the decision
+    that runs by then. If it was not ready in time for the decision before, that one has passed
+    under the old command. What is late is made up for at once, as fast as the machine goes. Time
+    stands still outside episodes, and when nobody comes for `MOST_MISSED` decisions.
+
+    Args:
+        speed: game seconds per second.
+        now: monotonic seconds.
+        wait: waits on a condition for at most so many seconds, for ever if None.
+    """
+
+    def __init__(
+        self,
+        world: Moving,
+        speed: float = 1.0,
+        *,
+        now: Callable[[], float] = time.monotonic,
+        wait: Callable[[threading.Condition, float | None], None] = _wait,
+    ) -> None:
+        self.late_frames = 0
+        self._world = world
+        self._wait = wait
+        self._deadlines = Deadlines(FRAME / speed, now)
+        self._changed = threading.Condition()
+        self._passed: list[Decision] = []
+        self._running = False
+        self._closing = False
+        self._failure: BaseException | None = None
+        self._thread = threading.Thread(target=self._keep_time, name="real-time", daemon=True)
+
+    def start(self) -> None:
+        """Let time pass: an episode begins."""
+        with self._changed:
+            self._passed.clear()
+            self._running = True
+            self._deadlines.restart()
+            self._changed.notify_all()
+        if not self._thread.is_alive():
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Let no time pass until the next `start`."""
+        with self._changed:
+            self._running = False
+
+    def still(self) -> AbstractContextManager[object]:
+        """While it is entered the world stands still, to be looked at."""
+        return self._changed
+
+    def command(self, action: int) -> list[Decision]:
+        """Give a command; the decisions that passed before it, for want of one."""
+        with self._changed:
+            self._world.command(action)
+            return self._take()
+
+    def pass_decision(self) -> list[Decision]:
+        """The next decision, or all up to now if there were several; never after an episode's
+        end."""
+        with self._changed:
+            while not self._passed:
+                if self._failure is not None:
+                    raise self._failure
+                self._changed.wait()
+            return self._take()
+
+    def close(self) -> None:
+        """End the thread; closing twice does no harm."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _take(self) -> list[Decision]:
+        passed, self._passed = self._passed, []
+        if len(passed) >= MOST_MISSED:
+            self._deadlines.restart()
+            self._changed.notify_all()
+        return passed
+
+    def _keep_time(self) -> None:
+        try:
+            with self._changed:
+                while not self._closing:
+                    self._turn()
+        except BaseException as failure:
+            with self._changed:
+                self._failure = failure
+                self._changed.notify_all()
+
+    def _turn(self) -> None:
+        """Wait for the next frame, or pass it if it is due."""
+        if not self._running or len(self._passed) >= MOST_MISSED:
+            self._wait(self._changed, None)
+            return
+        delay = self._deadlines.delay()
+        if delay > 0:
+            self._wait(self._changed, delay)
+            return
+        self.late_frames += self._deadlines.meet()
+        decision = self._world.frame()
+        if decision is not None:
+            self._passed.append(decision)
+            self._running = not decision.ended
+            self._changed.notify_all()
+        # Waiting gives the lock away; the agent would starve beside a world that is always late.
+        self._wait(self._changed, BREATH)

@@ -1,0 +1,96 @@
+"""The robot at its console: room and game, moved on together, one emulator frame at a time.
+
+Who moves it on, and when, is the clock's business (`actors.envs.clock`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.envs.body_sense import BodySense
+from actors.envs.game import AtariGame
+from actors.nao.room import Room
+from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
+from common.config import PlayConfig
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the ``play.frame_skip`` emulator frames of one decision came to."""
+
+    points: float
+    pressed: Keys
+    """The keys that the game was given at its last frame."""
+    terminated: bool
+    truncated: bool
+
+    @property
+    def ended(self) -> bool:
+        """The episode is over."""
+        return self.terminated or self.truncated
+
+
+class World:
+    """Commands go in; each frame the hands move on, and the keys they press play the game.
+
+    With ``play.read_keys`` "frame" the controller is read at the end of each frame's physics.
+    With "decision" it is read once, before the arms move, and what was pressed then holds for the
+    whole decision (the report's section 3.3: read, act on the emulator, and only then simulate).
+    """
+
+    def __init__(self, room: Room, game: AtariGame, play: PlayConfig) -> None:
+        self.wanted = Keys.NONE
+        """The keys of the last command."""
+        self.pressed = Keys.NONE
+        """The keys that the game was given at the last frame."""
+        self._room = room
+        self._game = game
+        self._play = play
+        self._sense = BodySense("robot") if play.vector else None
+        self._frames = 0  # of the present decision
+        self._points = 0.0
+
+    def vector(self) -> NDArray[np.float32] | None:
+        """The vector observation as of now, if ``play.vector`` asks for one."""
+        if self._sense is None:
+            return None
+        return self._sense.vector(*self._room.arms.posture())
+
+    def restart(self) -> None:
+        """Hands at rest and nothing remembered, for a new game."""
+        self._room.reset()
+        self.wanted = self.pressed = Keys.NONE
+        self._frames, self._points = 0, 0.0
+        if self._sense is not None:
+            self._sense.forget()
+
+    def command(self, action: int) -> None:
+        """Let the hands set out for one of the 18 actions."""
+        self.wanted = KEYS_OF_ACTION[action]
+        self._room.command(self.wanted)
+        if self._sense is not None:
+            self._sense.command(action)
+
+    def frame(self) -> Decision | None:
+        """Pass one emulator frame (1/60 s); the decision that it completes, if any."""
+        if self._play.read_keys == "decision" and self._frames == 0:
+            self.pressed = self._room.controller.held
+        felt = self._room.step_frame()
+        if self._play.read_keys == "frame":
+            self.pressed = felt
+        if self._sense is not None:
+            self._sense.feel(felt)
+        self._points += self._game.hold(action_of_keys(self.pressed))
+        self._frames += 1
+        if self._frames < self._play.frame_skip:
+            return None
+        decision = Decision(self._points, self.pressed, *self._game.end_decision())
+        self._frames, self._points = 0, 0.0
+        return decision
+
+    def decide(self) -> Decision:
+        """Pass the frames to the end of the decision."""
+        while (decision := self.frame()) is None:
+            pass
+        return decision

@@ -1,0 +1,57 @@
+"""Pictures as text: each character cell is an upper half block, two pixels one over the other.
+
+Only the cells that changed are sent, because a terminal on the other side of a network takes
+24-bit colours at some 40 bytes a cell.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_HALF = "▀"
+_PLAIN = "\x1b[0m"
+
+
+class HalfBlocks:
+    """Draws pictures into a rectangle of the terminal whose top left cell is (``row``, 1)."""
+
+    def __init__(self, columns: int, rows: int, row: int = 1) -> None:
+        self.columns, self.rows = columns, rows
+        self._row = row
+        self._drawn: NDArray[np.int16] = np.full((rows, columns, 6), -1, np.int16)
+
+    def draw(self, picture: NDArray[np.uint8], *, aspect: float | None = None) -> str:
+        """What to write so that ``picture uint8 [height, width, 3]`` fills the rectangle.
+
+        It keeps its shape, or is drawn as ``aspect`` times as wide as high, with black beside it.
+        """
+        height, width = picture.shape[:2]
+        aspect = aspect or width / height
+        # A character cell is about twice as high as wide, so half a cell is a square.
+        wide = min(self.columns, round(2 * self.rows * aspect))
+        high = min(2 * self.rows, round(self.columns / aspect))
+        small = cv2.resize(picture, (max(wide, 1), max(high, 1)), interpolation=cv2.INTER_AREA)
+        canvas = np.zeros((2 * self.rows, self.columns, 3), np.uint8)
+        top, left = (2 * self.rows - small.shape[0]) // 2, (self.columns - small.shape[1]) // 2
+        canvas[top : top + small.shape[0], left : left + small.shape[1]] = small
+        cells = np.concatenate((canvas[0::2], canvas[1::2]), axis=2).astype(np.int16)
+        return self._send(cells)
+
+    def _send(self, cells: NDArray[np.int16]) -> str:
+        changed = (cells != self._drawn).any(axis=2)
+        self._drawn = cells
+        parts: list[str] = []
+        for row in np.flatnonzero(changed.any(axis=1)).tolist():
+            colours: list[int] = []
+            cursor = -1  # the column that the terminal would write next
+            for column in np.flatnonzero(changed[row]).tolist():
+                if column != cursor:
+                    parts.append(f"\x1b[{self._row + row};{column + 1}H")
+                wanted = cells[row, column].tolist()
+                if wanted != colours:
+                    r, g, b, under_r, under_g, under_b = colours = wanted
+                    parts.append(f"\x1b[38;2;{r};{g};{b};48;2;{under_r};{under_g};{under_b}m")
+                parts.append(_HALF)
+                cursor = column + 1
+            parts.append(_PLAIN)
+        return "".join(parts)

@@ -1,0 +1,134 @@
+"""Small drawings on pictures: captions, the controller's keys, actions as arrows, bars of values.
+
+All of them draw into ``uint8 [height, width, 3]`` RGB in place; places are (x, y) in pixels.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from common.actions import KEYS_OF_ACTION, Keys
+
+Colour = tuple[int, int, int]
+
+PAPER: Colour = (24, 26, 30)
+WHITE: Colour = (236, 238, 240)
+GREY: Colour = (128, 132, 138)
+GREEN: Colour = (51, 242, 89)
+"""As the controller's own pressed keys."""
+YELLOW: Colour = (255, 214, 64)
+MAGENTA: Colour = (255, 0, 255)
+RED: Colour = (240, 70, 60)
+
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_KEY_AT: dict[Keys, tuple[int, int]] = {
+    Keys.UP: (0, -1),
+    Keys.DOWN: (0, 1),
+    Keys.LEFT: (-1, 0),
+    Keys.RIGHT: (1, 0),
+}
+
+
+def write(
+    picture: NDArray[np.uint8],
+    text: str,
+    at: tuple[int, int],
+    *,
+    size: float = 0.45,
+    colour: Colour = WHITE,
+) -> None:
+    """Write ASCII text with its baseline's left end ``at``."""
+    cv2.putText(picture, text, at, _FONT, size, colour, 1, cv2.LINE_AA)
+
+
+def caption(picture: NDArray[np.uint8], text: str, colour: Colour = WHITE) -> None:
+    """Write ``text`` into the lower left corner, on a dark ground."""
+    (width, _), _ = cv2.getTextSize(text, _FONT, 0.45, 1)
+    picture[-22:, : width + 14] = PAPER
+    write(picture, text, (7, picture.shape[0] - 7), colour=colour)
+
+
+def outline(picture: NDArray[np.uint8], corners: NDArray[np.float32], colour: Colour) -> None:
+    """Draw a quadrilateral of ``corners float32 [4, 2]``, to a sixteenth of a pixel."""
+    fine = np.round(corners * 16).astype(np.int32)
+    cv2.polylines(picture, [fine], True, colour, 1, cv2.LINE_AA, 4)
+
+
+def controller_keys(
+    picture: NDArray[np.uint8], centre: tuple[int, int], size: int, wanted: Keys, pressed: Keys
+) -> None:
+    """The five keys from above, directions left and fire right: those that are pressed are
+    filled, those that are commanded have a ring."""
+    x, y = centre
+    half = size // 5
+    cross = x - size // 2
+    quads: list[tuple[Keys, NDArray[np.int32]]] = []
+    for key, (right, down) in _KEY_AT.items():
+        middle = np.array([cross + round(right * half * 1.1), y + round(down * half * 1.1)])
+        diamond = np.array([(0, -half), (half, 0), (0, half), (-half, 0)])
+        quads.append((key, (middle + diamond).astype(np.int32)))
+    for key, quad in quads:
+        cv2.fillPoly(picture, [quad], GREEN if key & pressed else (58, 61, 68), cv2.LINE_AA)
+    fire = (x + size // 2, y)
+    fired = bool(Keys.FIRE & pressed)
+    cv2.circle(picture, fire, half + 2, GREEN if fired else (110, 30, 30), -1, cv2.LINE_AA)
+    # Rings last, so that no neighbour covers them.
+    for key, quad in quads:
+        if key & wanted:
+            cv2.polylines(picture, [quad], True, YELLOW, 2, cv2.LINE_AA)
+    if Keys.FIRE & wanted:
+        cv2.circle(picture, fire, half + 2, YELLOW, 2, cv2.LINE_AA)
+
+
+def action_sign(
+    picture: NDArray[np.uint8], centre: tuple[int, int], action: int, colour: Colour
+) -> None:
+    """An action as an arrow, with a red dot beside it for fire, or a dash for none; 26 pixels wide
+    from ``centre``'s 7 to its left."""
+    keys = KEYS_OF_ACTION[action]
+    x, y = centre
+    right = sum(_KEY_AT[key][0] for key in _KEY_AT if key & keys)
+    down = sum(_KEY_AT[key][1] for key in _KEY_AT if key & keys)
+    if right or down:
+        reach = 6 if right == 0 or down == 0 else 5
+        start, end = (x - reach * right, y - reach * down), (x + reach * right, y + reach * down)
+        cv2.arrowedLine(picture, start, end, colour, 1, cv2.LINE_AA, tipLength=0.4)
+    if keys & Keys.FIRE:
+        cv2.circle(picture, (x + 14, y), 3, RED, -1, cv2.LINE_AA)
+    if not keys:
+        cv2.line(picture, (x - 3, y), (x + 3, y), colour, 1, cv2.LINE_AA)
+
+
+def action_values(
+    picture: NDArray[np.uint8],
+    area: tuple[int, int, int, int],
+    actions: tuple[int, ...],
+    chosen: int,
+    values: NDArray[np.float32] | None,
+) -> None:
+    """The actions, one below the other, with bars for their values where there are any.
+
+    Bars reach from the least value (no bar) to the greatest, since what matters is how they
+    differ; the numbers beside them are the values.
+
+    Args:
+        area: left, top, width, height.
+        actions: ALE's numbers.
+        chosen: index of the one that is marked.
+    """
+    left, top, width, height = area
+    pitch = min(height // len(actions), 22)
+    least = 0.0 if values is None else float(values.min())
+    span = 0.0 if values is None else float(values.max()) - least
+    for index, action in enumerate(actions):
+        colour = YELLOW if index == chosen else GREY
+        middle = top + index * pitch + pitch // 2
+        action_sign(picture, (left + 8, middle), action, colour)
+        if values is None:
+            continue
+        room = width - 34 - 44
+        length = round((float(values[index]) - least) / span * room) if span else 0
+        above, below = middle - pitch // 3, middle + pitch // 3 + 1
+        picture[above:below, left + 32 : left + 33 + length] = colour
+        number = f"{values[index]:.2f}"
+        write(picture, number, (left + width - 42, middle + 4), size=0.34, colour=colour)

@@ -1,0 +1,84 @@
+"""Who plays for show: random actions, or a network from a run's weights, with its values kept."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from actors.policy import Policy
+from common.config import EnvKind, RunConfig
+from common.errors import InputError, MessageError
+from common.network import QNetwork, build_network
+from common.presets import PRESETS
+from common.run_folder import RunFolder
+from common.weights import load_weights
+
+
+class ShownPolicy(Policy):
+    """A policy that remembers the values of every state that it was asked about."""
+
+    def __init__(self, network: QNetwork, actions: int, rng: np.random.Generator) -> None:
+        super().__init__(network, actions, rng)
+        self.values: NDArray[np.float32] | None = None
+        """``float32 [actions]`` of the last state; None while play is all random."""
+
+    def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
+        """As `Policy.act`, for one environment."""
+        if self.epsilon < 1.0:
+            with torch.inference_mode():
+                values = self.network(torch.from_numpy(frames), torch.from_numpy(vectors))
+            self.values = values[0].numpy()
+        return super().act(frames, vectors)
+
+
+def config_to_play(
+    weights: Path | None, env: EnvKind | None, game: str | None, minimal_actions: bool
+) -> RunConfig:
+    """What is played: as the run of ``weights`` did, changed by what else is given.
+
+    Without a run it is Pong, by the robot, with all 18 actions.
+
+    Raises:
+        InputError: the run's configuration cannot be read.
+    """
+    config = None if weights is None else _config_beside(weights)
+    if config is None:
+        config = PRESETS["fast" if env == "ale" else "robot"]
+        config = replace(config, play=replace(config.play, minimal_actions=False))
+    if minimal_actions:
+        config = replace(config, play=replace(config.play, minimal_actions=True))
+    return replace(config, env=env or config.env, game=game or config.game)
+
+
+def _config_beside(weights: Path) -> RunConfig | None:
+    """That of the run whose folder ``weights`` lies in, or in whose snapshots."""
+    for folder in weights.resolve().parents[:2]:
+        if (folder / "config.json").is_file():
+            return RunFolder(folder.parent, folder.name).stored_config()
+    return None
+
+
+def build_player(
+    config: RunConfig, actions: int, weights: Path | None, epsilon: float, seed: int
+) -> ShownPolicy:
+    """A policy with the network in ``weights``, or a random one without.
+
+    Raises:
+        InputError: the file cannot be read, or does not fit ``config``.
+    """
+    policy = ShownPolicy(build_network(config, actions), actions, np.random.default_rng(seed))
+    if weights is None:
+        return policy
+    try:
+        load_weights(policy.network, weights.read_bytes())
+    except OSError as error:
+        raise InputError(f"{weights} cannot be read: {error.strerror}.") from None
+    except MessageError as error:
+        raise InputError(
+            f"{weights} does not fit {config.game} ({config.env}) with {actions} actions "
+            f"({error}): name what it was trained on by --env, --game and --minimal-actions."
+        ) from None
+    policy.epsilon = epsilon
+    return policy

@@ -1,0 +1,79 @@
+"""The terminal as a screen and a keyboard, given back as it was however the block is left."""
+
+import os
+import select
+import sys
+import termios
+from types import TracebackType
+from typing import Any, Self
+
+_OPEN = "\x1b[?1049h\x1b[?25l\x1b[2J"  # the other screen, no cursor, nothing on it
+_CLOSE = "\x1b[0m\x1b[?25h\x1b[?1049l"
+
+
+def size_of(descriptor: int) -> tuple[int, int]:
+    """Columns and rows of the terminal behind a file descriptor."""
+    try:
+        columns, rows = os.get_terminal_size(descriptor)
+    except OSError:
+        columns, rows = 0, 0
+    # A terminal that does not know its size says 0.
+    return (columns, rows) if columns and rows else (80, 24)
+
+
+def write_all(descriptor: int, text: str) -> None:
+    """Write ``text`` to a file descriptor, however slowly it is taken."""
+    left = memoryview(text.encode())
+    while left:
+        try:
+            left = left[os.write(descriptor, left) :]
+        except BlockingIOError:
+            select.select([], [descriptor], [])
+
+
+class Terminal:
+    """Takes over the terminal: pictures out on standard output, keys in from standard input.
+
+    A context manager. Ctrl-C still interrupts; Ctrl-Z does nothing, for it would leave the
+    terminal to the shell in the state that it is in here.
+    """
+
+    def __init__(self) -> None:
+        self._out = sys.stdout.fileno()
+        self._in = sys.stdin.fileno()
+        self._before: list[Any] = []
+
+    def __enter__(self) -> Self:
+        self._before = termios.tcgetattr(self._in)
+        state = termios.tcgetattr(self._in)
+        state[3] &= ~(termios.ICANON | termios.ECHO)
+        state[6][termios.VSUSP] = os.fpathconf(self._in, "PC_VDISABLE").to_bytes()
+        termios.tcsetattr(self._in, termios.TCSADRAIN, state)
+        self.write(_OPEN)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            self.write(_CLOSE)
+        finally:
+            # Keys that were pressed meanwhile are not for the shell.
+            termios.tcsetattr(self._in, termios.TCSAFLUSH, self._before)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Columns and rows."""
+        return size_of(self._out)
+
+    def write(self, text: str) -> None:
+        """Write all of ``text``, however slowly it is taken."""
+        write_all(self._out, text)
+
+    def keys(self) -> bytes:
+        """What has been typed since the last call, at once; empty at the end of input too."""
+        ready, _, _ = select.select([self._in], [], [], 0.0)
+        return os.read(self._in, 1024) if ready else b""

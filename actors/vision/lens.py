@@ -1,0 +1,74 @@
+"""Radial distortion of the robot's camera: a lens that bends straight lines a little.
+
+What a pinhole would show at r from the picture's middle is shown nearer to it, at the r' with
+r = r'(1 + k₁r'²), both in half widths: the first term of Brown's model, by which barrel
+distortion is usually corrected. The camera bends its picture by it, and the eye, which knows its
+own camera's k₁, straightens it.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_STEPS = 12
+"""Of Newton's method, which needs far fewer."""
+
+
+class Lens:
+    """A lens with distortion ``k1`` ≥ 0 for pictures of ``size`` (width, height)."""
+
+    def __init__(self, k1: float, size: tuple[int, int]) -> None:
+        self.k1 = k1
+        width, height = size
+        self._middle = np.array([(width - 1) / 2, (height - 1) / 2])
+        self._half_width = width / 2
+        corner = (self._middle**2).sum() / self._half_width**2
+        grown = k1 * corner * self._middle
+        self.margin: tuple[int, int] = (int(np.ceil(grown[0])), int(np.ceil(grown[1])))
+        """Pixels beyond a pinhole's left or right, and upper or lower edge that it brings into
+        the picture."""
+        x, y = np.meshgrid(np.arange(width), np.arange(height))
+        pixels = np.stack([x, y], axis=2).reshape(-1, 2).astype(np.float64)
+        # OpenCV draws each pixel from where its light comes from.
+        self._straight = _maps(self.bend(pixels), size)
+        self._bent = _maps(self.unbend(pixels) + self.margin, size)
+
+    def unbend(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where a pinhole would show what the lens shows at ``points [N, 2]`` (x, y)."""
+        away = (points - self._middle) / self._half_width
+        square = (away**2).sum(axis=1, keepdims=True)
+        ideal: NDArray[np.float64] = away * (1 + self.k1 * square) * self._half_width
+        return self._middle + ideal
+
+    def bend(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where the lens shows what a pinhole would show at ``points [N, 2]``."""
+        away = (points - self._middle) / self._half_width
+        ideal = np.hypot(away[:, 0], away[:, 1])
+        bent = ideal.copy()
+        for _ in range(_STEPS):
+            bent -= (bent * (1 + self.k1 * bent**2) - ideal) / (1 + 3 * self.k1 * bent**2)
+        nearer = (bent / np.maximum(ideal, 1e-12))[:, None]
+        shown: NDArray[np.float64] = away * nearer * self._half_width
+        return self._middle + shown
+
+    def photograph(self, ideal: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The picture through the lens of a pinhole's ``ideal``, `margin` larger on each side."""
+        return _drawn(ideal, self._bent)
+
+    def straighten(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """What a pinhole would have shown instead of ``image``."""
+        return _drawn(image, self._straight)
+
+
+_Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
+
+
+def _maps(points: NDArray[np.float64], size: tuple[int, int]) -> _Maps:
+    x, y = points.astype(np.float32).reshape(size[1], size[0], 2).transpose(2, 0, 1)
+    places, fractions = cv2.convertMaps(x, y, cv2.CV_16SC2)
+    return np.asarray(places, np.int16), np.asarray(fractions, np.uint16)
+
+
+def _drawn(image: NDArray[np.uint8], maps: _Maps) -> NDArray[np.uint8]:
+    bent = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(bent, np.uint8)

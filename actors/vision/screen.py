@@ -1,0 +1,88 @@
+"""A projector screen that was found: where it is, how to unwarp it, and if it is still there."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.vision.layout import GAME_IN_PICTURE
+from common.chunk import FRAME_SHAPE
+
+_FINER = 2
+"""The game is unwarped this much finer than its frame and then averaged, which keeps a ball of
+two pixels as the emulator's own frame does."""
+_OUTSIDE = 0.03
+_INSIDE = 0.6
+"""The band that has to stay the same: from so far outside the picture, as a share of it, to so
+far into its border, as a share of that. It leaves out whatever the game may change."""
+
+_UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+
+
+class Screen:
+    """The screen in the picture in which it was found.
+
+    As long as the band along its edges shows the same to the last bit, nothing has moved or come
+    before it, and searching again would only find the same. The band is compared in a fortieth of
+    the time of a search.
+    """
+
+    def __init__(self, outer: NDArray[np.float32], grey: NDArray[np.uint8]) -> None:
+        """``outer [4, 2]`` are the projected picture's corners (x, y), border included, clockwise
+        from the top left, in the picture ``grey uint8 [height, width]``."""
+        self.outer = outer
+        self._homography = homography_to(outer)
+        corners = cv2.perspectiveTransform(GAME_IN_PICTURE[None], self._homography)[0]
+        self.corners: NDArray[np.float32] = np.asarray(corners, np.float32)
+        """Of the game, as ``outer``."""
+        self._band = self._find_band(grey.shape)
+        self._known = grey.take(self._band)
+
+    def is_still_in(self, grey: NDArray[np.uint8]) -> bool:
+        """Whether the band along the edges is the very same in another picture."""
+        return np.array_equal(grey.take(self._band), self._known)
+
+    def unwarp(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The game in a picture, ``uint8 [84, 84]``."""
+        height, width = FRAME_SHAPE
+        fine = cv2.warpPerspective(
+            grey,
+            self._homography @ _PICTURE_OF_FINE,
+            (width * _FINER, height * _FINER),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        )
+        frame = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
+        return np.asarray(frame, np.uint8)
+
+    def _find_band(self, shape: tuple[int, ...]) -> NDArray[np.int64]:
+        """Indices of the band's pixels in a flattened picture."""
+        outside, inside = cv2.perspectiveTransform(_BAND, self._homography)
+        mask = np.zeros(shape, np.uint8)
+        cv2.fillConvexPoly(mask, np.rint(outside).astype(np.int32), 1)
+        cv2.fillConvexPoly(mask, np.rint(inside).astype(np.int32), 0)
+        return np.flatnonzero(mask)
+
+
+def homography_to(outer: NDArray[np.float32]) -> NDArray[np.float64]:
+    """From a place in the projected picture, (0, 0) to (1, 1), to its pixel."""
+    return np.asarray(cv2.getPerspectiveTransform(_UNIT_SQUARE, outer), np.float64)
+
+
+def _picture_of_fine() -> NDArray[np.float64]:
+    """From a pixel of the fine game picture to its place in the projected picture."""
+    (left, top), (right, bottom) = GAME_IN_PICTURE[0], GAME_IN_PICTURE[2]
+    per_x, per_y = (
+        (right - left) / FRAME_SHAPE[1] / _FINER,
+        (bottom - top) / FRAME_SHAPE[0] / _FINER,
+    )
+    # Half a pixel: the game ends at its outermost pixels' edges, not at their centres.
+    return np.array([[per_x, 0, left + per_x / 2], [0, per_y, top + per_y / 2], [0, 0, 1]])
+
+
+def _band() -> NDArray[np.float32]:
+    """The band's outer and inner corners in the projected picture, ``[2, 4, 2]``."""
+    away = np.array([-_OUTSIDE, _INSIDE * GAME_IN_PICTURE[0, 0]])[:, None, None]
+    return np.asarray(_UNIT_SQUARE + away * (1 - 2 * _UNIT_SQUARE), np.float32)
+
+
+_PICTURE_OF_FINE = _picture_of_fine()
+_BAND = _band()

@@ -1,0 +1,271 @@
+"""A training actor, over Zenoh, with a replay that the test plays."""
+
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+from hub_stubs import PATIENCE, STORED, acknowledge, payload_of, wait_until
+from numbered_env import CUT, GAME_OVER, GOES_ON, NumberedEnv
+from zenoh.handlers import Callback
+
+from actors import actor as actor_module
+from actors.actor import Actor
+from actors.policy import Policy
+from common.actor_stats import ActorStats, decode_stats
+from common.bus import RunKeys
+from common.chunk import Chunk, decode_chunk
+from common.config import StreamConfig
+from common.network import QNetwork
+from common.presets import PRESETS
+from common.weights import encode_weights
+
+KEYS = RunKeys("r")
+CONFIG = replace(PRESETS["fast"], stream=StreamConfig(chunk_steps=8, window=2))
+SCRIPT = [*[GOES_ON] * 4, GAME_OVER, GOES_ON, CUT]
+
+
+class Replay:
+    """Stores every chunk and answers ``ack``; after ``limit`` chunks the run is finished."""
+
+    def __init__(self, hub: zenoh.Session) -> None:
+        self.ack = STORED
+        self.limit = 10**9
+        self.silent = False
+        self.knocks = 0
+        self.chunks: list[Chunk] = []
+        self._queryable = hub.declare_queryable(
+            KEYS.insert("*"), Callback(self._answer, indirect=False)
+        )
+
+    def _answer(self, query: zenoh.Query) -> None:
+        if self.silent:
+            with query:
+                return
+        payload = payload_of(query)
+        if payload:
+            self.chunks.append(decode_chunk(payload))
+        self.knocks += not payload
+        finished = self.ack.finished or len(self.chunks) >= self.limit
+        status = self.ack.status if payload else "knock"
+        acknowledge(query, self.ack._replace(status=status, finished=finished))
+
+
+class Stage:
+    """An actor at work in a thread."""
+
+    def __init__(self, hub: zenoh.Session, session: zenoh.Session) -> None:
+        self.hub = hub
+        self.replay = Replay(hub)
+        self.warnings: list[str] = []
+        self.stop = threading.Event()
+        self.policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
+        self.stats: list[ActorStats] = []
+        self._session = session
+        self._thread: threading.Thread | None = None
+        hub.declare_subscriber(KEYS.stats("actor", "a"), Callback(self._hear_stats, indirect=False))
+
+    def _hear_stats(self, sample: zenoh.Sample) -> None:
+        self.stats.append(decode_stats(sample.payload.to_bytes()))
+
+    def start(self, *envs: NumberedEnv) -> None:
+        actor = Actor(
+            self._session,
+            CONFIG,
+            KEYS,
+            "a",
+            17,
+            envs,
+            self.policy,
+            patience=300.0,
+            stop=self.stop,
+            warn=self.warnings.append,
+        )
+        seeds = list(range(len(envs)))
+        self._thread = threading.Thread(target=actor.run, args=(seeds,), daemon=True)
+        self._thread.start()
+
+    def has(self, chunks: int) -> None:
+        wait_until(lambda: len(self.replay.chunks) >= chunks, f"{chunks} chunks are stored")
+
+    def ended(self) -> None:
+        assert self._thread is not None
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+
+    def farewell(self) -> ActorStats:
+        wait_until(lambda: self.stats and self.stats[-1].leaving, "it says good-bye")
+        return self.stats[-1]
+
+    def serve_weights(self, version: int, payload: bytes) -> None:
+        def serve(query: zenoh.Query) -> None:
+            with query:
+                attachment = str(version).encode()
+                query.reply(KEYS.latest_weights, payload, attachment=attachment)
+
+        self.hub.declare_queryable(KEYS.latest_weights, Callback(serve, indirect=False))
+
+
+@pytest.fixture
+def stage(hub: zenoh.Session, session: zenoh.Session) -> Iterator[Stage]:
+    stage = Stage(hub, session)
+    yield stage
+    stage.stop.set()
+    stage.ended()
+
+
+def test_everything_it_lived_through_is_stored_once_and_in_order(stage: Stage) -> None:
+    envs = [NumberedEnv(SCRIPT), NumberedEnv([GOES_ON], first=1_000)]
+    stage.replay.limit = 5
+    stage.start(*envs)
+    stage.ended()
+    for stream, env in enumerate(envs):
+        chunks = [chunk for chunk in stage.replay.chunks if chunk.stream == stream]
+        assert [chunk.sequence for chunk in chunks] == list(range(len(chunks)))
+        assert all((c.run, c.actor, c.incarnation) == ("r", "a", 17) for c in chunks)
+        frames = np.concatenate([chunk.frames for chunk in chunks])
+        assert (frames == [moment.state[-1] for moment in env.moments]).all()
+        actions = np.concatenate([chunk.actions for chunk in chunks])
+        assert actions.tolist() == [moment.action for moment in env.moments]
+    last = stage.farewell()
+    assert last.steps == sum(len(env.moments) for env in envs)
+    assert last.made == last.acked == len(stage.replay.chunks)
+    assert (last.retried, last.refused, last.role, last.incarnation) == (0, 0, "actor", 17)
+    assert stage.warnings == []
+
+
+def test_a_wish_to_stop_in_the_middle_of_a_chunk_loses_no_step(stage: Stage) -> None:
+    class Stopping(NumberedEnv):
+        def step(self, action: np.int64 | int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+            if len(self.moments) == 11:
+                stage.stop.set()
+            return super().step(action)
+
+    env = Stopping([GOES_ON])
+    stage.start(env)
+    stage.ended()
+    assert len(env.moments) == 12
+    assert [len(chunk) for chunk in stage.replay.chunks] == [8, 4]
+    last = stage.farewell()
+    assert (last.made, last.acked) == (2, 2)
+
+
+def test_epsilon_follows_the_runs_steps(stage: Stage) -> None:
+    half_way = CONFIG.replay.warmup + CONFIG.exploration.steps // 2
+    stage.replay.ack = STORED._replace(agent_steps=half_way)
+    stage.replay.limit = 1
+    stage.start(NumberedEnv([GOES_ON]))
+    stage.ended()
+    assert stage.replay.chunks[0].epsilon == pytest.approx(0.51)
+    assert stage.policy.epsilon == pytest.approx(0.51)
+
+
+def test_while_the_learner_is_behind_it_pauses(stage: Stage) -> None:
+    env = NumberedEnv([GOES_ON])
+    stage.replay.ack = STORED._replace(hold=True)
+    stage.start(env)
+    stage.has(1)
+    # The window lets a second chunk go before the first answer is read, no more.
+    wait_until(lambda: stage.replay.knocks >= 20, "it has knocked often")
+    stored, lived = len(stage.replay.chunks), len(env.moments)
+    assert stored <= CONFIG.stream.window
+    wait_until(lambda: stage.replay.knocks >= 40, "it has knocked again and again")
+    assert (len(stage.replay.chunks), len(env.moments)) == (stored, lived)
+    stage.replay.ack = STORED
+    stage.has(stored + 3)
+    stage.stop.set()
+    stage.ended()
+    assert len(env.moments) > lived
+
+
+def test_a_finished_run_ends_it_even_in_a_pause(stage: Stage) -> None:
+    stage.replay.ack = STORED._replace(hold=True)
+    stage.start(NumberedEnv([GOES_ON]))
+    wait_until(lambda: stage.replay.knocks >= 5, "it pauses")
+    stage.replay.ack = STORED._replace(hold=True, finished=True)
+    stage.ended()
+    assert stage.farewell().leaving
+
+
+def test_a_run_that_is_over_is_left_after_one_step(stage: Stage) -> None:
+    env = NumberedEnv([GOES_ON])
+    stage.replay.ack = STORED._replace(finished=True)
+    stage.start(env)
+    stage.ended()
+    assert len(env.moments) <= 1
+
+
+def test_whoever_has_no_weights_fetches_the_newest(stage: Stage) -> None:
+    learned = encode_weights(QNetwork(6))
+    stage.serve_weights(5, learned)
+    stage.replay.ack = STORED._replace(weights_version=5)
+    stage.replay.limit = 1
+    stage.start(NumberedEnv([GOES_ON]))
+    stage.ended()
+    assert stage.replay.chunks[0].weights_version == 5
+    assert encode_weights(stage.policy.network) == learned
+
+
+def test_weights_that_are_only_a_broadcast_behind_are_not_fetched(stage: Stage) -> None:
+    mine = encode_weights(stage.policy.network)
+    stage.policy.weights_version = 100
+    slack = 2 * CONFIG.learning.publish_every
+    stage.serve_weights(100 + slack, encode_weights(QNetwork(6)))
+    stage.replay.ack = STORED._replace(weights_version=100 + slack)
+    stage.start(NumberedEnv([GOES_ON]))
+    stage.has(3)
+    assert {chunk.weights_version for chunk in stage.replay.chunks} == {100}
+    stage.replay.ack = STORED._replace(weights_version=101 + slack)
+    wait_until(lambda: stage.policy.weights_version == 100 + slack, "it has fetched")
+    stage.stop.set()
+    stage.ended()
+    assert encode_weights(stage.policy.network) != mine
+
+
+def test_broadcast_weights_are_used_and_stamped(stage: Stage) -> None:
+    learned = encode_weights(QNetwork(6))
+    stage.start(NumberedEnv([GOES_ON]))
+    stage.has(1)
+
+    def arrived() -> bool:
+        stage.hub.put(KEYS.weights, learned, attachment=b"7")
+        return stage.policy.weights_version == 7
+
+    wait_until(arrived, "the broadcast is taken")
+    stage.has(len(stage.replay.chunks) + 3)
+    stage.stop.set()
+    stage.ended()
+    assert stage.replay.chunks[-1].weights_version == 7
+    assert encode_weights(stage.policy.network) == learned
+
+
+def test_weights_that_do_not_fit_are_told_and_not_used(stage: Stage) -> None:
+    mine = encode_weights(stage.policy.network)
+    stage.serve_weights(5, encode_weights(QNetwork(18)))
+    stage.replay.ack = STORED._replace(weights_version=5)
+    stage.start(NumberedEnv([GOES_ON]))
+    stage.has(1)
+    stage.stop.set()
+    stage.ended()
+    assert "weights 5 were not used: " in stage.warnings[0]
+    assert encode_weights(stage.policy.network) == mine
+    assert stage.policy.weights_version == 0
+
+
+def test_a_replay_that_falls_silent_is_told_at_the_end(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(actor_module, "FAREWELL", 0.1)
+    stage.start(NumberedEnv([GOES_ON]))
+    stage.has(1)
+    stage.replay.silent = True
+    wait_until(lambda: stage.stats and stage.stats[-1].made >= 2, "it is at work")
+    stage.stop.set()
+    stage.ended()
+    last = stage.farewell()
+    assert last.made > last.acked
+    missing = last.made - last.acked
+    assert stage.warnings == [f"{missing} chunks were never acknowledged."]

@@ -1,0 +1,235 @@
+"""Lockstep and real time, the latter mostly under a time that the test itself passes."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from actors.envs.clock import BREATH, FRAME, MOST_MISSED, Clock, Deadlines, Lockstep, RealTime
+from actors.envs.world import Decision
+from common.actions import Keys
+
+SKIP = 4
+DECISION = SKIP * FRAME
+A_WHILE = 20.0
+
+
+class CountingWorld:
+    """Decisions whose points are their number; it notes the command of each frame."""
+
+    def __init__(self, ends: int | None = None) -> None:
+        self.frames = 0
+        self.under: list[int] = []
+        self._action = 0
+        self._ends = ends
+
+    def command(self, action: int) -> None:
+        self._action = action
+
+    def frame(self) -> Decision | None:
+        self.frames += 1
+        self.under.append(self._action)
+        number, left = divmod(self.frames, SKIP)
+        return None if left else Decision(float(number), Keys.NONE, number == self._ends, False)
+
+    def decide(self) -> Decision:
+        while (decision := self.frame()) is None:
+            pass
+        return decision
+
+
+class HandTime:
+    """Time that passes when the test says so, and not by itself."""
+
+    def __init__(self) -> None:
+        self._seconds = 1_000.0
+        self._idle = threading.Event()
+        self.changed: threading.Condition
+
+    def now(self) -> float:
+        return self._seconds
+
+    def wait(self, changed: threading.Condition, seconds: float | None) -> None:
+        if seconds == BREATH:
+            return  # a late world goes on at once
+        self.changed = changed
+        self._idle.set()
+        changed.wait(A_WHILE)
+
+    def settle(self) -> None:
+        """Until the world waits for its next frame, or for someone."""
+        assert self._idle.wait(A_WHILE)
+
+    def go_on(self, seconds: float) -> None:
+        self.settle()
+        with self.changed:
+            self._idle.clear()
+            # Just beyond, so that rounding does not decide which frames are due.
+            self._seconds += seconds + 1e-9
+            self.changed.notify_all()
+        self.settle()
+
+
+@pytest.fixture
+def hand() -> HandTime:
+    return HandTime()
+
+
+@pytest.fixture
+def run(hand: HandTime) -> Iterator[Callable[..., RealTime]]:
+    clocks: list[RealTime] = []
+
+    def start(world: CountingWorld, speed: float = 1.0) -> RealTime:
+        clocks.append(RealTime(world, speed, now=hand.now, wait=hand.wait))
+        clocks[-1].start()
+        return clocks[-1]
+
+    yield start
+    for clock in clocks:
+        clock.close()
+
+
+def numbers(decisions: list[Decision]) -> list[float]:
+    return [decision.points for decision in decisions]
+
+
+def test_in_lockstep_nothing_passes_by_itself() -> None:
+    world = CountingWorld()
+    clock: Clock = Lockstep(world)
+    clock.start()
+    assert clock.command(3) == []
+    assert numbers(clock.pass_decision()) == [1]
+    assert world.under == [3] * SKIP
+    clock.close()
+
+
+@given(st.lists(st.floats(0.0, 0.2), max_size=60))
+def test_deadlines_never_drift(delays: list[float]) -> None:
+    """However late frames begin, the n-th is due n periods after the start."""
+    now = 5.0
+    deadlines = Deadlines(FRAME, lambda: now)
+    deadlines.restart()
+    for number, delay in enumerate(delays, start=1):
+        due = 5.0 + number * FRAME
+        assert deadlines.delay() == pytest.approx(due - now, abs=1e-9)
+        now = max(now, due) + delay
+        lateness = now - due
+        if abs(lateness - FRAME) > 1e-9:
+            assert deadlines.meet() == (lateness > FRAME)
+        else:
+            deadlines.meet()
+
+
+def test_the_world_goes_on_by_itself_in_time(hand: HandTime, run: Callable[..., RealTime]) -> None:
+    world = CountingWorld()
+    clock = run(world)
+    for frames in (1, 1, 2, 5, 30):
+        before = world.frames
+        hand.go_on(frames * FRAME)
+        assert world.frames == before + frames
+    # All but the last of a burst were due (a hair more than) one frame before it.
+    assert clock.late_frames == 0 + 0 + 1 + 4 + 29
+    assert numbers(clock.command(0)) == [1, 2, 3, 4, 5, 6, 7, 8, 9]
+
+
+def test_speed_scales_time(hand: HandTime, run: Callable[..., RealTime]) -> None:
+    world = CountingWorld()
+    run(world, speed=3.0)
+    hand.go_on(1.0)
+    assert world.frames == 180
+
+
+def test_a_prompt_agent_misses_nothing(hand: HandTime, run: Callable[..., RealTime]) -> None:
+    world = CountingWorld()
+    clock = run(world)
+    for number in range(1, 6):
+        assert clock.command(number) == []
+        hand.go_on(DECISION)
+        assert numbers(clock.pass_decision()) == [number]
+    assert world.under == [action for action in range(1, 6) for _ in range(SKIP)]
+
+
+def test_a_late_agent_gets_what_it_missed(hand: HandTime, run: Callable[..., RealTime]) -> None:
+    world = CountingWorld()
+    clock = run(world)
+    clock.command(1)
+    hand.go_on(3 * DECISION + 2 * FRAME)
+    assert numbers(clock.command(2)) == [1, 2, 3]
+    hand.go_on(2 * FRAME)
+    assert numbers(clock.pass_decision()) == [4]
+    assert world.under == [1] * 14 + [2] * 2
+
+
+def test_nothing_passes_after_an_end_until_the_next_start(
+    hand: HandTime, run: Callable[..., RealTime]
+) -> None:
+    world = CountingWorld(ends=2)
+    clock = run(world)
+    hand.go_on(10 * DECISION)
+    assert world.frames == 2 * SKIP
+    assert [decision.ended for decision in clock.pass_decision()] == [False, True]
+    clock.start()
+    hand.go_on(DECISION)
+    assert world.frames == 3 * SKIP
+    assert numbers(clock.pass_decision()) == [3]
+
+
+def test_stopped_means_stopped(hand: HandTime, run: Callable[..., RealTime]) -> None:
+    world = CountingWorld()
+    clock = run(world)
+    hand.go_on(FRAME)
+    clock.stop()
+    hand.go_on(10 * FRAME)
+    assert world.frames == 1
+
+
+def test_a_world_that_nobody_attends_to_stops(hand: HandTime, run: Callable[..., RealTime]) -> None:
+    world = CountingWorld()
+    clock = run(world)
+    hand.go_on(10 * MOST_MISSED * DECISION)
+    assert world.frames == MOST_MISSED * SKIP
+    hand.settle()
+    assert len(clock.command(0)) == MOST_MISSED
+    # And goes on from there in time, without making up for the pause.
+    hand.go_on(DECISION)
+    assert numbers(clock.pass_decision()) == [MOST_MISSED + 1]
+
+
+def test_a_world_that_breaks_is_not_waited_for() -> None:
+    class Broken(CountingWorld):
+        def frame(self) -> Decision | None:
+            raise ZeroDivisionError
+
+    clock = RealTime(Broken())
+    clock.start()
+    with pytest.raises(ZeroDivisionError):
+        clock.pass_decision()
+    clock.close()
+
+
+def test_closing_ends_the_thread_and_twice_does_no_harm(run: Callable[..., RealTime]) -> None:
+    before = threading.active_count()
+    clock = run(CountingWorld())
+    assert threading.active_count() == before + 1
+    clock.close()
+    clock.close()
+    assert threading.active_count() == before
+
+
+def test_two_seconds_of_real_time() -> None:
+    """At ten times the speed: 20 s of game time; a loaded machine may be late, but not early."""
+    world = CountingWorld()
+    clock = RealTime(world, speed=10.0)
+    began = time.monotonic()
+    clock.start()
+    passed: list[Decision] = []
+    while len(passed) < 300:
+        passed += clock.pass_decision()
+    took = time.monotonic() - began
+    clock.close()
+    assert numbers(passed) == [float(number) for number in range(1, len(passed) + 1)]
+    assert took >= 2.0 - 2 * DECISION / 10
+    assert took < 2.5

@@ -1,0 +1,263 @@
+"""The evaluator, over Zenoh, with a learner that the test plays."""
+
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import zenoh
+from hub_stubs import PATIENCE, Questions, answer, ignore, payload_of, refuse, wait_until
+from numbered_env import GAME_OVER, GOES_ON, NumberedEnv
+from zenoh.handlers import Callback
+
+from actors import evaluator as evaluator_module
+from actors.evaluator import Evaluator
+from actors.policy import Policy
+from common.actor_stats import ActorStats, decode_stats
+from common.bus import RunKeys
+from common.chunk import Game
+from common.errors import InputError
+from common.examination import Report, Task, decode_report, encode_task
+from common.network import QNetwork
+from common.weights import encode_weights
+
+KEYS = RunKeys("r")
+WEIGHTS = encode_weights(QNetwork(6))
+TEN_STEPS_A_GAME = [*[GOES_ON] * 9, GAME_OVER]
+
+
+class Stage:
+    """An evaluator at work in a thread, and the learner's side of its keys."""
+
+    def __init__(self, hub: zenoh.Session, session: zenoh.Session) -> None:
+        self.tasks = Questions(hub, KEYS.task)
+        self.reports = Questions(hub, KEYS.report)
+        self.warnings: list[str] = []
+        self.stop = threading.Event()
+        self.failure: Exception | None = None
+        self._session = session
+        self._thread: threading.Thread | None = None
+
+    def start(self, env: NumberedEnv, patience: float = 300.0) -> Policy:
+        policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
+        evaluator = Evaluator(
+            self._session,
+            KEYS,
+            "e",
+            9,
+            env,
+            policy,
+            patience=patience,
+            stop=self.stop,
+            warn=self.warnings.append,
+        )
+
+        def work() -> None:
+            try:
+                evaluator.run(seed=40)
+            except InputError as error:
+                self.failure = error
+
+        self._thread = threading.Thread(target=work, daemon=True)
+        self._thread.start()
+        return policy
+
+    def give(self, task: Task) -> None:
+        query = self.tasks.next()
+        assert payload_of(query) == b"e"
+        answer(query, encode_task(task))
+
+    def report(self) -> Report:
+        """The next report, which the learner takes."""
+        query = self.reports.next()
+        found = decode_report(payload_of(query))
+        answer(query, b"")
+        return found
+
+    def test(self) -> list[Report]:
+        """All reports up to the last of a test."""
+        found = [self.report()]
+        while not found[-1].done:
+            found.append(self.report())
+        return found
+
+    def ended(self) -> None:
+        assert self._thread is not None
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+
+    def close(self) -> None:
+        self.stop.set()
+        self.tasks.close()
+        self.reports.close()
+        self.ended()
+
+
+@pytest.fixture
+def stage(
+    hub: zenoh.Session, session: zenoh.Session, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Stage]:
+    monkeypatch.setattr(evaluator_module, "_ASK_AGAIN", 0.02)
+    stage = Stage(hub, session)
+    yield stage
+    stage.close()
+
+
+def task(steps: int, epoch: int = 3, epsilon: float = 1.0) -> Task:
+    return Task("test", epoch, steps, epsilon, WEIGHTS)
+
+
+FINISHED = Task("finished")
+
+
+def test_a_task_is_played_to_its_steps_and_each_game_reported(stage: Stage) -> None:
+    env = NumberedEnv(TEN_STEPS_A_GAME)
+    policy = stage.start(env)
+    stage.give(task(steps=25, epsilon=0.5))
+    reports = stage.test()
+    assert [(report.steps, len(report.games), report.done) for report in reports] == [
+        (10, 1, False),
+        (10, 1, False),
+        (5, 0, True),
+    ]
+    assert {(report.evaluator, report.epoch) for report in reports} == {("e", 3)}
+    stage.give(FINISHED)
+    stage.ended()
+    assert len(env.moments) == 25
+    games = [game for report in reports for game in report.games]
+    assert games == [Game(moment.info["game_score"], 10) for moment in env.moments[9::10]]
+    assert (policy.epsilon, policy.weights_version) == (0.5, 3)
+    assert stage.failure is None
+
+
+@pytest.mark.parametrize("steps", [10, 20])
+def test_a_test_that_ends_with_a_game_reports_both_at_once(stage: Stage, steps: int) -> None:
+    stage.start(NumberedEnv(TEN_STEPS_A_GAME))
+    stage.give(task(steps))
+    reports = stage.test()
+    assert [report.steps for report in reports] == [10] * (steps // 10)
+    assert (len(reports[-1].games), reports[-1].done) == (1, True)
+
+
+def test_a_test_lasts_for_one_whole_game_at_least(stage: Stage) -> None:
+    env = NumberedEnv(TEN_STEPS_A_GAME)
+    stage.start(env)
+    stage.give(task(steps=3))
+    (report,) = stage.test()
+    assert (report.steps, len(report.games)) == (10, 1)
+    stage.give(FINISHED)
+    stage.ended()
+    assert len(env.moments) == 10
+
+
+def test_each_test_plays_other_games_with_its_own_snapshot(stage: Stage) -> None:
+    env = NumberedEnv(TEN_STEPS_A_GAME)
+    policy = stage.start(env)
+    learned = QNetwork(6)
+    stage.give(Task("test", 1, 10, 1.0, WEIGHTS))
+    stage.test()
+    stage.give(Task("test", 2, 10, 0.25, encode_weights(learned)))
+    stage.test()
+    stage.give(FINISHED)
+    stage.ended()
+    assert env.seeds == [40, 41]
+    assert (policy.epsilon, policy.weights_version) == (0.25, 2)
+    assert encode_weights(policy.network) == encode_weights(learned)
+
+
+def test_it_waits_for_as_long_as_it_is_told(stage: Stage) -> None:
+    env = NumberedEnv(TEN_STEPS_A_GAME)
+    stage.start(env)
+    for _ in range(3):
+        stage.give(Task("wait"))
+    stage.give(FINISHED)
+    stage.ended()
+    assert env.moments == []
+
+
+def test_a_test_that_the_learner_does_not_want_any_more_ends(stage: Stage) -> None:
+    env = NumberedEnv(TEN_STEPS_A_GAME)
+    stage.start(env)
+    stage.give(task(steps=1_000))
+    refuse(stage.reports.next(), "epoch 3 is not being tested")
+    stage.give(FINISHED)
+    stage.ended()
+    assert len(env.moments) == 10
+
+
+@pytest.mark.parametrize(
+    ("payload", "sentence"),
+    [
+        (b"garbage", "not msgpack"),
+        (encode_task(Task("test", 1, 10, 0.0, b"no weights")), "not safetensors"),
+        (
+            encode_task(Task("test", 1, 10, 0.0, encode_weights(QNetwork(4)))),
+            "where the network has",
+        ),
+    ],
+)
+def test_a_task_that_is_none_is_told_and_not_played(
+    stage: Stage, payload: bytes, sentence: str
+) -> None:
+    env = NumberedEnv(TEN_STEPS_A_GAME)
+    stage.start(env)
+    answer(stage.tasks.next(), payload)
+    stage.give(FINISHED)
+    stage.ended()
+    assert env.moments == []
+    assert len(stage.warnings) == 1
+    assert sentence in stage.warnings[0]
+
+
+def test_a_learner_that_was_away_for_a_moment_is_asked_again(stage: Stage) -> None:
+    stage.start(NumberedEnv(TEN_STEPS_A_GAME))
+    for _ in range(3):
+        ignore(stage.tasks.next())
+    stage.give(task(steps=10))
+    assert len(stage.test()) == 1
+
+
+def test_a_learner_that_stays_away_is_given_up(stage: Stage) -> None:
+    stage.tasks.close()
+    stage.start(NumberedEnv(TEN_STEPS_A_GAME), patience=0.1)
+    stage.ended()
+    assert "the learner went away and did not come back" in str(stage.failure)
+
+
+def test_a_wish_to_stop_ends_a_test(stage: Stage) -> None:
+    env = NumberedEnv(TEN_STEPS_A_GAME)
+    stage.start(env)
+    stage.give(task(steps=10**9))
+    query = stage.reports.next()
+    stage.stop.set()
+    answer(query, b"")
+    stage.ended()
+    assert len(env.moments) == 10
+    assert stage.failure is None
+
+
+def test_it_lives_and_says_so_until_it_leaves(stage: Stage, hub: zenoh.Session) -> None:
+    heard: list[ActorStats] = []
+
+    def receive(sample: zenoh.Sample) -> None:
+        heard.append(decode_stats(sample.payload.to_bytes()))
+
+    hub.declare_subscriber(KEYS.stats("evaluator", "e"), Callback(receive, indirect=False))
+    stage.start(NumberedEnv(TEN_STEPS_A_GAME))
+
+    def tokens() -> list[str]:
+        replies = hub.liveliness().get(KEYS.live("*", "*"))
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+    wait_until(lambda: tokens() == [KEYS.live("evaluator", "e")], "it is alive")
+    stage.give(task(steps=10))
+    stage.test()
+    stage.give(FINISHED)
+    stage.ended()
+    wait_until(lambda: any(stats.leaving for stats in heard), "it says good-bye")
+    last = heard[-1]
+    assert (last.role, last.name, last.incarnation, last.steps) == ("evaluator", "e", 9, 10)
+    # Frames 5 and 10 of 11 were not seen; the keys matched at the even ones.
+    assert last.valid_share == 0.8
+    assert last.match_share == 0.5
+    wait_until(lambda: tokens() == [], "it is gone")

@@ -1,0 +1,161 @@
+"""A person at a terminal of the test's own: plays, sees, leaves, and gets the terminal back."""
+
+import fcntl
+import os
+import pty
+import re
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from actors.envs.clock import FRAME
+from actors.looking.human import Reaction, keys_text
+from common.actions import Keys
+
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE = 60.0
+"""Seconds after which something that does not happen is a failure."""
+
+
+class Person:
+    """Sits at a pseudo-terminal in which `python -m actors --human` runs."""
+
+    def __init__(self, *arguments: str, columns: int = 80, rows: int = 24) -> None:
+        self.master, self.slave = pty.openpty()
+        fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+        self.before = termios.tcgetattr(self.slave)
+        self.seen = b""
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "actors", "--human", *arguments],
+            cwd=ROOT,
+            stdin=self.slave,
+            stdout=self.slave,
+            stderr=self.slave,
+            start_new_session=True,
+        )
+
+    def types(self, keys: bytes) -> None:
+        os.write(self.master, keys)
+
+    def sees(self, pattern: str, *, typing: bytes = b"") -> None:
+        """Look until ``pattern`` has come, typing all the while."""
+        deadline = time.monotonic() + PATIENCE
+        while not re.search(pattern, self.seen.decode(errors="replace")):
+            assert time.monotonic() < deadline, self.seen[-500:]
+            if typing:
+                self.types(typing)
+            self._look(0.05)
+
+    def leaves(self) -> int:
+        """Wait for the end, looking on so that it is not held up; the exit status."""
+        deadline = time.monotonic() + PATIENCE
+        while self.process.poll() is None:
+            assert time.monotonic() < deadline, self.seen[-500:]
+            self._look(0.05)
+        while self._look(0.0):
+            pass
+        return self.process.returncode
+
+    def _look(self, seconds: float) -> bool:
+        ready, _, _ = select.select([self.master], [], [], seconds)
+        if ready:
+            self.seen += os.read(self.master, 65_536)
+        return bool(ready)
+
+    def has_the_terminal_back(self) -> bool:
+        """Modes as before, the cursor shown and the first screen back."""
+        return (
+            termios.tcgetattr(self.slave) == self.before
+            and self.seen.rfind(b"\x1b[?25h") > self.seen.rfind(b"\x1b[?25l")
+            and self.seen.rfind(b"\x1b[?1049l") > self.seen.rfind(b"\x1b[?1049h")
+        )
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        os.close(self.master)
+        os.close(self.slave)
+
+
+@pytest.fixture
+def person() -> Iterator[Person]:
+    person = Person()
+    yield person
+    person.close()
+
+
+def test_a_person_presses_keys_through_the_hands(person: Person) -> None:
+    person.sees("you ·····  keys ·····")
+    person.sees("▀")
+    person.sees("keys ↑···●.*latency [0-9]+ ms", typing=b"\x1b[A ")
+    person.types(b"q")
+    assert person.leaves() == 0
+    assert person.has_the_terminal_back()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_give_the_terminal_back(person: Person, number: signal.Signals) -> None:
+    person.sees("latency")
+    assert not person.has_the_terminal_back()
+    person.process.send_signal(number)
+    assert person.leaves() == 0
+    assert person.has_the_terminal_back()
+
+
+def test_a_terminal_that_is_too_small_is_refused() -> None:
+    person = Person(columns=30, rows=10)
+    assert person.leaves() == 2
+    assert b"30 \xc3\x97 10 characters" in person.seen
+    assert person.has_the_terminal_back()
+    person.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(["--human"], "terminal"), (["--human", "--env", "ale"], "--env ale")],
+)
+def test_without_a_terminal_or_a_robot_it_is_refused(arguments: list[str], words: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "actors", *arguments],
+        cwd=ROOT,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert words in done.stderr
+
+
+def test_keys_as_text() -> None:
+    assert keys_text(Keys.NONE) == "·····"
+    assert keys_text(Keys.UP | Keys.RIGHT | Keys.FIRE) == "↑··→●"
+
+
+def test_reaction_counts_frames_from_a_command_to_its_keys() -> None:
+    reaction = Reaction()
+    assert str(reaction) == "latency –"
+    for _ in range(5):
+        reaction.frame(Keys.NONE, Keys.NONE)
+    assert reaction.last is None
+    for pressed in (Keys.NONE, Keys.NONE, Keys.UP, Keys.UP):
+        reaction.frame(Keys.UP, pressed)
+    assert reaction.last == 3
+    assert str(reaction) == f"latency {3 * FRAME * 1000:.0f} ms (median 50)"
+    # A command that is replaced before it is fulfilled does not count.
+    reaction.frame(Keys.LEFT, Keys.UP)
+    reaction.frame(Keys.NONE, Keys.UP)
+    reaction.frame(Keys.NONE, Keys.NONE)
+    assert reaction.last == 2
+    assert str(reaction).endswith("(median 42)")

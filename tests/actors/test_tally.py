@@ -1,0 +1,69 @@
+"""The counters, on a clock that the test turns."""
+
+import numpy as np
+import pytest
+
+from actors import tally
+from actors.loop import Step
+from actors.tally import Tally
+
+STATE = np.zeros((4, 84, 84), np.uint8)
+
+
+def step(*, valid: bool = True, match: bool = True) -> Step:
+    return Step(0, False, STATE, valid, 0, 0.0, False, False, STATE, {"keys_match": match})
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(tally, "time", clock)
+    return clock
+
+
+def test_before_the_first_step_there_is_nothing(clock: Clock) -> None:
+    found = Tally()
+    assert (found.steps, found.valid_share, found.match_share) == (0, 0.0, 0.0)
+    clock.now += 1
+    assert found.rates() == (0.0, 0.0)
+
+
+def test_shares_are_over_all_steps() -> None:
+    found = Tally()
+    for valid, match in ((True, True), (False, True), (True, False), (False, True)):
+        found.count(step(valid=valid, match=match))
+    assert (found.steps, found.valid_share, found.match_share) == (4, 0.5, 0.75)
+
+
+def test_rates_are_since_the_last_look(clock: Clock) -> None:
+    found = Tally()
+    for _ in range(30):
+        found.count(step())
+    found.held_seconds += 0.5
+    clock.now += 2.0
+    assert found.rates() == (15.0, 0.25)
+    for _ in range(3):
+        found.count(step())
+    clock.now += 1.0
+    assert found.rates() == (3.0, 0.0)
+
+
+def test_a_pause_that_began_before_the_last_look_fills_the_time_at_most(clock: Clock) -> None:
+    found = Tally()
+    clock.now += 1.0
+    found.held_seconds += 5.0
+    assert found.rates() == (0.0, 1.0)
+
+
+def test_two_looks_at_the_same_moment_do_not_divide_by_zero(clock: Clock) -> None:
+    found = Tally()
+    found.rates()
+    assert found.rates() == (0.0, 0.0)
