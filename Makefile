@@ -7,7 +7,7 @@ NAME ?= nao-pong
 ACTORS ?= 1
 ARGS ?=
 
-.PHONY: help setup train test test-slow check lock clean
+.PHONY: help setup train test test-slow test-lowest check lock clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ —/'
@@ -30,6 +30,13 @@ test: setup check  ## static checks and the whole test suite
 test-slow: setup  ## the tests that take minutes each
 	$(BIN)/python -m pytest -m slow
 
+test-lowest:  ## the test suite with the oldest versions that pyproject.toml allows, in .venv-lowest
+	$(PYTHON) -m venv --clear $(VENV)-lowest
+	sed -n '/^dependencies/,/^]/s/^ *"\(.*\)>=\(.*\)",/\1==\2/p' pyproject.toml > $(VENV)-lowest/lowest.txt
+	$(VENV)-lowest/bin/python -m pip install --quiet --disable-pip-version-check \
+		-r $(VENV)-lowest/lowest.txt --editable ".[dev]"
+	$(VENV)-lowest/bin/python -m pytest -m "not slow"
+
 check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -40,4 +47,4 @@ lock: setup  ## write the versions installed now into requirements.lock
 	 $(BIN)/python -m pip list --format=freeze --exclude-editable --exclude pip | sed 's/+cpu//') > requirements.lock
 
 clean:  ## remove .venv and caches; runs/ stays
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
+	rm -rf $(VENV) $(VENV)-lowest .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info

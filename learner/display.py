@@ -197,7 +197,7 @@ def status_line(status: Status) -> str:
     stale = "/".join(
         figures.decimal(lag, 0) for lag in (status.staleness_p50, status.staleness_p95)
     )
-    alive = sum(actor.alive for actor in status.actors)
+    alive = sum(actor.alive for actor in status.present)
     unmeasured = sum(gate.passed is None for gate in status.gates)
     gates = f"gates {len(status.gates) - len(status.failed_gates) - unmeasured} green"
     if unmeasured:
@@ -217,7 +217,7 @@ def status_line(status: Status) -> str:
             f"{figures.decimal(status.samples_per_insert, 2)} samples/insert"
             f" of {status.samples_per_insert_goal:g}",
             f"staleness {stale}",
-            f"{alive} of {len(status.actors)} actors",
+            f"{alive} of {len(status.present)} actors",
             gates,
         )
     )

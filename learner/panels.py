@@ -18,6 +18,8 @@ from learner import figures
 from learner.status import ActorStatus, Gate, Status
 
 _WIDEST = 132
+_ECHO = 2
+"""Columns left free: a terminal writes ^C behind the last line, which must not wrap."""
 _ACCENT, _GOOD, _BAD, _LABEL, _LINE = "cyan", "green", "bold red", "dim", "dim"
 _ROOMY = 108
 """Columns from which actors tell more about themselves."""
@@ -73,7 +75,7 @@ class Screen:
         self._status = status
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        width, rows = min(options.max_width, _WIDEST), max(console.size.height - 1, 1)
+        width, rows = min(options.max_width - _ECHO, _WIDEST), max(console.size.height - 1, 1)
         lines: list[list[Segment]] = []
         for part in _parts(self._status, width, rows):
             lines += console.render_lines(part, options.update(width=width), pad=False)
@@ -84,7 +86,7 @@ class Screen:
 
 
 def _parts(status: Status, width: int, rows: int) -> Iterable[RenderableType]:
-    room = _share_out(rows - _ROWS, len(status.actors))
+    room = _share_out(rows - _ROWS, len(status.present))
     yield _header(status)
     yield Text()
     yield _progress(status)
@@ -262,7 +264,7 @@ def _history(status: Status, width: int, rows: int) -> Iterable[RenderableType]:
 
 
 def _people_and_gates(status: Status, width: int, rows: int) -> Table:
-    alive = sum(actor.alive for actor in status.actors)
+    alive = sum(actor.alive for actor in status.present)
     failed, unknown = len(status.failed_gates), sum(g.passed is None for g in status.gates)
     if not status.gates:
         verdict = "none yet"
@@ -271,8 +273,8 @@ def _people_and_gates(status: Status, width: int, rows: int) -> Table:
     grid = _grid(Column(ratio=1), Column(width=38), gap=3)
     grid.add_row(
         _titled(
-            f"Actors, {alive} of {len(status.actors)} alive{_troubles(status.actors)}",
-            _actors(status.actors, rows, roomy=width >= _ROOMY),
+            f"Actors, {alive} of {len(status.present)} alive{_troubles(status.present)}",
+            _actors(status.present, rows, roomy=width >= _ROOMY),
         ),
         _titled(f"Gates, {verdict}", _gates(status.gates)),
     )

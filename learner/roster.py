@@ -80,19 +80,19 @@ class Roster:
         return sum(s.made for s in every), sum(s.retried for s in every)
 
     def actors(self) -> tuple[ActorStatus, ...]:
-        """The living, and those that were lost or left a moment ago."""
+        """All that were here since this learner began, the newest process of each name."""
         now = time.monotonic()
         with self._lock:
             found = []
             for key, alive in sorted(self._alive.items()):
                 stats = self._stats.get(self._newest.get(key, -1))
                 silent = now - self._heard.get(key, now)
-                if not alive and (stats is None or stats.leaving) and silent > LEFT_SHOWN:
-                    continue
                 role, name = key.split("/")
                 if role not in ("actor", "evaluator"):
                     continue
-                found.append(_status(name, role, alive, silent, stats))
+                leaves = not alive and (stats is None or stats.leaving)
+                left = leaves and silent > LEFT_SHOWN
+                found.append(_status(name, role, alive, left, silent, stats))
             return tuple(found)
 
     def _on_stats(self, sample: zenoh.Sample) -> None:
@@ -127,10 +127,10 @@ def _name(key: str) -> str:
 
 
 def _status(
-    name: str, role: Any, alive: bool, silent: float, stats: ActorStats | None
+    name: str, role: Any, alive: bool, left: bool, silent: float, stats: ActorStats | None
 ) -> ActorStatus:
     if stats is None:
-        return ActorStatus(name=name, role=role, alive=alive, silent_for=silent)
+        return ActorStatus(name=name, role=role, alive=alive, silent_for=silent, left=left)
     return ActorStatus(
         name=name,
         role=role,
@@ -146,4 +146,5 @@ def _status(
         missed_deadlines=stats.missed_deadlines,
         waits_given_up=stats.waits_given_up,
         silent_for=silent,
+        left=left,
     )

@@ -35,6 +35,8 @@ class ActorStatus:
     """Steps whose wait for the commanded keys ended at its bound."""
     silent_for: float = 0.0
     """Seconds since it was last heard of."""
+    left: bool = False
+    """It took its leave a while ago: no longer shown, still counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,6 +138,11 @@ class Status:
     gates: tuple[Gate, ...] = ()
     notes: tuple[str, ...] = ()
     """The latest events, newest last, such as "actor-2 was lost, restarted"."""
+
+    @property
+    def present(self) -> tuple[ActorStatus, ...]:
+        """The actors without those that took their leave a while ago."""
+        return tuple(actor for actor in self.actors if not actor.left)
 
     @property
     def failed_gates(self) -> tuple[Gate, ...]:

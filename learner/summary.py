@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from common.config import RunConfig
+from common.presets import PRESETS
 from common.run_folder import write_atomically
 from learner.provenance import Provenance
 from learner.status import Status
 
 _SECONDS_PER_DAY = 86_400
+_REPORT = PRESETS["paper"].protocol
+"""Its epochs are the unit of ``epochs_per_day``, whatever the run's own length."""
 
 
 def epochs_per_day(
@@ -57,9 +60,9 @@ def write_summary(
     Args:
         train_steps_per_second: measured over the finished training phases, all actors together;
             written as ``steps_per_second``. None before the first: the status' own then stands in.
-        test_steps_per_second: measured over all tests, all evaluators together.
+        test_steps_per_second: measured over all tests, all evaluators together. Of both rates
+            come ``epochs_per_day``.
     """
-    protocol = config.protocol
     if train_steps_per_second is None:
         train_steps_per_second = status.steps_per_second
     summary = {
@@ -99,8 +102,8 @@ def write_summary(
         "test_steps_per_second": test_steps_per_second,
         "updates_per_second": status.updates_per_second,
         "epochs_per_day": epochs_per_day(
-            protocol.epoch_steps,
-            protocol.test_steps,
+            _REPORT.epoch_steps,
+            _REPORT.test_steps,
             train_steps_per_second,
             test_steps_per_second,
         ),

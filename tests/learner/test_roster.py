@@ -90,3 +90,19 @@ def test_noise_is_passed_over(sessions: Sessions) -> None:
     client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, made=3)))
     _until(lambda: roster.counts() != (0, 0))
     assert roster.counts() == (3, 2)
+
+
+def test_one_that_left_is_still_counted(
+    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "LEFT_SHOWN", 0.0)
+    hub, client = sessions
+    roster = Roster(hub, KEYS)
+    token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
+    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, leaving=True)))
+    _until(lambda: roster.counts() == (10, 2) and roster.alive("actor") == {"a1"})
+    assert not roster.actors()[0].left
+    token.undeclare()
+    _until(lambda: roster.alive("actor") == set())
+    (actor,) = roster.actors()
+    assert (actor.left, actor.made) == (True, 10)

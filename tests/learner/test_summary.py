@@ -126,6 +126,20 @@ def test_rate_before_the_first_epoch_is_that_of_the_moment(tmp_path: Path) -> No
     assert summary["epochs_per_day"] == 28.8  # 375,000 steps at 125 in 3,000 s
 
 
+def test_epochs_are_the_reports_whatever_the_runs_are(tmp_path: Path) -> None:
+    path = tmp_path / "summary.json"
+    write_summary(
+        path,
+        STATUS,
+        PRESETS["fast"],
+        PROVENANCE,
+        train_steps_per_second=250.0,
+        test_steps_per_second=500.0,
+    )
+    assert PRESETS["fast"].protocol.epoch_steps < 250_000
+    assert json.loads(path.read_text(encoding="utf-8"))["epochs_per_day"] == 69.12
+
+
 def test_an_older_summary_is_replaced_whole(tmp_path: Path) -> None:
     path = tmp_path / "summary.json"
     path.write_text("x" * 100_000)
