@@ -10,14 +10,12 @@ from torch.nn.functional import conv2d
 from common.config import RunConfig
 
 
-def as_pixels(frames: Tensor) -> Tensor:
+def as_pixels(frames: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
     """uint8 frames in the type and memory layout that the first convolution wants.
 
     Whoever puts the same frames through two networks does this once. 0 to 255 are exact in
     bfloat16 too.
     """
-    kind = frames.device.type
-    dtype = torch.get_autocast_dtype(kind) if torch.is_autocast_enabled(kind) else torch.float32
     # In two steps: together they would take PyTorch's slow path, twice as long.
     return frames.to(dtype).contiguous(memory_format=torch.channels_last)
 
@@ -61,19 +59,22 @@ class QNetwork(nn.Module):
         """Q-values ``float32 [batch, actions]``.
 
         Args:
-            frames: ``uint8 [batch, history, 84, 84]``, newest last; or those `as_pixels`.
+            frames: ``uint8 [batch, history, 84, 84]``, newest last; or those `as_pixels`, whose
+                precision is then that of all layers.
             vectors: ``float32 [batch, P]``; P may be 0.
         """
         pixels = frames if frames.is_floating_point() else as_pixels(frames)
         first, *others = self.convolutions
         assert isinstance(first, nn.Conv2d)
         # Scaling the first layer's few weights is the same sum as scaling a million pixels.
-        features = conv2d(pixels, first.weight * self.pixel_scale, first.bias, first.stride)
+        weight = (first.weight * self.pixel_scale).to(pixels.dtype)
+        bias = None if first.bias is None else first.bias.to(pixels.dtype)
+        features = conv2d(pixels, weight, bias, first.stride)
         for layer in others:
             features = layer(features)
         features = features.flatten(1)
         if vectors.shape[1]:
-            features = torch.cat((features, vectors), dim=1)
+            features = torch.cat((features, vectors.to(features.dtype)), dim=1)
         values: Tensor = self.dense(features)
         return values.float()
 

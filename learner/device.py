@@ -14,7 +14,7 @@ PrecisionChoice = Literal["auto", "float32", "bfloat16"]
 
 @dataclass(frozen=True)
 class Device:
-    """Where to compute; ``bfloat16`` runs convolutions and dense layers under autocast."""
+    """Where to compute; with ``bfloat16`` an update computes its layers in that precision."""
 
     torch: torch.device
     bfloat16: bool

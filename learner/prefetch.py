@@ -1,7 +1,8 @@
-"""Draws minibatches ahead of the update, in a thread of its own."""
+"""Draws minibatches and prepares them ahead of the update, in a thread of its own."""
 
 import queue
 import threading
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from learner.trainer import DeviceBatch
+from learner.trainer import DeviceBatch, Prepared
 from replay.batch import Batch
 from replay.interface import Replay
 
@@ -19,10 +20,10 @@ _WAIT = 0.2
 
 
 class Prefetched(NamedTuple):
-    """A minibatch on its device, and the ids that its new priorities go to."""
+    """A minibatch ready to learn from, and the ids that its new priorities go to."""
 
     ids: NDArray[np.int64]
-    tensors: DeviceBatch
+    prepared: Prepared
 
 
 def to_device(batch: Batch, device: torch.device) -> DeviceBatch:
@@ -50,12 +51,19 @@ class Prefetcher:
     """Takes minibatches from ``replay`` as the limiter allows.
 
     Args:
+        prepare: makes them ready to learn from.
         batches: minibatches of the run drawn before, which the limiter must know.
     """
 
-    def __init__(self, replay: Replay, device: torch.device, batch_size: int, batches: int) -> None:
+    def __init__(
+        self,
+        replay: Replay,
+        prepare: Callable[[Batch], Prepared],
+        batch_size: int,
+        batches: int,
+    ) -> None:
         self._replay = replay
-        self._device = device
+        self._prepare = prepare
         self._batch_size = batch_size
         self._batches = batches
         self._ready: queue.Queue[Prefetched] = queue.Queue(DEPTH)
@@ -88,7 +96,7 @@ class Prefetcher:
                 if batch is None:
                     continue
                 self._batches += 1
-                self._offer(Prefetched(batch.ids, to_device(batch, self._device)))
+                self._offer(Prefetched(batch.ids, self._prepare(batch)))
         except BaseException as error:
             self._failure = error
 

@@ -1,6 +1,12 @@
-"""The update: networks, optimizer, one minibatch at a time."""
+"""The update: networks, optimizer, one minibatch at a time.
+
+Half of what an update needs does not depend on the update before it: the frames as pixels, and
+the target network's values of them. `Trainer.prepare` does that half, on another core if there is
+one, while `Trainer.learn` is still at the minibatch before.
+"""
 
 import copy
+import threading
 from typing import NamedTuple
 
 import torch
@@ -9,6 +15,7 @@ from torch import Tensor
 from common.config import LearningConfig
 from common.network import QNetwork, as_pixels
 from learner.device import Device
+from learner.half_precision import HalfPrecision
 from learner.loss import bootstrap_values, td_errors, td_loss
 from learner.optimizer import build_optimizer
 
@@ -24,6 +31,19 @@ class DeviceBatch(NamedTuple):
     weights: Tensor
     x_tm1: Tensor
     x_t: Tensor
+
+
+class Prepared(NamedTuple):
+    """A minibatch with all that can be known before its turn has come."""
+
+    batch: DeviceBatch
+    pixels_tm1: Tensor
+    """``batch.s_tm1`` in the network's precision."""
+    pixels_t: Tensor
+    q_t_target: Tensor
+    """The target network's values of ``s_t``, ``float32 [batch, actions]``."""
+    target_age: int
+    """Which target network that was."""
 
 
 class UpdateResult(NamedTuple):
@@ -43,35 +63,61 @@ class Trainer:
         self.online = network.to(device.torch)
         self.target = copy.deepcopy(self.online).requires_grad_(False)
         self.optimizer = build_optimizer(self.online.parameters(), config)
+        self._half_online = HalfPrecision(self.online) if device.bfloat16 else None
+        self._half_target = HalfPrecision(self.target) if device.bfloat16 else None
+        self._target_age = 0
+        self._target_lock = threading.Lock()
+
+    def prepare(self, batch: DeviceBatch) -> Prepared:
+        """What can be computed before the turn of ``batch``; from any thread."""
+        dtype = torch.bfloat16 if self._device.bfloat16 else torch.float32
+        target = self.target if self._half_target is None else self._half_target.network
+        pixels_t = as_pixels(batch.s_t, dtype)
+        # Not while the target network is being copied: it would be neither the old nor the new.
+        with self._target_lock, torch.no_grad():
+            q_t_target, age = target(pixels_t, batch.x_t), self._target_age
+        return Prepared(batch, as_pixels(batch.s_tm1, dtype), pixels_t, q_t_target, age)
 
     def update(self, batch: DeviceBatch) -> UpdateResult:
-        """One gradient step on ``batch``."""
-        config = self._config
-        with torch.autocast(self._device.torch.type, torch.bfloat16, enabled=self._device.bfloat16):
-            with torch.no_grad():
-                s_t = as_pixels(batch.s_t)
-                q_t_target = self.target(s_t, batch.x_t)
-                q_t_online = self.online(s_t, batch.x_t) if config.target == "double" else None
-            q_tm1 = self.online(batch.s_tm1, batch.x_tm1)
+        """One gradient step on ``batch``, from nothing."""
+        return self.learn(self.prepare(batch))
+
+    def learn(self, prepared: Prepared) -> UpdateResult:
+        """One gradient step on a minibatch."""
+        if prepared.target_age != self._target_age:
+            prepared = self.prepare(prepared.batch)
+        batch, config, half = prepared.batch, self._config, self._half_online
+        online = self.online if half is None else half.network
+        with torch.no_grad():
+            double = config.target == "double"
+            q_t_online = online(prepared.pixels_t, batch.x_t) if double else None
+        q_tm1 = online(prepared.pixels_tm1, batch.x_tm1)
         errors = td_errors(
             q_tm1,
             batch.a_tm1,
             batch.r_t,
             batch.discount_t,
-            bootstrap_values(q_t_target, q_t_online),
+            bootstrap_values(prepared.q_t_target, q_t_online),
         )
         outputs = q_tm1.shape[1] if config.loss_mean_over == "outputs" else 1
         loss = td_loss(errors, batch.weights, config.loss, outputs)
-        self.optimizer.zero_grad(set_to_none=True)
+        if half is None:
+            self.optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
+        if half is not None:
+            half.hand_back_gradients()
         if config.gradient_norm:
             torch.nn.utils.clip_grad_norm_(self.online.parameters(), config.gradient_norm)
         self.optimizer.step()
+        if half is not None:
+            half.follow()
         return UpdateResult(loss.detach(), errors.detach())
 
     def copy_to_target(self) -> None:
         """Let the target network be the online one."""
-        self.target.load_state_dict(self.online.state_dict())
+        with self._target_lock:
+            self.target.load_state_dict(self.online.state_dict())
+            self._target_age += 1
 
     @torch.no_grad()
     def max_q(self, frames: Tensor, vectors: Tensor) -> Tensor:

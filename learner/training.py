@@ -22,7 +22,7 @@ from learner.gauges import Gauges
 from learner.held_out import HeldOut
 from learner.local import Crew
 from learner.monitor import Monitor
-from learner.prefetch import Prefetched, Prefetcher
+from learner.prefetch import Prefetched, Prefetcher, to_device
 from learner.records import Records
 from learner.roster import Roster
 from learner.status import Phase, Status
@@ -120,7 +120,10 @@ class Learner:
         self._publish()
         self._checkpoint()
         self._prefetcher = Prefetcher(
-            replay, device.torch, config.learning.batch_size, self._updates
+            replay,
+            lambda batch: trainer.prepare(to_device(batch, device.torch)),
+            config.learning.batch_size,
+            self._updates,
         )
 
     def run(self, crew: Crew | None = None) -> None:
@@ -161,11 +164,11 @@ class Learner:
     # ------------------------------------------------------------------ one update
 
     def _learn(self, batch: Prefetched) -> None:
-        result = self._trainer.update(batch.tensors)
+        result = self._trainer.learn(batch.prepared)
         self._updates += 1
         self._phase_updates += 1
         self._phase_loss += result.loss
-        self._gauges.add(batch.tensors, result)
+        self._gauges.add(batch.prepared.batch, result)
         schedule = self._config.learning
         if self._config.replay.sampler == "prioritised":
             self._replay.update_priorities(batch.ids, result.td_errors.abs().cpu().numpy())

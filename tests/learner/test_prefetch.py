@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from learner.prefetch import DEPTH, Prefetcher
+from learner.prefetch import DEPTH, Prefetcher, to_device
+from learner.trainer import Prepared
 from replay.batch import Batch
 from replay.interface import Replay
 
@@ -46,8 +47,13 @@ class Source:
         return _batch(len(self.drawn))
 
 
+def _prepare(batch: Batch) -> Prepared:
+    tensors = to_device(batch, torch.device("cpu"))
+    return Prepared(tensors, tensors.s_tm1, tensors.s_t, torch.zeros(2, 6), 0)
+
+
 def _prefetcher(source: Source, batches: int) -> Prefetcher:
-    return Prefetcher(cast(Replay, source), torch.device("cpu"), 2, batches)
+    return Prefetcher(cast(Replay, source), _prepare, 2, batches)
 
 
 def test_batches_come_in_order_and_the_limiter_hears_of_all_draws() -> None:
@@ -55,7 +61,7 @@ def test_batches_come_in_order_and_the_limiter_hears_of_all_draws() -> None:
     prefetcher = _prefetcher(source, batches=10)
     found = [prefetcher.next(10) for _ in range(5)]
     assert [int(batch.ids[0]) for batch in found if batch] == [1, 2, 3, 4, 5]
-    assert all(batch and batch.tensors.a_tm1.dtype == torch.int64 for batch in found)
+    assert all(batch and batch.prepared.batch.a_tm1.dtype == torch.int64 for batch in found)
     assert source.drawn == [20, 22, 24, 26, 28]
     assert prefetcher.next(0.01) is None
     prefetcher.close()

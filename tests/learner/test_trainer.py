@@ -10,6 +10,7 @@ import torch
 from common.config import LearningConfig
 from common.network import QNetwork
 from learner.device import Device
+from learner.half_precision import HalfPrecision
 from learner.trainer import Trainer
 from tests.learner.small_batches import random_batch
 
@@ -70,6 +71,53 @@ def test_the_target_network_stands_still_until_it_is_copied() -> None:
     trainer.copy_to_target()
     for name, value in trainer.target.state_dict().items():
         assert torch.equal(value, trainer.online.state_dict()[name])
+
+
+def test_what_was_prepared_with_an_older_target_is_prepared_again() -> None:
+    batch = random_batch()
+    errors = []
+    for early in (True, False):
+        trainer = Trainer(_network(), LearningConfig(), CPU)
+        trainer.target.load_state_dict(_network(1).state_dict())
+        prepared = trainer.prepare(batch)
+        trainer.copy_to_target()
+        if not early:
+            prepared = trainer.prepare(batch)
+        errors.append(trainer.learn(prepared).td_errors)
+    assert torch.equal(*errors)
+
+
+def test_bfloat16_is_what_autocast_computes() -> None:
+    config = LearningConfig(loss="mse", gradient_norm=0.0)
+    trainer = Trainer(_network(), config, Device(torch.device("cpu"), bfloat16=True))
+    trainer.target.load_state_dict(_network(1).state_dict())
+    plain, other = copy.deepcopy(trainer.online), copy.deepcopy(trainer.target)
+    batch = random_batch()
+
+    result = trainer.update(batch)
+
+    rows = torch.arange(8)
+    with torch.autocast("cpu", torch.bfloat16):
+        best = plain(batch.s_t, batch.x_t).argmax(1)
+        values = other(batch.s_t, batch.x_t)[rows, best].detach()
+        errors = batch.r_t + 0.9 * values - plain(batch.s_tm1, batch.x_tm1)[rows, batch.a_tm1]
+    errors.square().mean().backward()  # type: ignore[no-untyped-call]
+    torch.testing.assert_close(result.td_errors, errors.detach(), rtol=1e-2, atol=1e-3)
+    for ours, theirs in zip(trainer.online.parameters(), plain.parameters(), strict=True):
+        assert ours.grad is not None
+        assert theirs.grad is not None
+        assert ours.dtype == ours.grad.dtype == torch.float32
+        away = (ours.grad - theirs.grad).norm() / theirs.grad.norm()
+        assert away < 0.01  # bfloat16 has 8 bits: 0.4 %
+
+
+def test_half_precision_follows_weights_that_are_loaded() -> None:
+    original = _network()
+    half = HalfPrecision(original)
+    assert {p.dtype for p in half.network.dense.parameters()} == {torch.bfloat16}
+    original.load_state_dict(_network(1).state_dict())
+    for ours, theirs in zip(half.network.parameters(), original.parameters(), strict=True):
+        assert torch.equal(ours, theirs.to(ours.dtype))
 
 
 def test_importance_weights_scale_the_loss() -> None:
