@@ -90,6 +90,9 @@ class ActorOptions:
                 raise InputError(
                     f"the run plays {found}, not {wanted}: leave {flag} away to join it."
                 )
+        if config.env == "ale" and (self.wait_action or not self.sync):
+            flag = "--wait-action" if self.sync else "--no-sync"
+            raise InputError(f"the run has no robot: leave {flag} away to join it.")
 
 
 def default_name() -> str:
@@ -167,7 +170,14 @@ def main() -> int:
             for _ in range(options.envs)
         ]
         actions = int(envs[0].action_space.n)  # type: ignore[attr-defined]
-        policy = Policy(build_network(config, actions), actions, np.random.default_rng(policy_seed))
+        policy = Policy(
+            build_network(config, actions),
+            actions,
+            np.random.default_rng(policy_seed),
+            envs=options.envs,
+            # A test's chance is the report's, redrawn at every decision.
+            exploration=None if options.evaluator else config.exploration,
+        )
         warn(f"plays {config.game} ({config.env}) for run {keys.run} at {options.connect}.")
         try:
             if options.evaluator:

@@ -4,18 +4,33 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from actors.exploration import GREEDY, Exploration
+from common.config import ExplorationConfig
 from common.network import QNetwork
 
 
 class Policy:
-    """Greedy on the network's values, but for a share ``epsilon`` of random actions."""
+    """Greedy on the network's values, but for a share ``epsilon`` of random decisions."""
 
-    def __init__(self, network: QNetwork, actions: int, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        network: QNetwork,
+        actions: int,
+        rng: np.random.Generator,
+        *,
+        envs: int = 1,
+        exploration: ExplorationConfig | None = None,
+    ) -> None:
+        """``exploration`` says how its chance goes; by default anew at every decision."""
         self.network = network.eval()
         self.weights_version = 0
         self.epsilon = 1.0
-        self._actions = actions
-        self._rng = rng
+        self._exploration = Exploration(exploration or ExplorationConfig(), actions, envs, rng)
+
+    @property
+    def random_share(self) -> float:
+        """Share of random decisions, over all environments."""
+        return float(self._exploration.shares(self.epsilon).mean())
 
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
         """One action for each environment, ``[E]``.
@@ -24,8 +39,8 @@ class Policy:
             frames: states ``[E, history, 84, 84]``.
             vectors: vector observations ``[E, P]``.
         """
-        chosen = self._rng.integers(self._actions, size=len(frames))
-        greedy = np.flatnonzero(self._rng.random(len(frames)) >= self.epsilon)
+        chosen = self._exploration.draw(self.epsilon)
+        greedy = np.flatnonzero(chosen == GREEDY)
         if greedy.size:
             with torch.inference_mode():
                 values = self.network(

@@ -17,6 +17,7 @@ MAX_HISTORY = 16
 MAX_HELD_OUT = 2_048
 MAX_SEED = 2**63
 MAX_WAIT = 50
+MAX_SHIFT = 20
 
 EnvKind = Literal["ale", "robot"]
 PresetName = Literal["paper", "fast", "robot"]
@@ -123,6 +124,11 @@ class LearningConfig:
     """PyTorch's own, or Keras': Glorot uniform with zero biases."""
     scale_pixels: bool = True
     """Divide pixels by 255 before the first layer."""
+    dueling: bool = False
+    """Value and advantages from half of the hidden units each (Wang et al. 2016)."""
+    random_shift: int = 0
+    """Most pixels by which a drawn state is shifted, up or down and left or right (DrQ, Yarats et
+    al. 2021)."""
     clip_rewards: bool = True
     """Learn from each decision's reward clipped to [-1, 1]; scores are never clipped."""
     discount: float = 0.99
@@ -151,6 +157,12 @@ class ExplorationConfig:
     """ε from then on."""
     steps: int = 100_000
     """Agent steps from one to the other, over all actors."""
+    lasting: bool = False
+    """Let a random action last for 3 + Zipf(2) decisions, 12 at most (εz-greedy, Dabney et al.
+    2021), begun as seldom as keeps the share of random decisions at ε."""
+    per_env: bool = False
+    """Raise ε to a power from 1 to 8, another one for each environment of an actor (Ape-X, Horgan
+    et al. 2018)."""
 
 
 @dataclass(frozen=True)
@@ -255,6 +267,10 @@ class RunConfig:
         ):
             if share > 1:
                 raise InputError(f"{name} is {share}: choose a number from 0 to 1.")
+        if learning.random_shift > MAX_SHIFT:
+            raise InputError(
+                f"learning.random_shift is {learning.random_shift}: choose at most {MAX_SHIFT}."
+            )
         if not 1 <= self.protocol.held_out_states <= MAX_HELD_OUT:
             raise InputError(
                 f"protocol.held_out_states is {self.protocol.held_out_states}: "

@@ -1,13 +1,20 @@
 """The Q-network of the report (Mnih et al. 2015), shared by learner and actors.
 
+With ``dueling`` the second dense layer is two: one half of the hidden units makes the state's
+value, the other the actions' advantages, less their mean (Wang et al. 2016, equation 9). Halves,
+not two layers of 512 each, so that it is as fast as the plain one.
+
 It stands here, not with the learner, so that an actor can play without the training code.
 """
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import conv2d
+from torch.nn.functional import conv2d, relu
 
 from common.config import RunConfig
+
+HIDDEN = 512
+"""Units of the first dense layer."""
 
 
 def as_pixels(frames: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
@@ -31,8 +38,10 @@ class QNetwork(nn.Module):
         *,
         scale_pixels: bool = True,
         glorot: bool = False,
+        dueling: bool = False,
     ) -> None:
         super().__init__()
+        self.dueling = dueling
         self.pixel_scale = 1 / 255 if scale_pixels else 1.0
         self.convolutions = nn.Sequential(
             nn.Conv2d(history, 32, 8, stride=4),
@@ -42,13 +51,12 @@ class QNetwork(nn.Module):
             nn.Conv2d(64, 64, 3),
             nn.ReLU(),
         )
-        self.dense = nn.Sequential(
-            nn.Linear(64 * 7 * 7 + vector_width, 512),
-            nn.ReLU(),
-            nn.Linear(512, actions),
-        )
+        self.hidden = nn.Linear(64 * 7 * 7 + vector_width, HIDDEN)
+        self.actions = nn.Linear(HIDDEN // 2 if dueling else HIDDEN, actions)
+        """Of the actions' values, or of their advantages."""
+        self.value = nn.Linear(HIDDEN // 2, 1) if dueling else None
         if glorot:
-            for layer in (*self.convolutions, *self.dense):
+            for layer in self.modules():
                 if isinstance(layer, (nn.Conv2d, nn.Linear)):
                     nn.init.xavier_uniform_(layer.weight)
                     nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
@@ -75,8 +83,15 @@ class QNetwork(nn.Module):
         features = features.flatten(1)
         if vectors.shape[1]:
             features = torch.cat((features, vectors.to(features.dtype)), dim=1)
-        values: Tensor = self.dense(features)
-        return values.float()
+        hidden = relu(self.hidden(features))
+        if self.value is None:
+            values: Tensor = self.actions(hidden)
+            return values.float()
+        for_value, for_actions = hidden.chunk(2, dim=1)
+        # The mean in float32: rounded, it would blur which action is the best.
+        advantages: Tensor = self.actions(for_actions).float()
+        value: Tensor = self.value(for_value).float()
+        return value + advantages - advantages.mean(dim=1, keepdim=True)
 
 
 def build_network(config: RunConfig, actions: int) -> QNetwork:
@@ -89,4 +104,5 @@ def build_network(config: RunConfig, actions: int) -> QNetwork:
             config.vector_width,
             scale_pixels=config.learning.scale_pixels,
             glorot=config.learning.initial_weights == "glorot",
+            dueling=config.learning.dueling,
         )

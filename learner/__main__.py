@@ -89,6 +89,14 @@ class LearnerOptions:
                 raise InputError(f"{name} is {value}: choose {least} or more.")
         if not 0 < self.speed < float("inf"):
             raise InputError(f"--speed is {self.speed}: choose a number above 0.")
+        if self.sync and self.speed != 1.0:
+            raise InputError("--speed is for --no-sync: with --sync time goes as fast as it can.")
+        if self.wait_action or not self.sync:
+            flag = "--wait-action" if self.sync else "--no-sync"
+            if not self.local:
+                raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
+            if self.config.env == "ale":
+                raise InputError(f"{flag} is for the robot: leave it away with --env ale.")
         check_game(self.config.game)
         if self.steps is not None and self.steps <= self.config.replay.warmup:
             raise InputError(
@@ -156,8 +164,8 @@ def count_actions(config: RunConfig) -> int:
 
 
 def clock_flags(options: LearnerOptions) -> list[str]:
-    """How time passes for local mode's actors, in their own flags."""
-    flags = ["--sync"] if options.sync else ["--no-sync", "--speed", str(options.speed)]
+    """How time passes for local mode's actors, in their own flags and the learner's."""
+    flags = ["--sync"] if options.sync else ["--no-sync", "--speed", f"{options.speed:g}"]
     return [*flags, "--wait-action"] if options.wait_action else flags
 
 
@@ -198,7 +206,9 @@ def main() -> int:
             config,
             folder,
             replay,
-            Trainer(build_network(config, count_actions(config)), config.learning, device),
+            Trainer(
+                build_network(config, count_actions(config)), config.learning, device, config.seed
+            ),
             device,
             display,
             steps_goal=options.steps,
@@ -229,7 +239,7 @@ def main() -> int:
                 crew.close()
     print(
         f"Everything is in {folder.path}; go on with: python -m learner --run {folder.name} "
-        "--resume" + (" --local" if options.local else "")
+        + " ".join(["--resume", *(["--local", *clock_flags(options)] if options.local else [])])
     )
     return 0
 

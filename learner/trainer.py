@@ -18,6 +18,7 @@ from learner.device import Device
 from learner.half_precision import HalfPrecision
 from learner.loss import bootstrap_values, td_errors, td_loss
 from learner.optimizer import build_optimizer
+from learner.random_shift import RandomShift
 
 
 class DeviceBatch(NamedTuple):
@@ -57,8 +58,12 @@ class UpdateResult(NamedTuple):
 class Trainer:
     """Online network, target network and optimizer; knows nothing of time or of others."""
 
-    def __init__(self, network: QNetwork, config: LearningConfig, device: Device) -> None:
+    def __init__(
+        self, network: QNetwork, config: LearningConfig, device: Device, seed: int = 0
+    ) -> None:
+        """``seed`` is of the random shifts."""
         self._config = config
+        self._shift = RandomShift(config.random_shift, seed) if config.random_shift else None
         self._device = device
         self.online = network.to(device.torch)
         self.target = copy.deepcopy(self.online).requires_grad_(False)
@@ -69,7 +74,12 @@ class Trainer:
         self._target_lock = threading.Lock()
 
     def prepare(self, batch: DeviceBatch) -> Prepared:
-        """What can be computed before the turn of ``batch``; from any thread."""
+        """What can be computed before the turn of ``batch``; from one thread."""
+        if self._shift is not None:
+            batch = batch._replace(s_tm1=self._shift(batch.s_tm1), s_t=self._shift(batch.s_t))
+        return self._evaluate(batch)
+
+    def _evaluate(self, batch: DeviceBatch) -> Prepared:
         dtype = torch.bfloat16 if self._device.bfloat16 else torch.float32
         target = self.target if self._half_target is None else self._half_target.network
         pixels_t = as_pixels(batch.s_t, dtype)
@@ -85,7 +95,7 @@ class Trainer:
     def learn(self, prepared: Prepared) -> UpdateResult:
         """One gradient step on a minibatch."""
         if prepared.target_age != self._target_age:
-            prepared = self.prepare(prepared.batch)
+            prepared = self._evaluate(prepared.batch)
         batch, config, half = prepared.batch, self._config, self._half_online
         online = self.online if half is None else half.network
         with torch.no_grad():

@@ -119,6 +119,7 @@ def stage(hub: zenoh.Session, session: zenoh.Session) -> Iterator[Stage]:
 
 def test_everything_it_lived_through_is_stored_once_and_in_order(stage: Stage) -> None:
     envs = [NumberedEnv(SCRIPT), NumberedEnv([GOES_ON], first=1_000)]
+    stage.policy = Policy(QNetwork(6), 6, np.random.default_rng(0), envs=2)
     stage.replay.limit = 5
     stage.start(*envs)
     stage.ended()

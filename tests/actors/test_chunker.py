@@ -36,7 +36,8 @@ def live(
     envs = [NumberedEnv(script, history, 10_000 * i, width) for i, script in enumerate(scripts)]
     life = Life(envs, [[] for _ in envs])
     chunkers = [Chunker("run", "actor", 7, i, length) for i in range(len(envs))]
-    for at, step in enumerate(play(envs, POLICY, [0] * len(envs)), start=1):
+    policy = Policy(QNetwork(6), 6, np.random.default_rng(0), envs=len(envs))
+    for at, step in enumerate(play(envs, policy, [0] * len(envs)), start=1):
         chunk = chunkers[step.stream].add(step, POLICY)
         if chunk is not None:
             life.chunks[step.stream].append(chunk)

@@ -26,8 +26,8 @@ class Handmade(QNetwork):
         return -(torch.arange(ACTIONS) - wanted[:, None]).abs().float()
 
 
-def policy_of(epsilon: float, seed: int = 0) -> Policy:
-    policy = Policy(Handmade(), ACTIONS, np.random.default_rng(seed))
+def policy_of(epsilon: float, envs: int, seed: int = 0) -> Policy:
+    policy = Policy(Handmade(), ACTIONS, np.random.default_rng(seed), envs=envs)
     policy.epsilon = epsilon
     return policy
 
@@ -44,16 +44,16 @@ def no_vectors(count: int) -> NDArray[np.float32]:
 
 def test_without_chance_it_is_greedy() -> None:
     best = [3, 0, 5, 1, 1, 4]
-    assert policy_of(0.0).act(states(*best), no_vectors(6)).tolist() == best
+    assert policy_of(0.0, 6).act(states(*best), no_vectors(6)).tolist() == best
 
 
 def test_the_vector_reaches_the_network() -> None:
     vectors = np.array([[2.0], [0.0], [3.0]], np.float32)
-    assert policy_of(0.0).act(states(1, 1, 1), vectors).tolist() == [3, 1, 4]
+    assert policy_of(0.0, 3).act(states(1, 1, 1), vectors).tolist() == [3, 1, 4]
 
 
 def test_by_chance_alone_every_action_is_as_likely_and_the_network_rests() -> None:
-    policy = policy_of(1.0)
+    policy = policy_of(1.0, 10)
     counts = np.zeros(ACTIONS)
     for _ in range(600):
         counts += np.bincount(policy.act(states(*[0] * 10), no_vectors(10)), minlength=ACTIONS)
@@ -66,7 +66,7 @@ def test_by_chance_alone_every_action_is_as_likely_and_the_network_rests() -> No
 
 @pytest.mark.parametrize("epsilon", [0.05, 0.3, 0.8])
 def test_the_share_of_chance_is_epsilon_in_each_environment(epsilon: float) -> None:
-    policy = policy_of(epsilon)
+    policy = policy_of(epsilon, 3)
     best = [0, 3, 5]
     draws = 2_000
     hits = np.zeros(3)
@@ -79,7 +79,7 @@ def test_the_share_of_chance_is_epsilon_in_each_environment(epsilon: float) -> N
 
 
 def test_environments_are_random_independently() -> None:
-    policy = policy_of(0.5)
+    policy = policy_of(0.5, 2)
     both = [policy.act(states(0, 0), no_vectors(2)).tolist() for _ in range(1_000)]
     # Each is random and not 0 with probability 0.5 × 5/6.
     share = np.mean([one != 0 and other != 0 for one, other in both])
@@ -88,7 +88,7 @@ def test_environments_are_random_independently() -> None:
 
 
 def test_the_same_seed_acts_the_same() -> None:
-    one, other, third = policy_of(0.5, 1), policy_of(0.5, 1), policy_of(0.5, 2)
+    one, other, third = policy_of(0.5, 2, 1), policy_of(0.5, 2, 1), policy_of(0.5, 2, 2)
 
     def acted(policy: Policy) -> list[list[int]]:
         return [policy.act(states(0, 1), no_vectors(2)).tolist() for _ in range(50)]

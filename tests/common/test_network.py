@@ -101,9 +101,8 @@ def test_pixels_keep_their_values() -> None:
     every = torch.arange(256, dtype=torch.uint8).reshape(1, 4, 8, 8)
     assert (as_pixels(every) == every).all()
     assert as_pixels(every).dtype == torch.float32
-    with torch.autocast("cpu", dtype=torch.bfloat16):
-        assert as_pixels(every).dtype == torch.bfloat16
-        assert (as_pixels(every) == every).all()
+    assert as_pixels(every, torch.bfloat16).dtype == torch.bfloat16
+    assert (as_pixels(every, torch.bfloat16) == every).all()
 
 
 def test_a_vector_changes_the_values() -> None:
@@ -131,8 +130,8 @@ def test_glorot_draws_between_its_bounds_with_zero_biases() -> None:
         "convolutions.0": (4 * 64, 32 * 64),
         "convolutions.2": (32 * 16, 64 * 16),
         "convolutions.4": (64 * 9, 64 * 9),
-        "dense.0": (3136, 512),
-        "dense.2": (512, 6),
+        "hidden": (3136, 512),
+        "actions": (512, 6),
     }
     weights = dict(network_of(glorot=True).named_parameters())
     assert len(weights) == 2 * len(fans)
@@ -167,6 +166,33 @@ def test_building_leaves_the_random_state_alone() -> None:
     before = torch.random.get_rng_state()
     build_network(PRESETS["fast"], 6)
     assert torch.equal(torch.random.get_rng_state(), before)
+
+
+def test_a_dueling_networks_values_vary_around_its_value() -> None:
+    network, frames = network_of(dueling=True), frames_of(5)
+    heard: dict[str, torch.Tensor] = {}
+    assert network.value is not None
+    network.value.register_forward_hook(lambda _m, _i, out: heard.update(value=out))
+    network.actions.register_forward_hook(lambda _m, _i, out: heard.update(advantages=out))
+    with torch.no_grad():
+        values = network(frames, torch.zeros(5, 0))
+        before = values.clone()
+        # Equation 9: the mean is the value, the differences are those of the advantages.
+        torch.testing.assert_close(values.mean(dim=1, keepdim=True), heard["value"])
+        torch.testing.assert_close(
+            values - values[:, :1], heard["advantages"] - heard["advantages"][:, :1]
+        )
+        # So what all actions have more of changes nothing.
+        assert network.actions.bias is not None
+        network.actions.bias += 3.0
+        torch.testing.assert_close(network(frames, torch.zeros(5, 0)), before)
+
+
+def test_a_dueling_network_is_no_larger() -> None:
+    def size(**settings: bool) -> int:
+        return sum(weight.numel() for weight in network_of(**settings).parameters())
+
+    assert size(dueling=True) <= size()
 
 
 def test_the_configuration_shapes_the_network() -> None:

@@ -114,7 +114,7 @@ def test_bfloat16_is_what_autocast_computes() -> None:
 def test_half_precision_follows_weights_that_are_loaded() -> None:
     original = _network()
     half = HalfPrecision(original)
-    assert {p.dtype for p in half.network.dense.parameters()} == {torch.bfloat16}
+    assert {p.dtype for p in half.network.hidden.parameters()} == {torch.bfloat16}
     original.load_state_dict(_network(1).state_dict())
     for ours, theirs in zip(half.network.parameters(), original.parameters(), strict=True):
         assert torch.equal(ours, theirs.to(ours.dtype))

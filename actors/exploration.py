@@ -1,0 +1,68 @@
+"""Which decisions are random, and what they are then: ε-greedy's chance.
+
+Redrawn at every decision, chance makes an arm tremble: it has hardly left for one key when it is
+told to go to another. With ``lasting`` a random action goes on for a while (εz-greedy: Dabney,
+Ostrovski and Barreto 2021, "Temporally-extended ε-greedy exploration").
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.config import ExplorationConfig
+
+LEAST, MOST = 4, 12
+"""Decisions that a lasting action goes on: 3 + Zipf(2), cut at `MOST`."""
+GREEDY = -1
+_POWERS = 7.0
+"""Ape-X's α: ε to the powers from 1 to 1 + α."""
+
+
+def _duration_law() -> NDArray[np.float64]:
+    """Probability of each duration from `LEAST` to `MOST`; Zipf(2) is 6/π² / k²."""
+    law = 6 / np.pi**2 / np.arange(1, MOST - LEAST + 2, dtype=np.float64) ** 2
+    law[-1] += 1 - law.sum()
+    return np.asarray(law)
+
+
+_DURATIONS = np.arange(LEAST, MOST + 1)
+DURATION_LAW = _duration_law()
+MEAN_DURATION = float(DURATION_LAW @ _DURATIONS)
+
+
+class Exploration:
+    """Chance for ``envs`` environments at once, each with its own share of random decisions."""
+
+    def __init__(
+        self, config: ExplorationConfig, actions: int, envs: int, rng: np.random.Generator
+    ) -> None:
+        self._lasting = config.lasting
+        self._actions = actions
+        self._rng = rng
+        self._powers = np.ones(envs)
+        if config.per_env:
+            # How many others there are is not known, so Ape-X's even ladder is drawn from: one
+            # from each of as many equal parts as there are environments here.
+            self._powers += _POWERS * (np.arange(envs) + rng.random(envs)) / envs
+        self._held = np.zeros(envs, np.int64)
+        self._left = np.zeros(envs, np.int64)
+
+    def shares(self, epsilon: float) -> NDArray[np.float64]:
+        """Each environment's share of random decisions when the run's is ``epsilon``, ``[E]``."""
+        return epsilon**self._powers
+
+    def draw(self, epsilon: float) -> NDArray[np.int64]:
+        """A random action, or `GREEDY`, for the next decision of each environment, ``[E]``."""
+        shares = self.shares(epsilon)
+        envs = len(shares)
+        if not self._lasting:
+            chosen = self._rng.integers(self._actions, size=envs)
+            chosen[self._rng.random(envs) >= shares] = GREEDY
+            return chosen
+        # Random runs of mean m begin at a share p of the other decisions: ε = pm / (pm + 1 - p).
+        begin = shares / (shares + MEAN_DURATION * (1 - shares))
+        begins = (self._left == 0) & (self._rng.random(envs) < begin)
+        self._held[begins] = self._rng.integers(self._actions, size=begins.sum())
+        self._left[begins] = self._rng.choice(_DURATIONS, size=begins.sum(), p=DURATION_LAW)
+        held = self._left > 0
+        self._left[held] -= 1
+        return np.where(held, self._held, GREEDY)

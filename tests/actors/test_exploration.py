@@ -1,0 +1,71 @@
+"""Chance: εz-greedy's law of durations, the share of random decisions, Ape-X's powers."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from actors.exploration import DURATION_LAW, GREEDY, LEAST, MEAN_DURATION, MOST, Exploration
+from common.config import ExplorationConfig
+
+
+def exploration(envs: int = 1, actions: int = 6, seed: int = 1, **config: bool) -> Exploration:
+    return Exploration(ExplorationConfig(**config), actions, envs, np.random.default_rng(seed))
+
+
+def runs(drawn: list[int]) -> list[tuple[int, int]]:
+    """Value and length of each run of equal values."""
+    ends = [i for i in range(1, len(drawn)) if drawn[i] != drawn[i - 1]]
+    bounds = [0, *ends, len(drawn)]
+    return [(drawn[a], b - a) for a, b in itertools.pairwise(bounds)]
+
+
+def test_the_law_is_three_more_than_zipf_cut_at_twelve() -> None:
+    # Drawn from NumPy's own Zipf.
+    drawn = np.minimum(3 + np.random.default_rng(0).zipf(2.0, 200_000), MOST)
+    counts = np.bincount(drawn, minlength=MOST + 1)[LEAST:]
+    expected = DURATION_LAW * len(drawn)
+    # χ² of 8 degrees of freedom is below 26.1 with probability 0.999.
+    assert ((counts - expected) ** 2 / expected).sum() < 26.1
+    assert pytest.approx(drawn.mean(), rel=0.01) == MEAN_DURATION
+
+
+def test_a_random_action_lasts_by_that_law() -> None:
+    # With a thousand actions, two runs next to each other hardly ever have the same.
+    chance = exploration(actions=1_000, lasting=True)
+    drawn = [int(chance.draw(0.5)[0]) for _ in range(60_000)]
+    lengths = [length for action, length in runs(drawn)[1:-1] if action != GREEDY]
+    assert min(lengths) == LEAST
+    counts = np.bincount(lengths, minlength=MOST + 1)[LEAST : MOST + 1]
+    expected = DURATION_LAW * len(lengths)
+    assert ((counts - expected) ** 2 / expected).sum() < 26.1
+
+
+@pytest.mark.parametrize("lasting", [False, True])
+@pytest.mark.parametrize("epsilon", [0.0, 0.05, 0.4, 1.0])
+def test_the_share_of_random_decisions_is_epsilon(epsilon: float, lasting: bool) -> None:
+    chance = exploration(envs=8, lasting=lasting)
+    drawn = np.array([chance.draw(epsilon) for _ in range(10_000)])
+    share = (drawn != GREEDY).mean()
+    # Runs of up to 12 make 80,000 decisions worth some 80,000 / 12 independent ones at least.
+    deviation = np.sqrt(epsilon * (1 - epsilon) / (80_000 / (MOST if lasting else 1)))
+    assert abs(share - epsilon) <= 4 * deviation
+    assert set(np.unique(drawn)) <= {GREEDY, *range(6)}
+
+
+def test_environments_do_not_explore_together() -> None:
+    chance = exploration(envs=2, actions=1_000, lasting=True)
+    drawn = np.array([chance.draw(0.5) for _ in range(4_000)])
+    both = (drawn != GREEDY).all(axis=1)
+    assert both.mean() == pytest.approx(0.25, abs=0.05)
+    assert (drawn[both, 0] != drawn[both, 1]).mean() > 0.98
+
+
+def test_each_environment_has_its_own_power_of_epsilon() -> None:
+    shares = exploration(envs=70, per_env=True).shares(0.4)
+    powers = np.log(shares) / np.log(0.4)
+    # One in each seventieth of the range from 1 to 8, as close to Ape-X's ladder as chance gets.
+    parts = (powers - 1) * 10
+    assert (np.floor(parts) == np.arange(70)).all()
+    np.testing.assert_array_equal(exploration(envs=3, per_env=True).shares(1.0), 1.0)
+    np.testing.assert_array_equal(exploration(envs=3).shares(0.3), 0.3)
