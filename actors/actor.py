@@ -159,7 +159,7 @@ class Actor:
             leaving=leaving,
             steps=self._tally.steps,
             steps_per_second=rate,
-            epsilon=float(self._policy.epsilon),
+            epsilon=self._policy.random_share,
             weights_version=self._policy.weights_version,
             made=outbox.made,
             acked=outbox.acked,
@@ -168,6 +168,8 @@ class Actor:
             held_share=held,
             valid_share=self._tally.valid_share,
             match_share=self._tally.match_share,
+            decisions=self._tally.decisions,
             missed_deadlines=self._tally.missed_deadlines,
+            late_frames=self._tally.late_frames,
             waits_given_up=self._tally.waits_given_up,
         )

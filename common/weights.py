@@ -14,8 +14,14 @@ def encode_weights(network: nn.Module) -> bytes:
     return save({name: value.contiguous() for name, value in network.state_dict().items()})
 
 
+ONLINE = "online."
+"""Before the names of the online network's weights in a learner's checkpoint."""
+
+
 def load_weights(network: nn.Module, payload: bytes) -> None:
     """Put the weights inside ``payload`` into ``network``, all or none.
+
+    A checkpoint of the learner will do as well: its online network is taken.
 
     Raises:
         MessageError: not safetensors, other names, shapes or types than the network's, or a
@@ -25,6 +31,8 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
         found = load(payload)
     except (SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
         raise MessageError(f"not safetensors: {error}") from None
+    if any(name.startswith(ONLINE) for name in found):
+        found = {n.removeprefix(ONLINE): v for n, v in found.items() if n.startswith(ONLINE)}
     expected = network.state_dict()
     if found.keys() != expected.keys():
         raise MessageError(f"weights {sorted(found.keys() ^ expected.keys())} differ in name")

@@ -5,10 +5,11 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
+import tyro
 import zenoh
 
 from actors.envs import make_env
@@ -23,6 +24,7 @@ from common.network import build_network
 from common.run_folder import RunFolder
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
 from learner.display import open_display
+from learner.evaluation import EvaluationOptions, evaluate
 from learner.local import Crew
 from learner.trainer import Trainer
 from learner.training import Learner
@@ -77,8 +79,12 @@ class LearnerOptions:
     """Address of a `python -m replay` to use instead of a replay of one's own."""
     patience: float = 60.0
     """Seconds to wait for that replay."""
+    evaluation: tyro.conf.OmitArgPrefixes[EvaluationOptions] = field(
+        default_factory=EvaluationOptions
+    )
 
     def check(self) -> None:
+        self.evaluation.check()
         for name, value, least in (
             ("--actors", self.actors, 1),
             ("--envs", self.envs, 1),
@@ -91,6 +97,8 @@ class LearnerOptions:
             raise InputError(f"--speed is {self.speed}: choose a number above 0.")
         if self.sync and self.speed != 1.0:
             raise InputError("--speed is for --no-sync: with --sync time goes as fast as it can.")
+        if self.evaluation.evaluate is not None:
+            return  # the run of its network says the rest
         if self.wait_action or not self.sync:
             flag = "--wait-action" if self.sync else "--no-sync"
             if not self.local:
@@ -187,6 +195,10 @@ def main() -> int:
         lambda options: RunFolder(options.runs, run_name(options)).stored_config(),
     )
     options.check()
+    if options.evaluation.evaluate is not None:
+        stop = threading.Event()
+        on_signals(stop)
+        return evaluate(options.evaluation, options.config.seed, clock_flags(options), stop)
     config = options.config
     device = choose_device(options.device, options.precision)
     torch.set_num_threads(options.threads or free_cores(options))

@@ -75,11 +75,27 @@ class Examiner:
         self._finished: list[EpochTest] = []
         self._over = False
         snapshots.mkdir(parents=True, exist_ok=True)
+        self._queryables: list[Any] = []
+        self._threads: list[threading.Thread] = []
         for key, answer in ((keys.task, self._on_task), (keys.report, self._on_report)):
             queryable = session.declare_queryable(key, FifoChannel(_QUEUE))
-            threading.Thread(
+            thread = threading.Thread(
                 target=_serve, args=(queryable, answer), name="examiner", daemon=True
-            ).start()
+            )
+            thread.start()
+            self._queryables.append(queryable)
+            self._threads.append(thread)
+
+    def close(self) -> None:
+        """Stop answering.
+
+        A thread that still waits for Zenoh when the interpreter ends would bring the process down
+        with "FATAL: exception not rethrown".
+        """
+        for queryable in self._queryables:
+            queryable.undeclare()
+        for thread in self._threads:
+            thread.join()
 
     def add(self, test: EpochTest, weights: bytes) -> None:
         """Have ``weights`` tested."""

@@ -137,6 +137,13 @@ class Learner:
         """
         self._crew = crew
         try:
+            self._work(crew)
+        finally:
+            self._examiner.close()
+
+    def _work(self, crew: Crew | None) -> None:
+        """All from the first update to the last line of the summary."""
+        try:
             self._train()
         except InputError:
             if not self._stop.is_set():

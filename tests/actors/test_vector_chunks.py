@@ -33,7 +33,7 @@ class Watcher(Policy):
     """Acts at random, and checks what it is shown."""
 
     def __init__(self) -> None:
-        super().__init__(QNetwork(6, 4, WIDTH), 6, np.random.default_rng(0))
+        super().__init__(QNetwork(6, 4, WIDTH), 6, np.random.default_rng(0), envs=2)
 
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
         for state, vector in zip(frames, vectors, strict=True):

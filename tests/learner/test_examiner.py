@@ -1,5 +1,6 @@
 """Tests are handed out, shared, taken back from the lost, and counted once."""
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -167,3 +168,16 @@ def test_junk_is_refused_and_the_examiner_goes_on(sessions: Sessions, tmp_path: 
     assert not _report(client, "e", 9, 10, [], done=True)
     examiner.add(_test(1), b"w")
     assert _ask(client, "e").kind == "test"
+
+
+def test_a_closed_examiner_answers_nobody_and_leaves_no_thread(
+    sessions: Sessions, tmp_path: Path
+) -> None:
+    hub, client = sessions
+    before = set(threading.enumerate())
+    examiner = _examiner(hub, tmp_path, Evaluators("e1"))
+    assert len(set(threading.enumerate()) - before) == 2
+    assert _ask(client, "e1").kind == "wait"
+    examiner.close()
+    assert not any(thread.is_alive() for thread in set(threading.enumerate()) - before)
+    assert list(client.get(KEYS.task, payload=b"e1")) == []

@@ -149,6 +149,10 @@ def test_maps_of_anything_are_decoded_or_refused(
         decoded = decode(pack(message))
     except MessageError:
         return
-    # What passes can only be the two requests whose every field may be among these.
-    assert decode in (messages.decode_sample_request, messages.decode_held_out_request)
+    # What passes can only be the requests whose every field may be among these.
+    assert decode in (
+        messages.decode_sample_request,
+        messages.decode_held_out_request,
+        messages.decode_progress_request,
+    )
     assert decoded is not None

@@ -1,0 +1,101 @@
+"""Whole games by given weights, each told as a line of JSON: one process of an evaluation.
+
+`python -m actors.games` is started by `python -m learner --evaluate`; nothing of it is stored or
+learned from.
+"""
+
+import json
+import threading
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+import tyro
+
+from actors.envs import make_env
+from actors.looking.player import build_player, config_to_play
+from actors.loop import play
+from common.config import EnvKind, RunConfig
+from common.errors import exit_on_input_error
+from common.lifeline import leave_with_parent, on_signals
+
+
+@dataclass(frozen=True)
+class GamesOptions:
+    """Play whole games and print a line of JSON for each."""
+
+    weights: Path
+    """The network."""
+    games: int = 1
+    steps: int = 0
+    """Play on until so many steps are done, as the report's tests do."""
+    epsilon: float = 0.001
+    """Share of random decisions."""
+    seed: int = 1
+    env: EnvKind | None = None
+    game: str | None = None
+    sync: bool = True
+    wait_action: bool = False
+    speed: float = 1.0
+    leash: bool = False
+
+
+@dataclass(frozen=True)
+class GameResult:
+    """One game from its start to its end."""
+
+    score: float
+    steps: int
+    matched: int
+    """Steps at whose end the commanded keys were pressed."""
+    valid: int
+    """Steps in which the screen was found."""
+
+
+def games(config: RunConfig, options: GamesOptions, stop: threading.Event) -> Iterator[GameResult]:
+    """Games to their ends, until there are enough of them and of their steps, or ``stop``."""
+    env = make_env(
+        config,
+        training=False,
+        sync=options.sync,
+        wait_action=options.wait_action,
+        speed=options.speed,
+    )
+    try:
+        policy_seed, env_seed = map(int, np.random.SeedSequence(options.seed).generate_state(2))
+        actions = int(env.action_space.n)  # type: ignore[attr-defined]
+        policy = build_player(config, actions, options.weights, options.epsilon, policy_seed)
+        ended = matched = valid = begun = 0
+        for steps, step in enumerate(play([env], policy, [env_seed]), start=1):
+            matched += bool(step.info["keys_match"])
+            valid += bool(step.info["valid_frame"])
+            if step.info["game_over"]:
+                yield GameResult(float(step.info["game_score"]), steps - begun, matched, valid)
+                ended, matched, valid, begun = ended + 1, 0, 0, steps
+                if ended >= options.games and steps >= options.steps:
+                    return
+            if stop.is_set():
+                return
+    finally:
+        env.close()
+
+
+def main() -> int:
+    options = tyro.cli(GamesOptions, prog="python -m actors.games")
+    stop = threading.Event()
+    on_signals(stop)
+    if options.leash:
+        leave_with_parent(stop)
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    config = config_to_play(options.weights, options.env, options.game, minimal_actions=False)
+    for result in games(config, options, stop):
+        print(json.dumps(asdict(result)), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

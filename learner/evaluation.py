@@ -1,0 +1,207 @@
+"""`python -m learner --evaluate FILE`: many whole games by one network, in several processes.
+
+How many games each process plays is settled beforehand: would those be taken that end first, the
+short ones, the defeats, would count too often.
+"""
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, Queue
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from common.errors import InputError
+from common.run_folder import write_atomically
+from learner.local import ROOT
+from learner.provenance import Provenance
+from learner.scores import Scores
+
+_LOOK = 0.5
+
+
+@dataclass(frozen=True)
+class EvaluationOptions:
+    """Test a network by whole games instead of training one."""
+
+    evaluate: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """The network, such as runs/NAME/snapshots/best.safetensors; its run's settings are used.
+    --sync, --wait-action, --speed and --seed apply."""
+    games: int = 30
+    """Games, over all processes."""
+    test_steps: int = 0
+    """Play on until so many steps are done, over all processes, as the report's tests do."""
+    epsilon: float = 0.001
+    """Share of random decisions; the report's tests have 0.05."""
+    processes: int = 0
+    """Games at a time; 0 for as many as there are cores."""
+    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File for the results."""
+
+    def check(self) -> None:
+        """Refuse what cannot be played.
+
+        Raises:
+            InputError: naming the flag.
+        """
+        if self.evaluate is not None and not self.evaluate.is_file():
+            raise InputError(f"{self.evaluate} is no file: name a network to evaluate.")
+        for name, value, least in (
+            ("--games", self.games, 1),
+            ("--test-steps", self.test_steps, 0),
+            ("--processes", self.processes, 0),
+        ):
+            if value < least:
+                raise InputError(f"{name} is {value}: choose {least} or more.")
+        if not 0 <= self.epsilon <= 1:
+            raise InputError(f"--epsilon is {self.epsilon}: choose a number from 0 to 1.")
+
+
+def evaluate(
+    options: EvaluationOptions,
+    seed: int,
+    flags: Sequence[str],
+    stop: threading.Event,
+    console: Console | None = None,
+) -> int:
+    """Play, print the table and write the JSON; the exit status.
+
+    Args:
+        flags: more for each playing process, such as ``["--no-sync"]``.
+
+    Raises:
+        InputError: the network cannot be played with.
+    """
+    assert options.evaluate is not None
+    console = console or Console(highlight=False)
+    columns = (TextColumn("games"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    found: list[dict[str, Any]] = []
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("games", total=options.games)
+        for game in _play(options, seed, flags, stop):
+            found.append(game)
+            progress.update(task, completed=len(found), total=max(options.games, len(found)))
+    if stop.is_set():
+        console.print(f"stopped after {len(found)} games")
+        return 130
+    content = _content(options, seed, flags, found)
+    console.print(_table(content))
+    if options.json is not None:
+        write_atomically(options.json, (json.dumps(content, indent=2) + "\n").encode())
+        console.print(f"wrote {options.json}")
+    return 0
+
+
+def _play(
+    options: EvaluationOptions, seed: int, flags: Sequence[str], stop: threading.Event
+) -> Iterator[dict[str, Any]]:
+    """Games as they end, in several processes."""
+    count = min(options.processes or len(os.sched_getaffinity(0)), options.games)
+    told: Queue[tuple[int, str | None]] = Queue()
+    children = []
+    for at in range(count):
+        games = options.games // count + (at < options.games % count)
+        steps = -(-options.test_steps // count)
+        children.append(_start(options, games, steps, seed * 1_000 + at, flags))
+        threading.Thread(target=_listen, args=(at, children[at], told), daemon=True).start()
+    try:
+        playing = count
+        while playing and not stop.is_set():
+            try:
+                at, line = told.get(timeout=_LOOK)
+            except Empty:
+                continue
+            if line is not None:
+                yield {"process": at, **json.loads(line)}
+                continue
+            playing -= 1
+            if children[at].wait() != 0:
+                stderr = children[at].stderr
+                words = stderr.read().strip().splitlines() if stderr is not None else []
+                why = words[-1].removeprefix("error: ") if words else "it says nothing"
+                raise InputError(f"the games could not be played: {why}")
+    finally:
+        for child in children:
+            child.kill()
+            child.wait()
+
+
+def _start(
+    options: EvaluationOptions, games: int, steps: int, seed: int, flags: Sequence[str]
+) -> "subprocess.Popen[str]":
+    arguments = {
+        "--weights": options.evaluate,
+        "--games": games,
+        "--steps": steps,
+        "--epsilon": options.epsilon,
+        "--seed": seed,
+    }
+    pairs = [str(part) for pair in arguments.items() for part in pair]
+    return subprocess.Popen(
+        [sys.executable, "-m", "actors.games", *pairs, "--leash", *flags],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # the terminal's Ctrl-C is for this process alone
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))),
+        },
+    )
+
+
+def _listen(at: int, child: "subprocess.Popen[str]", told: "Queue[tuple[int, str | None]]") -> None:
+    assert child.stdout is not None
+    for line in child.stdout:
+        told.put((at, line))
+    told.put((at, None))
+
+
+def _content(
+    options: EvaluationOptions, seed: int, flags: Sequence[str], games: list[dict[str, Any]]
+) -> dict[str, Any]:
+    steps = sum(game["steps"] for game in games)
+    return {
+        "weights": str(options.evaluate),
+        "epsilon": options.epsilon,
+        "seed": seed,
+        "flags": list(flags),
+        **dataclasses.asdict(Scores.of([game["score"] for game in games])),
+        "steps": steps,
+        "press_match_share": sum(game["matched"] for game in games) / steps,
+        "valid_frame_share": sum(game["valid"] for game in games) / steps,
+        "scores": [game["score"] for game in games],
+        "steps_of_games": [game["steps"] for game in games],
+        **dataclasses.asdict(Provenance.gather()),
+    }
+
+
+def _table(content: dict[str, Any]) -> Table:
+    table = Table(title=f"{content['weights']}, ε = {content['epsilon']:g}", title_justify="left")
+    table.add_column("")
+    table.add_column("score", justify="right")
+    low, high = content["iqm_low"], content["iqm_high"]
+    for name, cell in (
+        ("games", f"{content['games']}"),
+        ("mean ± deviation", f"{content['mean']:.2f} ± {content['deviation']:.2f}"),
+        ("interquartile mean (95 %)", f"{content['iqm']:.2f} ({low:.2f} to {high:.2f})"),
+        ("median", f"{content['median']:g}"),
+        ("least, most", f"{content['least']:g}, {content['most']:g}"),
+        ("steps", f"{content['steps']:,}"),
+        ("keys as commanded", f"{content['press_match_share']:.1%}"),
+        ("frames valid", f"{content['valid_frame_share']:.1%}"),
+        ("every game", " ".join(f"{score:g}" for score in content["scores"])),
+    ):
+        table.add_row(name, cell)
+    return table

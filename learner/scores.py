@@ -1,0 +1,56 @@
+"""What games came to: mean, deviation, and the interquartile mean with its uncertainty.
+
+The interquartile mean (IQM) is the mean of the middle half: less moved by single games than the
+mean, less wasteful than the median (Agarwal et al. 2021, "Deep reinforcement learning at the edge
+of the statistical precipice").
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+RESAMPLES = 10_000
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Figures of some games."""
+
+    games: int
+    mean: float
+    deviation: float
+    """Standard deviation of the sample (n - 1); 0 for one game."""
+    median: float
+    least: float
+    most: float
+    iqm: float
+    iqm_low: float
+    """Lower end of the 95 % bootstrap interval of the IQM."""
+    iqm_high: float
+
+    @classmethod
+    def of(cls, scores: Sequence[float], seed: int = 1) -> "Scores":
+        """Sum up at least one game."""
+        found = np.asarray(scores, np.float64)
+        drawn = np.random.default_rng(seed).choice(found, (RESAMPLES, len(found)))
+        low, high = np.percentile(interquartile_mean(drawn), (2.5, 97.5))
+        return cls(
+            games=len(found),
+            mean=float(found.mean()),
+            deviation=float(found.std(ddof=1)) if len(found) > 1 else 0.0,
+            median=float(np.median(found)),
+            least=float(found.min()),
+            most=float(found.max()),
+            iqm=float(interquartile_mean(found[None])[0]),
+            iqm_low=float(low),
+            iqm_high=float(high),
+        )
+
+
+def interquartile_mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of each row of ``[R, N]``, without the lowest and the highest ⌊N / 4⌋."""
+    out = scores.shape[1] // 4
+    middle = np.sort(scores, axis=1)[:, out : scores.shape[1] - out]
+    return np.asarray(middle.mean(axis=1))

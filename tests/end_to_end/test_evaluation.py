@@ -1,0 +1,67 @@
+"""`python -m learner --evaluate`: whole games by a network on disk, in several processes."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common.network import build_network
+from common.presets import PRESETS
+from common.run_folder import RunFolder
+from common.weights import encode_weights
+from tests.end_to_end.conftest import PATIENCE
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run's folder with fresh weights in it."""
+    config = PRESETS["fast"]
+    folder = RunFolder(tmp_path, "fresh")
+    folder.claim("learner", config, begun=folder.checkpoint, resume=False)
+    folder.snapshots.mkdir()
+    (folder.snapshots / "best.safetensors").write_bytes(encode_weights(build_network(config, 6)))
+    return folder.path
+
+
+def _evaluate(*arguments: object) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "learner", "--evaluate", *map(str, arguments)]
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=PATIENCE, stdin=subprocess.DEVNULL
+    )
+
+
+def test_games_are_played_to_their_ends_and_summed_up(run: Path, tmp_path: Path) -> None:
+    weights = run / "snapshots" / "best.safetensors"
+
+    def played(name: str) -> dict[str, Any]:
+        ended = _evaluate(weights, "--games", 3, "--processes", 2, "--json", tmp_path / name)
+        assert ended.returncode == 0, ended.stderr
+        assert "interquartile mean" in ended.stdout
+        content: dict[str, Any] = json.loads((tmp_path / name).read_text())
+        return content
+
+    first = played("first.json")
+    assert (first["games"], len(first["scores"]), first["epsilon"]) == (3, 3, 0.001)
+    assert first["mean"] == np.mean(first["scores"])
+    # A game of Pong ends when somebody has 21 points: no fewer than 21 points were played for.
+    assert all(-21 <= score <= 21 and abs(score) >= 1 for score in first["scores"])
+    assert first["steps"] == sum(first["steps_of_games"]) > 3 * 500
+    assert (first["press_match_share"], first["valid_frame_share"]) == (1.0, 1.0)
+    # The same seed plays the same games, in whatever order the processes end them.
+    again = played("again.json")
+    assert sorted(again["steps_of_games"]) == sorted(first["steps_of_games"])
+
+
+def test_what_is_no_network_is_told(run: Path, tmp_path: Path) -> None:
+    for weights, why in (
+        (tmp_path / "nothing", "is no file: name a network to evaluate"),
+        (run / "config.json", "not safetensors"),
+    ):
+        ended = _evaluate(weights)
+        assert ended.returncode == 2
+        assert why in ended.stderr
+        assert ended.stderr.count("\n") == 1
