@@ -11,9 +11,13 @@ class Tally:
     def __init__(self) -> None:
         self.steps = 0
         self.held_seconds = 0.0
+        self.decisions = 0
+        """Of game time that the steps took."""
         self.missed_deadlines = 0
-        """Decisions that passed before their command was there, and frames that began more than
-        a frame too late; only where the world goes on in real time."""
+        """Decisions that passed before their command was there, because the agent was too slow;
+        only where the world goes on in real time."""
+        self.late_frames = 0
+        """Frames that began more than a frame too late, because the machine was too slow."""
         self.waits_given_up = 0
         """Steps that ended at the bound of their wait, without the commanded keys."""
         self._valid = 0
@@ -24,9 +28,10 @@ class Tally:
         self.steps += 1
         self._valid += step.valid
         self._matched += bool(step.info["keys_match"])
+        self.decisions += step.info["elapsed"]
         # Only a robot's environment has the rest.
         self.missed_deadlines += step.info.get("missed_deadlines", 0)
-        self.missed_deadlines += step.info.get("late_frames", 0)
+        self.late_frames += step.info.get("late_frames", 0)
         self.waits_given_up += step.info.get("gave_up", False)
 
     @property

@@ -1,7 +1,7 @@
 """`python -m benchmarks.portrait -o docs/robot.png`: the robot at play, as a picture.
 
-Left the room from outside; right what its camera sees, with the game's corners as the eye found
-them, and the 84×84 frame that the network gets.
+Above the room, and the robot from the front; below what its camera sees, with the game's corners as
+the eye found them, and the 84×84 frame that the network gets.
 """
 
 from dataclasses import dataclass
@@ -11,14 +11,19 @@ from typing import Annotated
 import cv2
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 
 from actors.envs.emulator import Emulator, check_game
+from actors.looking import ink
 from actors.nao.room import Room
+from actors.nao.viewpoint import Viewpoint
 from actors.vision.eye import Eye
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.errors import InputError, exit_on_input_error
 
-_CORNER_COLOUR = (255, 0, 255)
+_WIDTH, _HEIGHT = 640, 480
+"""Of each panel."""
+_FROM_THE_FRONT = Viewpoint((0.66, -0.32, 0.72), (0.075, 0.0, 0.272), 34.0, shadow=False)
 
 
 @dataclass(frozen=True)
@@ -39,34 +44,56 @@ def main() -> int:
     options = tyro.cli(Options, prog="python -m benchmarks.portrait")
     emulator = Emulator(check_game(options.game), options.seed)
     room = Room(emulator.screen_shape)
+    try:
+        _play(room, emulator, options)
+        picture = _portrait(room, emulator.screen_rgb())
+    finally:
+        room.close()
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(options.output), picture[:, :, ::-1])
+    print(f"wrote {options.output}")
+    return 0
+
+
+def _play(room: Room, emulator: Emulator, options: Options) -> None:
+    """At random, but for the last command: a diagonal with fire, so that both hands are at work."""
     rng = np.random.default_rng(options.seed)
-    wanted = Keys.NONE
-    for decision in range(options.decisions):
-        # The last command is a diagonal with fire, so that both hands are seen at work.
-        last = decision == options.decisions - 1
-        wanted = Keys.UP | Keys.RIGHT | Keys.FIRE if last else KEYS_OF_ACTION[rng.integers(18)]
+    commands = [KEYS_OF_ACTION[action] for action in rng.integers(18, size=options.decisions - 1)]
+    for wanted in (*commands, Keys.UP | Keys.RIGHT | Keys.FIRE):
         room.command(wanted)
         for _ in range(4):
             emulator.act(action_of_keys(room.step_frame()))
-    game = emulator.screen_rgb()
+
+
+def _portrait(room: Room, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """``uint8 [960, 1280, 3]``."""
     seen = room.picture(game)
     sight = Eye().see(seen)
     if sight.corners is None:
         raise InputError("the eye found no screen, so there is nothing to show.")
-    outside = room.view(game, 960, 720)
-    # Corners count pixel centres, and drawing doubles the picture.
-    corners = np.round((sight.corners + 0.5) * 1.5 * 16 - 8).astype(np.int32)
-    camera = cv2.resize(seen, (480, 360), interpolation=cv2.INTER_NEAREST)
-    cv2.polylines(camera, [corners], True, _CORNER_COLOUR, 1, cv2.LINE_AA, 4)
-    frame = cv2.resize(sight.frame, (360, 360), interpolation=cv2.INTER_NEAREST)
-    grey = np.full((360, 480, 3), 255, np.uint8)
-    grey[:, 60:420] = frame[:, :, None]
-    picture = np.hstack((outside, np.vstack((camera, grey))))
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(options.output), picture[:, :, ::-1])
-    print(f"wrote {options.output}")
-    room.close()
-    return 0
+    resized = cv2.resize(seen, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_NEAREST)
+    camera = np.asarray(resized, np.uint8)
+    scale = _WIDTH / seen.shape[1]
+    # Corners count pixel centres.
+    corners = np.asarray((sight.corners + 0.5) * scale - 0.5, np.float32)
+    ink.outline(camera, corners, ink.MAGENTA)
+    frame = cv2.resize(sight.frame, (_HEIGHT, _HEIGHT), interpolation=cv2.INTER_NEAREST)
+    network = np.full((_HEIGHT, _WIDTH, 3), ink.PAPER, np.uint8)
+    left = (_WIDTH - _HEIGHT) // 2
+    network[:, left : left + _HEIGHT] = frame[:, :, None]
+    panels = (
+        (room.view(game, _WIDTH, _HEIGHT), "the room"),
+        (room.view(game, _WIDTH, _HEIGHT, _FROM_THE_FRONT), "the robot, at its keys"),
+        (camera, "what its camera sees, 320 x 240, and the game found in it"),
+        (network, "what the network gets, 84 x 84"),
+    )
+    drawn = []
+    for picture, caption in panels:
+        panel = np.array(picture, np.uint8)
+        ink.caption(panel, caption)
+        panel[:, -2:] = panel[-2:] = ink.PAPER
+        drawn.append(panel)
+    return np.vstack((np.hstack(drawn[:2]), np.hstack(drawn[2:])))
 
 
 if __name__ == "__main__":

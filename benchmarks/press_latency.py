@@ -22,7 +22,7 @@ from rich.table import Table
 
 from actors.nao.latency import FRAME_MS, Latency, changes, short_name
 from actors.nao.room import Room
-from common.errors import exit_on_input_error
+from common.errors import InputError, exit_on_input_error
 from learner.provenance import Provenance
 
 DECISION_MS = 4 * FRAME_MS
@@ -42,6 +42,17 @@ class Options:
     """File for the results."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Picture of the table: .png, .svg or .pdf."""
+
+    def check(self) -> None:
+        if self.repetitions < 1:
+            raise InputError(f"--repetitions is {self.repetitions}: choose 1 or more.")
+        if self.seed < 0:
+            raise InputError(f"--seed is {self.seed}: choose a number that is not negative.")
+        if self.output is not None and self.output.suffix not in (".png", ".svg", ".pdf"):
+            raise InputError(f"{self.output} should end in .png, .svg or .pdf.")
+        for path in (self.json, self.output):
+            if path is not None and not path.parent.is_dir():
+                raise InputError(f"there is no folder {path.parent}: make it, or name another.")
 
 
 def content(latency: Latency, settled: Latency, unsettled: Latency) -> dict[str, Any]:
@@ -130,6 +141,7 @@ def draw(latency: Latency, output: Path) -> None:
 
 def main() -> int:
     options = tyro.cli(Options, prog="python -m benchmarks.press_latency")
+    options.check()
     room = Room()
     found = list(changes(room, options.repetitions, options.seed))
     room.close()

@@ -34,8 +34,12 @@ class ActorStats:
     """Share of the steps since its start whose frame showed the screen."""
     match_share: float
     """Share of the steps since its start that ended with the commanded keys pressed."""
+    decisions: int = 0
+    """Of game time that its steps took."""
     missed_deadlines: int = 0
-    """In real time: decisions that passed before their command, and frames that began late."""
+    """In real time: decisions that passed before their command."""
+    late_frames: int = 0
+    """In real time: emulator frames that began more than a frame too late."""
     waits_given_up: int = 0
     """Steps whose wait for the commanded keys ended at its bound."""
 
@@ -68,7 +72,9 @@ def decode_stats(payload: bytes) -> ActorStats:
                 "acked",
                 "retried",
                 "refused",
+                "decisions",
                 "missed_deadlines",
+                "late_frames",
                 "waits_given_up",
             )
         },

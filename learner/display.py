@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.text import Text
 
 from learner import figures
-from learner.panels import Screen
+from learner.panels import Screen, time_troubles
 from learner.status import Status
 
 PLAIN_SECONDS = 10.0
@@ -217,7 +217,7 @@ def status_line(status: Status) -> str:
             f"{figures.decimal(status.samples_per_insert, 2)} samples/insert"
             f" of {status.samples_per_insert_goal:g}",
             f"staleness {stale}",
-            f"{alive} of {len(status.present)} actors",
+            f"{alive} of {len(status.present)} actors{time_troubles(status.present)}",
             gates,
         )
     )

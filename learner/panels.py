@@ -273,7 +273,9 @@ def _people_and_gates(status: Status, width: int, rows: int) -> Table:
     grid = _grid(Column(ratio=1), Column(width=38), gap=3)
     grid.add_row(
         _titled(
-            f"Actors, {alive} of {len(status.present)} alive{_troubles(status.present)}",
+            f"Actors {alive}/{len(status.present)}{troubles}"
+            if (troubles := time_troubles(status.present))
+            else f"Actors, {alive} of {len(status.present)} alive",
             _actors(status.present, rows, roomy=width >= _ROOMY),
         ),
         _titled(f"Gates, {verdict}", _gates(status.gates)),
@@ -281,12 +283,20 @@ def _people_and_gates(status: Status, width: int, rows: int) -> Table:
     return grid
 
 
-def _troubles(actors: Sequence[ActorStatus]) -> str:
-    """What went wrong with the actors' time, if anything did."""
-    late = sum(actor.missed_deadlines for actor in actors)
+def time_troubles(actors: Sequence[ActorStatus]) -> str:
+    """What went wrong with the actors' time, if anything did, each after a comma."""
+    late = sum(actor.missed_deadlines + actor.late_frames for actor in actors)
     given_up = sum(actor.waits_given_up for actor in actors)
-    told = [f", {figures.count(late)} late"] if late else []
-    return "".join([*told, f", {figures.count(given_up)} gave up"] if given_up else told)
+    told = [f", {_brief(late)} late"] if late else []
+    return "".join([*told, f", {_brief(given_up)} gave up"] if given_up else told)
+
+
+def _brief(count: int) -> str:
+    """In four characters: at 80 columns there is no room for more."""
+    for unit, name in ((1_000_000, "M"), (1_000, "k")):
+        if count >= unit:
+            return f"{count / unit:.{1 if count < 10 * unit else 0}f}{name}"
+    return str(count)
 
 
 def _actors(actors: Sequence[ActorStatus], rows: int, roomy: bool) -> Table:
@@ -302,7 +312,7 @@ def _actors(actors: Sequence[ActorStatus], rows: int, roomy: bool) -> Table:
         if roomy:
             cells += [
                 _text(f"ε {figures.decimal(actor.epsilon, 3)}"),
-                _text(f"{figures.count(actor.retried)} retried{_troubles([actor])}", _LABEL),
+                _text(f"{figures.count(actor.retried)} retried{time_troubles([actor])}", _LABEL),
                 _text(f"silent {actor.silent_for:.0f} s", _LABEL),
             ]
         mark = Text("●", _GOOD) if actor.alive else Text("○", _BAD)

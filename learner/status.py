@@ -29,8 +29,12 @@ class ActorStatus:
     acked: int = 0
     retried: int = 0
     refused: int = 0
+    decisions: int = 0
+    """Of game time that its steps took."""
     missed_deadlines: int = 0
-    """In real time: decisions that passed before their command, and frames that began late."""
+    """In real time: decisions that passed before their command."""
+    late_frames: int = 0
+    """In real time: emulator frames that began more than a frame too late."""
     waits_given_up: int = 0
     """Steps whose wait for the commanded keys ended at its bound."""
     silent_for: float = 0.0

@@ -10,7 +10,7 @@ from actors.envs.body_sense import BodySense
 from actors.envs.emulator import Emulator
 from actors.envs.game import REPORT_PLAY, AtariGame
 from actors.envs.observation import FrameHistory, Observation, observation_space, shrink
-from actors.looking.window import TerminalWindow, render_modes
+from actors.terminal.window import TerminalWindow, render_modes
 from actors.vision.layout import ASPECT
 from common.actions import KEYS_OF_ACTION
 from common.config import PlayConfig
@@ -46,7 +46,7 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         self.metadata = {"render_modes": render_modes(), "render_fps": rate}
         self.render_mode = render_mode
         self._window = TerminalWindow(rate) if render_mode == "human" else None
-        # ALE repeats the action itself: four times faster than being asked for every frame.
+        # The action is held through all frames of a decision, so the emulator can repeat it.
         self._game = AtariGame(game, play, training=training, emulator_skip=play.frame_skip)
         self._frames = FrameHistory(play.history)
         self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))

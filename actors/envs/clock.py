@@ -177,11 +177,17 @@ class RealTime:
 
     def pass_decision(self) -> list[Decision]:
         """The next decision, or all up to now if there were several; never after an episode's
-        end."""
+        end.
+
+        Raises:
+            RuntimeError: no time passes, so that none would ever come.
+        """
         with self._changed:
             while not self._passed:
                 if self._failure is not None:
                     raise self._failure
+                if self._closing or not self._running:
+                    raise RuntimeError("the episode is over: reset the environment first")
                 self._changed.wait()
             return self._take()
 

@@ -11,11 +11,15 @@ import numpy as np
 from ale_py import ALEInterface, LoggerMode, roms
 from numpy.typing import NDArray
 
+from actors.envs.phosphor import glow_grey, glow_rgb
 from common.errors import InputError
 
 _ROMS = Path(roms.__file__).parent
 # ALE does not play them, and ends the process when it is asked to load one.
 _TWO_PLAYERS = {"combat", "joust", "maze_craze", "warlords"}
+
+_EUROPEAN_ROWS = 250
+"""Of games made for PAL televisions, which have other colours."""
 
 GAMES: tuple[str, ...] = tuple(sorted(set(roms.get_all_rom_ids()) - _TWO_PLAYERS))
 """Names of the games for one player that ale-py bundles, in snake_case."""
@@ -50,10 +54,15 @@ class Emulator:
         self.game = check_game(game)
         self._ale = ALEInterface()
         self._ale.setInt("random_seed", seed % 2**31)
-        self._ale.setInt("frame_skip", frame_skip)
+        self._frame_skip = frame_skip
         self._ale.setFloat("repeat_action_probability", 0.0)
-        self._ale.setBool("color_averaging", True)
         self._ale.loadROM(_ROMS / f"{game}.bin")
+        self._blends = self._ale.getScreenDims()[0] != _EUROPEAN_ROWS
+        if not self._blends:
+            self._ale.setBool("color_averaging", True)
+            self._ale.loadROM(_ROMS / f"{game}.bin")
+        self._before = self._ale.getScreen()
+        """The field before the present one."""
         # Not always 0: ALE itself presses start or fire in some games to get them going.
         self._first_frame = self._ale.getEpisodeFrameNumber()
         self.screen_shape: tuple[int, int] = self._ale.getScreenDims()
@@ -66,19 +75,28 @@ class Emulator:
     def reset(self) -> None:
         """Start a new game."""
         self._ale.reset_game()
+        self._before = self._ale.getScreen()
         self._first_frame = self._ale.getEpisodeFrameNumber()
 
     def act(self, action: int) -> float:
         """Hold one of the 18 actions for ``frame_skip`` emulator frames; the points it made."""
-        return float(self._ale.act(action))
+        points = 0.0
+        for _ in range(self._frame_skip):
+            if self._ale.game_over():  # the screen stands still then
+                break
+            self._before = self._ale.getScreen()
+            points += self._ale.act(action)
+        return points
 
     def screen_rgb(self) -> NDArray[np.uint8]:
         """The picture in colour, ``uint8 [rows, columns, 3]``, the caller's to keep."""
-        return self._ale.getScreenRGB()
+        picture = self._ale.getScreenRGB()
+        return glow_rgb(picture, self._ale.getScreen(), self._before) if self._blends else picture
 
     def screen_grey(self) -> NDArray[np.uint8]:
         """The picture's luminance, ``uint8 [rows, columns]``, the caller's to keep."""
-        return self._ale.getScreenGrayscale()
+        picture = self._ale.getScreenGrayscale()
+        return glow_grey(picture, self._ale.getScreen(), self._before) if self._blends else picture
 
     def ram(self) -> NDArray[np.uint8]:
         """The console's memory, ``uint8 [128]``."""

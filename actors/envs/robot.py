@@ -4,6 +4,7 @@ The report's two switches are here too: ``sync`` off lets the world go on in rea
 ``wait_action`` makes a step last until the hands hold the keys they were told to.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,12 +18,16 @@ from actors.envs.emulator import Emulator
 from actors.envs.game import REPORT_PLAY, AtariGame
 from actors.envs.observation import FrameHistory, Observation, observation_space
 from actors.envs.world import Decision, World
-from actors.looking.window import TerminalWindow, render_modes
 from actors.nao.room import Room
 from actors.nao.sensor import PERFECT_CAMERA
+from actors.terminal.window import TerminalWindow, render_modes
 from actors.vision.eye import Eye, Sight
 from common.actions import Keys
 from common.config import CameraConfig, PlayConfig
+
+ROOM_EVERY = 4
+"""Steps between renderings of the room for people, which take as long as a decision; the game on
+its screen is always new."""
 
 
 class RobotEnv(gymnasium.Env[Observation, np.int64]):
@@ -74,7 +79,10 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         rate = 60 / play.frame_skip
         self.metadata = {"render_modes": render_modes(), "render_fps": rate}
         self.render_mode = render_mode
-        self._window = TerminalWindow(rate) if render_mode == "human" else None
+        # In real time the world's clock sets the pace, and the window must not hold it up.
+        pace = rate if sync else math.inf
+        self._window = TerminalWindow(pace) if render_mode == "human" else None
+        self._shown = 0  # pictures of the room since the last reset
         self._play = play
         # The random start is not the emulator's here: it goes through the hands, see `reset`.
         self._game = AtariGame(game, replace(play, random_starts=0), training=training)
@@ -138,6 +146,8 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         self._photograph(0)
         self._look()
         self._frames.restart(self.sight.frame)
+        self._shown = 0
+        self._show()
         observation, info = self._observation(), self._info([], 0, gave_up=False)
         self._clock.start()
         return observation, info
@@ -160,6 +170,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             self._photograph(len(decisions) - photographed)
             self._look()
             self._frames.push(self.sight.frame)
+            self._show()
             gave_up = self._wait_action and not (last.ended or self._obeyed(last))
             info = self._info(decisions, missed, gave_up=gave_up)
             return (
@@ -217,9 +228,10 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
     def _show(self) -> None:
         """Draw the room for people, small, as the terminal's cells are large."""
         if self._window is not None:
-            with self._clock.still():
-                picture = self.room.view(self._game.emulator.screen_rgb(), 256, 192)
-            self._window.show(picture)
+            moved = self._shown % ROOM_EVERY == 0
+            self._shown += 1
+            screen = self._game.emulator.screen_rgb()
+            self._window.show(self.room.view(screen, 256, 192, moved=moved))
 
     def _look(self) -> None:
         self.sight = self.eye.see(self.seen)

@@ -13,6 +13,9 @@ from actors.envs.game import AtariGame
 from actors.nao.room import Room
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.config import PlayConfig
+from common.vector_layout import KEYS
+
+_ACTION_OF_KEYS = tuple(action_of_keys(Keys(bits)) for bits in range(2 ** len(KEYS)))
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ class World:
             self.pressed = felt
         if self._sense is not None:
             self._sense.feel(felt)
-        self._points += self._game.hold(action_of_keys(self.pressed))
+        self._points += self._game.hold(_ACTION_OF_KEYS[self.pressed])
         self._frames += 1
         if self._frames < self._play.frame_skip:
             return None

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from actors.envs.clock import FRAME, Deadlines
 from actors.envs.game import AtariGame
 from actors.envs.world import World
-from actors.looking.half_blocks import HalfBlocks
-from actors.looking.held_keys import HeldKeys
-from actors.looking.terminal import Terminal
 from actors.nao.room import Room
+from actors.terminal.half_blocks import HalfBlocks
+from actors.terminal.held_keys import HeldKeys
+from actors.terminal.terminal import Terminal
 from actors.vision.eye import Eye
 from actors.vision.layout import ASPECT
 from common.actions import Keys, action_of_keys

@@ -51,7 +51,7 @@ def caption(picture: NDArray[np.uint8], text: str, colour: Colour = WHITE) -> No
 def outline(picture: NDArray[np.uint8], corners: NDArray[np.float32], colour: Colour) -> None:
     """Draw a quadrilateral of ``corners float32 [4, 2]``, to a sixteenth of a pixel."""
     fine = np.round(corners * 16).astype(np.int32)
-    cv2.polylines(picture, [fine], True, colour, 1, cv2.LINE_AA, 4)
+    cv2.polylines(picture, [fine], True, colour, 2, cv2.LINE_AA, 4)
 
 
 def controller_keys(

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.looking.meshes import check_meshes
 from actors.nao.controller import Controller
 from actors.nao.engine import open_engine
 from actors.nao.furniture import DESK_TOP, PICTURE_CORNERS, Furniture
@@ -34,7 +35,8 @@ class OwnNao:
         game_size: rows and columns of the game's picture.
 
     Raises:
-        InputError: the file cannot be loaded, shows nothing or lacks joints.
+        InputError: the file cannot be loaded, shows nothing or lacks joints, or a mesh is missing
+            or broken.
     """
 
     def __init__(self, path: Path, game_size: tuple[int, int]) -> None:
@@ -112,23 +114,21 @@ def _load(engine: Any, path: Path) -> int:
 
     if not path.is_file():
         raise InputError(f"{path} does not exist: give --nao-urdf your robot's URDF file.")
+    check_meshes(path)
     try:
         body: int = engine.loadURDF(
             str(path.resolve()), useFixedBase=True, flags=engine.URDF_IGNORE_COLLISION_SHAPES
         )
     except pybullet.error:
         raise InputError(
-            f"{path} cannot be loaded: it should be a URDF file with its meshes beside it."
+            f"{path} cannot be loaded: the engine does not take it for a URDF file."
         ) from None
     if not engine.getVisualShapeData(body):
-        raise InputError(
-            f"{path} shows nothing: its meshes were not found; their names are relative to it."
-        )
+        raise InputError(f"{path} shows nothing: it should be a robot with visible parts.")
     return body
 
 
 def _joints_of(engine: Any, body: int) -> dict[str, int]:
-    return {
-        engine.getJointInfo(body, joint)[1].decode(): joint
-        for joint in range(engine.getNumJoints(body))
-    }
+    """Those that turn, by name."""
+    infos = (engine.getJointInfo(body, joint) for joint in range(engine.getNumJoints(body)))
+    return {info[1].decode(): info[0] for info in infos if info[2] == engine.JOINT_REVOLUTE}

@@ -22,7 +22,12 @@ def draw_panels(glance: Glance) -> NDArray[np.uint8]:
     if glance.robot is None:
         return np.hstack((_screen_panel(glance), network))
     above = np.hstack((_outside_panel(glance.robot), _camera_panel(glance.robot)))
-    return np.vstack((above, np.hstack((_controller_panel(glance, glance.robot), network))))
+    below = np.hstack((_controller_panel(glance, glance.robot), network))
+    picture = np.vstack((above, below))
+    width, height = PANEL
+    picture[:, width - 2 : width + 2] = ink.PAPER
+    picture[height - 2 : height + 2] = ink.PAPER
+    return picture
 
 
 def border_of(corners: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -52,7 +57,7 @@ def _camera_panel(robot: RobotGlance) -> NDArray[np.uint8]:
             drawn = (corners + 0.5) * scale - 0.5
             ink.outline(panel, drawn.astype(np.float32), colour)
     if robot.found:
-        ink.caption(panel, "camera: screen found")
+        ink.caption(panel, "camera: border and game found")
     else:
         ink.caption(panel, "camera: screen NOT found", ink.RED)
     return panel

@@ -35,6 +35,8 @@ POSITION_GAIN = 0.35
 """Share of its error that a joint's motor wants to make good in a physics step. More overshoots
 with the published torques, less is late."""
 VELOCITY_GAIN = 1.0
+SPEED_MARGIN = 0.9
+"""Share of its greatest speed that a motor is asked for: the engine keeps limits only nearly."""
 
 _DIRECTIONS = Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT
 _COMFORTABLE = np.array([1.15, 0.1, -1.25, -1.2])
@@ -84,7 +86,7 @@ class Arm:
             for joint in range(engine.getNumJoints(body))
         ]
         self.joints = [names.index(joint.name) for joint in chain.joints]
-        self._speeds = [joint.max_speed for joint in chain.joints]
+        self._speeds = [SPEED_MARGIN * joint.max_speed for joint in chain.joints]
         self._torques = [joint.max_torque for joint in chain.joints]
         self._controller = controller
         mirror = np.array([1.0, 1.0, 1.0, 1.0] if side == "L" else [1.0, -1.0, -1.0, -1.0])
@@ -162,11 +164,15 @@ class Arm:
         x, y, _ = self.poses.jacobian[keys] @ missing
         return bool(x * x + y * y < NEAR_ENOUGH**2)
 
+    def place(self, pose: Angles) -> None:
+        """Put the joints at ``pose [4]``, rad, without motion."""
+        for joint, angle in zip(self.joints, pose, strict=True):
+            self._engine.resetJointState(self._body, joint, float(angle), 0.0)
+
     def settle(self) -> None:
         """At rest over the keys, without motion."""
         pose = self.poses.over[Keys.NONE]
-        for joint, angle in zip(self.joints, pose, strict=True):
-            self._engine.resetJointState(self._body, joint, angle, 0.0)
+        self.place(pose)
         self._wanted = Keys.NONE
         self._path = [_Waypoint(pose, pose)]
         self.advance()

@@ -6,7 +6,7 @@ something that moves was or is in its view, and then gives the same picture, bit
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,8 +68,9 @@ class Camera:
         self._to_clip: NDArray[np.float64] = np.array(self._projection).reshape(4, 4).T @ view
         # A point p is in view if w ± x ≥ 0 and w ± y ≥ 0 in clip space (Gribb and Hartmann 2001).
         x, y, _, w = self._to_clip
-        planes = np.array([w + x, w - x, w + y, w - y])
-        self._planes = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+        planes = np.array([w + y, w - y, w + x, w - x])  # most of the room's things are below
+        planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+        self._planes: list[list[float]] = planes.tolist()
 
     def render(self, *, shadow: bool = True) -> Rendering:
         """The room as it is now, without the projected game; half as slow without shadows."""
@@ -99,10 +100,17 @@ class Camera:
         y = (1 - normal[:, 1]) / 2 * self.height - 1
         return np.stack([x, y], axis=1)
 
-    def may_see(self, centres: NDArray[np.float64], radii: NDArray[np.float64]) -> bool:
-        """Whether any ball (``[N, 3]``, ``[N]``) could be in view; never wrongly no."""
-        distances = centres @ self._planes[:, :3].T + self._planes[:, 3]
-        return bool((distances + radii[:, None] >= 0).all(axis=1).any())
+    def may_see(self, centres: Iterable[Sequence[float]], radii: Iterable[float]) -> bool:
+        """Whether any ball, of a centre (x, y, z) and a radius, could be in view; never wrongly
+        no."""
+        # Plain numbers: for a dozen balls numpy takes five times as long.
+        for (x, y, z), radius in zip(centres, radii, strict=True):
+            for a, b, c, d in self._planes:
+                if a * x + b * y + c * z + d < -radius:
+                    break
+            else:
+                return True
+        return False
 
 
 def top_camera(
@@ -163,9 +171,7 @@ class StillView:
         self._links: dict[int, list[int]] = {}
         for movable in movables:
             self._links.setdefault(movable.body, []).append(movable.link)
-        self._radii = np.array(
-            [m.radius for body in self._links for m in movables if m.body == body]
-        )
+        self._radii = [m.radius for body in self._links for m in movables if m.body == body]
         self._drawn: object = None
         self._last: Rendering | None = None
 
@@ -185,7 +191,6 @@ class StillView:
             for body, links in self._links.items()
             for state in self._engine.getLinkStates(body, links, computeForwardKinematics=1)
         ]
-        centres = np.array([state[0] for state in states])
-        if not self.camera.may_see(centres, self._radii):
+        if not self.camera.may_see((state[0] for state in states), self._radii):
             return "nothing that moves"
         return (tuple(state[:2] for state in states), self._look())

@@ -18,6 +18,7 @@ from common.actions import Keys
 
 TRAVEL = 0.004
 """m a key goes down before its stop."""
+_GIVE = 0.0001
 PRESS_DEPTH = 0.0020
 RELEASE_DEPTH = 0.0012
 """m: a key counts as pressed beyond the first, until it comes back above the second."""
@@ -29,7 +30,7 @@ CENTRE: Vector = (0.205, 0.0, 0.0)
 BOX: Vector = (0.085, 0.180, 0.016)
 CAP_HEIGHT = 0.008
 # A key at its stop is level with the box, so that a hard blow lands on the box: the engine lets a
-# heavy arm push a light key beyond the limit of its joint, but not through something that stands.
+# heavy arm push a light key a little beyond the limit of its joint, but not into what stands.
 KEY_TOP = BOX[2] + TRAVEL
 """Height of a released key's top above the desk."""
 
@@ -40,6 +41,9 @@ KEY_PITCH = 0.014
 _GAP = 0.0006
 _FIRE_RADIUS = 0.012
 _KEY_MASS = 0.004
+_FORESIGHT = 0.001
+"""m before a key at which its contact with a fingertip counts: less than a resting one is above
+it, whose contacts would cost as much as all else in a step."""
 
 _HALF_DIAGONAL = KEY_PITCH / math.sqrt(2.0)
 KEY_PLACES: dict[Keys, tuple[float, float]] = {
@@ -50,6 +54,10 @@ KEY_PLACES: dict[Keys, tuple[float, float]] = {
     Keys.FIRE: (0.0, _FIRE_Y),
 }
 """Middle of each key in the box's frame (x away from the robot, y to its left)."""
+
+_KEY_BITS = tuple(int(key) for key in KEY_PLACES)
+_KEY_SETS = tuple(map(Keys, range(2 ** len(KEY_PLACES))))
+"""Every set of keys by its bits: to make one costs more than to read the controller."""
 
 CAP_RADIUS = math.hypot(_FIRE_RADIUS, CAP_HEIGHT / 2)
 """m around a key's middle, beyond which nothing of it is."""
@@ -94,8 +102,12 @@ class Controller:
                 positionGain=0.5, velocityGain=0.5, force=SPRING_FORCE,
             )  # fmt: skip
             engine.changeDynamics(
-                self.body, joint, lateralFriction=0.2, restitution=0.0, jointDamping=0.0
-            )
+                self.body, joint, restitution=0.0, jointDamping=0.0,
+                contactProcessingThreshold=_FORESIGHT,
+            )  # fmt: skip
+        for link in (-1, *self._joints):
+            # Smooth plastic: its little friction would cost more time than all else about keys.
+            engine.changeDynamics(self.body, link, lateralFriction=0.0)
         self._held = Keys.NONE
         self._shown = Keys.NONE
 
@@ -115,14 +127,18 @@ class Controller:
         return np.array([state[0] for state in states])
 
     def pressed(self) -> Keys:
-        """The keys held down now; call it once per emulator frame, for the hysteresis."""
-        held = Keys.NONE
+        """The keys held down now; call it once per emulator frame, for hysteresis and stops."""
+        before, held = int(self._held), 0
         states = self._joint_states(self.body, self._joints)
-        for key, state in zip(KEY_PLACES, states, strict=True):
-            if state[0] > (RELEASE_DEPTH if key & self._held else PRESS_DEPTH):
-                held |= key
-        self._held = held
-        return held
+        for bit, joint, state in zip(_KEY_BITS, self._joints, states, strict=True):
+            if state[0] > (RELEASE_DEPTH if bit & before else PRESS_DEPTH):
+                held |= bit
+            if state[0] > TRAVEL + _GIVE:
+                # The engine minds a joint's limit only once it is passed. A fingertip comes to
+                # the box no later than to the stop, but it can knock a neighbour down from aside.
+                self._engine.resetJointState(self.body, joint, TRAVEL, 0.0)
+        self._held = _KEY_SETS[held]
+        return self._held
 
     def show(self) -> None:
         """Colour the keys by whether they are pressed; needed only before a picture of them."""

@@ -50,10 +50,8 @@ class Furniture:
 
     def __init__(self, engine: Any) -> None:
         self._engine = engine
-        # One body for each thing: every body, even one that only stands there, costs the engine
-        # time at every step.
-        for boxes in (_ROOM, _chair(), _PROJECTOR):
-            _stand(engine, boxes)
+        # Every body, even one that only stands there, costs the engine time at every step.
+        _stand(engine, [*_ROOM, *_chair(), *_PROJECTOR])
         _stand(engine, _desk(), touchable=True)
         self._screen_stand = _stand(engine, _screen_stand())
         self.screen = _stand(engine, [_SCREEN_SHEET])

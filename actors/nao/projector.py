@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.nao.camera import Camera, Rendering
-from actors.vision.layout import GAME_IN_PICTURE
+from actors.vision.layout import BORDER, GAME_IN_PICTURE
 
 _FINER = 8
 """Samples per pixel and axis for how much of a pixel the picture's outer edge covers."""
@@ -48,17 +48,7 @@ class Projection:
         self._coarse = _coarse_size(game_size, game_seen)
         columns, rows = self._coarse
         self._shrinks = (rows, columns) != game_size
-        # The game's outermost edges, half a pixel outside the middles of its first and last one.
-        edges = np.array(
-            [
-                [-0.5, -0.5],
-                [columns - 0.5, -0.5],
-                [columns - 0.5, rows - 0.5],
-                [-0.5, rows - 0.5],
-            ],
-            np.float32,
-        )
-        to_game = cv2.getPerspectiveTransform(GAME_IN_PICTURE, edges) @ np.linalg.inv(from_picture)
+        to_game = _game_in_picture(columns, rows) @ np.linalg.inv(from_picture)
         left, top = np.maximum(np.floor(game_seen.min(axis=0)).astype(int) - 1, 0)
         right, bottom = np.ceil(game_seen.max(axis=0)).astype(int) + 2
         right, bottom = min(right, camera.width), min(bottom, camera.height)
@@ -96,6 +86,19 @@ class Projection:
         self._dark = np.rint(rendering.rgb * left + self._black * (1 - left)).astype(np.uint8)
         self._lit = (on_screen[self._window] & self._in_game).astype(np.uint8)
         self._drawn = rendering
+
+
+def _game_in_picture(columns: int, rows: int) -> NDArray[np.float64]:
+    """From a place in the projected picture, (0, 0) to (1, 1), to one in the game: pixels, whose
+    middles lie at whole numbers."""
+    span = 1 + 2 * BORDER
+    return np.array(
+        [
+            [span * columns, 0, -BORDER * columns - 0.5],
+            [0, span * rows, -BORDER * rows - 0.5],
+            [0, 0, 1],
+        ]
+    )
 
 
 def _coarse_size(game_size: tuple[int, int], game_seen: NDArray[np.float32]) -> tuple[int, int]:

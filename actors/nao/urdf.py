@@ -1,6 +1,8 @@
 """NAO's URDF, written from the assembled body.
 
 Only the joints that move are in it: a substep costs a fortieth of what the whole robot costs.
+What can touch is a link of its own, fixed to the part it belongs to and as good as without mass:
+the engine foresees contacts only of links whose single shape is in their middle.
 """
 
 import math
@@ -11,6 +13,8 @@ from actors.nao.assembly import Piece, assemble
 from actors.nao.shapes import Shape
 
 _BALL_MESH = "ball.obj"
+TOUCH_SUFFIX = "_touch"
+"""Ends the names of links that are there to touch."""
 
 
 def write_urdf(folder: Path) -> Path:
@@ -24,7 +28,13 @@ def write_urdf(folder: Path) -> Path:
 def nao_urdf() -> str:
     """The robot's URDF; its base is the torso, its eggs refer to a mesh beside it."""
     pieces, joints = assemble()
-    parts = [*map(_link, pieces.values()), *map(_joint, joints)]
+    touching = [
+        _touching(piece, shape)
+        for piece in pieces.values()
+        for shape in piece.shapes
+        if shape.solid
+    ]
+    parts = [*map(_link, pieces.values()), *map(_joint, joints), *touching]
     return "\n".join(['<robot name="nao">', *parts, "</robot>", ""])
 
 
@@ -37,17 +47,32 @@ def _link(piece: Piece) -> str:
         f'ixy="{ixy:.9g}" ixz="{ixz:.9g}" iyz="{iyz:.9g}"/></inertial>',
     ]
     for number, shape in enumerate(piece.shapes):
-        placed = (
-            f'<origin xyz="{_numbers(*shape.origin)}" rpy="{_numbers(*shape.turn)}"/>'
-            f"<geometry>{_geometry(shape)}</geometry>"
-        )
-        lines.append(
-            f'<visual>{placed}<material name="{piece.name}_{number}">'
-            f'<color rgba="{_numbers(*shape.colour)} 1"/></material></visual>'
-        )
-        if shape.solid:
-            lines.append(f"<collision>{placed}</collision>")
+        if not shape.solid:
+            lines.append(
+                f'<visual><origin xyz="{_numbers(*shape.origin)}" rpy="{_numbers(*shape.turn)}"/>'
+                f"{_look(shape, f'{piece.name}_{number}')}</visual>"
+            )
     return "\n".join([*lines, "</link>"])
+
+
+def _look(shape: Shape, material: str) -> str:
+    return (
+        f'<geometry>{_geometry(shape)}</geometry><material name="{material}">'
+        f'<color rgba="{_numbers(*shape.colour)} 1"/></material>'
+    )
+
+
+def _touching(piece: Piece, shape: Shape) -> str:
+    name = piece.name + TOUCH_SUFFIX
+    return (
+        f'<link name="{name}"><inertial><mass value="1e-6"/>'
+        '<inertia ixx="1e-11" iyy="1e-11" izz="1e-11" ixy="0" ixz="0" iyz="0"/></inertial>'
+        # Without a look of its own the engine would draw it white.
+        f"<visual>{_look(shape, name)}</visual>"
+        f"<collision><geometry>{_geometry(shape)}</geometry></collision></link>"
+        f'<joint name="{name}" type="fixed"><parent link="{piece.name}"/><child link="{name}"/>'
+        f'<origin xyz="{_numbers(*shape.origin)}" rpy="{_numbers(*shape.turn)}"/></joint>'
+    )
 
 
 def _geometry(shape: Shape) -> str:

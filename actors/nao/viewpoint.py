@@ -87,6 +87,6 @@ class Views:
 
     def _prepare(self, camera: Camera) -> tuple[Camera, Projection | None]:
         # Nothing can be projected where the screen is behind the viewer.
-        if not camera.may_see(self._corners, np.zeros(len(self._corners))):
+        if not camera.may_see(self._corners.tolist(), [0.0] * len(self._corners)):
             return camera, None
         return camera, Projection(camera, self._corners, self._screen_body, self._game_size)

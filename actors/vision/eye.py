@@ -27,14 +27,15 @@ _DARKS = (_DARK, 0.6, 0.75)
 the black and the light of other things."""
 _MIN_CONTRAST = 30.0
 """Grey levels between black and light below which there is nothing to see."""
-_BORDER_DARK = 0.7
-_SIDE_DARK = 0.4
-"""Least share of the whole border, and of each of its sides, that is dark; arms may hide the
-rest."""
-_ASPECT_ERROR = 0.05
+_BESIDE_RIGHT = 0.7
+_SIDE_RIGHT = 0.4
+"""Least share of the whole edge, and of each of its sides, that is dark within and light without;
+arms may hide the rest."""
+_ASPECT_ERROR = 0.012
 """Most by which the screen's width to height may differ from the projector's, as a share."""
-_SKEW = 0.08
-"""Most that the cosine between the screen's sides may be."""
+_SKEW = 0.012
+"""Most that the cosine between the screen's sides may be. Screens that are well found, noise, blur
+and all, stay within half of both; one whose hidden corner is guessed wrong by 2 pixels does not."""
 _EDGE = 0.25
 """Least fall of light at an edge, as a share of the whole picture's contrast."""
 
@@ -67,26 +68,33 @@ class Eye:
 
     def see(self, image: NDArray[np.uint8]) -> Sight:
         """Look at a camera picture, ``uint8 [height, width, 3]`` RGB, always of the same size."""
-        grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
         if self._distortion > 0:
             if self._lens is None:
-                self._lens = Lens(self._distortion, (grey.shape[1], grey.shape[0]))
-            grey = self._lens.straighten(grey)
-        found = self._screen is not None and self._screen.is_still_in(grey)
-        if not found:
-            outer = _find(grey, None if self._screen is None else self._screen.outer)
-            if outer is not None:
-                self._screen, found = Screen(outer, grey), True
-                self._corners = self._as_shown(self._screen.corners)
+                self._lens = Lens(self._distortion, (image.shape[1], image.shape[0]))
+            image = self._lens.straighten(image)
+        if self._screen is not None:
+            windowed = _grey(image[self._screen.window])
+            if self._screen.is_still_in(windowed):
+                return Sight(self._screen.unwarp(windowed), True, self._corners)
+        grey = _grey(image)
+        outer = _find(grey, None if self._screen is None else self._screen.outer)
+        if outer is not None:
+            self._screen = Screen(outer, grey)
+            self._corners = self._as_shown(self._screen.corners)
         if self._screen is None:
             return Sight(np.zeros(FRAME_SHAPE, np.uint8), False, None)
-        return Sight(self._screen.unwarp(grey), found, self._corners)
+        frame = self._screen.unwarp(grey[self._screen.window])
+        return Sight(frame, outer is not None, self._corners)
 
     def _as_shown(self, corners: NDArray[np.float32]) -> NDArray[np.float32]:
         """Where in the camera's own picture places of the straightened one are."""
         if self._lens is None:
             return corners
         return self._lens.bend(corners.astype(np.float64)).astype(np.float32)
+
+
+def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
 
 
 def _find(grey: NDArray[np.uint8], last: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
@@ -133,8 +141,15 @@ def _confirm(
     black, light = np.percentile(border, 25), np.median(around)
     if light - black < _MIN_CONTRAST:
         return None
-    dark = (border < black + _DARK * (light - black)).reshape(4, -1).mean(axis=1)
-    return outer if dark.mean() >= _BORDER_DARK and dark.min() >= _SIDE_DARK else None
+    # Both: a dark hand before a side has no light behind its own edge.
+    for right in (
+        border < black + _DARK * (light - black),
+        around > light - _DARK * (light - black),
+    ):
+        sides = right.reshape(4, -1).mean(axis=1)
+        if sides.mean() < _BESIDE_RIGHT or sides.min() < _SIDE_RIGHT:
+            return None
+    return outer
 
 
 def _is_picture_shaped(homography: NDArray[np.float64], width: int, height: int) -> bool:

@@ -30,36 +30,49 @@ class Screen:
         """``outer [4, 2]`` are the projected picture's corners (x, y), border included, clockwise
         from the top left, in the picture ``grey uint8 [height, width]``."""
         self.outer = outer
-        self._homography = homography_to(outer)
-        corners = cv2.perspectiveTransform(GAME_IN_PICTURE[None], self._homography)[0]
+        homography = homography_to(outer)
+        corners = cv2.perspectiveTransform(GAME_IN_PICTURE[None], homography)[0]
         self.corners: NDArray[np.float32] = np.asarray(corners, np.float32)
         """Of the game, as ``outer``."""
-        self._band = self._find_band(grey.shape)
-        self._known = grey.take(self._band)
+        edges = cv2.perspectiveTransform(_BAND, homography)
+        height, width = grey.shape
+        left, top = np.maximum(np.floor(edges[0].min(axis=0)).astype(int), 0)
+        right, bottom = np.ceil(edges[0].max(axis=0)).astype(int) + 1
+        self.window: tuple[slice, slice] = (
+            slice(top, min(bottom, height)),
+            slice(left, min(right, width)),
+        )
+        """Rows and columns with all that is looked at in a picture; the methods want only them."""
+        known = grey[self.window]
+        self._band = _band_in(edges - (left, top), known.shape)
+        self._known = known.take(self._band)
+        to_window = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1]])
+        self._window_of_fine = to_window @ homography @ _PICTURE_OF_FINE
 
-    def is_still_in(self, grey: NDArray[np.uint8]) -> bool:
-        """Whether the band along the edges is the very same in another picture."""
-        return np.array_equal(grey.take(self._band), self._known)
+    def is_still_in(self, windowed: NDArray[np.uint8]) -> bool:
+        """Whether the band along the edges is the very same in another picture's `window`."""
+        return np.array_equal(windowed.take(self._band), self._known)
 
-    def unwarp(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The game in a picture, ``uint8 [84, 84]``."""
+    def unwarp(self, windowed: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The game in a picture's `window`, ``uint8 [84, 84]``."""
         height, width = FRAME_SHAPE
         fine = cv2.warpPerspective(
-            grey,
-            self._homography @ _PICTURE_OF_FINE,
+            windowed,
+            self._window_of_fine,
             (width * _FINER, height * _FINER),
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         )
         frame = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
         return np.asarray(frame, np.uint8)
 
-    def _find_band(self, shape: tuple[int, ...]) -> NDArray[np.int64]:
-        """Indices of the band's pixels in a flattened picture."""
-        outside, inside = cv2.perspectiveTransform(_BAND, self._homography)
-        mask = np.zeros(shape, np.uint8)
-        cv2.fillConvexPoly(mask, np.rint(outside).astype(np.int32), 1)
-        cv2.fillConvexPoly(mask, np.rint(inside).astype(np.int32), 0)
-        return np.flatnonzero(mask)
+
+def _band_in(edges: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Indices of the band's pixels, between the quadrilaterals ``edges [2, 4, 2]``, in a
+    flattened picture."""
+    mask = np.zeros(shape, np.uint8)
+    for quad, inside in zip(np.rint(edges).astype(np.int32), (1, 0), strict=True):
+        cv2.fillConvexPoly(mask, quad, inside)
+    return np.flatnonzero(mask)
 
 
 def homography_to(outer: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -210,6 +210,23 @@ def test_a_world_that_breaks_is_not_waited_for() -> None:
     clock.close()
 
 
+@pytest.mark.parametrize("how", ["ended", "stopped", "closed"])
+def test_nobody_waits_for_a_time_that_does_not_pass(
+    hand: HandTime, run: Callable[..., RealTime], how: str
+) -> None:
+    clock = run(CountingWorld(ends=1))
+    if how == "ended":
+        hand.go_on(DECISION)
+        assert numbers(clock.pass_decision()) == [1]
+    elif how == "stopped":
+        clock.stop()
+    else:
+        clock.close()
+    assert clock.command(3) == []
+    with pytest.raises(RuntimeError, match="reset"):
+        clock.pass_decision()
+
+
 def test_closing_ends_the_thread_and_twice_does_no_harm(run: Callable[..., RealTime]) -> None:
     before = threading.active_count()
     clock = run(CountingWorld())

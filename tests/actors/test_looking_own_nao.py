@@ -102,6 +102,21 @@ def test_missing_joints_are_listed(urdf: Path) -> None:
         OwnNao(urdf, (210, 160))
 
 
+def test_joints_that_do_not_turn_are_missing(urdf: Path) -> None:
+    text = urdf.read_text()
+    urdf.write_text(
+        text.replace('name="RElbowRoll" type="revolute"', 'name="RElbowRoll" type="fixed"')
+    )
+    with pytest.raises(InputError, match="no joints called RElbowRoll:"):
+        OwnNao(urdf, (210, 160))
+
+
+def test_a_mesh_that_is_gone_is_named(urdf: Path) -> None:
+    urdf.with_name("ball.obj").unlink()
+    with pytest.raises(InputError, match=r"shows the mesh ball\.obj, which is in no folder"):
+        OwnNao(urdf, (210, 160))
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [

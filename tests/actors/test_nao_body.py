@@ -8,7 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.nao.anatomy import JOINT_NAMED, JOINTS, LINK_NAMED, LINKS
+from actors.nao.anatomy import (
+    CAMERA_HEIGHT_ANGLE,
+    CAMERA_WIDTH_ANGLE,
+    JOINT_NAMED,
+    JOINTS,
+    LINK_NAMED,
+    LINKS,
+    SOLE_BELOW_ANKLE,
+    TOP_CAMERA_ORIGIN,
+    TOP_CAMERA_PITCH,
+)
 from actors.nao.assembly import assemble
 from actors.nao.posture import ARM_JOINTS, HELD_ANGLES, TORSO_ORIGIN
 from actors.nao.room import Room
@@ -27,6 +37,54 @@ PUBLISHED = {
     "RElbowRoll": (0.0349066, 1.54462, 7.19407, 1.532),
 }
 
+# Joint, axis, parent, place in the parent, lower, upper, speed, torque; the left side's, and where
+# the right side's limits and torque are published on their own, those.
+JOINT_TABLE = """
+HeadYaw        z  torso      0 0 0.1265       -2.08567    2.08567    8.26797  1.547
+HeadPitch      y  neck       0 0 0            -0.671952   0.514872   7.19407  1.532
+LShoulderPitch y  torso      0 0.098 0.1      -2.08567    2.08567    8.26797  1.329
+LShoulderRoll  z  l_shoulder 0 0 0            -0.314159   1.32645    7.19407  1.7835
+LElbowYaw      x  l_biceps   0.105 0.015 0    -2.08567    2.08567    8.26797  1.547
+LElbowRoll     z  l_elbow    0 0 0            -1.54462   -0.0349066  7.19407  1.532
+LWristYaw      x  l_forearm  0.05595 0 0      -1.82387    1.82387   24.6229   0.4075
+RShoulderPitch y  torso      0 -0.098 0.1     -2.08567    2.08567    8.26797  1.329
+RShoulderRoll  z  r_shoulder 0 0 0            -1.32645    0.314159   7.19407  1.783
+RElbowYaw      x  r_biceps   0.105 -0.015 0   -2.08567    2.08567    8.26797  1.547
+RElbowRoll     z  r_elbow    0 0 0             0.0349066  1.54462    7.19407  1.532
+RWristYaw      x  r_forearm  0.05595 0 0      -1.82387    1.82387   24.6229   0.4075
+LHipYawPitch   -  torso      0 0.05 -0.085    -1.14529    0.740718   4.16174  3.348
+LHipPitch      y  l_pelvis   0 0 0            -1.53589    0.48398    6.40239  3.023
+LKneePitch     y  l_thigh    0 0 -0.1         -0.0923279  2.11255    6.40239  3.023
+LAnklePitch    y  l_shin     0 0 -0.1029      -1.18944    0.922581   6.40239  3.023
+RHipYawPitch   -  torso      0 -0.05 -0.085   -1.14529    0.740718   4.16174  3.348
+RHipPitch      y  r_pelvis   0 0 0            -1.53589    0.48398    6.40239  3.023
+RKneePitch     y  r_thigh    0 0 -0.1         -0.0923279  2.11255    6.40239  3.023
+RAnklePitch    y  r_shin     0 0 -0.1029      -1.18944    0.922581   6.40239  3.023
+"""
+# Link, mass, centre of mass, ixx iyy izz.
+LINK_TABLE = """
+torso       1.04956  -0.00413  0       0.04342   3.08e-3 2.88e-3 1.59e-3
+neck        0.07842   0        0      -0.02742   1.6e-5  1.7e-5  5.5e-6
+head        0.60533  -0.00112  0       0.05258   9.58e-4 8.17e-4 9.85e-4
+l_shoulder  0.09304  -0.00165 -0.02663 0.00014   1.83e-5 1.39e-5 2.02e-5
+r_shoulder  0.09304  -0.00165  0.02663 0.00014   1.83e-5 1.39e-5 2.02e-5
+l_biceps    0.15777   0.02455  0.00563 0.0033    8.72e-5 2.75e-4 2.42e-4
+r_biceps    0.15777   0.02455 -0.00563 0.0033    8.72e-5 2.75e-4 2.42e-4
+l_elbow     0.06483  -0.02744  0      -0.00014   5.6e-6  2.66e-5 2.76e-5
+r_elbow     0.06483  -0.02744  0      -0.00014   5.6e-6  2.66e-5 2.76e-5
+l_forearm   0.07761   0.02556  0.00281 0.00076   2.47e-5 3.84e-5 3.6e-5
+r_forearm   0.07761   0.02556 -0.00281 0.00076   2.47e-5 3.84e-5 3.6e-5
+l_hand      0.18533   0.03434 -0.00088 0.00308   6.86e-5 1.36e-4 1.33e-4
+r_hand      0.18533   0.03434  0.00088 0.00308   6.86e-5 1.36e-4 1.33e-4
+"""
+AXES = {
+    "x": (1, 0, 0),
+    "y": (0, 1, 0),
+    "z": (0, 0, 1),
+}
+HIP = math.sqrt(0.5)
+HIP_AXES = {"LHipYawPitch": (0, HIP, -HIP), "RHipYawPitch": (0, HIP, HIP)}
+
 
 @pytest.fixture(scope="module")
 def room() -> Iterator[Room]:
@@ -35,11 +93,40 @@ def room() -> Iterator[Room]:
     room.close()
 
 
+def test_every_joint_is_as_published() -> None:
+    rows = [line.split() for line in JOINT_TABLE.strip().splitlines()]
+    assert [row[0] for row in rows] == [joint.name for joint in JOINTS]
+    for name, axis, parent, *figures in rows:
+        joint = JOINT_NAMED[name]
+        assert joint.parent == parent
+        assert joint.axis == pytest.approx(HIP_AXES.get(name) or AXES[axis], abs=1e-6), name
+        found = (*joint.origin, joint.lower, joint.upper, joint.max_speed, joint.max_torque)
+        assert found == tuple(map(float, figures)), name
+
+
+def test_every_link_of_the_upper_body_is_as_published() -> None:
+    rows = [line.split() for line in LINK_TABLE.strip().splitlines()]
+    for name, *figures in rows:
+        link = LINK_NAMED[name]
+        assert (link.mass, *link.centre, *link.inertia) == tuple(map(float, figures)), name
+    legs = {link.name for link in LINKS} - {row[0] for row in rows}
+    assert {name[2:] for name in legs} == {"pelvis", "thigh", "shin", "foot"}
+    assert sum(link.mass for link in LINKS) == pytest.approx(5.3, abs=0.1)
+
+
+def test_the_camera_and_the_sole_are_where_they_are_published() -> None:
+    assert TOP_CAMERA_ORIGIN == (0.05871, 0.0, 0.06364)
+    assert (TOP_CAMERA_PITCH, SOLE_BELOW_ANKLE) == (0.0209, 0.04511)
+    assert (CAMERA_WIDTH_ANGLE, CAMERA_HEIGHT_ANGLE) == (60.97, 47.64)
+
+
 def test_exactly_the_arm_joints_move_with_the_published_limits(room: Room) -> None:
     engine = room._engine
     found = {}
     for joint in range(engine.getNumJoints(room.body)):
         info = engine.getJointInfo(room.body, joint)
+        if info[2] == engine.JOINT_FIXED:
+            continue
         assert info[2] == engine.JOINT_REVOLUTE
         found[info[1].decode()] = (info[8], info[9], info[11], info[10])
     assert set(found) == {side + name for side in "LR" for name in ARM_JOINTS} == set(PUBLISHED)
@@ -62,6 +149,23 @@ def test_arm_parts_weigh_what_the_published_parts_weigh(room: Room) -> None:
         assert masses[f"{side}_forearm"] == pytest.approx(0.07761 + 0.18533)
         along = (0.07761 * 0.02556 + 0.18533 * (0.05595 + 0.03434)) / (0.07761 + 0.18533)
         assert centres[f"{side}_forearm"][0] == pytest.approx(along, abs=1e-6)
+
+
+def test_only_fingertips_touch_and_weigh_nothing_of_their_own(room: Room) -> None:
+    engine = room._engine
+    touching = [
+        link
+        for link in range(engine.getNumJoints(room.body))
+        if engine.getCollisionShapeData(room.body, link)
+    ]
+    assert len(touching) == 2
+    for link in touching:
+        assert engine.getDynamicsInfo(room.body, link)[0] < 1e-5
+    # Where the inverse kinematics has them.
+    for link, arm in zip(touching, (room.arms.left, room.arms.right), strict=True):
+        angles = [state[0] for state in engine.getJointStates(room.body, arm.joints)]
+        place = engine.getLinkState(room.body, link, computeForwardKinematics=1)[4]
+        assert place == pytest.approx(arm.chain.fingertip(np.array(angles)), abs=1e-6)
 
 
 def test_the_whole_body_keeps_its_mass_and_every_link_has_a_look() -> None:

@@ -1,5 +1,7 @@
 """The counters, on a clock that the test turns."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,9 @@ from actors.tally import Tally
 STATE = np.zeros((4, 84, 84), np.uint8)
 
 
-def step(*, valid: bool = True, match: bool = True) -> Step:
-    return Step(0, False, STATE, valid, 0, 0.0, False, False, STATE, {"keys_match": match})
+def step(*, valid: bool = True, match: bool = True, **info: Any) -> Step:
+    told = {"keys_match": match, "elapsed": 1, **info}
+    return Step(0, False, STATE, valid, 0, 0.0, False, False, STATE, told)
 
 
 class Clock:
@@ -41,6 +44,16 @@ def test_shares_are_over_all_steps() -> None:
     for valid, match in ((True, True), (False, True), (True, False), (False, True)):
         found.count(step(valid=valid, match=match))
     assert (found.steps, found.valid_share, found.match_share) == (4, 0.5, 0.75)
+
+
+def test_what_the_clock_tells_is_added_up() -> None:
+    found = Tally()
+    found.count(step())  # an emulator, which tells nothing
+    found.count(step(elapsed=5, missed_deadlines=3, late_frames=7, gave_up=False))
+    found.count(step(elapsed=8, missed_deadlines=0, late_frames=1, gave_up=True))
+    found.count(step(elapsed=1, missed_deadlines=0, late_frames=0, gave_up=False))
+    assert (found.steps, found.decisions) == (4, 15)
+    assert (found.missed_deadlines, found.late_frames, found.waits_given_up) == (3, 8, 1)
 
 
 def test_rates_are_since_the_last_look(clock: Clock) -> None:

@@ -148,6 +148,23 @@ def test_a_corner_hidden_at_first_sight_is_where_its_sides_meet(screens) -> None
     assert _error(sight.corners, pose) <= 1.5
 
 
+def test_a_dark_hand_along_a_whole_side_is_not_taken_for_the_side(screens) -> None:
+    """Nothing can be known of a hidden side: then no screen is found, rather than a wrong one."""
+    rng = np.random.default_rng(11)
+    refused = 0
+    for game in ("pong", "breakout", "asteroids", "white"):
+        for share in (-0.01, 0.02, 0.05, 0.1):
+            pose = _random_pose(rng)
+            picture = _photograph(pose, screens[game])
+            x, y = pose.project(_GAME_CORNERS * (1 + 2 * BORDER)).T
+            edge = min(x[0], x[3]) + share * (x[1] - x[0])
+            picture[int(y.min()) - 15 : int(y.max()) + 15, : int(edge) + 4] = 45
+            sight = Eye().see(_digital(picture, rng, 3.0))
+            refused += not sight.valid
+            assert not sight.valid or _error(sight.corners, pose) <= 1.5
+    assert refused >= 12
+
+
 def test_the_frame_is_the_emulators_own(screens) -> None:
     rng = np.random.default_rng(5)
     for game in ("pong", "space_invaders"):

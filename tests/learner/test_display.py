@@ -124,6 +124,25 @@ def test_screen_stays_within_the_terminal(status: Status, width: int, height: in
         assert max(map(cell_len, lines)) <= width
 
 
+def test_what_went_wrong_with_time_is_shown() -> None:
+    assert "late" not in "\n".join(drawn(STATUS, 132, 40))
+    late, waited, well = (
+        replace(each, alive=True, missed_deadlines=missed, late_frames=frames, waits_given_up=waits)
+        for each, missed, frames, waits in zip(
+            actors(3), (1_200, 0, 0), (34, 0, 0), (0, 56, 0), strict=True
+        )
+    )
+    status = replace(STATUS, actors=(late, waited, well))
+    assert "Actors 3/3, 1.2k late, 56 gave up " in "\n".join(drawn(status))
+    wide = drawn(status, 132, 40)
+    (row,) = (line for line in wide if "actor-0" in line)
+    assert "0 retried, 1.2k late " in row
+    (row,) = (line for line in wide if "actor-1" in line)
+    assert "0 retried, 56 gave up " in row
+    (row,) = (line for line in wide if "actor-2" in line)
+    assert "0 retried " in row
+
+
 def test_every_figure_is_there_at_80_by_24() -> None:
     text = "\n".join(drawn(STATUS))
     for pattern in (
@@ -324,6 +343,12 @@ def test_plain_line_has_the_figures() -> None:
         " | epsilon 0.100 | 186.3 steps/s | 46.6 updates/s | 8.00 samples/insert of 8"
         " | staleness 38/74 | 3 of 4 actors | gates 5 green, 1 open"
     ]
+
+
+def test_plain_line_tells_what_went_wrong_with_time() -> None:
+    late = replace(actors(1)[0], alive=True, missed_deadlines=999, waits_given_up=25_300_000)
+    (line,) = Recorder().said(replace(QUIET, actors=(late,)))
+    assert " | 1 of 1 actors, 999 late, 25M gave up | " in line
 
 
 def test_plain_line_every_ten_seconds() -> None:

@@ -73,6 +73,21 @@ def written(path: Path, status: Status = STATUS) -> Any:
     return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
 
 
+def test_what_went_wrong_with_time_is_told(tmp_path: Path) -> None:
+    late = ActorStatus(
+        name="actor-1", role="actor", alive=True, steps=100, decisions=130, missed_deadlines=20,
+        late_frames=7,
+    )  # fmt: skip
+    waited = replace(late, name="b", steps=50, decisions=170, missed_deadlines=0, waits_given_up=4)
+    summary = written(tmp_path / "summary.json", replace(STATUS, actors=(late, waited)))
+    assert summary["decisions_per_step"] == 2.0
+    assert summary["missed_deadlines"] == 20
+    assert summary["late_frames"] == 14
+    assert summary["waits_given_up"] == 4
+    nobody = written(tmp_path / "summary.json", replace(STATUS, actors=()))
+    assert nobody["decisions_per_step"] is None
+
+
 def test_figures_of_the_run(tmp_path: Path) -> None:
     summary = written(tmp_path / "summary.json")
     expected = {

@@ -10,8 +10,8 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.looking.half_blocks import HalfBlocks
-from actors.looking.terminal import size_of, write_all
+from actors.terminal.half_blocks import HalfBlocks
+from actors.terminal.terminal import size_of, write_all
 from common.errors import InputError
 
 _PRINT_ROWS = 4
@@ -28,7 +28,7 @@ def _in_terminal() -> bool:
 
 
 class TerminalWindow:
-    """Shows pictures at the terminal's top, at a steady rate.
+    """Shows pictures at the terminal's top, ``rate`` a second; as they come if it is infinite.
 
     Raises:
         InputError: standard output is no terminal.

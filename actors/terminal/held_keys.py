@@ -1,7 +1,8 @@
 """From what a terminal sends to the keys that a person holds down.
 
-A terminal tells of keys that go down, and again and again while they stay down, but never of one
-that is let go. So a key counts as held until its next repeat is overdue.
+Most terminals tell of keys that go down, and again and again while they stay down, but never of
+one that is let go. So a key counts as held until its next repeat is overdue. Some, asked to, tell
+when an arrow key is let go (kitty's keyboard protocol, `Terminal` asks for it).
 """
 
 import re
@@ -10,6 +11,8 @@ from common.actions import Keys
 
 HOLD = 0.15
 """Seconds after its last repeat that a key still counts as held."""
+LONGEST_HOLD = 1.0
+"""The same where the terminal tells of keys let go, in case it looked elsewhere when they were."""
 
 _SENT: dict[bytes, Keys] = {
     b"A": Keys.UP,
@@ -23,11 +26,19 @@ _OPPOSITE = {
     Keys.LEFT: Keys.RIGHT,
     Keys.RIGHT: Keys.LEFT,
 }
-# An arrow key, with modifiers or without, in the cursor keys' two modes; any other sequence; or
-# a single character.
-_TOKEN = re.compile(rb"\x1b[\[O][0-9;]*([ABCD])|\x1b[\[O][0-9;]*[ -~]|[\x00-\xff]", re.DOTALL)
+# An arrow key, with modifiers or without, in the cursor keys' two modes, and what became of it; the
+# answer whether arrow keys that are let go are told of; any other sequence; or a single character.
+_TOKEN = re.compile(
+    rb"\x1b[\[O][0-9;]*(?P<event>:[0-9])?(?P<arrow>[ABCD])"
+    rb"|\x1b\[\?(?P<flags>[0-9]+)u"
+    rb"|\x1b[\[O][?0-9;:]*[@-~]"
+    rb"|[\x00-\xff]",
+    re.DOTALL,
+)
+_LET_GO = b":3"
+_TELLS = 2
 _ESCAPE = b"\x1b"
-_UNFINISHED = re.compile(rb"\x1b([\[O][0-9;]*)?\Z")
+_UNFINISHED = re.compile(rb"\x1b([\[O][?0-9;:]*)?\Z")
 
 
 class HeldKeys:
@@ -36,6 +47,7 @@ class HeldKeys:
     def __init__(self) -> None:
         self._until: dict[Keys, float] = {}
         self._rest = b""
+        self._arrow_hold = HOLD
         self.wants_out = False
         """q, Escape or Ctrl-D was pressed."""
 
@@ -47,11 +59,15 @@ class HeldKeys:
         if cut := _UNFINISHED.search(sent):
             sent, self._rest = sent[: cut.start()], cut[0]
         for match in _TOKEN.finditer(sent):
-            token, arrow = match[0], match[1]
-            if arrow is not None:
-                self._press(_SENT[arrow], now)
+            token = match[0]
+            if match["arrow"] and match["event"] == _LET_GO:
+                self._until.pop(_SENT[match["arrow"]], None)
+            elif match["arrow"]:
+                self._press(_SENT[match["arrow"]], now + self._arrow_hold)
+            elif match["flags"] and int(match["flags"]) & _TELLS:
+                self._arrow_hold = LONGEST_HOLD
             elif token == b" ":
-                self._press(Keys.FIRE, now)
+                self._press(Keys.FIRE, now + HOLD)
             elif token in (b"q", b"Q", b"\x04"):
                 self.wants_out = True
 
@@ -63,8 +79,8 @@ class HeldKeys:
                 held |= key
         return held
 
-    def _press(self, key: Keys, now: float) -> None:
-        self._until[key] = now + HOLD
+    def _press(self, key: Keys, until: float) -> None:
+        self._until[key] = until
         # The other end of the stick's axis was let go, or the stick could not be here.
         if key in _OPPOSITE:
             self._until.pop(_OPPOSITE[key], None)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from actors.looking.held_keys import HOLD, HeldKeys
+from actors.terminal.held_keys import HOLD, LONGEST_HOLD, HeldKeys
 from common.actions import Keys
 
 
@@ -55,3 +55,25 @@ def test_escape_leaves_once_nothing_follows() -> None:
     assert not held.wants_out
     held.feed(b"", 0.02)
     assert held.wants_out
+
+
+def test_where_letting_go_is_told_arrows_are_held_until_then() -> None:
+    held = HeldKeys()
+    held.feed(b"\x1b[?2u", 0.0)
+    held.feed(b"\x1b[A ", 0.0)
+    # The first repeat comes late, and is no gap.
+    assert held.held(0.4) == Keys.UP
+    held.feed(b"\x1b[1;1:2A\x1b[1;1:1C", 0.5)
+    held.feed(b"\x1b[1;2:3A", 0.6)
+    assert held.held(0.6) == Keys.RIGHT
+    # Let go while another window had the keyboard.
+    assert held.held(0.5 + LONGEST_HOLD) == Keys.NONE
+    held.feed(b"\x1b[1;1:3B", 1.6)
+    assert held.held(1.6) == Keys.NONE
+    assert not held.wants_out
+
+
+def test_a_terminal_that_knows_the_question_and_says_no() -> None:
+    held = HeldKeys()
+    held.feed(b"\x1b[?0u\x1b[A", 0.0)
+    assert held.held(HOLD) == Keys.NONE

@@ -5,7 +5,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.looking.half_blocks import HalfBlocks
+from actors.terminal.half_blocks import HalfBlocks
 
 _TOKEN = re.compile(
     r"\x1b\[(?P<row>\d+);(?P<column>\d+)H|\x1b\[38;2;(?P<over>[\d;]+?);48;2;(?P<under>[\d;]+)m"

@@ -7,8 +7,10 @@ import termios
 from types import TracebackType
 from typing import Any, Self
 
-_OPEN = "\x1b[?1049h\x1b[?25l\x1b[2J"  # the other screen, no cursor, nothing on it
-_CLOSE = "\x1b[0m\x1b[?25h\x1b[?1049l"
+# The other screen, no cursor, nothing on it; and, where the terminal knows how (the protocol of
+# kitty, which others ignore), tell when arrow keys are let go, and whether it will.
+_OPEN = "\x1b[?1049h\x1b[?25l\x1b[2J\x1b[>2u\x1b[?u"
+_CLOSE = "\x1b[<u\x1b[0m\x1b[?25h\x1b[?1049l"
 
 
 def size_of(descriptor: int) -> tuple[int, int]:

@@ -1,0 +1,183 @@
+"""`python -m benchmarks.epochs_per_day`: how many of the report's epochs a day has room for.
+
+An epoch is 250,000 steps of training and 125,000 of testing. Local mode runs twice, as it is: once
+until it trains in a steady state while its evaluator has nothing to do, and once so that the
+evaluator tests all the time. Local mode never tests without training, so the second rate is one of
+tests that share the machine with training, as they always do.
+
+Of both come two figures. ``epochs_per_day`` sets training and test end to end, as in 2017, and so
+is less than a run does. ``epochs_per_day_overlapped`` is what a run does: each epoch's test
+goes on beside the training of the next, which it slows down.
+"""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tyro
+
+from benchmarks.local_run import LocalRun, Pace, Setting, end_as_by_ctrl_c
+from benchmarks.report import publish
+from common.errors import InputError, exit_on_input_error
+from common.presets import PRESETS
+from learner.summary import epochs_per_day
+
+_DAY = 86_400
+_REPORT = PRESETS["paper"].protocol
+_UNTIL_TEST = 10.0
+"""Seconds of training before the second run's first test."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Measure local mode's real processes at the report's ratio of updates to steps."""
+
+    setting: tyro.conf.OmitArgPrefixes[Setting]
+    seconds: float = 20.0
+    """Of each of the two windows; starting and settling take as long again or longer."""
+    json: Path | None = None
+    """File for the results."""
+
+
+class Paces(NamedTuple):
+    """Both windows of one setting."""
+
+    training: Pace
+    """The evaluator has nothing to do."""
+    testing: Pace
+    """The evaluator plays all the time, beside the training."""
+
+    @property
+    def epochs_per_day(self) -> float | None:
+        """Training and test one after the other."""
+        return epochs_per_day(
+            _REPORT.epoch_steps,
+            _REPORT.test_steps,
+            self.training.train_steps_per_second,
+            self.testing.test_steps_per_second,
+        )
+
+    @property
+    def epochs_per_day_overlapped(self) -> float | None:
+        """Each test beside the next epoch's training."""
+        if not self.testing.test_steps_per_second:
+            return None
+        return overlapped(
+            self.training.train_steps_per_second,
+            self.testing.train_steps_per_second,
+            self.testing.test_steps_per_second,
+        )
+
+
+def overlapped(alone: float, beside: float, test: float) -> float:
+    """Epochs a day where a test goes on beside training.
+
+    Args:
+        alone: training steps per second while no test goes on.
+        beside: training steps per second while one does.
+        test: test steps per second meanwhile.
+    """
+    testing = _REPORT.test_steps / test
+    rest = max(_REPORT.epoch_steps - beside * testing, 0.0)
+    return _DAY / (testing + rest / alone)
+
+
+def measure(setting: Setting, seconds: float) -> Paces:
+    """Both windows, in runs of their own."""
+    with _folder() as folder, LocalRun(setting, Path(folder)) as run:
+        run.settle()
+        training = run.measure(seconds)
+    epoch = max(int(training.train_steps_per_second * _UNTIL_TEST), 1)
+    with _folder() as folder, LocalRun(setting, Path(folder), epoch_steps=epoch) as run:
+        run.settle()
+        run.await_tests()
+        run.settle()
+        testing = run.measure(seconds)
+    return Paces(training, testing)
+
+
+def _folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="ale-robot-bench-")
+
+
+def row(name: str, pace: Pace) -> dict[str, Any]:
+    """A window as a line of the table."""
+    return {
+        "evaluator": name,
+        "train/s": pace.train_steps_per_second,
+        "test/s": pace.test_steps_per_second,
+        "updates/s": pace.updates_per_second,
+        "samples per insert": pace.samples_per_insert,
+        "staleness p50": pace.staleness_p50,
+        "in time": pace.deadlines_kept,
+        "CPU: " + ", ".join(pace.cpu_share): ", ".join(
+            f"{share:.0%}" for share in pace.cpu_share.values()
+        ),
+    }
+
+
+def summary(setting: Setting, paces: Paces) -> dict[str, Any]:
+    """The figures for machines; those of training are of the first window, of tests the second.
+
+    ``cpu_share`` is the second window's, in which all roles are at work.
+    """
+    training, testing = paces
+    return {
+        "epochs_per_day": paces.epochs_per_day,
+        "epochs_per_day_overlapped": paces.epochs_per_day_overlapped,
+        "train_steps_per_second": training.train_steps_per_second,
+        "train_steps_per_second_beside_test": testing.train_steps_per_second,
+        "test_steps_per_second": testing.test_steps_per_second,
+        "updates_per_second": training.updates_per_second,
+        "samples_per_insert": training.samples_per_insert,
+        "staleness_updates": {"p50": training.staleness_p50, "p95": training.staleness_p95},
+        "deadlines_kept": training.deadlines_kept,
+        "cpu_share": testing.cpu_share,
+        "cpu_share_training": training.cpu_share,
+        "env": setting.env,
+        "game": setting.game,
+        "sync": setting.sync,
+        "wait_action": setting.wait_action,
+        "actors": setting.actors,
+        "evaluators": setting.evaluators,
+        "learner_flags": setting.learner,
+        "windows": {"training": training._asdict(), "testing": testing._asdict()},
+    }
+
+
+def describe(setting: Setting) -> str:
+    """For people: ``pong (robot), sync, 2 actors``."""
+    return ", ".join(
+        [
+            f"{setting.game} ({setting.env})",
+            "sync" if setting.sync else "real time",
+            *(["waiting for its keys"] if setting.wait_action else []),
+            f"{setting.actors} actor{'s' if setting.actors > 1 else ''}",
+        ]
+    )
+
+
+def main() -> None:
+    options = tyro.cli(Options, prog="python -m benchmarks.epochs_per_day")
+    setting = options.setting
+    setting.check()
+    if not options.seconds > 0:
+        raise InputError(f"--seconds is {options.seconds}: choose a number above 0.")
+    end_as_by_ctrl_c()
+    paces = measure(setting, options.seconds)
+    publish(
+        f"Local mode, {describe(setting)}, batches of 32, an update per 4 steps",
+        [row("idle", paces.training), row("testing", paces.testing)],
+        options.json,
+        summary(setting, paces),
+    )
+    if paces.epochs_per_day is not None and paces.epochs_per_day_overlapped is not None:
+        print(
+            f"{paces.epochs_per_day:.1f} epochs a day, training and tests one after the other; "
+            f"{paces.epochs_per_day_overlapped:.1f} as local mode does it, side by side."
+        )
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

@@ -1,0 +1,360 @@
+"""`LocalRun`: a run of local mode in a temporary folder, watched from outside while it works.
+
+Nothing in the watched processes knows of it. Steps, updates and staleness come from the facts of
+chunks, which the replay tells whoever asks; the evaluators' steps from their heartbeats; processor
+time from /proc. A window begins and ends as a chunk is accepted.
+"""
+
+import math
+import os
+import shlex
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, Self
+
+import numpy as np
+import zenoh
+from zenoh.handlers import Callback
+
+from common.actor_stats import ActorStats, decode_stats
+from common.announcement import find_run
+from common.bus import connect
+from common.config import EnvKind
+from common.errors import InputError
+from learner.local import ROOT
+from replay.client import RemoteReplay
+from replay.facts import ChunkFacts
+from replay.limiter import RateLimiter
+
+ROLES = ("learner", "actors", "evaluator")
+NEVER = 10**9
+"""Steps of an epoch, or of a test, that does not end while it is watched."""
+_RUN = "bench"
+_WARMUP = 256
+_START = 120.0
+_SETTLE = 3.0
+_LONGEST_SETTLE = 40.0
+_POLL = 0.02
+_STOP = 30.0
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What local mode is told."""
+
+    env: EnvKind = "ale"
+    """The emulator alone, or the robot."""
+    game: str = "pong"
+    """Any game that ale-py bundles."""
+    sync: bool = True
+    """Lockstep, or the robot in real time."""
+    wait_action: bool = False
+    """Let the robots wait for their keys."""
+    actors: int = 1
+    """Training actors."""
+    evaluators: int = 1
+    """Evaluators; one is what local mode starts."""
+    learner: str = ""
+    """More flags for `python -m learner`, in quotes."""
+
+    def check(self) -> None:
+        if min(self.actors, self.evaluators) < 1:
+            raise InputError("choose 1 or more actors and evaluators.")
+        if self.env == "ale" and (self.wait_action or not self.sync):
+            raise InputError("--no-sync and --wait-action are for --env robot.")
+
+    def flags(self) -> list[str]:
+        """The same as flags of `python -m learner`, with the report's ratio of updates to steps."""
+        return [
+            *("--preset", "paper" if self.env == "ale" else "robot"),
+            *("--env", self.env, "--game", self.game),
+            *("--learning.batch-size", "32", "--learning.train-every", "4"),
+            *("--actors", str(self.actors), "--evaluators", str(self.evaluators)),
+            "--sync" if self.sync else "--no-sync",
+            *(["--wait-action"] if self.wait_action else []),
+            *("--replay.capacity", "100000", "--replay.warmup", str(_WARMUP)),
+            # Past the warm-up ε is what it is for most of a run: the network chooses.
+            *("--exploration.steps", "1", "--protocol.held-out-states", str(_WARMUP)),
+            *shlex.split(self.learner),
+        ]
+
+
+class Mark(NamedTuple):
+    """The run at one moment."""
+
+    at: float
+    facts: ChunkFacts
+    """Of the newest chunk."""
+    cpu: dict[int, tuple[str, float]]
+    """Role and seconds of processor time, by process."""
+
+    @property
+    def begun(self) -> int:
+        """Updates begun when that chunk came."""
+        return self.facts.weights_version + self.facts.staleness
+
+
+class Pace(NamedTuple):
+    """What was counted in one window; rates are per second of wall clock."""
+
+    seconds: float
+    train_steps_per_second: float
+    updates_per_second: float
+    test_steps_per_second: float
+    samples_per_insert: float
+    staleness_p50: float
+    """Updates by which an actor's weights were behind as its chunk arrived."""
+    staleness_p95: float
+    deadlines_kept: float | None
+    """Share of the actors' decisions that their command reached in time; None with ``sync``."""
+    cpu_share: dict[str, float]
+    """Of the time of all usable cores, by role."""
+
+
+def free_endpoint() -> str:
+    """An address of this machine at which nobody listens."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def end_as_by_ctrl_c() -> None:
+    """Let SIGTERM unwind this process, so that nothing it started is left behind."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+class LocalRun:
+    """`python -m learner --local`; a context manager that ends it.
+
+    Args:
+        folder: for the run's folder and the learner's output.
+        epoch_steps: after so many training steps the first test begins.
+    """
+
+    def __init__(self, setting: Setting, folder: Path, *, epoch_steps: int = NEVER) -> None:
+        self._setting = setting
+        self._folder = folder
+        self._epoch_steps = epoch_steps
+        self._lock = threading.Lock()
+        self._heard: list[tuple[float, ActorStats]] = []
+        self._newest: ChunkFacts | None = None
+        self._facts: list[ChunkFacts] = []
+
+    def __enter__(self) -> Self:
+        endpoint = free_endpoint()
+        self._log = self._folder / "learner.log"
+        flags = [
+            *("--local", "--run", _RUN, "--runs", str(self._folder), "--listen", endpoint),
+            *("--protocol.epoch-steps", str(self._epoch_steps)),
+            *("--protocol.test-steps", str(NEVER)),
+            *self._setting.flags(),
+        ]
+        with self._log.open("wb") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "learner", *flags],
+                env={**os.environ, "PYTHONPATH": str(ROOT)},
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        try:
+            self._join(endpoint)
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._session.close()  # type: ignore[no-untyped-call]
+        self._end()
+
+    def _join(self, endpoint: str) -> None:
+        try:
+            self._session = connect(endpoint, _START, self._is_over)
+            keys, config = find_run(self._session, _RUN, _START, self._is_over)
+        except KeyboardInterrupt:
+            if self._is_over():
+                raise self._failure() from None
+            raise
+        self._config = config
+        self._limiter = RateLimiter(
+            config.samples_per_insert,
+            config.replay.warmup,
+            config.replay.ratio_tolerance,
+            config.learning.batch_size,
+        )
+        self._replay = RemoteReplay(self._session, keys, config)
+        self._subscriber = self._session.declare_subscriber(
+            keys.stats("*", "*"), Callback(self._hear, indirect=False)
+        )
+
+    def _end(self) -> None:
+        if not self._is_over():
+            self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(_STOP)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _is_over(self) -> bool:
+        return self._process.poll() is not None
+
+    def _failure(self) -> InputError:
+        lines = self._log.read_text(errors="replace").strip().splitlines() or ["nothing"]
+        return InputError(f"the learner ended, and said: {lines[-1].removeprefix('error: ')}")
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        stats = decode_stats(sample.payload.to_bytes())
+        with self._lock:
+            self._heard.append((time.monotonic(), stats))
+
+    # ------------------------------------------------------------------ waiting
+
+    def settle(self) -> None:
+        """Wait until one side waits for the other, as it will from then on; 40 s at most."""
+        began = None
+        ratio, steps = self._limiter.samples_per_insert, self._config.stream.chunk_steps
+        most = self._limiter.tolerance * ratio
+        while True:
+            mark = self._mark()
+            if not mark.begun:
+                continue
+            began = mark.at if began is None else began
+            drawn = mark.begun * self._limiter.batch_size
+            deficit = self._limiter.deficit(mark.facts.agent_steps, drawn)
+            # Seen as a chunk has just come, which the learner had to wait for.
+            settled = deficit >= most or deficit <= 2 * steps * ratio - most
+            waited = mark.at - began
+            if waited >= _LONGEST_SETTLE or (waited >= _SETTLE and settled):
+                return
+
+    def await_tests(self) -> None:
+        """Wait until all evaluators play."""
+        while True:
+            with self._lock:
+                playing = {
+                    stats.name
+                    for _, stats in self._heard
+                    if stats.role == "evaluator" and stats.steps
+                }
+            if len(playing) == self._setting.evaluators:
+                return
+            self._mark()
+
+    def _mark(self) -> Mark:
+        """The moment at which the next chunk is accepted."""
+        while True:
+            since = 0 if self._newest is None else self._newest.index + 1
+            facts = self._replay.progress(since).facts
+            now = time.monotonic()
+            if self._is_over():
+                raise self._failure()
+            if facts:
+                self._facts += facts
+                self._newest = facts[-1]
+                return Mark(now, facts[-1], _cpu_times(self._process.pid))
+            time.sleep(_POLL)
+
+    # ------------------------------------------------------------------ measuring
+
+    def measure(self, seconds: float) -> Pace:
+        """Watch for so many seconds, and until the next chunk."""
+        self._mark()  # so that all that came before is taken
+        begin = self._mark()
+        self._facts.clear()
+        time.sleep(seconds)
+        self._mark()
+        end = self._mark()
+        wall = end.at - begin.at
+        steps = end.facts.agent_steps - begin.facts.agent_steps
+        updates = end.begun - begin.begun
+        staleness = [facts.staleness for facts in self._facts]
+        with self._lock:
+            heard = [stats for at, stats in self._heard if begin.at <= at <= end.at]
+            stamped = [(at, s) for at, s in self._heard if begin.at <= at <= end.at]
+        return Pace(
+            seconds=wall,
+            train_steps_per_second=steps / wall,
+            updates_per_second=updates / wall,
+            test_steps_per_second=test_rate(stamped),
+            samples_per_insert=updates * self._config.learning.batch_size / steps,
+            staleness_p50=float(np.percentile(staleness, 50)),
+            staleness_p95=float(np.percentile(staleness, 95)),
+            deadlines_kept=None if self._setting.sync else deadlines_kept(heard),
+            cpu_share=cpu_share(begin.cpu, end.cpu, wall),
+        )
+
+
+def _by_process(stats: list[ActorStats], role: str) -> dict[int, list[ActorStats]]:
+    found: dict[int, list[ActorStats]] = {}
+    for each in stats:
+        if each.role == role:
+            found.setdefault(each.incarnation, []).append(each)
+    return found
+
+
+def test_rate(stamped: list[tuple[float, ActorStats]]) -> float:
+    """Steps per second of all evaluators together, each between its first and last heartbeat."""
+    total = 0.0
+    for each in _by_process([stats for _, stats in stamped], "evaluator"):
+        times = [(at, stats.steps) for at, stats in stamped if stats.incarnation == each]
+        (first, before), (last, after) = times[0], times[-1]
+        total += (after - before) / (last - first) if last > first else 0.0
+    return total
+
+
+def deadlines_kept(heard: list[ActorStats]) -> float | None:
+    """Share of the actors' decisions whose command came in time; None without any."""
+    decisions = missed = 0
+    for own in _by_process(heard, "actor").values():
+        decisions += own[-1].decisions - own[0].decisions
+        missed += own[-1].missed_deadlines - own[0].missed_deadlines
+    return 1 - missed / decisions if decisions else None
+
+
+def cpu_share(
+    before: dict[int, tuple[str, float]], after: dict[int, tuple[str, float]], wall: float
+) -> dict[str, float]:
+    """Processor time by role between two marks, as a share of all usable cores' time."""
+    spent = dict.fromkeys(ROLES, 0.0)
+    for process, (role, seconds) in after.items():
+        spent[role] += seconds - before.get(process, (role, 0.0))[1]
+    cores = len(os.sched_getaffinity(0))
+    return {role: seconds / (wall * cores) for role, seconds in spent.items()}
+
+
+def _cpu_times(learner: int) -> dict[int, tuple[str, float]]:
+    """Role and processor seconds of the learner and its children; Linux only."""
+    tick = os.sysconf("SC_CLK_TCK")
+    found: dict[int, tuple[str, float]] = {}
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            # The name, in brackets, may hold anything; what follows it are numbers.
+            fields = (entry / "stat").read_text().rpartition(")")[2].split()
+            process, parent = int(entry.name), int(fields[1])
+            if process != learner and parent != learner:
+                continue
+            command = (entry / "cmdline").read_bytes().split(b"\0")
+        except OSError:  # it is gone
+            continue
+        role = "learner"
+        if process != learner:
+            role = "evaluator" if b"--evaluator" in command else "actors"
+        found[process] = (role, math.fsum(map(int, fields[11:13])) / tick)
+    return found

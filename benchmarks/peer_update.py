@@ -1,0 +1,89 @@
+"""One Double DQN update as plain PyTorch, and as the learner does it, for `benchmarks.peers`."""
+
+import copy
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn.functional import smooth_l1_loss
+
+from common.network import build_network
+from common.presets import PRESETS
+from learner.device import choose_device
+from learner.prefetch import to_device
+from learner.trainer import DeviceBatch, Trainer
+from replay.batch import Batch
+
+_ACTIONS = 6
+_SIZE = 32
+
+
+def _batch(device: torch.device) -> DeviceBatch:
+    rng = np.random.default_rng(1)
+    states = rng.integers(256, size=(2, _SIZE, 4, 84, 84), dtype=np.uint8)
+    return to_device(
+        Batch(
+            ids=np.arange(_SIZE),
+            s_tm1=states[0],
+            a_tm1=rng.integers(_ACTIONS, size=_SIZE, dtype=np.uint8),
+            r_t=rng.standard_normal(_SIZE, np.float32),
+            discount_t=np.full(_SIZE, 0.97, np.float32),
+            s_t=states[1],
+            weights=np.ones(_SIZE, np.float32),
+            x_tm1=np.zeros((_SIZE, 0), np.float32),
+            x_t=np.zeros((_SIZE, 0), np.float32),
+        ),
+        device,
+    )
+
+
+def ours() -> Callable[[], None]:
+    """The learner's, on the device and in the precision that it chooses by itself."""
+    config = PRESETS["fast"]
+    device = choose_device("auto", "auto")
+    trainer = Trainer(build_network(config, _ACTIONS), config.learning, device)
+    batch = _batch(device.torch)
+
+    def action() -> None:
+        float(trainer.update(batch).loss)
+
+    return action
+
+
+def eager() -> Callable[[], None]:
+    """As textbooks write it, with the same network, loss and optimizer, on the same device."""
+    learning = PRESETS["fast"].learning
+    device = choose_device("auto", "float32").torch
+    online = nn.Sequential(
+        nn.Conv2d(4, 32, 8, stride=4),
+        nn.ReLU(),
+        nn.Conv2d(32, 64, 4, stride=2),
+        nn.ReLU(),
+        nn.Conv2d(64, 64, 3),
+        nn.ReLU(),
+        nn.Flatten(),
+        nn.Linear(64 * 7 * 7, 512),
+        nn.ReLU(),
+        nn.Linear(512, _ACTIONS),
+    ).to(device)
+    target = copy.deepcopy(online)
+    optimizer = torch.optim.Adam(
+        online.parameters(), lr=learning.learning_rate, eps=learning.optimizer_epsilon
+    )
+    batch = _batch(device)
+
+    def action() -> None:
+        s_tm1, s_t = batch.s_tm1.float() / 255, batch.s_t.float() / 255
+        with torch.no_grad():
+            best = online(s_t).argmax(dim=1, keepdim=True)
+            goal = batch.r_t + batch.discount_t * target(s_t).gather(1, best).squeeze(1)
+        q = online(s_tm1).gather(1, batch.a_tm1[:, None]).squeeze(1)
+        loss = smooth_l1_loss(q, goal)
+        optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(online.parameters(), learning.gradient_norm)
+        optimizer.step()
+        loss.item()
+
+    return action

@@ -1,0 +1,171 @@
+"""`python -m benchmarks.replay`: the replay in one process, at several sizes.
+
+For each size: an empty ring is filled with chunks of noise; into the full one chunks are inserted,
+each evicting another; batches are drawn from it uniformly; then it is opened again as a prioritised
+one, as a resumed run would, and batches are drawn and given new priorities. Nothing else happens
+meanwhile: a real replay also decodes what comes, see `benchmarks.transport`.
+"""
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from benchmarks.local_run import end_as_by_ctrl_c
+from benchmarks.pace import per_second
+from benchmarks.report import publish
+from benchmarks.synthetic import Streams
+from common.config import ReplayConfig, RunConfig
+from common.errors import InputError, exit_on_input_error
+from common.presets import PRESETS
+from replay.footprint import footprint
+from replay.memory import Memory
+
+BATCH = 32
+_NO_BOUND = 10**9
+
+
+@dataclass(frozen=True)
+class Options:
+    """Time inserts and draws of the replay, and weigh it."""
+
+    sizes: tuple[int, ...] = (10_000, 100_000, 1_000_000)
+    """Capacities; the replay is full when it is measured."""
+    seconds: float = 5.0
+    """Of each figure."""
+    chunk_steps: int = 64
+    """Steps of a chunk."""
+    actors: int = 8
+    """Actors whose chunks take turns."""
+    folder: Path | None = None
+    """Folder for the files, 7.1 KB a step; a temporary one by default."""
+    json: Path | None = None
+    """File for the results."""
+
+    def check(self) -> None:
+        if min(self.chunk_steps, self.actors) < 1 or not self.seconds > 0:
+            raise InputError("choose 1 or more steps and actors, and seconds above 0.")
+        if not self.sizes or min(self.sizes) < 4 * self.chunk_steps:
+            raise InputError(f"--sizes: choose sizes of {4 * self.chunk_steps} or more.")
+        if self.folder is not None and not self.folder.is_dir():
+            raise InputError(f"there is no folder {self.folder}: make it, or name another.")
+
+
+def unlimited(capacity: int) -> RunConfig:
+    """The report's settings, with a limiter that never says wait."""
+    config = PRESETS["paper"]
+    return replace(
+        config, replay=ReplayConfig(capacity=capacity, warmup=1, ratio_tolerance=_NO_BOUND)
+    )
+
+
+def prioritised(config: RunConfig) -> RunConfig:
+    """The same with proportional priorities."""
+    return replace(config, replay=replace(config.replay, sampler="prioritised"))
+
+
+def fill(memory: Memory, streams: Streams, capacity: int) -> int:
+    """Insert until the ring has turned once; the steps that it took."""
+    steps = 0
+    while steps < capacity:
+        chunk = streams.next()
+        memory.insert(chunk)
+        steps += len(chunk)
+    return steps
+
+
+def draw(memory: Memory) -> None:
+    """One batch."""
+    if memory.sample(0, 0.0) is None:
+        raise RuntimeError("no batch was to be had")
+
+
+def draw_and_rate(memory: Memory, rng: np.random.Generator) -> Callable[[], None]:
+    """One batch, and new priorities for it."""
+
+    def action() -> None:
+        batch = memory.sample(0, 0.0)
+        if batch is None:
+            raise RuntimeError("no batch was to be had")
+        memory.update_priorities(batch.ids, rng.random(len(batch.ids)).astype(np.float32))
+
+    return action
+
+
+def measure(capacity: int, options: Options, folder: Path) -> dict[str, Any]:
+    """All figures of one size."""
+    config = unlimited(capacity)
+    names = tuple(f"actor-{number}" for number in range(1, options.actors + 1))
+    streams = Streams("bench", actors=names, steps=options.chunk_steps, history=config.play.history)
+    before = footprint().private
+    memory = Memory(config, folder)
+    began = time.perf_counter()
+    filled = fill(memory, streams, capacity)
+    fill_seconds = time.perf_counter() - began
+    inserts = per_second(lambda: memory.insert(streams.next()), options.seconds)
+    uniform = per_second(lambda: draw(memory), options.seconds)
+    told = memory.progress(_NO_BOUND)
+    memory.close()
+    began = time.perf_counter()
+    memory = Memory(prioritised(config), folder)
+    reopen_seconds = time.perf_counter() - began
+    inserts_prioritised = per_second(lambda: memory.insert(streams.next()), options.seconds)
+    rated = per_second(draw_and_rate(memory, np.random.default_rng(1)), options.seconds)
+    told_prioritised = memory.progress(_NO_BOUND)
+    memory.close()
+    return {
+        "capacity": capacity,
+        "stored": told.stored,
+        "fill_steps_per_second": filled / fill_seconds,
+        "insert_steps_per_second": inserts * options.chunk_steps,
+        "insert_steps_per_second_prioritised": inserts_prioritised * options.chunk_steps,
+        "uniform_batches_per_second": uniform,
+        "prioritised_batches_per_second": rated,
+        "reopen_seconds": reopen_seconds,
+        "private_bytes": told.private_bytes,
+        "private_bytes_prioritised": told_prioritised.private_bytes,
+        "private_bytes_before": before,
+        "file_bytes": told.file_bytes,
+    }
+
+
+def row(found: dict[str, Any]) -> dict[str, Any]:
+    """One size as a line of the table."""
+    return {
+        "steps": found["stored"],
+        "fill": round(found["fill_steps_per_second"]),
+        "insert": round(found["insert_steps_per_second"]),
+        "uniform": round(found["uniform_batches_per_second"]),
+        "insert, prioritised": round(found["insert_steps_per_second_prioritised"]),
+        "prioritised": round(found["prioritised_batches_per_second"]),
+        "private MB": found["private_bytes_prioritised"] / 1e6,
+        "file GB": found["file_bytes"] / 1e9,
+    }
+
+
+def main() -> None:
+    options = tyro.cli(Options, prog="python -m benchmarks.replay")
+    options.check()
+    end_as_by_ctrl_c()
+    sizes = []
+    for capacity in options.sizes:
+        with tempfile.TemporaryDirectory(
+            prefix="ale-robot-bench-", dir=options.folder, ignore_cleanup_errors=True
+        ) as folder:
+            sizes.append(measure(capacity, options, Path(folder) / "replay"))
+    publish(
+        f"Replay, per second: steps inserted in chunks of {options.chunk_steps} (first into fresh "
+        f"files), batches of {BATCH} (prioritised: with priority updates)",
+        [row(each) for each in sizes],
+        options.json,
+        {"batch_size": BATCH, "chunk_steps": options.chunk_steps, "sizes": sizes},
+    )
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

@@ -1,0 +1,55 @@
+"""`Streams`: endless chunks of noise, as several actors would send them, made ahead of time."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from common.chunk import FRAME_SHAPE, Chunk
+
+_GAME_STEPS = 500
+_POOL = 16
+
+
+class Streams:
+    """Chunks in the order in which ``actors`` that play equally fast would hand them in.
+
+    Their frames come from a small pool, for what is measured copies pixels without looking at them.
+    """
+
+    def __init__(self, run: str, *, actors: tuple[str, ...], steps: int, history: int) -> None:
+        rng = np.random.default_rng(1)
+        self._actors = actors
+        self._made = 0
+        self._pool = [
+            Chunk(
+                run=run,
+                actor=actors[0],
+                incarnation=1,
+                stream=0,
+                sequence=0,
+                weights_version=0,
+                epsilon=0.1,
+                context=frames[: history - 1],
+                frames=frames[history - 1 :],
+                actions=rng.integers(6, size=steps, dtype=np.uint8),
+                rewards=rng.integers(-1, 2, size=steps).astype(np.float32),
+                terminated=rng.random(steps) < 1 / _GAME_STEPS,
+                truncated=np.zeros(steps, np.bool_),
+                elapsed=np.ones(steps, np.uint8),
+                valid=np.ones(steps, np.bool_),
+                matched=np.ones(steps, np.bool_),
+                vectors=np.zeros((steps, 0), np.float32),
+                final_frames=np.zeros((0, *FRAME_SHAPE), np.uint8),
+                final_vectors=np.zeros((0, 0), np.float32),
+            )
+            for frames in rng.integers(
+                256, size=(_POOL, history - 1 + steps, *FRAME_SHAPE), dtype=np.uint8
+            )
+        ]
+
+    def next(self) -> Chunk:
+        """The next chunk of the actor whose turn it is."""
+        sequence, actor = divmod(self._made, len(self._actors))
+        pooled = self._pool[self._made % len(self._pool)]
+        self._made += 1
+        return replace(pooled, actor=self._actors[actor], sequence=sequence)

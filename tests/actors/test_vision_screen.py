@@ -1,0 +1,72 @@
+"""A screen that was found: kept as long as nothing is new along its edges, and unwarped."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.vision.layout import BORDER, GAME_IN_PICTURE
+from actors.vision.screen import Screen
+
+OUTER = np.array([[60.0, 40.0], [250.0, 46.0], [244.0, 190.0], [66.0, 182.0]], np.float32)
+
+
+def picture() -> NDArray[np.uint8]:
+    return np.random.default_rng(0).integers(256, size=(240, 320), dtype=np.uint8)
+
+
+def middle() -> NDArray[np.float64]:
+    """The pixel of the projected picture's middle: where its diagonals meet, in perspective too."""
+    left_top, right_top, right_low, left_low = OUTER.astype(float)
+    ways = np.column_stack([right_low - left_top, right_top - left_low])
+    return left_top + np.linalg.solve(ways, right_top - left_top)[0] * (right_low - left_top)
+
+
+def test_the_middle_of_the_picture_is_the_middle_of_the_frame() -> None:
+    x, y = np.round(middle()).astype(int)
+    grey = np.zeros((240, 320), np.uint8)
+    grey[y - 3 : y + 4, x - 3 : x + 4] = 255
+    screen = Screen(OUTER, grey)
+    frame = screen.unwarp(grey[screen.window]).astype(float)
+    rows, columns = np.nonzero(frame > 127)
+    assert abs(rows.mean() - 41.5) < 0.5
+    assert abs(columns.mean() - 41.5) < 0.5
+
+
+def test_corners_lie_a_border_within() -> None:
+    """At opposite corners alike: on the picture's diagonals, nearer to the middle."""
+    screen = Screen(OUTER, picture())
+    centre = middle()
+    for outer, inner in zip(OUTER, screen.corners, strict=True):
+        across, along = outer - centre, inner - centre
+        turn = across[0] * along[1] - across[1] * along[0]
+        assert abs(turn) / np.linalg.norm(across) < 0.01
+        share = np.linalg.norm(along) / np.linalg.norm(across)
+        assert abs(share - 1 / (1 + 2 * BORDER)) < 0.02
+    assert np.allclose(GAME_IN_PICTURE[0], BORDER / (1 + 2 * BORDER))
+
+
+def test_only_the_band_along_the_edges_decides() -> None:
+    grey = picture()
+    screen = Screen(OUTER, grey)
+
+    def still(changed: NDArray[np.uint8]) -> bool:
+        return screen.is_still_in(changed[screen.window])
+
+    assert still(grey)
+    game, far = grey.copy(), grey.copy()
+    x, y = np.round(middle()).astype(int)
+    game[y - 30 : y + 30, x - 40 : x + 40] += 1
+    far[:20], far[:, :30] = 0, 0
+    assert still(game)
+    assert still(far)
+    for px, py in ((155, 43), (62, 110), (247, 120), (150, 186), (64, 44)):
+        touched = grey.copy()
+        touched[py, px] += 1
+        assert not still(touched)
+
+
+def test_a_window_at_the_pictures_edge_stays_in_it() -> None:
+    outer = np.array([[0, 0], [319, 0], [319, 239], [0, 239]], np.float32)
+    grey = picture()
+    screen = Screen(outer, grey)
+    assert grey[screen.window].shape == grey.shape
+    assert screen.is_still_in(grey[screen.window])

@@ -1,0 +1,39 @@
+"""`python -m actors --play` and `--check` as one starts them: on what a real run has left."""
+
+import re
+
+import cv2
+import pytest
+from safetensors.numpy import load_file
+
+from tests.end_to_end.conftest import SMALL, Stage
+
+
+@pytest.mark.slow
+def test_what_a_run_learned_is_played_and_filmed_with_its_settings(stage: Stage) -> None:
+    settings = ("--play.minimal-actions", "--play.max-game-frames=240", *SMALL)
+    stage.learner("--local", "--env", "robot", "--steps", "1200", *settings).ends()
+    film = stage.folder / "film.mp4"
+
+    output = stage.start(
+        *("-m", "actors", "--play", "--games", "2", "--video", str(film)),
+        *("--weights", str(stage.run / "snapshots" / "best.safetensors")),
+    ).ends()
+
+    snapshot = load_file(stage.run / "snapshots" / "best.safetensors")
+    # Pong's own actions, instead of 18.
+    assert snapshot["actions.weight"].shape[0] == 6
+    steps = [int(found) for found in re.findall(r"game \d: score -?\d+ in (\d+) steps", output)]
+    # 240 frames are 60 decisions, random starts included.
+    assert steps == [60, 60]
+    video = cv2.VideoCapture(str(film))
+    assert 60 <= video.get(cv2.CAP_PROP_FRAME_COUNT) <= 120
+    assert video.get(cv2.CAP_PROP_FPS) == 15
+
+
+@pytest.mark.slow
+def test_check_is_green_for_this_robot(stage: Stage) -> None:
+    picture = stage.folder / "check.png"
+    output = stage.start("-m", "actors", "--check", "-o", str(picture)).ends()
+    assert output.count("│ green │") == 4
+    assert cv2.imread(str(picture)).shape == (768, 1024, 3)

@@ -1,0 +1,58 @@
+"""A robot's other modes of time, and its vector observation, through the whole pipeline."""
+
+import pytest
+
+from common.vector_layout import width_of
+from tests.end_to_end.conftest import SMALL, Stage
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "mode",
+    [
+        ["--wait-action"],
+        ["--no-sync", "--speed", "4"],
+        ["--no-sync", "--speed", "4", "--wait-action"],
+    ],
+    ids=" ".join,
+)
+def test_a_robot_learns_in_every_mode_and_tells_how_its_time_went(
+    stage: Stage, mode: list[str]
+) -> None:
+    output = stage.learner("--local", "--env", "robot", "--steps", "900", *SMALL, *mode).ends()
+
+    summary = stage.summary()
+    assert summary["updates"] > 0
+    assert summary["chunks"]["made"] == summary["chunks"]["acked"]
+    assert summary["valid_frame_share"] >= 0.99
+    decisions = sum(actor["decisions"] for actor in summary["actors"])
+    steps = sum(actor["steps"] for actor in summary["actors"])
+    assert decisions >= steps >= 900
+    assert summary["decisions_per_step"] == pytest.approx(decisions / steps)
+    if "--no-sync" not in mode:
+        assert (summary["missed_deadlines"], summary["late_frames"]) == (0, 0)
+    if "--wait-action" not in mode:
+        assert summary["waits_given_up"] == 0
+        assert decisions == steps + summary["missed_deadlines"]
+    else:
+        # The keys are as commanded unless the wait was given up, or the episode ended.
+        assert summary["press_match_share"] > 0.95
+    last_words = output.splitlines()[-1]
+    assert all(flag in last_words for flag in mode)  # with which to go on
+
+
+@pytest.mark.slow
+def test_vectors_go_through_replay_network_and_evaluator_and_survive_a_restart(
+    stage: Stage,
+) -> None:
+    learner = ("--local", "--env", "robot")
+    stage.learner(*learner, "--play.vector", "--steps", "1300", *SMALL).ends()
+    before = stage.summary()
+    stage.learner("--local", "--resume", "--steps", "1700").ends()
+    after = stage.summary()
+    assert after["updates"] > before["updates"]
+    assert after["stored"] > before["stored"] >= 1300
+    assert after["chunks"]["refused"] == 0
+    assert after["test_reward"] is not None
+    stored = (stage.run / "replay" / "vectors.bin").stat().st_size
+    assert stored == 4 * width_of("robot") * 20_000

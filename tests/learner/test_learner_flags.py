@@ -1,0 +1,65 @@
+"""How time passes: what the learner's command line takes, refuses, and tells its actors."""
+
+import pytest
+
+from actors.__main__ import ActorOptions
+from common.cli import parse, parse_run
+from common.errors import InputError
+from common.presets import PRESETS
+from learner.__main__ import LearnerOptions, clock_flags
+
+
+def learner(*arguments: str) -> LearnerOptions:
+    options = parse_run(LearnerOptions, "learner", arguments, lambda _: None)
+    options.check()
+    return options
+
+
+@pytest.mark.parametrize(
+    "mode",
+    [
+        [],
+        ["--sync"],
+        ["--wait-action"],
+        ["--no-sync"],
+        ["--no-sync", "--wait-action"],
+        ["--no-sync", "--speed", "2.5", "--wait-action"],
+    ],
+)
+def test_local_actors_get_the_mode_that_was_asked_for(mode: list[str]) -> None:
+    options = learner("--local", *mode)
+    actor = parse(ActorOptions, "actors", clock_flags(options))
+    actor.check()
+    assert (actor.sync, actor.wait_action, actor.speed) == (
+        "--no-sync" not in mode,
+        "--wait-action" in mode,
+        2.5 if "2.5" in mode else 1.0,
+    )
+    # And the learner itself, when it is told to go on.
+    again = learner("--local", *clock_flags(options))
+    assert clock_flags(again) == clock_flags(options)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--local", "--speed", "2"], "--speed is for --no-sync"),
+        (["--local", "--no-sync", "--speed", "0"], "above 0"),
+        (["--no-sync"], "--no-sync is for --local"),
+        (["--wait-action"], "--wait-action is for --local"),
+        (["--local", "--env", "ale", "--no-sync"], "--no-sync is for the robot"),
+        (["--local", "--env", "ale", "--wait-action"], "--wait-action is for the robot"),
+    ],
+)
+def test_what_would_have_no_effect_is_refused(arguments: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        learner(*arguments)
+
+
+@pytest.mark.parametrize("flag", ["--no-sync", "--wait-action"])
+def test_an_actor_does_not_join_a_run_without_robots_in_another_time(flag: str) -> None:
+    options = parse(ActorOptions, "actors", [flag])
+    options.check()
+    options.check_against(PRESETS["robot"])
+    with pytest.raises(InputError, match=flag):
+        options.check_against(PRESETS["fast"])
