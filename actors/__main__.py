@@ -178,7 +178,13 @@ def main() -> int:
             # A test's chance is the report's, redrawn at every decision.
             exploration=None if options.evaluator else config.exploration,
         )
-        warn(f"plays {config.game} ({config.env}) for run {keys.run} at {options.connect}.")
+        how: list[str] = [config.env]
+        if not options.sync:
+            how.append(f"in real time × {options.speed:g}")
+        if options.wait_action:
+            how.append("waiting for its keys")
+        told = ", ".join(how)
+        warn(f"plays {config.game} ({told}) for run {keys.run} at {options.connect}.")
         try:
             if options.evaluator:
                 Evaluator(

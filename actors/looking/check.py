@@ -101,7 +101,7 @@ def _corners_in_place(env: RobotEnv) -> bool:
     """Whether the eye has the picture's corners where the room's geometry puts them."""
     if env.sight.corners is None or not env.sight.valid:
         return False
-    truth = env.room.view_of_robot.camera.project(env.room.furniture.picture_corners)
+    truth = env.room.seen_at(env.room.furniture.picture_corners)
     return bool(np.abs(border_of(env.sight.corners) - truth).max() <= MOST_CORNER_ERROR)
 
 

@@ -51,6 +51,7 @@ def show(
         onlooker = Onlooker(env, config.play, options.nao_urdf, outside_every=OUTSIDE_EVERY)
         stack.callback(onlooker.close)
         scores: list[float] = []
+        missed = 0
         for step in play([env], policy, [env_seed]):
             if movie is not None or viewer is not None:
                 glance = onlooker.look(step, policy.values)
@@ -59,12 +60,17 @@ def show(
                     movie.add(panels)
                 if viewer is not None:
                     viewer.show(glance, panels)
+            missed += int(step.info.get("missed_deadlines", 0))
             if step.info["game_over"]:
                 scores.append(float(step.info["game_score"]))
+                # Taking pictures takes time, and a world that goes on by itself does not wait.
+                late = "" if sync else f", {missed} deadlines missed"
                 print(
-                    f"game {len(scores)}: score {scores[-1]:g} in {step.info['game_steps']} steps",
+                    f"game {len(scores)}: score {scores[-1]:g} "
+                    f"in {step.info['game_steps']} steps{late}",
                     flush=True,
                 )
+                missed = 0
             if len(scores) == options.games or stop.is_set():
                 break
     if len(scores) > 1:

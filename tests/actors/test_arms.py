@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from actors.nao.arms import HOVER, PUSH
-from actors.nao.controller import CENTRE, KEY_TOP, TRAVEL, place_of
+from actors.nao.controller import CENTRE, KEY_PLACES, KEY_TOP, TRAVEL, place_of
 from actors.nao.furniture import DESK_TOP
 from actors.nao.kinematics import ArmChain
 from actors.nao.posture import FINGERTIP_RADIUS
-from actors.nao.room import Room
+from actors.nao.room import FRAME_SUBSTEPS, Room
 from common.actions import KEYS_OF_ACTION, Keys
 
 DECISION = 4
@@ -134,3 +134,24 @@ def test_speeds_and_torques_stay_within_what_is_published(room: Room) -> None:
     assert (fastest <= [1.05 * info[11] for info in limits]).all()
     assert (strongest <= [1.001 * info[10] for info in limits]).all()
     assert strongest.max() > 0.1
+
+
+def test_keys_go_down_by_a_fingertips_touch_and_by_nothing_else(room: Room) -> None:
+    room.reset()
+    engine, controller = room._engine, room.controller
+    link_of = dict(zip(KEY_PLACES, controller.links, strict=True))
+    rng = np.random.default_rng(3)
+    pressings = 0
+    for frame in range(400):
+        if frame % DECISION == 0:
+            room.command(KEYS_OF_ACTION[rng.integers(18)])
+        before, touched = controller.held, set()
+        room.arms.advance()
+        for _ in range(FRAME_SUBSTEPS):
+            room._step()
+            contacts = engine.getContactPoints(room.body, controller.body)
+            touched |= {contact[4] for contact in contacts if contact[9] > 0.0}
+        for key in controller.pressed() & ~before:
+            assert link_of[key] in touched
+            pressings += 1
+    assert pressings > 50

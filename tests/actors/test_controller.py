@@ -109,3 +109,15 @@ def test_a_fingertip_has_room_on_exactly_its_keys(keys: Keys) -> None:
             assert gap < 1e-9
         else:
             assert gap > FINGERTIP_RADIUS + 0.001
+
+
+@pytest.mark.parametrize("key", list(KEY_PLACES))
+def test_the_stop_is_hard(engine: Any, controller: Controller, key: Keys) -> None:
+    """Whatever knocked a key beyond it, at the next reading it is back at its stop."""
+    index = list(KEY_PLACES).index(key)
+    engine.resetJointState(controller.body, controller.links[index], TRAVEL + 0.003, 1.0)
+    assert controller.pressed() == key
+    assert controller.depths()[index] == pytest.approx(TRAVEL)
+    for _ in range(60):
+        engine.stepSimulation()
+    assert controller.pressed() == Keys.NONE

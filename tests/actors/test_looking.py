@@ -225,6 +225,16 @@ def test_play_prints_scores_and_records_every_decision(
     assert pictures == 8
 
 
+def test_play_in_real_time_tells_how_often_it_was_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = in_run(tmp_path, SHORT, 6)
+    assert command(monkeypatch, "--play", "--weights", str(weights), "--no-sync") == 0
+    assert re.fullmatch(
+        r"game 1: score 0 in 4 steps, \d+ deadlines missed\n", capsys.readouterr().out
+    )
+
+
 def test_play_on_the_emulator_alone_is_the_same_game_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -165,6 +165,25 @@ def test_a_dark_hand_along_a_whole_side_is_not_taken_for_the_side(screens) -> No
     assert refused >= 12
 
 
+def test_a_hidden_side_does_not_matter_once_the_screen_is_known(screens) -> None:
+    """Three sides in place are the same screen; but a screen that moved meanwhile is not."""
+    rng = np.random.default_rng(12)
+    for noise in (0.0, 6.0):
+        for _ in range(4):
+            pose = _random_pose(rng)
+            eye = Eye()
+            known = eye.see(_digital(_photograph(pose, screens["pong"]), rng, noise))
+            x, y, z = pose.position
+            for nudge, moved in ((0.0, False), (0.03, True)):
+                now = pose._replace(position=(x + nudge, y + nudge, z))
+                picture = _photograph(now, screens["pong"])
+                corners = pose.project(_GAME_CORNERS * (1 + 2 * BORDER))
+                picture[:, : int(max(corners[[0, 3], 0])) + 6] = 45
+                sight = eye.see(_digital(picture, rng, noise))
+                assert sight.valid != moved
+                assert np.array_equal(sight.corners, known.corners)
+
+
 def test_the_frame_is_the_emulators_own(screens) -> None:
     rng = np.random.default_rng(5)
     for game in ("pong", "space_invaders"):
