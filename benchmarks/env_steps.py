@@ -31,8 +31,8 @@ from common.presets import PRESETS
 Kind = Literal["robot_sync", "robot_wait", "ale"]
 
 _TITLES: dict[Kind, str] = {
-    "robot_sync": "ALE-Robot, 320×240",
-    "robot_wait": "ALE-Robot, waiting for its keys",
+    "robot_sync": "robot",
+    "robot_wait": "robot, waiting",
     "ale": "ALE-Only",
 }
 
@@ -180,13 +180,13 @@ def main() -> None:
     alone = paces["ale"].per_second
     count = f"{options.envs} environments" if options.envs > 1 else "one environment"
     publish(
-        f"{options.game}: decisions of 4 emulator frames per second, {count}, one core, lockstep",
+        f"{options.game}: decisions of 66.7 ms, {count} in one process, one core",
         [
             {
-                "environment": _TITLES[kind],
+                "kind": _TITLES[kind],
                 "decisions": pace.decisions,
                 "per step": pace.decisions / pace.steps,
-                "p50 per second": pace.per_second,
+                "per second": pace.per_second,
                 "least": min(pace.rates),
                 "most": max(pace.rates),
                 "of ALE-Only": pace.per_second / alone,

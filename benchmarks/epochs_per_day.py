@@ -108,12 +108,10 @@ def row(name: str, pace: Pace) -> dict[str, Any]:
         "train/s": pace.train_steps_per_second,
         "test/s": pace.test_steps_per_second,
         "updates/s": pace.updates_per_second,
-        "samples per insert": pace.samples_per_insert,
-        "staleness p50": pace.staleness_p50,
-        "in time": pace.deadlines_kept,
-        "CPU: " + ", ".join(pace.cpu_share): ", ".join(
-            f"{share:.0%}" for share in pace.cpu_share.values()
-        ),
+        "samples": pace.samples_per_insert,
+        "stale": pace.staleness_p50,
+        **({} if pace.deadlines_kept is None else {"in time": pace.deadlines_kept}),
+        "CPU": " + ".join(f"{share:.0%}" for share in pace.cpu_share.values()),
     }
 
 
@@ -167,7 +165,8 @@ def main() -> None:
     end_as_by_ctrl_c()
     paces = measure(setting, options.seconds)
     publish(
-        f"Local mode, {describe(setting)}, batches of 32, an update per 4 steps",
+        f"Local mode, {describe(setting)}, batches of 32, an update per 4 steps (samples per "
+        "insert; staleness in updates, p50; CPU of learner + actors + evaluator)",
         [row("idle", paces.training), row("testing", paces.testing)],
         options.json,
         summary(setting, paces),

@@ -290,7 +290,7 @@ class LocalRun:
             seconds=wall,
             train_steps_per_second=steps / wall,
             updates_per_second=updates / wall,
-            test_steps_per_second=test_rate(stamped),
+            test_steps_per_second=rate_of_tests(stamped),
             samples_per_insert=updates * self._config.learning.batch_size / steps,
             staleness_p50=float(np.percentile(staleness, 50)),
             staleness_p95=float(np.percentile(staleness, 95)),
@@ -307,7 +307,7 @@ def _by_process(stats: list[ActorStats], role: str) -> dict[int, list[ActorStats
     return found
 
 
-def test_rate(stamped: list[tuple[float, ActorStats]]) -> float:
+def rate_of_tests(stamped: list[tuple[float, ActorStats]]) -> float:
     """Steps per second of all evaluators together, each between its first and last heartbeat."""
     total = 0.0
     for each in _by_process([stats for _, stats in stamped], "evaluator"):

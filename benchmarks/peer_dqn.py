@@ -1,6 +1,5 @@
 """`PeerDQN`: stable-baselines3's DQN at the report's ratio, for `benchmarks.peers`."""
 
-import os
 import time
 from typing import Any
 
@@ -32,7 +31,6 @@ class PeerDQN:
                 return time.monotonic() < self.deadline
 
         gymnasium.register_envs(ale_py)
-        torch.set_num_threads(len(os.sched_getaffinity(0)))
         env = VecFrameStack(
             make_atari_env(
                 "ALE/Pong-v5",
@@ -55,8 +53,9 @@ class PeerDQN:
             exploration_final_eps=epsilon,
         )
 
-    def train(self, seconds: float) -> float:
-        """Go on training for so long; the agent steps per second."""
+    def train(self, seconds: float, threads: int) -> float:
+        """Go on training for so long with so many threads; the agent steps per second."""
+        torch.set_num_threads(threads)
         before = self._model.num_timesteps
         began = time.monotonic()
         self._until.deadline = began + seconds

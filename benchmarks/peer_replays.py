@@ -1,17 +1,27 @@
 """Others' replays of Atari steps and ours behind one interface, for `benchmarks.peers`.
 
 All are full of noise when they are made. Others take single steps with whole states, as their users
-hand them in; ours takes chunks.
+hand them in; ours takes chunks. Each is measured in a process of its own: what a batch costs
+depends on what the process has allocated before, up to tenfold.
 """
 
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from types import TracebackType
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 import torch
+import tyro
 
+from benchmarks.pace import slice_per_second
 from benchmarks.replay import BATCH, draw, draw_and_rate, fill, prioritised, unlimited
 from benchmarks.synthetic import Streams
+from common.errors import InputError
+from learner.local import ROOT
 from replay.memory import Memory
 
 _CHUNK = 64
@@ -22,7 +32,6 @@ _ALPHA, _BETA = 0.6, 0.4
 class Filled(Protocol):
     """A full replay."""
 
-    name: str
     steps: int
     """That one `insert` brings."""
 
@@ -36,7 +45,6 @@ class Filled(Protocol):
 class Ours:
     """`Memory`, in files."""
 
-    name = "ours"
     steps = _CHUNK
 
     def __init__(self, size: int, folder: Path, *, prioritised: bool = False) -> None:
@@ -52,10 +60,6 @@ class Ours:
 
     def draw(self) -> None:
         self._draw()
-
-    def close(self) -> None:
-        """Close the files."""
-        self._memory.close()
 
 
 _prioritised = prioritised
@@ -94,7 +98,6 @@ class Cpprb:
             shared = {"stack_compress": "obs", "next_of": "obs"}
         else:
             layout["next_obs"] = state
-        self.name = " ".join(("cpprb", *shared))
         self._prioritised = prioritised
         self._rng = np.random.default_rng(1)
         self._replay = (
@@ -128,7 +131,6 @@ class Cpprb:
 class StableBaselines3:
     """stable-baselines3's, as its DQN makes it."""
 
-    name = "stable-baselines3"
     steps = 1
 
     def __init__(self, size: int) -> None:
@@ -157,3 +159,96 @@ class StableBaselines3:
 
     def draw(self) -> None:
         self._replay.sample(BATCH)
+
+
+Who = Literal["ours", "cpprb", "cpprb-stacks", "cpprb-states", "stable-baselines3"]
+NAMES: dict[Who, str] = {
+    "ours": "ours",
+    "cpprb": "cpprb",
+    "cpprb-stacks": "cpprb stack_compress",
+    "cpprb-states": "cpprb stack_compress next_of",
+    "stable-baselines3": "stable-baselines3",
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """Answer each line ``insert SECONDS`` or ``draw SECONDS`` with a rate per second."""
+
+    who: Who
+    size: int
+    folder: Path
+    prioritised: bool = False
+
+
+def make(options: Options) -> Filled:
+    """The replay that is asked for; uniform ones only from stable-baselines3."""
+    size, prioritised = options.size, options.prioritised
+    if options.who == "ours":
+        return Ours(size, options.folder, prioritised=prioritised)
+    if options.who == "stable-baselines3":
+        return StableBaselines3(size)
+    if options.who == "cpprb":
+        return Cpprb(size, "nothing", prioritised=prioritised)
+    share: Literal["stacks", "states"] = "stacks" if options.who == "cpprb-stacks" else "states"
+    return Cpprb(size, share, prioritised=prioritised)
+
+
+class Elsewhere:
+    """A replay in a process of its own; a context manager that ends it."""
+
+    def __init__(self, who: Who, size: int, folder: Path, *, prioritised: bool = False) -> None:
+        self.name = NAMES[who]
+        self._arguments = [
+            *("--who", who, "--size", str(size), "--folder", str(folder)),
+            "--prioritised" if prioritised else "--no-prioritised",
+        ]
+
+    def __enter__(self) -> Self:
+        paths = filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.peer_replays", *self._arguments],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._process.kill()  # what it holds is thrown away
+        self._process.communicate()
+
+    def rate(self, work: Literal["insert", "draw"], seconds: float) -> float:
+        """Steps inserted, or batches drawn, per second.
+
+        Raises:
+            InputError: the process failed, and has said why.
+        """
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            self._process.stdin.write(f"{work} {seconds}\n")
+            self._process.stdin.flush()
+            return float(self._process.stdout.readline())
+        except (BrokenPipeError, ValueError):
+            raise InputError(f"the process of {self.name} failed, see above.") from None
+
+
+def main() -> None:
+    options = tyro.cli(Options, prog="python -m benchmarks.peer_replays")
+    torch.set_num_threads(1)  # two wait for each other on a busy machine
+    replay = make(options)
+    for line in sys.stdin:
+        work, seconds = line.split()
+        action, units = (replay.insert, replay.steps) if work == "insert" else (replay.draw, 1)
+        print(slice_per_second(action, float(seconds)) * units, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -38,20 +38,20 @@ def _batch(device: torch.device) -> DeviceBatch:
     )
 
 
-def ours() -> Callable[[], None]:
+def ours() -> Callable[[], float]:
     """The learner's, on the device and in the precision that it chooses by itself."""
     config = PRESETS["fast"]
     device = choose_device("auto", "auto")
     trainer = Trainer(build_network(config, _ACTIONS), config.learning, device)
     batch = _batch(device.torch)
 
-    def action() -> None:
-        float(trainer.update(batch).loss)
+    def action() -> float:
+        return float(trainer.update(batch).loss)
 
     return action
 
 
-def eager() -> Callable[[], None]:
+def eager() -> Callable[[], float]:
     """As textbooks write it, with the same network, loss and optimizer, on the same device."""
     learning = PRESETS["fast"].learning
     device = choose_device("auto", "float32").torch
@@ -73,7 +73,7 @@ def eager() -> Callable[[], None]:
     )
     batch = _batch(device)
 
-    def action() -> None:
+    def action() -> float:
         s_tm1, s_t = batch.s_tm1.float() / 255, batch.s_t.float() / 255
         with torch.no_grad():
             best = online(s_t).argmax(dim=1, keepdim=True)
@@ -84,6 +84,6 @@ def eager() -> Callable[[], None]:
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(online.parameters(), learning.gradient_norm)
         optimizer.step()
-        loss.item()
+        return loss.item()
 
     return action

@@ -11,7 +11,9 @@ import importlib.util
 import tempfile
 import time
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
@@ -19,15 +21,17 @@ import numpy as np
 import torch
 import tyro
 
-from benchmarks import peer_dqn, peer_replays, peer_update
+from benchmarks import peer_dqn, peer_update
 from benchmarks.local_run import LocalRun, Setting, end_as_by_ctrl_c
 from benchmarks.pace import slice_per_second
+from benchmarks.peer_replays import Elsewhere, Who
 from benchmarks.report import publish
 from common.errors import InputError, exit_on_input_error
 
 Subject = Literal["training", "replay", "update"]
 
 _NEEDED = {"stable_baselines3": "stable-baselines3", "cpprb": "cpprb"}
+PREFIX = "ale-robot-bench-"
 _SHORT_TURNS = 7
 _SHORT_TURN = 0.5
 
@@ -60,9 +64,8 @@ class Contender(NamedTuple):
     """Someone who can do a piece of work again and again."""
 
     name: str
-    action: Callable[[], object]
-    units: int = 1
-    """Of work that one action does."""
+    rate: Callable[[float], float]
+    """Does it for so many seconds; how often per second."""
 
 
 class Comparison(NamedTuple):
@@ -79,12 +82,12 @@ class Comparison(NamedTuple):
 
 
 def in_turns(contenders: Iterable[Contender], turns: int, seconds: float) -> dict[str, float]:
-    """Units per second of each: the median turn's, after a turn that does not count."""
+    """How often per second each does it: the median turn's, after a turn that does not count."""
     contenders = list(contenders)
     rates: dict[str, list[float]] = {each.name: [] for each in contenders}
     for turn in range(turns + 1):
         for each in contenders:
-            rate = slice_per_second(each.action, seconds) * each.units
+            rate = each.rate(seconds)
             if turn:
                 rates[each.name].append(rate)
     return {name: float(np.median(found)) for name, found in rates.items()}
@@ -104,80 +107,86 @@ def missing(package: str, what: str) -> str | None:
 
 
 def compare_training(options: Options) -> list[Comparison]:
-    """Agent steps per second of training; each turn of ours is a run of its own."""
+    """Agent steps per second of training; each turn of ours is a run of its own.
+
+    The peer plays and learns in one process, with one thread and with all: on a busy machine two
+    threads are slower than one.
+    """
+    cores = torch.get_num_threads()
     peer = peer_dqn.PeerDQN()
-    peer.train(options.seconds / 3)
-    theirs, ours = [], []
+    theirs: dict[int, list[float]] = {threads: [] for threads in sorted({1, cores})}
+    ours: list[float] = []
+    for threads in theirs:
+        peer.train(options.seconds / 3, threads)
     for _ in range(options.turns):
-        theirs.append(peer.train(options.seconds))
+        for threads, rates in theirs.items():
+            rates.append(peer.train(options.seconds, threads))
         with (
-            tempfile.TemporaryDirectory(prefix="ale-robot-bench-") as folder,
+            tempfile.TemporaryDirectory(prefix=PREFIX) as folder,
             LocalRun(Setting(), Path(folder)) as run,
         ):
             run.settle()
             ours.append(run.measure(options.seconds).train_steps_per_second)
-    return [
-        Comparison(
-            "training steps, Pong",
-            "stable-baselines3 DQN",
-            float(np.median(theirs)),
-            float(np.median(ours)),
-        )
-    ]
+    torch.set_num_threads(cores)
+    return against_ours(
+        "training steps, Pong",
+        {
+            **{
+                f"stable-baselines3 DQN, {threads} thread{'s' if threads > 1 else ''}": float(
+                    np.median(rates)
+                )
+                for threads, rates in theirs.items()
+            },
+            "ours": float(np.median(ours)),
+        },
+    )
 
 
 def compare_replays(options: Options, packages: set[str]) -> list[Comparison]:
     """Inserts, uniform draws, prioritised draws with new priorities."""
-    found = []
-    size = options.replay_steps
-    with tempfile.TemporaryDirectory(prefix="ale-robot-bench-") as folder:
-        uniform = [peer_replays.Ours(size, Path(folder) / "uniform")]
-        prioritised = [peer_replays.Ours(size, Path(folder) / "prioritised", prioritised=True)]
-        peers: list[peer_replays.Filled] = []
-        rated: list[peer_replays.Filled] = []
-        if "cpprb" in packages:
-            peers.append(peer_replays.Cpprb(size, "nothing"))
-            peers.append(peer_replays.Cpprb(size, "stacks"))
-            peers.append(peer_replays.Cpprb(size, "states"))
-            rated.append(peer_replays.Cpprb(size, "stacks", prioritised=True))
-            rated.append(peer_replays.Cpprb(size, "states", prioritised=True))
-        if "stable_baselines3" in packages:
-            peers.append(peer_replays.StableBaselines3(size))
-        try:
-            for work, contenders in (
-                (
-                    "insert steps",
-                    [Contender(each.name, each.insert, each.steps) for each in [*peers, *uniform]],
-                ),
-                (
-                    "draw batches of 32",
-                    [Contender(each.name, each.draw) for each in [*peers, *uniform]],
-                ),
-                (
-                    "draw and rate them",
-                    [Contender(each.name, each.draw) for each in [*rated, *prioritised]],
-                ),
-            ):
-                found += against_ours(work, in_turns(contenders, _SHORT_TURNS, _SHORT_TURN))
-        finally:
-            for ours in (*uniform, *prioritised):
-                ours.close()
+    uniform: list[Who] = ["ours"]
+    rated: list[Who] = ["ours"]
+    if "cpprb" in packages:
+        uniform += ["cpprb", "cpprb-stacks", "cpprb-states"]
+        rated += ["cpprb-stacks", "cpprb-states"]
+    if "stable_baselines3" in packages:
+        uniform += ["stable-baselines3"]
+    found: list[Comparison] = []
+    works: tuple[tuple[str, Literal["insert", "draw"], list[Who], bool], ...] = (
+        ("insert steps", "insert", uniform, False),
+        ("draw batches of 32", "draw", uniform, False),
+        ("draw and rate them", "draw", rated, True),
+    )
+    for name, work, whos, prioritised in works:
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=PREFIX)))
+            replays = [
+                stack.enter_context(
+                    Elsewhere(who, options.replay_steps, folder, prioritised=prioritised)
+                )
+                for who in whos
+            ]
+            contenders = [Contender(each.name, partial(each.rate, work)) for each in replays]
+            found += against_ours(name, in_turns(contenders, _SHORT_TURNS, _SHORT_TURN))
     return found
 
 
 def compare_updates() -> list[Comparison]:
     """Updates of batches of 32, on one thread and on all."""
     found = []
-    for threads in sorted({1, torch.get_num_threads()}):
-        before = torch.get_num_threads()
+    cores = torch.get_num_threads()
+    for threads in sorted({1, cores}):
         torch.set_num_threads(threads)
         eager, ours = peer_update.eager(), peer_update.ours()
         rates = in_turns(
-            [Contender("PyTorch eager float32", eager), Contender("ours", ours)],
+            [
+                Contender("PyTorch eager float32", partial(slice_per_second, eager)),
+                Contender("ours", partial(slice_per_second, ours)),
+            ],
             _SHORT_TURNS,
             _SHORT_TURN,
         )
-        torch.set_num_threads(before)
+        torch.set_num_threads(cores)
         work = f"updates of 32, {threads} thread{'s' if threads > 1 else ''}"
         found += against_ours(work, rates)
     return found

@@ -46,14 +46,13 @@ def row(found: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "actors": found["actors"],
         "train/s": found["train_steps_per_second"],
-        "beside test": found["train_steps_per_second_beside_test"],
+        "at test": found["train_steps_per_second_beside_test"],
         "test/s": found["test_steps_per_second"],
-        "updates/s": found["updates_per_second"],
-        "samples per insert": found["samples_per_insert"],
-        "staleness p50": found["staleness_updates"]["p50"],
-        "in time": found["deadlines_kept"],
-        "epochs/day": found["epochs_per_day"],
-        "overlapped": found["epochs_per_day_overlapped"],
+        "samples": found["samples_per_insert"],
+        "stale": found["staleness_updates"]["p50"],
+        **({} if found["sync"] else {"in time": found["deadlines_kept"]}),
+        "epochs": found["epochs_per_day"],
+        "beside": found["epochs_per_day_overlapped"],
     }
 
 
@@ -94,7 +93,8 @@ def main() -> None:
         print(f"{actors}: {measured[-1]['train_steps_per_second']:.1f} steps/s", flush=True)
     what = describe(options.setting).rsplit(", ", 1)[0]
     publish(
-        f"Local mode, {what}, batches of 32, an update per 4 steps",
+        f"Local mode, {what}, batches of 32, an update per 4 steps (samples per insert; staleness "
+        "in updates, p50; epochs a day with tests after training, and beside it)",
         [row(each) for each in measured],
         options.json,
         {"scaling": measured},

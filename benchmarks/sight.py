@@ -36,10 +36,10 @@ class Options:
 
     games: tuple[str, ...] = ("pong", "breakout", "space_invaders", "asteroids")
     """Games on the screen."""
-    poses: int = 50
+    poses: int = 40
     """Poses for each of the cameras; every game is looked at from each."""
-    frames: int = 10_000
-    """Decisions of Pong for the probe; fewer than two thirds have the ball in play."""
+    frames: int = 7_000
+    """Pictures of Pong for the probe; fewer than two thirds have the ball in play."""
     seed: int = 1
     """Of poses, play and faults."""
     json: Path | None = None
@@ -159,7 +159,7 @@ def main() -> None:
         [_row(row, "p50_px", "p95_px", "max_px") for row in by_game],
     )
     read = read_off(options)
-    show("Linear probe from single frames of Pong, R² on later games", [_row(r) for r in read])
+    show("Linear probe from single frames of Pong, R² on later play", [_row(r) for r in read])
     kept = goals(by_case, by_game, read)
     print(
         f"goals: corners p95 ≤ {MOST_PIXELS} px, Pong ≤ {MOST_DIFFERENCE:.0f} of 255, "

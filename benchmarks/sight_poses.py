@@ -1,11 +1,12 @@
 """Looking at the screen from many poses: how well its corners are found, and what is then seen.
 
-Every picture is looked at by a new eye, which knows nothing of an earlier place.
+Every picture is looked at by a new eye, which knows nothing of an earlier place, unless the case
+is that arms rise before a screen that it had seen.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -38,15 +39,15 @@ FAULTS = CameraConfig(
 
 @dataclass(frozen=True)
 class Case:
-    """A camera, and whether arms are raised before the screen."""
+    """A camera, and when an arm is raised before the screen, if at all."""
 
     name: str
     camera: CameraConfig = PERFECT_CAMERA
-    arms: bool = False
+    arm: Literal["never", "later", "before"] = "never"
 
 
 def cases() -> list[Case]:
-    """A perfect camera, each fault alone, all of them, and each of these two behind arms."""
+    """A perfect camera, each fault alone, all of them, and these two with an arm in front."""
     alone = [
         Case(name.replace("_", " "), replace(PERFECT_CAMERA, **{name: value}))
         for name, value in vars(FAULTS).items()
@@ -56,8 +57,10 @@ def cases() -> list[Case]:
         Case("perfect"),
         *alone,
         Case("all faults", FAULTS),
-        Case("perfect, arms in front", arms=True),
-        Case("all faults, arms in front", FAULTS, arms=True),
+        Case("perfect, an arm rises", arm="later"),
+        Case("all faults, an arm rises", FAULTS, "later"),
+        Case("perfect, arm before first look", arm="before"),
+        Case("all faults, arm before first look", FAULTS, "before"),
     ]
 
 
@@ -115,14 +118,18 @@ def measure(
     emulators = {game: Emulator(game, int(rng.integers(2**31)), frame_skip=4) for game in games}
     tallies = {game: Tally() for game in games}
     for _ in range(poses):
-        _stand_somewhere(room, case, rng)
+        _stand_somewhere(room, rng)
+        room.sensor.begin_game(rng)
+        eyes = {game: Eye(case.camera.distortion) for game in games}
+        if case.arm != "never":
+            if case.arm == "later":
+                for game, emulator in emulators.items():
+                    eyes[game].see(room.sensor.take(room.picture(emulator.screen_rgb())))
+            _raise_arm(room, rng)
         for game, emulator in emulators.items():
             _play_on(emulator, rng)
-            room.sensor.begin_game(rng)
             picture = room.sensor.take(room.picture(emulator.screen_rgb()))
-            look = Look(
-                case, game, picture, Eye(case.camera.distortion).see(picture), corners_in(room)
-            )
+            look = Look(case, game, picture, eyes[game].see(picture), corners_in(room))
             tally = tallies[game]
             tally.pictures += 1
             if look.sight.valid and look.sight.corners is not None:
@@ -144,20 +151,16 @@ def corners_in(room: Room) -> NDArray[np.float64]:
     )
 
 
-def _stand_somewhere(room: Room, case: Case, rng: Generator) -> None:
+def _stand_somewhere(room: Room, rng: Generator) -> None:
     yaw, pitch = rng.uniform(-MOST_TURN, MOST_TURN, 2)
     room.arms.settle()
     room.pose(yaw=yaw, pitch=pitch, distance=1 + rng.uniform(-MOST_AWAY, MOST_AWAY))
-    if case.arms:
-        for pose in _raised(rng):
-            room.arms.left.place(pose)
-            if _HIDDEN[0] < _hidden_share(room) < _HIDDEN[1]:
-                return
 
 
-def _raised(rng: Generator) -> Iterator[NDArray[np.float64]]:
-    while True:
-        yield rng.uniform(_POSE_LOW, _POSE_HIGH)
+def _raise_arm(room: Room, rng: Generator) -> None:
+    """Somewhere before the projected picture, hiding as much of it as `_HIDDEN` says."""
+    while not _HIDDEN[0] < _hidden_share(room) < _HIDDEN[1]:
+        room.arms.left.place(rng.uniform(_POSE_LOW, _POSE_HIGH))
 
 
 def _hidden_share(room: Room) -> float:

@@ -20,7 +20,7 @@ _NEAR = 0.8
 _SUPPORT = 0.4
 """Least share of a side's places that must support its line."""
 
-_ALONG = np.linspace(0.04, 0.96, _PLACES)[:, None, None]
+_ALONG = np.linspace(0.04, 0.96, _PLACES)[:, None]
 _ACROSS = np.arange(-_REACH, _REACH + 1, dtype=np.float64)
 
 
@@ -37,17 +37,9 @@ def refine(
     Returns:
         Corners, ``float32 [4, 2]``; None if a side has too little support.
     """
-    corners = quad.astype(np.float64)
-    sides = np.roll(corners, -1, axis=0) - corners
-    inward = np.stack([-sides[:, 1], sides[:, 0]], axis=1)
-    inward /= np.maximum(np.hypot(sides[:, 0], sides[:, 1]), 1e-6)[:, None]
-    bases = corners[:, None, None] + sides[:, None, None] * _ALONG
-    grid = (bases + inward[:, None, None] * _ACROSS[:, None]).astype(np.float32)
-    xs, ys = np.ascontiguousarray(grid.reshape(4 * _PLACES, -1, 2).transpose(2, 0, 1))
-    seen = cv2.remap(grey, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    offsets, found = _falls(np.asarray(seen, np.float32), contrast)
-    points = bases.reshape(4, _PLACES, 2) + inward[:, None] * offsets.reshape(4, _PLACES, 1)
-    found = found.reshape(4, _PLACES)
+    bases, inward = _places(quad)
+    offsets, found = _edges(grey, bases, inward, contrast)
+    points = bases + inward[:, None] * offsets[:, :, None]
     lines = np.zeros((4, 3))
     for side in range(4):
         line = _fit(points[side][found[side]])
@@ -55,6 +47,38 @@ def refine(
             return None
         lines[side] = line
     return meet(lines)
+
+
+def in_place(
+    grey: NDArray[np.uint8], quad: NDArray[np.float32], contrast: float
+) -> NDArray[np.float64]:
+    """Share of each of an exact ``quad``'s sides that can be seen to be where it was: ``[4]``."""
+    offsets, found = _edges(grey, *_places(quad), contrast)
+    shares: NDArray[np.float64] = (found & (np.abs(offsets) < _NEAR)).mean(axis=1)
+    return shares
+
+
+def _places(quad: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places along each side ``[4, places, 2]``, and each side's way inward ``[4, 2]``."""
+    corners = quad.astype(np.float64)
+    sides = np.roll(corners, -1, axis=0) - corners
+    inward = np.stack([-sides[:, 1], sides[:, 0]], axis=1)
+    inward /= np.maximum(np.hypot(sides[:, 0], sides[:, 1]), 1e-6)[:, None]
+    return corners[:, None] + sides[:, None] * _ALONG, inward
+
+
+def _edges(
+    grey: NDArray[np.uint8],
+    bases: NDArray[np.float64],
+    inward: NDArray[np.float64],
+    contrast: float,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """How far inward of each place the edge is, pixels, and if there is any: ``[4, places]``."""
+    grid = (bases[:, :, None] + inward[:, None, None] * _ACROSS[:, None]).astype(np.float32)
+    xs, ys = np.ascontiguousarray(grid.reshape(4 * _PLACES, -1, 2).transpose(2, 0, 1))
+    seen = cv2.remap(grey, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    offsets, found = _falls(np.asarray(seen, np.float32), contrast)
+    return offsets.reshape(4, _PLACES), found.reshape(4, _PLACES)
 
 
 def _falls(

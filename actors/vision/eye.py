@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.nao.anatomy import CAMERA_WIDTH_ANGLE
-from actors.vision.edges import refine
+from actors.vision.edges import in_place, refine
 from actors.vision.layout import ASPECT, GAME_IN_PICTURE
 from actors.vision.lens import Lens
 from actors.vision.quad import dark_quads
@@ -36,6 +36,8 @@ _ASPECT_ERROR = 0.012
 _SKEW = 0.012
 """Most that the cosine between the screen's sides may be. Screens that are well found, noise, blur
 and all, stay within half of both; one whose hidden corner is guessed wrong by 2 pixels does not."""
+_UNMOVED = 0.9
+"""Share of the screen's outline that has to be in place for it not to be searched anew."""
 _EDGE = 0.25
 """Least fall of light at an edge, as a share of the whole picture's contrast."""
 
@@ -56,7 +58,8 @@ class Eye:
     """Finds the projector screen and unwarps the game.
 
     While the screen stands still and nothing comes before its edges, it is not searched again.
-    When nothing is found, the last good homography is kept and the frame is marked invalid.
+    When it is neither found nor seen to be where it was, the last good homography is kept and the
+    frame is marked invalid.
     """
 
     def __init__(self, distortion: float = 0.0) -> None:
@@ -77,14 +80,29 @@ class Eye:
             if self._screen.is_still_in(windowed):
                 return Sight(self._screen.unwarp(windowed), True, self._corners)
         grey = _grey(image)
-        outer = _find(grey, None if self._screen is None else self._screen.outer)
-        if outer is not None:
-            self._screen = Screen(outer, grey)
-            self._corners = self._as_shown(self._screen.corners)
+        found = self._search(grey)
         if self._screen is None:
             return Sight(np.zeros(FRAME_SHAPE, np.uint8), False, None)
-        frame = self._screen.unwarp(grey[self._screen.window])
-        return Sight(frame, outer is not None, self._corners)
+        return Sight(self._screen.unwarp(grey[self._screen.window]), found, self._corners)
+
+    def _search(self, grey: NDArray[np.uint8]) -> bool:
+        """Find the screen anew, or else see that it is still where it was."""
+        black, light = _levels(grey)
+        if light - black < _MIN_CONTRAST:
+            return False
+        last, shares = None, np.zeros(4)
+        if self._screen is not None:
+            last = self._screen.outer
+            shares = in_place(grey, last, _EDGE * (light - black))
+            if shares.mean() >= _UNMOVED:
+                return True
+        outer = _find(grey, last, black, light)
+        if outer is None:
+            # Too much may be hidden to find it. But nothing that moves keeps three sides in place.
+            return bool((shares >= _SIDE_RIGHT).sum() >= 3)
+        self._screen = Screen(outer, grey)
+        self._corners = self._as_shown(self._screen.corners)
+        return True
 
     def _as_shown(self, corners: NDArray[np.float32]) -> NDArray[np.float32]:
         """Where in the camera's own picture places of the straightened one are."""
@@ -97,16 +115,20 @@ def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
 
 
-def _find(grey: NDArray[np.uint8], last: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+def _levels(grey: NDArray[np.uint8]) -> tuple[float, float]:
+    """Grey levels of black and of light in a picture."""
+    sample = np.sort(grey[::4, ::4], axis=None)
+    return float(sample[len(sample) // 50]), float(sample[len(sample) * 9 // 10])
+
+
+def _find(
+    grey: NDArray[np.uint8], last: NDArray[np.float32] | None, black: float, light: float
+) -> NDArray[np.float32] | None:
     """Corners of the projected picture, border included, or None.
 
     Near the last place first: something before the screen can spoil its outline, not all of its
     edges.
     """
-    sample = np.sort(grey[::4, ::4], axis=None)
-    black, light = float(sample[len(sample) // 50]), float(sample[len(sample) * 9 // 10])
-    if light - black < _MIN_CONTRAST:
-        return None
     contrast = _EDGE * (light - black)
     if last is not None and (outer := _confirm(grey, last, contrast)) is not None:
         return outer

@@ -18,7 +18,7 @@ def test_the_command_writes_rates_and_a_breakdown(tmp_path: Path) -> None:
     content = json.loads(file.read_text())
     assert content["envs"] == 2
     for kind, row in zip(("robot_sync", "robot_wait", "ale"), content["rows"], strict=True):
-        assert row["least"] <= content[kind] == row["p50 per second"] <= row["most"]
+        assert row["least"] <= content[kind] == row["per second"] <= row["most"]
         assert row["per step"] >= 1
     assert content["rows"][0]["decisions"] == content["rows"][2]["decisions"] == 12
     assert set(content["breakdown_us"]) == {"physics", "emulator", "render", "detection", "rest"}

@@ -14,6 +14,7 @@ from actors.nao.sensor import PERFECT_CAMERA
 from benchmarks import sight
 from benchmarks.sight_poses import FAULTS, Case, Look, Tally, cases, corners_in, measure
 from benchmarks.sight_probe import collect, probe
+from common.config import CameraConfig
 
 GAMES = ("pong", "space_invaders", "asteroids")
 
@@ -21,7 +22,7 @@ GAMES = ("pong", "space_invaders", "asteroids")
 def test_cases_hold_every_fault_alone_and_all_together() -> None:
     found = cases()
     assert found[0].camera == PERFECT_CAMERA
-    assert sum(case.camera == FAULTS for case in found) == 2
+    assert sum(case.camera == FAULTS for case in found) == 3
     alone = [case.camera for case in found if case.camera not in (PERFECT_CAMERA, FAULTS)]
     changed = [[name for name, value in vars(camera).items() if value] for camera in alone]
     assert all(len(names) == 1 for names in changed)
@@ -45,14 +46,13 @@ def test_corners_and_frames_from_random_poses(case: Case) -> None:
         assert tallies["pong"].figures()["difference"] <= sight.MOST_DIFFERENCE
 
 
-def test_what_is_found_behind_arms_is_right() -> None:
-    """Arms may hide too much; but a screen that counts as found is where it is."""
-    for camera in (PERFECT_CAMERA, FAULTS):
-        case = Case("arms", camera, arms=True)
-        figures = measure(case, ("pong", "breakout"), 4, np.random.default_rng(4))
-        found = sum(figures.values(), Tally()).figures()
-        assert found["found"] >= 0.3
-        assert found["p95_px"] <= sight.MOST_PIXELS
+@pytest.mark.parametrize("camera", [PERFECT_CAMERA, FAULTS], ids=["perfect", "all faults"])
+def test_a_screen_behind_an_arm_is_where_it_was(camera: CameraConfig) -> None:
+    case = Case("an arm rises", camera, "later")
+    tallies = measure(case, ("pong", "breakout"), 3, np.random.default_rng(4))
+    figures = sum(tallies.values(), Tally()).figures()
+    assert figures["found"] == 1.0
+    assert figures["max_px"] <= sight.MOST_PIXELS
 
 
 def test_corners_of_the_room_are_where_a_white_game_ends() -> None:
@@ -99,15 +99,13 @@ def test_paddles_and_ball_can_be_read_off_few_frames() -> None:
     frames = collect(2600, PERFECT_CAMERA, 1)
     assert len(frames.seen) > 1200
     for found in (probe(frames.own, frames.truth), probe(frames.seen, frames.truth)):
-        assert (found[:2] >= 0.98).all()
-        # The ball is two pixels and every place of it has to be learned: x needs more frames.
-        assert found[2] >= 0.4
-        assert found[3] >= 0.95
+        assert (found[:2] >= 0.97).all()
+        assert (found[2:] >= (0.75, 0.95)).all()  # x needs more frames
 
 
 @pytest.mark.slow
 def test_paddles_and_ball_can_be_read_off() -> None:
-    frames = collect(8000, PERFECT_CAMERA, 1)
+    frames = collect(7000, PERFECT_CAMERA, 1)
     assert (probe(frames.seen, frames.truth) >= sight.LEAST_EXPLAINED).all()
 
 

@@ -1,0 +1,150 @@
+"""`benchmarks.peers` and `benchmarks.scaling`: who is compared with whom, and what is drawn."""
+
+import importlib.util
+import json
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from benchmarks import peer_update, peers, scaling
+from benchmarks.epochs_per_day import Paces
+from benchmarks.local_run import LocalRun, Pace, Setting
+from benchmarks.peer_replays import Elsewhere
+from common.errors import InputError
+
+
+def test_medians_of_turns_after_the_first() -> None:
+    told = {"fast": iter([99.0, 4.0, 6.0, 5.0]), "slow": iter([99.0, 1.0, 1.0, 7.0])}
+    order: list[str] = []
+
+    def rate(name: str, seconds: float) -> float:
+        order.append(name)
+        return next(told[name]) / seconds
+
+    contenders = [peers.Contender(name, partial(rate, name)) for name in told]
+    assert peers.in_turns(contenders, 3, 0.5) == {"fast": 10.0, "slow": 2.0}
+    assert order == ["fast", "slow"] * 4
+
+
+def test_our_replay_in_a_process_of_its_own(tmp_path: Path) -> None:
+    with Elsewhere("ours", 1_000, tmp_path, prioritised=True) as ours:
+        assert ours.rate("insert", 0.02) > 64
+        assert ours.rate("draw", 0.02) > 1
+        # A rate of at least one call in the time it was given.
+        assert ours.rate("insert", 0.0) > 0
+
+
+def test_a_replay_that_cannot_be_had_says_so(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with (
+        Elsewhere("ours", 1_000, tmp_path / "file" / "below") as ours,
+        pytest.raises(InputError, match="ours failed"),
+    ):
+        ours.rate("draw", 0.1)
+
+
+def test_each_peer_beside_ours() -> None:
+    found = peers.against_ours("draw", {"a": 10.0, "ours": 30.0, "b": 60.0})
+    assert [(each.peer, each.peer_per_second, each.ratio) for each in found] == [
+        ("a", 10.0, 3.0),
+        ("b", 60.0, 0.5),
+    ]
+
+
+def test_what_is_not_installed_is_passed_over(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    results = tmp_path / "peers.json"
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(
+        peers,
+        "compare_updates",
+        lambda: peers.against_ours("updates", {"PyTorch": 20.0, "ours": 50.0}),
+    )
+    monkeypatch.setattr(peers, "end_as_by_ctrl_c", lambda: None)
+    monkeypatch.setattr(sys, "argv", ["peers", "--json", str(results)])
+    peers.main()
+    printed = capsys.readouterr().out
+    assert "stable-baselines3 is not installed" in printed
+    assert "cpprb is not installed" in printed
+    found = json.loads(results.read_text())
+    assert [(each["work"], each["ratio"]) for each in found["comparisons"]] == [("updates", 2.5)]
+    assert len(found["skipped"]) == 3
+
+
+@pytest.fixture
+def one_thread() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.usefixtures("one_thread")
+def test_both_updates_update() -> None:
+    for make in (peer_update.eager, peer_update.ours):
+        action = make()
+        losses = [action() for _ in range(8)]
+        assert np.isfinite(losses).all()
+        assert losses[-1] < losses[0]  # on the same batch again and again
+
+
+def pace(train: float, test: float) -> Pace:
+    return Pace(10.0, train, train / 4, test, 8.0, 20.0, 40.0, None, dict.fromkeys("lae", 0.2))
+
+
+def test_table_and_figure_of_scaling(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def measured(setting: Setting, seconds: float) -> Paces:
+        return Paces(pace(100.0 * setting.actors, 0.0), pace(80.0 * setting.actors, 500.0))
+
+    results, figure = tmp_path / "scaling.json", tmp_path / "scaling.png"
+    monkeypatch.setattr(scaling, "measure", measured)
+    monkeypatch.setattr(scaling, "end_as_by_ctrl_c", lambda: None)
+    flags = ["--numbers", "1", "3", "--json", str(results), "-o", str(figure)]
+    monkeypatch.setattr(sys, "argv", ["scaling", *flags])
+    scaling.main()
+    found = json.loads(results.read_text())
+    assert [each["train_steps_per_second"] for each in found["scaling"]] == [100.0, 300.0]
+    assert [each["actors"] for each in found["scaling"]] == [1, 3]
+    drawn = cv2.imread(str(figure))
+    assert drawn is not None
+    assert min(drawn.shape[:2]) > 300
+    assert "wrote" in capsys.readouterr().out
+
+
+def test_settings_that_cannot_work() -> None:
+    with pytest.raises(InputError, match="numbers"):
+        scaling.Options(Setting(), numbers=(0,)).check()
+    with pytest.raises(InputError, match="png"):
+        scaling.Options(Setting(), output=Path("figure.gif")).check()
+    with pytest.raises(InputError, match="only"):
+        peers.Options(only=()).check()
+
+
+@pytest.mark.slow
+def test_a_real_run_watched(tmp_path: Path) -> None:
+    with LocalRun(Setting(learner="--threads 1"), tmp_path, epoch_steps=256) as run:
+        run.settle()
+        run.await_tests()
+        found = run.measure(3.0)
+    assert found.train_steps_per_second > 0
+    assert found.test_steps_per_second > 0
+    ratio = found.updates_per_second * 32 / found.train_steps_per_second
+    assert found.samples_per_insert == pytest.approx(ratio)
+    assert all(share > 0 for share in found.cpu_share.values())
+    assert sum(found.cpu_share.values()) <= 1.05
+    assert found.staleness_p50 <= found.staleness_p95
+
+
+def test_a_learner_that_cannot_start_says_why(tmp_path: Path) -> None:
+    setting = Setting(learner="--replay.ratio-tolerance 1")
+    with pytest.raises(InputError, match="ratio_tolerance"), LocalRun(setting, tmp_path):
+        pass

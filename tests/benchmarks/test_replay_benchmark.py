@@ -1,0 +1,77 @@
+"""`python -m benchmarks.replay` on small rings, and the chunks of noise it inserts."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks import replay
+from benchmarks.pace import slice_per_second
+from benchmarks.synthetic import Streams
+from common.chunk import decode_chunk, encode_chunk
+from common.errors import InputError
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *flags: str) -> None:
+    monkeypatch.setattr(sys, "argv", ["replay", *flags])
+    monkeypatch.setattr(replay, "end_as_by_ctrl_c", lambda: None)
+    replay.main()
+
+
+def test_figures_of_each_size(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    results, files = tmp_path / "replay.json", tmp_path / "files"
+    files.mkdir()
+    flags = ("--seconds", "0.05", "--folder", str(files), "--json", str(results))
+    run(monkeypatch, "--sizes", "512", "1024", *flags)
+    found = json.loads(results.read_text())
+    assert [each["capacity"] for each in found["sizes"]] == [512, 1_024]
+    for each in found["sizes"]:
+        capacity = each["capacity"]
+        # Full but for what a chunk does not fit into, and the first chunks' missing neighbours.
+        assert capacity - 2 * 64 <= each["stored"] <= capacity
+        assert capacity * 7_056 < each["file_bytes"] < capacity * 7_200 + 50_000
+        assert each["private_bytes"] > 1e6
+        assert each["insert_steps_per_second"] > 64
+        assert each["uniform_batches_per_second"] > 1
+        assert each["prioritised_batches_per_second"] > 1
+    assert [row["steps"] for row in found["rows"]] == [each["stored"] for each in found["sizes"]]
+    assert found["versions"]["numpy"]
+    assert not list(files.iterdir())
+    assert "prioritised" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("flags", "complaint"),
+    [
+        (["--sizes", "100"], "sizes"),
+        (["--seconds", "0"], "seconds"),
+        (["--folder", "no/such/folder"], "no folder"),
+    ],
+)
+def test_settings_that_cannot_work(
+    monkeypatch: pytest.MonkeyPatch, flags: list[str], complaint: str
+) -> None:
+    with pytest.raises(InputError, match=complaint):
+        run(monkeypatch, *flags)
+
+
+def test_chunks_of_noise_are_chunks() -> None:
+    streams = Streams("r", actors=("a", "b"), steps=8, history=4)
+    chunks = [decode_chunk(encode_chunk(streams.next())) for _ in range(5)]
+    assert [(each.actor, each.sequence) for each in chunks] == [
+        ("a", 0),
+        ("b", 0),
+        ("a", 1),
+        ("b", 1),
+        ("a", 2),
+    ]
+    assert all(len(each) == 8 and len(each.context) == 3 for each in chunks)
+
+
+def test_a_slice_has_at_least_one_call() -> None:
+    calls: list[int] = []
+    assert slice_per_second(lambda: calls.append(1), 0.0) > 0
+    assert calls == [1]

@@ -1,0 +1,91 @@
+"""`benchmarks.transport` with real processes, for a moment."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import transport
+from common.errors import InputError
+
+
+def test_chunks_and_batches_at_once(tmp_path: Path) -> None:
+    options = transport.Options(seconds=0.3, capacity=2_000, chunk_steps=16)
+    with transport.Exchange(options, tmp_path) as exchange:
+        sent, drawn = exchange.measure(["send", "draw"])
+        again = exchange.measure(["send"], window=1)[0]
+    for each in (sent, again):
+        assert each["transitions_per_second"] == pytest.approx(16 * each["calls_per_second"])
+        # 16 frames and 3 of context of 7,056 bytes, and some hundred bytes more.
+        size = each["megabytes_per_second"] * 1e6 / each["calls_per_second"]
+        assert 19 * 7_056 < size < 19 * 7_056 + 2_000
+        assert each["unacknowledged"] == each["refused"] == 0
+    assert drawn["transitions_per_second"] == pytest.approx(32 * drawn["calls_per_second"])
+    size = drawn["megabytes_per_second"] * 1e6 / drawn["calls_per_second"]
+    assert size == pytest.approx(2 * 32 * 4 * 7_056, rel=0.001)
+    for each in (sent, drawn, again):
+        assert 0 < each["p50_ms"] <= each["p99_ms"]
+        assert each["calls"] == pytest.approx(each["calls_per_second"] * each["seconds"])
+        assert each["seconds"] >= 0.3
+
+
+def figures(**changed: float) -> dict[str, Any]:
+    return {
+        "calls": 10,
+        "seconds": 2.0,
+        "calls_per_second": 5.0,
+        "p50_ms": 1.0,
+        "p99_ms": 2.0,
+        "transitions_per_second": 320.0,
+        "megabytes_per_second": 2.5,
+        "retried": 0,
+    } | changed
+
+
+def test_several_senders_together() -> None:
+    found = transport.together([figures(), figures(p99_ms=9.0, p50_ms=0.5, retried=1)])
+    assert found == {
+        "calls": 20,
+        "seconds": 2.0,
+        "calls_per_second": 10.0,
+        "p50_ms": 1.0,
+        "p99_ms": 9.0,
+        "transitions_per_second": 640.0,
+        "megabytes_per_second": 5.0,
+        "retried": 1,
+    }
+
+
+def test_table_and_json(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    class Told:
+        def __init__(self, *_: object) -> None: ...
+        def __enter__(self) -> "Told":
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+        def measure(self, roles: list[str], window: int = 4) -> list[dict[str, Any]]:
+            alone = len(set(roles)) == 1
+            return [figures(calls_per_second=5.0 * window if alone else 1.0) for _ in roles]
+
+    results = tmp_path / "transport.json"
+    monkeypatch.setattr(transport, "Exchange", Told)
+    monkeypatch.setattr(transport, "end_as_by_ctrl_c", lambda: None)
+    monkeypatch.setattr(sys, "argv", ["transport", "--senders", "2", "--json", str(results)])
+    transport.main()
+    found = json.loads(results.read_text())
+    assert found["insert_one_at_a_time"]["calls_per_second"] == 5.0
+    assert found["insert"]["calls_per_second"] == 40.0
+    assert found["sample"]["calls_per_second"] == 20.0
+    assert found["insert_at_once"]["calls_per_second"] == 2.0
+    assert found["sample_at_once"]["calls_per_second"] == 1.0
+    assert len(found["rows"]) == 5
+    assert "at once" in capsys.readouterr().out
+
+
+def test_settings_that_cannot_work() -> None:
+    with pytest.raises(InputError, match="senders"):
+        transport.Options(senders=0).check()
