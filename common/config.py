@@ -251,6 +251,19 @@ class RunConfig:
         ):
             if value < 1:
                 raise InputError(f"{name} is {value}: choose 1 or more.")
+        for name, value, most in (
+            ("camera.noise", self.camera.noise, 255),
+            ("camera.blur", self.camera.blur, 20),
+            ("camera.exposure", self.camera.exposure, 0.9),
+            ("camera.colour_gain", self.camera.colour_gain, 0.9),
+            ("camera.distortion", self.camera.distortion, 0.3),
+            ("camera.delay", self.camera.delay, 3),
+            ("camera.camera_jitter", self.camera.camera_jitter, 45),
+            ("camera.screen_jitter", self.camera.screen_jitter, 0.5),
+            ("camera.ambient", self.camera.ambient, 0.9),
+        ):
+            if value > most:
+                raise InputError(f"{name} is {value}: choose at most {most}.")
         if not 2 <= self.play.history <= MAX_HISTORY:
             raise InputError(
                 f"play.history is {self.play.history}: choose a number from 2 to {MAX_HISTORY}."

@@ -19,7 +19,7 @@ from common.config import (
 _PAPER = RunConfig(
     preset="paper",
     env="ale",
-    play=PlayConfig(minimal_actions=True),
+    play=PlayConfig(minimal_actions=True, read_keys="decision"),
     replay=ReplayConfig(capacity=1_000_000, warmup=50_000),
     learning=LearningConfig(
         target="double",

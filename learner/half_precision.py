@@ -38,9 +38,13 @@ class HalfPrecision:
     @torch.no_grad()
     def hand_back_gradients(self) -> None:
         """Give the original the gradients that a backward pass left here, and forget them."""
-        for theirs, ours in zip(self._originals, self._copies, strict=True):
-            if theirs.grad is None:
-                theirs.grad = torch.zeros_like(theirs)
-            assert ours.grad is not None
-            theirs.grad.copy_(ours.grad)
-            ours.grad = None
+        for original in self._originals:
+            if original.grad is None:
+                original.grad = torch.zeros_like(original)
+        torch._foreach_copy_(_gradients(self._originals), _gradients(self._copies))
+        for copied in self._copies:
+            copied.grad = None
+
+
+def _gradients(parameters: list[Tensor]) -> list[Tensor]:
+    return [p.grad for p in parameters if p.grad is not None]

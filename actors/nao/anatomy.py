@@ -120,9 +120,6 @@ TOP_CAMERA_ORIGIN: Vector = (0.05871, 0.0, 0.06364)
 """On the head."""
 TOP_CAMERA_PITCH = 0.0209
 """Downwards, against the head."""
-CAMERA_WIDTH_ANGLE = 60.97
-CAMERA_HEIGHT_ANGLE = 47.64
-"""Field of view in degrees."""
 SOLE_BELOW_ANKLE = 0.04511
 
 

@@ -13,16 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.nao.anatomy import (
-    CAMERA_HEIGHT_ANGLE,
-    CAMERA_WIDTH_ANGLE,
-    TOP_CAMERA_ORIGIN,
-    TOP_CAMERA_PITCH,
-    Vector,
-)
+from actors.nao.anatomy import TOP_CAMERA_ORIGIN, TOP_CAMERA_PITCH, Vector
 from actors.nao.assembly import place_in_piece
 from actors.nao.posture import TORSO_ORIGIN
 from actors.nao.rotation import about
+from actors.vision.optics import HEIGHT_ANGLE, WIDTH_ANGLE
 
 CAMERA_SIZE = (320, 240)
 """Width and height of the robot's picture, of those that NAO's camera offers."""
@@ -138,9 +133,7 @@ def top_camera(
     gaze = turn @ about((0.0, 1.0, 0.0), TOP_CAMERA_PITCH)
     wide, tall = (
         2 * math.degrees(math.atan(math.tan(math.radians(angle) / 2) * (1 + 2 * more / pixels)))
-        for angle, more, pixels in zip(
-            (CAMERA_WIDTH_ANGLE, CAMERA_HEIGHT_ANGLE), margin, size, strict=True
-        )
+        for angle, more, pixels in zip((WIDTH_ANGLE, HEIGHT_ANGLE), margin, size, strict=True)
     )
     seen = (size[0] + 2 * margin[0], size[1] + 2 * margin[1])
     return Camera(engine, eye, gaze[:, 0], gaze[:, 2], size=seen, angles=(wide, tall))

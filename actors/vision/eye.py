@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.nao.anatomy import CAMERA_WIDTH_ANGLE
 from actors.vision.edges import in_place, refine
 from actors.vision.layout import ASPECT, GAME_IN_PICTURE
 from actors.vision.lens import Lens
+from actors.vision.optics import WIDTH_ANGLE
 from actors.vision.quad import dark_quads
 from actors.vision.screen import Screen, homography_to
 from common.chunk import FRAME_SHAPE
@@ -177,7 +177,7 @@ def _confirm(
 def _is_picture_shaped(homography: NDArray[np.float64], width: int, height: int) -> bool:
     """Whether a rectangle of the projector's shape, somewhere in space, looks like that to NAO's
     camera (Zhang 2000: a homography's columns are the plane's axes, seen)."""
-    focal = width / 2 / np.tan(np.radians(CAMERA_WIDTH_ANGLE) / 2)
+    focal = width / 2 / np.tan(np.radians(WIDTH_ANGLE) / 2)
     across, down = homography[:, 0].copy(), homography[:, 1].copy()
     for axis in (across, down):
         axis[0] = (axis[0] - (width - 1) / 2 * axis[2]) / focal

@@ -9,8 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.nao.anatomy import (
-    CAMERA_HEIGHT_ANGLE,
-    CAMERA_WIDTH_ANGLE,
     JOINT_NAMED,
     JOINTS,
     LINK_NAMED,
@@ -24,6 +22,7 @@ from actors.nao.posture import ARM_JOINTS, HELD_ANGLES, TORSO_ORIGIN
 from actors.nao.room import Room
 from actors.nao.rotation import about, from_roll_pitch_yaw, to_roll_pitch_yaw
 from actors.nao.shapes import SHAPES
+from actors.vision.optics import HEIGHT_ANGLE, WIDTH_ANGLE
 
 # From the maker's tables: lower, upper, speed, torque.
 PUBLISHED = {
@@ -117,7 +116,7 @@ def test_every_link_of_the_upper_body_is_as_published() -> None:
 def test_the_camera_and_the_sole_are_where_they_are_published() -> None:
     assert TOP_CAMERA_ORIGIN == (0.05871, 0.0, 0.06364)
     assert (TOP_CAMERA_PITCH, SOLE_BELOW_ANKLE) == (0.0209, 0.04511)
-    assert (CAMERA_WIDTH_ANGLE, CAMERA_HEIGHT_ANGLE) == (60.97, 47.64)
+    assert (WIDTH_ANGLE, HEIGHT_ANGLE) == (60.97, 47.64)
 
 
 def test_exactly_the_arm_joints_move_with_the_published_limits(room: Room) -> None:

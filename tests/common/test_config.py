@@ -107,6 +107,27 @@ def test_ranges(field: str, least: int, most: int, sentence: str) -> None:
             changed(field, value).check()
 
 
+@pytest.mark.parametrize(
+    ("field", "most", "beyond"),
+    [
+        ("camera.noise", 255.0, 256.0),
+        ("camera.blur", 20.0, 20.5),
+        ("camera.exposure", 0.9, 1.0),
+        ("camera.colour_gain", 0.9, 1.0),
+        ("camera.distortion", 0.3, 0.31),
+        ("camera.delay", 3, 4),
+        ("camera.camera_jitter", 45.0, 46.0),
+        ("camera.screen_jitter", 0.5, 0.6),
+        ("camera.ambient", 0.9, 1.0),
+        ("learning.random_shift", 20, 21),
+    ],
+)
+def test_upper_bounds(field: str, most: float, beyond: float) -> None:
+    changed(field, most).check()
+    with pytest.raises(InputError, match=f"^{field} is {beyond}: choose at most"):
+        changed(field, beyond).check()
+
+
 def test_a_chunk_has_at_most_1024_steps() -> None:
     config = changed("replay.ratio_tolerance", 10_000)
     changed("stream.chunk_steps", 1_024, config).check()
