@@ -11,7 +11,7 @@ import numpy as np
 from ale_py import ALEInterface, LoggerMode, roms
 from numpy.typing import NDArray
 
-from actors.envs.phosphor import glow_grey, glow_rgb
+from actors.envs.phosphor import glow, glow_grey, glow_rgb
 from common.errors import InputError
 
 _ROMS = Path(roms.__file__).parent
@@ -57,12 +57,8 @@ class Emulator:
         self._frame_skip = frame_skip
         self._ale.setFloat("repeat_action_probability", 0.0)
         self._ale.loadROM(_ROMS / f"{game}.bin")
-        self._blends = self._ale.getScreenDims()[0] != _EUROPEAN_ROWS
-        if not self._blends:
-            self._ale.setBool("color_averaging", True)
-            self._ale.loadROM(_ROMS / f"{game}.bin")
-        self._before = self._ale.getScreen()
-        """The field before the present one."""
+        self._european = self._ale.getScreenDims()[0] == _EUROPEAN_ROWS
+        self._remember()
         # Not always 0: ALE itself presses start or fire in some games to get them going.
         self._first_frame = self._ale.getEpisodeFrameNumber()
         self.screen_shape: tuple[int, int] = self._ale.getScreenDims()
@@ -75,7 +71,7 @@ class Emulator:
     def reset(self) -> None:
         """Start a new game."""
         self._ale.reset_game()
-        self._before = self._ale.getScreen()
+        self._remember()
         self._first_frame = self._ale.getEpisodeFrameNumber()
 
     def act(self, action: int) -> float:
@@ -84,19 +80,32 @@ class Emulator:
         for _ in range(self._frame_skip):
             if self._ale.game_over():  # the screen stands still then
                 break
-            self._before = self._ale.getScreen()
+            self._remember()
             points += self._ale.act(action)
         return points
+
+    def _remember(self) -> None:
+        """Keep the present field: it is the one before from now on."""
+        self._before = self._ale.getScreen()
+        if self._european:
+            self._before_rgb, self._before_grey = (
+                self._ale.getScreenRGB(),
+                self._ale.getScreenGrayscale(),
+            )
 
     def screen_rgb(self) -> NDArray[np.uint8]:
         """The picture in colour, ``uint8 [rows, columns, 3]``, the caller's to keep."""
         picture = self._ale.getScreenRGB()
-        return glow_rgb(picture, self._ale.getScreen(), self._before) if self._blends else picture
+        if self._european:
+            return glow(picture, self._before_rgb)
+        return glow_rgb(picture, self._ale.getScreen(), self._before)
 
     def screen_grey(self) -> NDArray[np.uint8]:
         """The picture's luminance, ``uint8 [rows, columns]``, the caller's to keep."""
         picture = self._ale.getScreenGrayscale()
-        return glow_grey(picture, self._ale.getScreen(), self._before) if self._blends else picture
+        if self._european:
+            return glow(picture, self._before_grey)
+        return glow_grey(picture, self._ale.getScreen(), self._before)
 
     def ram(self) -> NDArray[np.uint8]:
         """The console's memory, ``uint8 [128]``."""

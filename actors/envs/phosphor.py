@@ -2,7 +2,8 @@
 
 ALE can average colours itself, but does so after every emulator frame, which costs more than
 emulating the frame. Here only pictures that are looked at are blended, and only where they changed;
-the outcome is ALE's own to the last bit.
+the outcome is ALE's own to the last bit, but for games made for PAL televisions: of one of those,
+air_raid, ALE's blend is black.
 """
 
 import numpy as np
@@ -79,6 +80,13 @@ def glow_grey(
     places, blends = _changes(now, before)
     picture.reshape(-1)[places] = _GREY[blends]
     return picture
+
+
+def glow(now: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Two pictures blended by brightness, each colour for itself: for televisions whose colours
+    are not in the table above."""
+    dark, bright = np.minimum(now, before), np.maximum(now, before)
+    return np.asarray(dark + ((bright - dark).astype(np.int16) * _AFTERGLOW // 100), np.uint8)
 
 
 def _changes(
