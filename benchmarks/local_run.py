@@ -62,7 +62,7 @@ class Setting:
     evaluators: int = 1
     """Evaluators; one is what local mode starts."""
     learner: str = ""
-    """More flags for `python -m learner`, in quotes."""
+    """More flags for `python -m learner`, as in --learner="--threads 2"."""
 
     def check(self) -> None:
         if min(self.actors, self.evaluators) < 1:

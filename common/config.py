@@ -18,6 +18,7 @@ MAX_HELD_OUT = 2_048
 MAX_SEED = 2**63
 MAX_WAIT = 50
 MAX_SHIFT = 20
+MAX_DELAY = 60
 
 EnvKind = Literal["ale", "robot"]
 PresetName = Literal["paper", "fast", "robot"]
@@ -46,6 +47,17 @@ class PlayConfig:
     """Most decisions that a robot waits for its commanded keys, where it waits at all."""
     vector: bool = False
     """Show the last commands and keys, and a robot's joints, beside the frames."""
+    eye: Literal["camera", "emulator"] = "camera"
+    """What a robot's state shows: its camera's picture, or the emulator's own."""
+    hand: Literal["arm", "model"] = "arm"
+    """What presses a robot's keys: its hands, or a model of them with the next three, which the
+    bare emulator has as well."""
+    delay: int = 0
+    """Decisions by which commands to a modelled hand are late."""
+    release: int = 0
+    """Frames until a modelled hand lets the last command's keys go."""
+    press: int = 0
+    """Frames until it presses the new one's."""
 
 
 @dataclass(frozen=True)
@@ -252,6 +264,9 @@ class RunConfig:
             if value < 1:
                 raise InputError(f"{name} is {value}: choose 1 or more.")
         for name, value, most in (
+            ("play.delay", self.play.delay, MAX_DELAY),
+            ("play.release", self.play.release, MAX_DELAY),
+            ("play.press", self.play.press, MAX_DELAY),
             ("camera.noise", self.camera.noise, 255),
             ("camera.blur", self.camera.blur, 20),
             ("camera.exposure", self.camera.exposure, 0.9),

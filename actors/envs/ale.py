@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from actors.envs.body_sense import BodySense
 from actors.envs.emulator import Emulator
 from actors.envs.game import REPORT_PLAY, AtariGame
+from actors.envs.late_keys import LateKeys
 from actors.envs.observation import FrameHistory, Observation, observation_space, shrink
 from actors.terminal.window import TerminalWindow, render_modes
 from actors.vision.layout import ASPECT
-from common.actions import KEYS_OF_ACTION
+from common.actions import KEYS_OF_ACTION, action_of_keys
 from common.config import PlayConfig
 from common.vector_layout import KEY_FRAMES
 
@@ -21,7 +22,8 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
     """One step is one decision of ``play.frame_skip`` emulator frames.
 
     Observation: ``uint8 [history, 84, 84]``, newest frame last; with ``play.vector`` in a
-    dictionary beside the last commands and keys, which are here always the commanded ones.
+    dictionary beside the last commands and keys. The keys are the commanded ones, unless
+    ``play.delay``, ``release`` or ``press`` let them come late (`LateKeys`).
     Action: an index into all 18 actions, or into the game's own with ``play.minimal_actions``.
     Reward: points, not clipped.
     With ``training`` an episode also ends at a lost life, and the next ``reset()`` carries the
@@ -46,12 +48,15 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         self.metadata = {"render_modes": render_modes(), "render_fps": rate}
         self.render_mode = render_mode
         self._window = TerminalWindow(rate) if render_mode == "human" else None
-        # The action is held through all frames of a decision, so the emulator can repeat it.
-        self._game = AtariGame(game, play, training=training, emulator_skip=play.frame_skip)
+        # An action that is held through all frames of a decision the emulator can repeat itself.
+        self._prompt = not (play.delay or play.release or play.press)
+        skip = play.frame_skip if self._prompt else 1
+        self._game = AtariGame(game, play, training=training, emulator_skip=skip)
+        self._frame_skip = play.frame_skip
+        self._keys = LateKeys(play)
         self._frames = FrameHistory(play.history)
         self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
         self.observation_space = observation_space(play, "ale")
-        self._felt_frames = min(play.frame_skip, KEY_FRAMES)
         self._sense = BodySense("ale") if play.vector else None
 
     @property
@@ -69,24 +74,33 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
             seeded=seed is not None,
             new_game=bool((options or {}).get("new_game", False)),
         )
-        if new and self._sense is not None:
-            self._sense.forget()
+        if new:
+            self._keys.reset()
+            if self._sense is not None:
+                self._sense.forget()
         self._frames.restart(shrink(self._game.emulator.screen_grey()))
         self._show()
         return self._observation(), self._game.info(valid_frame=True, keys_match=True, elapsed=0)
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold the action for one decision."""
-        held = self._game.actions[action]
-        reward = self._game.hold(held)
+        command = self._game.actions[action]
+        wanted = KEYS_OF_ACTION[command]
         if self._sense is not None:
-            self._sense.command(held)
-            for _ in range(self._felt_frames):
-                self._sense.feel(KEYS_OF_ACTION[held])
+            self._sense.command(command)
+        self._keys.command(wanted)
+        pressed = [self._keys.step_frame() for _ in range(self._frame_skip)]
+        if self._prompt:
+            reward = self._game.hold(command)
+        else:
+            reward = sum(self._game.hold(action_of_keys(keys)) for keys in pressed)
+        if self._sense is not None:
+            for keys in pressed[-KEY_FRAMES:]:
+                self._sense.feel(keys)
         terminated, truncated = self._game.end_decision()
         self._frames.push(shrink(self._game.emulator.screen_grey()))
         self._show()
-        info = self._game.info(valid_frame=True, keys_match=True, elapsed=1)
+        info = self._game.info(valid_frame=True, keys_match=pressed[-1] == wanted, elapsed=1)
         return self._observation(), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:

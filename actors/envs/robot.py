@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from actors.envs.clock import Clock, Lockstep, RealTime
 from actors.envs.emulator import Emulator
 from actors.envs.game import REPORT_PLAY, AtariGame
-from actors.envs.observation import FrameHistory, Observation, observation_space
+from actors.envs.observation import FrameHistory, Observation, observation_space, shrink
 from actors.envs.world import Decision, World
 from actors.nao.room import Room
 from actors.nao.sensor import PERFECT_CAMERA
@@ -234,7 +234,10 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             self._window.show(self.room.view(screen, 256, 192, moved=moved))
 
     def _look(self) -> None:
-        self.sight = self.eye.see(self.seen)
+        if self._play.eye == "camera":
+            self.sight = self.eye.see(self.seen)
+        else:
+            self.sight = Sight(shrink(self._game.emulator.screen_grey()), True, None)
 
     def _observation(self) -> Observation:
         vector = self._world.vector()

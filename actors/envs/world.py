@@ -4,12 +4,14 @@ Who moves it on, and when, is the clock's business (`actors.envs.clock`).
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.envs.body_sense import BodySense
 from actors.envs.game import AtariGame
+from actors.envs.late_keys import LateKeys
 from actors.nao.room import Room
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.config import PlayConfig
@@ -34,6 +36,23 @@ class Decision:
         return self.terminated or self.truncated
 
 
+class Hand(Protocol):
+    """Whatever presses keys: the room with its robot, or a model of it."""
+
+    @property
+    def held(self) -> Keys:
+        """The keys that were pressed at the end of the last frame."""
+
+    def reset(self) -> None:
+        """No key pressed, no command on its way."""
+
+    def command(self, keys: Keys) -> None:
+        """Set out for exactly ``keys``."""
+
+    def step_frame(self) -> Keys:
+        """Pass one emulator frame; the keys that are pressed at its end."""
+
+
 class World:
     """Commands go in; each frame the hands move on, and the keys they press play the game.
 
@@ -48,6 +67,7 @@ class World:
         self.pressed = Keys.NONE
         """The keys that the game was given at the last frame."""
         self._room = room
+        self._hand: Hand = room if play.hand == "arm" else LateKeys(play)
         self._game = game
         self._play = play
         self._sense = BodySense("robot") if play.vector else None
@@ -62,7 +82,7 @@ class World:
 
     def restart(self) -> None:
         """Hands at rest and nothing remembered, for a new game."""
-        self._room.reset()
+        self._hand.reset()
         self.wanted = self.pressed = Keys.NONE
         self._frames, self._points = 0, 0.0
         if self._sense is not None:
@@ -71,15 +91,15 @@ class World:
     def command(self, action: int) -> None:
         """Let the hands set out for one of the 18 actions."""
         self.wanted = KEYS_OF_ACTION[action]
-        self._room.command(self.wanted)
+        self._hand.command(self.wanted)
         if self._sense is not None:
             self._sense.command(action)
 
     def frame(self) -> Decision | None:
         """Pass one emulator frame (1/60 s); the decision that it completes, if any."""
         if self._play.read_keys == "decision" and self._frames == 0:
-            self.pressed = self._room.controller.held
-        felt = self._room.step_frame()
+            self.pressed = self._hand.held
+        felt = self._hand.step_frame()
         if self._play.read_keys == "frame":
             self.pressed = felt
         if self._sense is not None:

@@ -156,6 +156,11 @@ class Room:
             self.pose(yaw=yaw, pitch=pitch, distance=1 + rng.uniform(-nearest, nearest))
         self.sensor.begin_game(rng)
 
+    @property
+    def held(self) -> Keys:
+        """The keys that were pressed at the end of the last frame."""
+        return self.controller.held
+
     def command(self, keys: Keys) -> None:
         """Let the hands set out to hold exactly ``keys`` down."""
         self.arms.command(keys)

@@ -9,29 +9,24 @@ from common.config import PlayConfig
 UP, FIRE = Keys.UP, Keys.FIRE
 
 
-class ScriptedController:
-    def __init__(self) -> None:
-        self.held = Keys.NONE
-
-
 class ScriptedRoom:
     """Its hands press, frame by frame, what the script says."""
 
     def __init__(self, script: list[Keys], diary: list[str]) -> None:
-        self.controller = ScriptedController()
+        self.held = Keys.NONE
         self._script = iter(script)
         self._diary = diary
 
     def reset(self) -> None:
-        self.controller.held = Keys.NONE
+        self.held = Keys.NONE
 
     def command(self, keys: Keys) -> None:
         self._diary.append(f"command {keys:d}")
 
     def step_frame(self) -> Keys:
         self._diary.append("physics")
-        self.controller.held = next(self._script)
-        return self.controller.held
+        self.held = next(self._script)
+        return self.held
 
 
 class DiaryGame:

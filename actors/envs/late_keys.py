@@ -1,0 +1,49 @@
+"""A hand as a model: keys that follow commands as late as one says, without any physics.
+
+Between the emulator, whose keys are as commanded at once, and the robot, whose arms take their
+time, it tells how much delay alone costs a learner. A pure delay would not do as a model of an
+arm: on the way from one key to another, an arm holds neither.
+"""
+
+from collections import deque
+
+from common.actions import Keys
+from common.config import PlayConfig
+
+
+class LateKeys:
+    """Keys that let go of the old command after ``play.release`` emulator frames and press the new
+    one after ``play.press``; commands themselves come ``play.delay`` decisions late."""
+
+    def __init__(self, play: PlayConfig) -> None:
+        self._play = play
+        self.reset()
+
+    @property
+    def held(self) -> Keys:
+        """The keys that were pressed at the end of the last frame."""
+        return self._held
+
+    def reset(self) -> None:
+        """No key pressed, no command on its way."""
+        self._coming = deque([Keys.NONE] * self._play.delay)
+        self._held = self._old = self._wanted = Keys.NONE
+        self._frames = 0
+
+    def command(self, keys: Keys) -> None:
+        """Set out for exactly ``keys``; once a decision."""
+        self._coming.append(keys)
+        wanted = self._coming.popleft()
+        if wanted != self._wanted:
+            self._old, self._wanted, self._frames = self._held, wanted, 0
+
+    def step_frame(self) -> Keys:
+        """Pass one emulator frame; the keys that are pressed in it."""
+        self._held = self._wanted
+        if self._frames < self._play.press:
+            # What both commands hold stays down, as under a finger that has not to move.
+            self._held &= self._old
+            if self._frames < self._play.release:
+                self._held = self._old
+        self._frames += 1
+        return self._held

@@ -1,0 +1,147 @@
+"""`python -m benchmarks.ladder --rung R3`: the way from the emulator to the robot, rung by rung.
+
+Each rung is the program's own configuration, and each adds one difficulty to another one, so that
+a rung that is missed says what holds learning back:
+
+R0  sight and touch, no learning (`python -m actors --check`)
+R1  the emulator alone
+R2  the emulator under keys as late as the robot's: one frame until the old ones are let go, three
+    until the new ones are down, and `--delay` decisions more
+R3  the camera's pixels, keys as commanded: an eye without a hand
+R4  the emulator's pixels, keys pressed by the arms: a hand without an eye
+R5  the robot
+"""
+
+import csv
+import json
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+
+from common.errors import InputError, exit_on_input_error
+from common.run_folder import RunFolder
+
+Rung = Literal["R0", "R1", "R2", "R3", "R4", "R5"]
+
+RELEASE, PRESS = 1, 3
+"""Frames: the robot's medians, `python -m benchmarks.press_latency`."""
+FLAGS: dict[Rung, list[str]] = {
+    "R1": ["--env", "ale"],
+    "R2": ["--env", "ale", "--play.release", f"{RELEASE}", "--play.press", f"{PRESS}"],
+    "R3": ["--env", "robot", "--play.hand", "model"],
+    "R4": ["--env", "robot", "--play.eye", "emulator"],
+    "R5": ["--env", "robot"],
+}
+COLUMNS = (
+    "rung", "game", "seed", "flags", "agent_steps", "updates", "wall_seconds", "random_reward",
+    "best_test_reward", "games", "epsilon", "mean", "deviation", "iqm", "iqm_low", "iqm_high",
+    "press_match_share", "valid_frame_share", "cpu", "cores", "device", "git_commit", "git_dirty",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Options:
+    """Train one rung of the ladder and evaluate what it learned; a row of results for each seed."""
+
+    rung: Rung
+    steps: int = 1_000_000
+    """Agent steps of each run; one that was stopped goes on when it is asked for again."""
+    seeds: int = 1
+    """Runs, with seeds 1, 2, …"""
+    game: str = "pong"
+    """Any game that ale-py bundles."""
+    preset: Literal["fast", "robot"] = "robot"
+    """Of all rungs the same, or they could not be compared."""
+    delay: int = 0
+    """Of R2: decisions by which commands come late, beside the keys' own time."""
+    games: int = 30
+    """Games of each evaluation."""
+    epsilon: float = 0.001
+    """Share of random decisions in it."""
+    learner: str = ""
+    """More flags for `python -m learner`, as in --learner="--threads 2"."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs."""
+    output: Path = Path("benchmarks/results/ladder.csv")
+    """Table to which the rows are added."""
+
+    def flags(self, seed: int) -> list[str]:
+        """Of the learner, but for those of its folder."""
+        late = ["--play.delay", f"{self.delay}"] if self.delay else []
+        run = ["--preset", self.preset, "--game", self.game, "--seed", f"{seed}"]
+        return [*run, *FLAGS[self.rung], *late, *shlex.split(self.learner)]
+
+    def run_name(self, seed: int) -> str:
+        """Of the run's folder."""
+        late = f"-late-{self.delay}" if self.delay else ""
+        return f"ladder-{self.rung}{late}-{self.game}-{self.preset}-{seed}".replace("_", "-")
+
+
+def climb(options: Options, seed: int) -> dict[str, Any]:
+    """Train and evaluate one run; its row."""
+    folder = RunFolder(options.runs, options.run_name(seed))
+    known = ["--resume"] if folder.checkpoint.exists() else []
+    place = ["--run", folder.name, "--runs", str(options.runs)]
+    flags = options.flags(seed)
+    _python("learner", "--local", *place, "--steps", f"{options.steps}", *known, *flags)
+    evaluation = folder.path / "evaluation.json"
+    games = ["--games", f"{options.games}", "--epsilon", f"{options.epsilon}"]
+    _python("learner", "--evaluate", str(folder.checkpoint), *games, "--json", str(evaluation))
+    return row_of(
+        options, seed, json.loads(folder.summary.read_text()), json.loads(evaluation.read_text())
+    )
+
+
+def row_of(
+    options: Options, seed: int, summary: dict[str, Any], evaluation: dict[str, Any]
+) -> dict[str, Any]:
+    """What the run's two files tell, by `COLUMNS`."""
+    found = {
+        **summary,
+        **evaluation,
+        "rung": options.rung,
+        "game": options.game,
+        "seed": seed,
+        "flags": shlex.join(options.flags(seed)),
+        "cpu": summary["machine"]["cpu"],
+        "cores": summary["machine"]["cores"],
+    }
+    return {name: found[name] for name in COLUMNS}
+
+
+def add_row(path: Path, row: dict[str, Any]) -> None:
+    """Add ``row`` to the table at ``path``, begun if it is not there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fresh = not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        if fresh:
+            writer.writeheader()
+        writer.writerow(row)
+
+
+def _python(module: str, *arguments: str) -> None:
+    ended = subprocess.run([sys.executable, "-m", module, *arguments], check=False)
+    if ended.returncode:
+        raise InputError(f"python -m {module} ended with exit code {ended.returncode}, see above.")
+
+
+def main() -> None:
+    options = tyro.cli(Options, prog="python -m benchmarks.ladder")
+    if options.delay and options.rung != "R2":
+        raise InputError("--delay is for --rung R2.")
+    if options.rung == "R0":
+        _python("actors", "--check", "--game", options.game)
+        return
+    for seed in range(1, options.seeds + 1):
+        add_row(options.output, climb(options, seed))
+        print(f"added a row to {options.output}", flush=True)
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

@@ -1,0 +1,76 @@
+"""The ladder: each rung is a configuration of the program, and a run becomes a row."""
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.ladder import COLUMNS, FLAGS, Options, Rung, add_row
+from common.cli import parse_run
+from learner.__main__ import LearnerOptions
+from tests.end_to_end.conftest import PATIENCE
+
+
+def differing(rung: Rung, **settings: int) -> dict[str, object]:
+    """The settings in which a rung's run is not the plain robot's."""
+
+    def settings_of(flags: list[str]) -> dict[str, object]:
+        config = parse_run(LearnerOptions, "learner", flags, lambda _: None).config
+        return {"env": config.env, **vars(config.play), "learning": config.learning}
+
+    robot = settings_of(Options("R5").flags(1))
+    found = settings_of(Options(rung, **settings).flags(1))  # type: ignore[arg-type]
+    return {name: value for name, value in found.items() if value != robot[name]}
+
+
+def test_each_rung_is_the_robot_less_its_difficulties() -> None:
+    assert differing("R1") == {"env": "ale"}
+    assert differing("R2") == {"env": "ale", "release": 1, "press": 3}
+    assert differing("R2", delay=2) == {"env": "ale", "release": 1, "press": 3, "delay": 2}
+    assert differing("R3") == {"hand": "model"}
+    assert differing("R4") == {"eye": "emulator"}
+    assert set(FLAGS) == {"R1", "R2", "R3", "R4", "R5"}
+
+
+def test_runs_have_names_of_their_own() -> None:
+    names = {Options(rung).run_name(seed) for rung in FLAGS for seed in (1, 2)}
+    assert len(names) == 2 * len(FLAGS)
+    assert Options("R2", delay=4).run_name(1) not in names
+
+
+def test_rows_are_added_below_one_heading(tmp_path: Path) -> None:
+    path = tmp_path / "results" / "ladder.csv"
+    for seed in (1, 2):
+        add_row(path, dict.fromkeys(COLUMNS, seed))
+    with path.open() as file:
+        assert [row["seed"] for row in csv.DictReader(file)] == ["1", "2"]
+
+
+@pytest.mark.slow
+def test_a_rung_is_climbed_and_told(tmp_path: Path) -> None:
+    output = tmp_path / "ladder.csv"
+    command = [sys.executable, "-m", "benchmarks.ladder", "--rung", "R3", "--steps", "1000"]
+    learner = (
+        "--listen tcp/127.0.0.1:7561 --replay.warmup 600 --replay.capacity 5000 "
+        "--protocol.epoch-steps 300 --protocol.test-steps 100 --protocol.held-out-states 32"
+    )
+    more = [
+        "--games",
+        "2",
+        "--runs",
+        str(tmp_path),
+        "--output",
+        str(output),
+        f"--learner={learner}",
+    ]
+    subprocess.run([*command, *more], check=True, timeout=PATIENCE, stdin=subprocess.DEVNULL)
+    with output.open() as file:
+        (row,) = csv.DictReader(file)
+    assert (row["rung"], row["games"], row["epsilon"]) == ("R3", "2", "0.001")
+    assert int(row["agent_steps"]) >= 1000
+    assert -21 <= float(row["mean"]) <= 21
+    # Keys as commanded, screen seen by the camera.
+    assert (float(row["press_match_share"]), float(row["valid_frame_share"])) == (1.0, 1.0)
+    assert "--play.hand model" in row["flags"]
