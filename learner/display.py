@@ -217,7 +217,7 @@ def status_line(status: Status) -> str:
             f"{figures.decimal(status.samples_per_insert, 2)} samples/insert"
             f" of {status.samples_per_insert_goal:g}",
             f"staleness {stale}",
-            f"{alive} of {len(status.present)} actors{time_troubles(status.present)}",
+            f"{alive} of {len(status.present)} actors{time_troubles(status.time)}",
             gates,
         )
     )

@@ -128,6 +128,7 @@ class Monitor:
             replay_private_bytes=progress.private_bytes,
             replay_resident_bytes=progress.resident_bytes,
             replay_file_bytes=progress.file_bytes,
+            time=self._roster.time(),
             chunks=ChunkCounts(
                 made=made,
                 acked=progress.accepted,

@@ -15,7 +15,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from learner import figures
-from learner.status import ActorStatus, Gate, Status
+from learner.status import ActorStatus, Gate, Status, TimeCounts
 
 _WIDEST = 132
 _ECHO = 2
@@ -274,7 +274,7 @@ def _people_and_gates(status: Status, width: int, rows: int) -> Table:
     grid.add_row(
         _titled(
             f"Actors {alive}/{len(status.present)}{troubles}"
-            if (troubles := time_troubles(status.present))
+            if (troubles := time_troubles(status.time))
             else f"Actors, {alive} of {len(status.present)} alive",
             _actors(status.present, rows, roomy=width >= _ROOMY),
         ),
@@ -283,10 +283,9 @@ def _people_and_gates(status: Status, width: int, rows: int) -> Table:
     return grid
 
 
-def time_troubles(actors: Sequence[ActorStatus]) -> str:
-    """What went wrong with the actors' time, if anything did, each after a comma."""
-    late = sum(actor.missed_deadlines + actor.late_frames for actor in actors)
-    given_up = sum(actor.waits_given_up for actor in actors)
+def time_troubles(time: TimeCounts | ActorStatus) -> str:
+    """What went wrong with time, if anything did, each after a comma."""
+    late, given_up = time.missed_deadlines + time.late_frames, time.waits_given_up
     told = [f", {_brief(late)} late"] if late else []
     return "".join([*told, f", {_brief(given_up)} gave up"] if given_up else told)
 
@@ -312,7 +311,7 @@ def _actors(actors: Sequence[ActorStatus], rows: int, roomy: bool) -> Table:
         if roomy:
             cells += [
                 _text(f"ε {figures.decimal(actor.epsilon, 3)}"),
-                _text(f"{figures.count(actor.retried)} retried{time_troubles([actor])}", _LABEL),
+                _text(f"{figures.count(actor.retried)} retried{time_troubles(actor)}", _LABEL),
                 _text(f"silent {actor.silent_for:.0f} s", _LABEL),
             ]
         mark = Text("●", _GOOD) if actor.alive else Text("○", _BAD)

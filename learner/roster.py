@@ -2,7 +2,7 @@
 
 import threading
 import time
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 import zenoh
@@ -11,7 +11,7 @@ from zenoh.handlers import Callback
 from common.actor_stats import ActorStats, decode_stats
 from common.bus import RunKeys
 from common.errors import MessageError
-from learner.status import ActorStatus
+from learner.status import ActorStatus, TimeCounts
 
 _LAST_WORDS = 1.0
 """Seconds in which the counters of a process that leaves may come after its token has gone."""
@@ -78,6 +78,13 @@ class Roster:
         with self._lock:
             every = list(self._stats.values())
         return sum(s.made for s in every), sum(s.retried for s in every)
+
+    def time(self) -> TimeCounts:
+        """How time went, over all processes there ever were."""
+        with self._lock:
+            every = list(self._stats.values())
+        names = [each.name for each in fields(TimeCounts)]
+        return TimeCounts(**{name: sum(getattr(s, name) for s in every) for name in names})
 
     def actors(self) -> tuple[ActorStatus, ...]:
         """All that were here since this learner began, the newest process of each name."""

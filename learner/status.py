@@ -55,6 +55,17 @@ class ChunkCounts:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TimeCounts:
+    """How time went for all actors and evaluators that ever were."""
+
+    steps: int = 0
+    decisions: int = 0
+    missed_deadlines: int = 0
+    late_frames: int = 0
+    waits_given_up: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Gate:
     """A condition without which learning cannot be trusted; `learner.gates` judges them."""
 
@@ -134,6 +145,7 @@ class Status:
     """The same with the file pages that happen to be in memory."""
     replay_file_bytes: int = 0
     chunks: ChunkCounts = field(default_factory=ChunkCounts)
+    time: TimeCounts = field(default_factory=TimeCounts)
     valid_frame_share: float | None = None
     press_match_share: float | None = None
     """Share of decisions at whose end the commanded keys, and no others, were pressed."""

@@ -109,10 +109,13 @@ def write_summary(
         ),
         "valid_frame_share": status.valid_frame_share,
         "press_match_share": status.press_match_share,
-        "decisions_per_step": _decisions_per_step(status),
-        "missed_deadlines": sum(actor.missed_deadlines for actor in status.actors),
-        "late_frames": sum(actor.late_frames for actor in status.actors),
-        "waits_given_up": sum(actor.waits_given_up for actor in status.actors),
+        # More than 1 where robots wait, or are late.
+        "decisions_per_step": (
+            status.time.decisions / status.time.steps if status.time.steps else None
+        ),
+        "missed_deadlines": status.time.missed_deadlines,
+        "late_frames": status.time.late_frames,
+        "waits_given_up": status.time.waits_given_up,
         "gates": [dataclasses.asdict(gate) for gate in status.gates],
         "actors": [dataclasses.asdict(actor) for actor in status.actors],
         "config": dataclasses.asdict(config),
@@ -120,12 +123,6 @@ def write_summary(
     }
     text = json.dumps(_strict(summary), indent=2, ensure_ascii=False, allow_nan=False)
     write_atomically(path, (text + "\n").encode())
-
-
-def _decisions_per_step(status: Status) -> float | None:
-    """Decisions of game time that a step took: more than 1 where robots wait, or are late."""
-    steps = sum(actor.steps for actor in status.actors)
-    return sum(actor.decisions for actor in status.actors) / steps if steps else None
 
 
 def _strict(value: Any) -> Any:

@@ -21,7 +21,7 @@ from learner import figures
 from learner.display import LiveDisplay, PlainDisplay, open_display
 from learner.gates import judge_gates
 from learner.panels import Screen
-from learner.status import ActorStatus, ChunkCounts, Gate, Status
+from learner.status import ActorStatus, ChunkCounts, Gate, Status, TimeCounts
 
 
 def gates(valid_frame_share: float) -> tuple[Gate, ...]:
@@ -132,7 +132,9 @@ def test_what_went_wrong_with_time_is_shown() -> None:
             actors(3), (1_200, 0, 0), (34, 0, 0), (0, 56, 0), strict=True
         )
     )
-    status = replace(STATUS, actors=(late, waited, well))
+    # Of actors that are gone, too.
+    time = TimeCounts(missed_deadlines=1_200, late_frames=34, waits_given_up=56)
+    status = replace(STATUS, actors=(late, waited, well), time=time)
     assert "Actors 3/3, 1.2k late, 56 gave up " in "\n".join(drawn(status))
     wide = drawn(status, 132, 40)
     (row,) = (line for line in wide if "actor-0" in line)
@@ -346,9 +348,9 @@ def test_plain_line_has_the_figures() -> None:
 
 
 def test_plain_line_tells_what_went_wrong_with_time() -> None:
-    late = replace(actors(1)[0], alive=True, missed_deadlines=999, waits_given_up=25_300_000)
-    (line,) = Recorder().said(replace(QUIET, actors=(late,)))
-    assert " | 1 of 1 actors, 999 late, 25M gave up | " in line
+    time = TimeCounts(missed_deadlines=900, late_frames=99, waits_given_up=25_300_000)
+    (line,) = Recorder().said(replace(QUIET, time=time))
+    assert " | 3 of 4 actors, 999 late, 25M gave up | " in line
 
 
 def test_plain_line_every_ten_seconds() -> None:

@@ -10,6 +10,7 @@ import zenoh
 import learner.roster as module
 from common.actor_stats import ActorStats, encode_stats
 from learner.roster import Roster
+from learner.status import TimeCounts
 from tests.learner.conftest import KEYS
 
 STATS = ActorStats(
@@ -80,6 +81,9 @@ def test_counts_add_up_over_restarts_of_actor_and_learner(sessions: Sessions) ->
     again = Roster(client, KEYS)
     again.restore(roster.state())
     assert again.counts() == (15, 4)
+    assert again.time() == TimeCounts(
+        steps=1_280, decisions=1_400, missed_deadlines=10, late_frames=12, waits_given_up=14
+    )
     # The new subscription may be unknown to the hub yet: heartbeats come again and again.
     beat = encode_stats(replace(STATS, incarnation=8, made=6))
     _until(lambda: hub.put(KEYS.stats("actor", "a1"), beat) or again.counts() == (16, 4))

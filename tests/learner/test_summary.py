@@ -16,7 +16,7 @@ import pytest
 from common.presets import PRESETS
 from learner import provenance
 from learner.provenance import Machine, Provenance, git_state, package_versions
-from learner.status import ActorStatus, ChunkCounts, Gate, Status
+from learner.status import ActorStatus, ChunkCounts, Gate, Status, TimeCounts
 from learner.summary import epochs_per_day, write_summary
 
 STATUS = Status(
@@ -74,17 +74,15 @@ def written(path: Path, status: Status = STATUS) -> Any:
 
 
 def test_what_went_wrong_with_time_is_told(tmp_path: Path) -> None:
-    late = ActorStatus(
-        name="actor-1", role="actor", alive=True, steps=100, decisions=130, missed_deadlines=20,
-        late_frames=7,
-    )  # fmt: skip
-    waited = replace(late, name="b", steps=50, decisions=170, missed_deadlines=0, waits_given_up=4)
-    summary = written(tmp_path / "summary.json", replace(STATUS, actors=(late, waited)))
+    time = TimeCounts(
+        steps=150, decisions=300, missed_deadlines=20, late_frames=14, waits_given_up=4
+    )
+    summary = written(tmp_path / "summary.json", replace(STATUS, time=time))
     assert summary["decisions_per_step"] == 2.0
     assert summary["missed_deadlines"] == 20
     assert summary["late_frames"] == 14
     assert summary["waits_given_up"] == 4
-    nobody = written(tmp_path / "summary.json", replace(STATUS, actors=()))
+    nobody = written(tmp_path / "summary.json")
     assert nobody["decisions_per_step"] is None
 
 
