@@ -55,20 +55,24 @@ class Options:
                 raise InputError(f"there is no folder {path.parent}: make it, or name another.")
 
 
+def _or_null(ms: float) -> float | None:
+    return None if np.isnan(ms) else ms
+
+
 def content(latency: Latency, settled: Latency, unsettled: Latency) -> dict[str, Any]:
     """The measurement as JSON; a time that does not exist is null."""
 
     def figures(found: Latency) -> dict[str, Any]:
         return {
             "changes": found.count,
-            "p50_ms": found.p50_ms,
-            "p99_ms": found.p99_ms,
+            "p50_ms": _or_null(found.p50_ms),
+            "p99_ms": _or_null(found.p99_ms),
             "unreached": found.unreached,
             "stray_share": found.stray_share,
         }
 
     def rows(table: Any) -> list[list[float | None]]:
-        return [[None if np.isnan(ms) else ms for ms in row] for row in table.tolist()]
+        return [[_or_null(ms) for ms in row] for row in table.tolist()]
 
     return {
         "title": "Command to keys",

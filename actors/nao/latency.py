@@ -87,9 +87,11 @@ class Latency:
 
     @classmethod
     def of(cls, found: list[Change]) -> "Latency":
-        """Sum up at least one change, at least one of them reached."""
+        """Sum up at least one change; times are NaN if none was ever reached."""
         times = np.array([change.frames for change in found if change.frames]) * FRAME_MS
-        p50, p99 = np.percentile(times, (50, 99), method="inverted_cdf")
+        p50 = p99 = np.nan
+        if times.size:
+            p50, p99 = np.percentile(times, (50, 99), method="inverted_cdf")
         by_pair: dict[tuple[int, int], list[float]] = {}
         for change in found:
             if change.frames is not None:

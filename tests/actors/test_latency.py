@@ -55,6 +55,12 @@ def test_what_is_never_pressed_is_not_reached() -> None:
     assert Latency.of(found).unreached == len(unreached)
 
 
+def test_hands_that_never_reach_anything_have_no_times() -> None:
+    latency = Latency.of([Change(0, 1, True, None, False), Change(1, 2, False, None, True)])
+    assert np.isnan([latency.p50_ms, latency.p99_ms]).all()
+    assert (latency.count, latency.unreached, latency.stray_share) == (2, 2, 0.5)
+
+
 def test_a_stray_key_is_one_of_neither_command() -> None:
     found = list(changes(LateHands(2, stray=Keys.FIRE), 1, 0))  # type: ignore[arg-type]
     for each in found:
