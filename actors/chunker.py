@@ -64,6 +64,7 @@ class Chunker:
             elapsed=np.array([step.info["elapsed"] for step in steps], np.uint8),
             valid=np.array([step.valid for step in steps], np.bool_),
             matched=np.array([step.info["keys_match"] for step in steps], np.bool_),
+            explored=np.array([step.explored for step in steps], np.bool_),
             vectors=np.stack([step.x_tm1 for step in steps]),
             final_frames=np.array([step.s_t for step in cut], np.uint8).reshape(len(cut), *frame),
             final_vectors=np.array([step.x_t for step in cut], np.float32).reshape(len(cut), width),

@@ -27,6 +27,8 @@ class Step(NamedTuple):
     valid: bool
     """The newest frame of ``s_tm1`` showed the screen."""
     a_tm1: int
+    explored: bool
+    """``a_tm1`` was random."""
     r_t: float
     terminated: bool
     truncated: bool
@@ -66,6 +68,7 @@ def play(
                 s_tm1=states[i],
                 valid=valid[i],
                 a_tm1=int(actions[i]),
+                explored=bool(policy.explored[i]),
                 r_t=float(r_t),
                 terminated=terminated,
                 truncated=truncated,

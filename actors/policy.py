@@ -25,6 +25,8 @@ class Policy:
         self.network = network.eval()
         self.weights_version = 0
         self.epsilon = 1.0
+        self.explored: NDArray[np.bool_] = np.ones(envs, np.bool_)
+        """Which of the last actions were random, ``[E]``."""
         self._exploration = Exploration(exploration or ExplorationConfig(), actions, envs, rng)
 
     @property
@@ -40,7 +42,8 @@ class Policy:
             vectors: vector observations ``[E, P]``.
         """
         chosen = self._exploration.draw(self.epsilon)
-        greedy = np.flatnonzero(chosen == GREEDY)
+        self.explored = chosen != GREEDY
+        greedy = np.flatnonzero(~self.explored)
         if greedy.size:
             with torch.inference_mode():
                 values = self.network(

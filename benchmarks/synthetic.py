@@ -38,6 +38,7 @@ class Streams:
                 elapsed=np.ones(steps, np.uint8),
                 valid=np.ones(steps, np.bool_),
                 matched=np.ones(steps, np.bool_),
+                explored=np.zeros(steps, np.bool_),
                 vectors=np.zeros((steps, 0), np.float32),
                 final_frames=np.zeros((0, *FRAME_SHAPE), np.uint8),
                 final_vectors=np.zeros((0, 0), np.float32),

@@ -55,6 +55,8 @@ class Chunk:
     """The state's newest frame was really seen, ``[T]``."""
     matched: NDArray[np.bool_]
     """The keys pressed at the step's end were the commanded ones, ``[T]``."""
+    explored: NDArray[np.bool_]
+    """The action was random, ``[T]``."""
     vectors: NDArray[np.float32]
     """Vector observation of each state, ``[T, P]``; P may be 0."""
     final_frames: NDArray[np.uint8]
@@ -79,6 +81,7 @@ _ARRAYS = (
     "elapsed",
     "valid",
     "matched",
+    "explored",
     "vectors",
     "final_frames",
     "final_vectors",
@@ -125,6 +128,7 @@ def decode_chunk(payload: bytes) -> Chunk:
         elapsed=take_array(message, "elapsed", np.uint8, (steps,)),
         valid=take_array(message, "valid", np.bool_, (steps,)),
         matched=take_array(message, "matched", np.bool_, (steps,)),
+        explored=take_array(message, "explored", np.bool_, (steps,)),
         vectors=vectors,
         final_frames=take_array(message, "final_frames", np.uint8, (finals, *FRAME_SHAPE)),
         final_vectors=take_array(message, "final_vectors", np.float32, (finals, width)),
@@ -144,7 +148,7 @@ def decode_chunk(payload: bytes) -> Chunk:
         raise MessageError(f"epsilon is {chunk.epsilon}")
     if not (chunk.elapsed >= 1).all():
         raise MessageError("a step takes at least one decision")
-    for name in ("terminated", "truncated", "valid", "matched"):
+    for name in ("terminated", "truncated", "valid", "matched", "explored"):
         if getattr(chunk, name).view(np.uint8).max() > 1:
             raise MessageError(f"{name} should be booleans")
     return chunk

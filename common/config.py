@@ -147,6 +147,9 @@ class LearningConfig:
     """γ per decision."""
     n_step: int = 3
     """Rewards summed before the network's estimate takes over; 1 in the report."""
+    cut_random: bool = False
+    """End an n-step return before the first random action after its own (Watkins 1989): what comes
+    of that says nothing of the policy that is learned."""
     batch_size: int = 32
     """Transitions per update."""
     train_every: int = 4

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from common.errors import MessageError
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of every message; processes of different versions refuse each other."""
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 

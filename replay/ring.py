@@ -23,7 +23,7 @@ from common.chunk import Chunk
 from replay.batch import Batch
 from replay.columns import Columns
 
-TERMINATED, TRUNCATED, VALID, STEP = 1, 2, 4, 8
+TERMINATED, TRUNCATED, VALID, STEP, EXPLORED = 1, 2, 4, 8, 16
 
 _BLOCK = 65_536
 
@@ -61,7 +61,14 @@ class Ring:
     """Stored chunks, and the transitions that can be read from them."""
 
     def __init__(
-        self, columns: Columns, *, history: int, n_step: int, discount: float, clip_rewards: bool
+        self,
+        columns: Columns,
+        *,
+        history: int,
+        n_step: int,
+        discount: float,
+        clip_rewards: bool,
+        cut_random: bool = False,
     ) -> None:
         self.head = 0
         """The next id."""
@@ -72,6 +79,7 @@ class Ring:
         self._history = history
         self._n_step = n_step
         self._clip_rewards = clip_rewards
+        self._cut_random = cut_random
         self._previous = np.zeros(columns.capacity, np.int64)
         self._next = np.full(columns.capacity, -1, np.int64)
         self._discounts = discount ** np.arange(256, dtype=np.float64)
@@ -101,6 +109,7 @@ class Ring:
         flags[chunk.terminated] |= TERMINATED
         flags[chunk.truncated] |= TRUNCATED
         flags[chunk.valid] |= VALID
+        flags[chunk.explored] |= EXPLORED
         columns.write("flags", base, column(flags))
 
     def link(self, placement: Placement) -> None:
@@ -179,6 +188,10 @@ class Ring:
             rewards = rewards.clip(-most, most)
         going_on = (columns.flags[slots[:-1]] & TERMINATED) == 0
         discounts = self._discounts[columns.elapsed[slots[:-1]]] * going_on
+        if self._cut_random:
+            # The way stands still from there on: nothing more is gained, and no time passes.
+            cut = np.logical_or.accumulate(self._is_random(path[1:-1]), axis=0)
+            rewards[1:][cut], discounts[1:][cut] = 0.0, 1.0
         so_far = np.cumprod(discounts, axis=0)
         returns = rewards[0] + (so_far[:-1] * rewards[1:]).sum(axis=0)
         frames = self._frames(stacks)
@@ -197,12 +210,18 @@ class Ring:
         return batch if oldest >= self.tail else None
 
     def _path(self, ids: Ids) -> Ids:
-        """Ids of the states 0 … n steps after ``ids``, ``[n + 1, B]``."""
+        """Ids of the states 0 … n steps after ``ids``, ``[n + 1, B]``; at a cut, the same state
+        to the end."""
         path = np.empty((self._n_step + 1, len(ids)), np.int64)
         path[0] = ids
         for step in range(self._n_step):
             path[step + 1] = self._next[path[step] % self._capacity]
+            if self._cut_random and step:
+                np.copyto(path[step + 1], path[step], where=self._is_random(path[step]))
         return path
+
+    def _is_random(self, ids: Ids) -> NDArray[np.bool_]:
+        return (self._columns.flags[ids % self._capacity] & EXPLORED) > 0
 
     def _stacks(self, ids: Ids) -> Ids:
         """Ids of the frames that make the states at ``ids``, oldest first, ``[B, H]``."""

@@ -63,6 +63,7 @@ class Store:
             n_step=config.learning.n_step,
             discount=config.learning.discount,
             clip_rewards=config.learning.clip_rewards,
+            cut_random=config.learning.cut_random,
         )
         self.sampler = self._new_sampler()
         self._rebuild()

@@ -179,3 +179,18 @@ def test_a_chunk_is_stamped_with_what_the_policy_was_at_its_end() -> None:
         policy.weights_version += 1
     assert [chunk.weights_version for chunk in made] == [1, 3]
     assert [chunk.epsilon for chunk in made] == [1.0, 1.0]
+
+
+def test_random_actions_are_marked() -> None:
+    policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
+    policy.epsilon = 0.5
+    chunker = Chunker("run", "actor", 0, 0, 40)
+    marks: list[bool] = []
+    for step in play([NumberedEnv([GOES_ON])], policy, [0]):
+        marks.append(bool(policy.explored[0]))
+        chunk = chunker.add(step, policy)
+        if chunk is not None:
+            break
+    assert chunk is not None
+    assert chunk.explored.tolist() == marks
+    assert 0.2 < np.mean(marks) < 0.8

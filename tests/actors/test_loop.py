@@ -12,7 +12,7 @@ from common.network import QNetwork
 
 
 class Recorder(Policy):
-    """Acts 0, 1, 2 … and remembers what it was shown."""
+    """Acts 0, 1, 2 …, says that odd actions are random, and remembers what it was shown."""
 
     def __init__(self) -> None:
         super().__init__(QNetwork(6), 6, np.random.default_rng(0))
@@ -21,7 +21,9 @@ class Recorder(Policy):
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
         assert vectors.shape == (len(frames), 0)
         self.shown.append(frames.copy())
-        return (np.arange(len(frames)) + len(self.shown) * len(frames)) % 6
+        actions = (np.arange(len(frames)) + len(self.shown) * len(frames)) % 6
+        self.explored = actions % 2 == 1
+        return actions
 
 
 def lived(envs: list[NumberedEnv], steps: int, policy: Policy) -> list[Step]:
@@ -48,6 +50,7 @@ def test_environments_take_turns_and_steps_say_what_happened() -> None:
         assert step.begins == moment.begins
         assert step.valid == moment.valid
         assert step.a_tm1 == moment.action
+        assert step.explored == (moment.action % 2 == 1)
         assert step.r_t == moment.reward
         assert step.terminated == (moment.ending in (LOSES_A_LIFE, GAME_OVER))
         assert step.truncated == (moment.ending == CUT)
@@ -95,6 +98,7 @@ def test_vectors_go_beside_the_frames_to_the_policy_and_on() -> None:
 
         def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
             self.vectors.append(vectors.copy())
+            self.explored = np.ones(len(frames), np.bool_)
             return np.zeros(len(frames), np.int64)
 
     envs = [NumberedEnv([GOES_ON, CUT], width=3), NumberedEnv([GAME_OVER], first=500, width=3)]

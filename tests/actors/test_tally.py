@@ -14,7 +14,7 @@ STATE = np.zeros((4, 84, 84), np.uint8)
 
 def step(*, valid: bool = True, match: bool = True, **info: Any) -> Step:
     told = {"keys_match": match, "elapsed": 1, **info}
-    return Step(0, False, STATE, valid, 0, 0.0, False, False, STATE, told)
+    return Step(0, False, STATE, valid, 0, False, 0.0, False, False, STATE, told)
 
 
 class Clock:

@@ -124,6 +124,7 @@ def test_a_chunk_of_1024_steps_is_taken() -> None:
         elapsed=np.ones(steps, np.uint8),
         valid=off,
         matched=off,
+        explored=off,
         vectors=np.zeros((steps, 0), np.float32),
         final_frames=np.zeros((0, 84, 84), np.uint8),
         final_vectors=np.zeros((0, 0), np.float32),
@@ -160,7 +161,7 @@ def test_what_no_actor_could_have_lived_through_is_refused(
         decode_chunk(encode_chunk(example_chunk(**changes)))
 
 
-@pytest.mark.parametrize("name", ["terminated", "truncated", "valid", "matched"])
+@pytest.mark.parametrize("name", ["terminated", "truncated", "valid", "matched", "explored"])
 def test_a_boolean_is_0_or_1(name: str) -> None:
     message = message_of(example_chunk())
     data = message[name]["data"]

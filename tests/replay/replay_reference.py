@@ -77,6 +77,7 @@ class Moment:
     elapsed: int
     ending: int
     valid: bool
+    explored: bool = False
     final: int = -1
     """Number of the frame after a truncated step."""
 
@@ -108,6 +109,7 @@ class Actor:
                 elapsed=int(rng.integers(1, 4)),
                 ending=ending,
                 valid=bool(rng.random() < 0.8),
+                explored=bool(rng.random() < 0.3),
             )
             if ending == TRUNCATES:
                 self.first_number += 1
@@ -153,6 +155,7 @@ def chunk_of(actor: Actor, context: list[int], moments: list[Moment]) -> Chunk:
         elapsed=np.array([moment.elapsed for moment in moments], np.uint8),
         valid=np.array([moment.valid for moment in moments]),
         matched=np.ones(len(moments), np.bool_),
+        explored=np.array([moment.explored for moment in moments]),
         vectors=vectors(newest),
         final_frames=frames(finals),
         final_vectors=vectors(finals),
@@ -178,6 +181,8 @@ def expected_transition(actor: Actor, number: int, config: RunConfig) -> Expecte
     reward, discount = 0.0, 1.0
     for step in range(config.learning.n_step):
         moment = actor.moments[at + step]
+        if step and moment.explored and config.learning.cut_random:
+            return Expected(begin.stack, begin.action, reward, discount, moment.stack)
         gain = moment.reward
         if config.learning.clip_rewards:
             gain = max(-moment.elapsed, min(moment.elapsed, gain))
@@ -208,6 +213,7 @@ class ListReplay:
         self._capacity = config.replay.capacity
         self._history = config.play.history
         self._n_step = config.learning.n_step
+        self._cut_random = config.learning.cut_random
         self._chunks: list[_Stored] = []
         self._known: set[tuple[str, int]] = set()
         self._serial = 0
@@ -275,7 +281,9 @@ class ListReplay:
         return TRUNCATES if stored.chunk.truncated[step] else GOES_ON
 
     def _return_is_complete(self, stored: _Stored, step: int) -> bool:
-        for _ in range(self._n_step):
+        for ahead in range(self._n_step):
+            if ahead and self._cut_random and stored.chunk.explored[step]:
+                break
             if self._ending(stored, step) != GOES_ON:
                 return True
             step += 1

@@ -62,6 +62,7 @@ def check_batch(batch: Batch, actors: list[Actor], config: RunConfig) -> set[int
     history=st.sampled_from([1, 2, 4, 4]),
     n_step=st.sampled_from([1, 3, 5]),
     clip=st.booleans(),
+    cut=st.booleans(),
     sampler=st.sampled_from(["uniform", "prioritised"]),
     capacity=st.sampled_from([24, 40, 90]),
 )
@@ -71,6 +72,7 @@ def test_it_gives_what_a_replay_of_lists_gives(
     history: int,
     n_step: int,
     clip: bool,
+    cut: bool,
     sampler: str,
     capacity: int,
 ) -> None:
@@ -81,6 +83,7 @@ def test_it_gives_what_a_replay_of_lists_gives(
         history=history,
         n_step=n_step,
         clip_rewards=clip,
+        cut_random=cut,
         sampler=sampler,
         capacity=capacity,
     )
