@@ -5,7 +5,6 @@ hand them in; ours takes chunks. Each is measured in a process of its own: what 
 depends on what the process has allocated before, up to tenfold.
 """
 
-import os
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from benchmarks.pace import slice_per_second
 from benchmarks.replay import BATCH, draw, draw_and_rate, fill, prioritised, unlimited
 from benchmarks.synthetic import Streams
 from common.errors import InputError
-from learner.local import ROOT
+from learner.local import child_environment
 from replay.memory import Memory
 
 _CHUNK = 64
@@ -205,10 +204,9 @@ class Elsewhere:
         ]
 
     def __enter__(self) -> Self:
-        paths = filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))
         self._process = subprocess.Popen(
             [sys.executable, "-m", "benchmarks.peer_replays", *self._arguments],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+            env=child_environment(),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -279,6 +279,8 @@ class RunConfig:
             ("camera.camera_jitter", self.camera.camera_jitter, 45),
             ("camera.screen_jitter", self.camera.screen_jitter, 0.5),
             ("camera.ambient", self.camera.ambient, 0.9),
+            ("learning.random_shift", learning.random_shift, MAX_SHIFT),
+            ("stream.chunk_steps", stream.chunk_steps, MAX_CHUNK_STEPS),
         ):
             if value > most:
                 raise InputError(f"{name} is {value}: choose at most {most}.")
@@ -298,18 +300,10 @@ class RunConfig:
         ):
             if share > 1:
                 raise InputError(f"{name} is {share}: choose a number from 0 to 1.")
-        if learning.random_shift > MAX_SHIFT:
-            raise InputError(
-                f"learning.random_shift is {learning.random_shift}: choose at most {MAX_SHIFT}."
-            )
         if not 1 <= self.protocol.held_out_states <= MAX_HELD_OUT:
             raise InputError(
                 f"protocol.held_out_states is {self.protocol.held_out_states}: "
                 f"choose a number from 1 to {MAX_HELD_OUT}."
-            )
-        if stream.chunk_steps > MAX_CHUNK_STEPS:
-            raise InputError(
-                f"stream.chunk_steps is {stream.chunk_steps}: choose at most {MAX_CHUNK_STEPS}."
             )
         if replay.warmup < learning.batch_size + learning.n_step:
             raise InputError(

@@ -23,7 +23,7 @@ from rich.table import Table
 
 from common.errors import InputError
 from common.run_folder import write_atomically
-from learner.local import ROOT
+from learner.local import child_environment
 from learner.provenance import Provenance
 from learner.scores import Scores
 
@@ -154,10 +154,7 @@ def _start(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,  # the terminal's Ctrl-C is for this process alone
-        env={
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))),
-        },
+        env=child_environment(),
     )
 
 

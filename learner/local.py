@@ -109,7 +109,7 @@ class Crew:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,  # the terminal's Ctrl-C is for the learner alone
-                env={**os.environ, "PYTHONPATH": _python_path()},
+                env=child_environment(),
             )
         return _Child(name, list(arguments), process, time.monotonic(), stillborn)
 
@@ -121,6 +121,8 @@ class Crew:
         return lines[-1].removeprefix("error: ").rstrip(".") if lines else "it says nothing"
 
 
-def _python_path() -> str:
-    """This checkout first, so that children run the same code from any working directory."""
-    return os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+def child_environment() -> dict[str, str]:
+    """Ours, with this checkout first, so that a child runs the same code from any working
+    directory."""
+    paths = filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}

@@ -88,11 +88,12 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         wanted = KEYS_OF_ACTION[command]
         if self._sense is not None:
             self._sense.command(command)
-        self._keys.command(wanted)
-        pressed = [self._keys.step_frame() for _ in range(self._frame_skip)]
         if self._prompt:
+            pressed = [wanted] * self._frame_skip
             reward = self._game.hold(command)
         else:
+            self._keys.command(wanted)
+            pressed = [self._keys.step_frame() for _ in range(self._frame_skip)]
             reward = sum(self._game.hold(action_of_keys(keys)) for keys in pressed)
         if self._sense is not None:
             for keys in pressed[-KEY_FRAMES:]:
