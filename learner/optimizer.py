@@ -1,4 +1,4 @@
-"""The optimizers of the presets."""
+"""The optimizers of the presets, and the bound on their gradients."""
 
 from collections.abc import Iterable
 
@@ -27,3 +27,16 @@ def build_optimizer(
         alpha=config.rmsprop_decay,
         eps=config.optimizer_epsilon,
     )
+
+
+@torch.no_grad()
+def clip_gradients(parameters: Iterable[nn.Parameter], longest: float) -> None:
+    """Scale all gradients so that together they are no longer than ``longest``.
+
+    As `torch.nn.utils.clip_grad_norm_`, which also multiplies those that are short enough, by 1.
+    """
+    gradients = [p.grad for p in parameters if p.grad is not None]
+    length = torch.linalg.vector_norm(torch.stack(torch._foreach_norm(gradients)))
+    # On CUDA, asking whether it is too long would wait for the device.
+    if length.is_cuda or length > longest:
+        torch._foreach_mul_(gradients, torch.clamp(longest / (length + 1e-6), max=1.0))

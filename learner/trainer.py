@@ -17,7 +17,7 @@ from common.network import QNetwork, as_pixels
 from learner.device import Device
 from learner.half_precision import HalfPrecision
 from learner.loss import bootstrap_values, td_errors, td_loss
-from learner.optimizer import build_optimizer
+from learner.optimizer import build_optimizer, clip_gradients
 from learner.random_shift import RandomShift
 
 
@@ -117,7 +117,7 @@ class Trainer:
         if half is not None:
             half.hand_back_gradients()
         if config.gradient_norm:
-            torch.nn.utils.clip_grad_norm_(self.online.parameters(), config.gradient_norm)
+            clip_gradients(self.online.parameters(), config.gradient_norm)
         self.optimizer.step()
         if half is not None:
             half.follow()

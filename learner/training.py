@@ -33,7 +33,7 @@ from replay.interface import Replay
 _TICK = 0.1
 _LOOK = 0.25
 _SHOW = 1.0
-_MEASURE_Q = 10.0
+_MEASURE_Q = 30.0
 _CURVE_POINT = 10.0
 _SUMMARY = 60.0
 _PUBLISH_AGAIN = 10.0

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from learner.gauges import HORIZON, Gauges
+from learner.gauges import EVERY, HORIZON, Gauges
 from learner.trainer import UpdateResult
 from tests.learner.small_batches import random_batch
 
@@ -19,9 +19,11 @@ def test_means_weigh_the_latest_most() -> None:
     errors = [torch.full((8,), value) for value in (1.0, 3.0, 0.0)]
     for loss, error, batch in zip(losses, errors, batches, strict=True):
         gauges.add(batch, UpdateResult(torch.tensor(loss), error))
+        for _ in range(EVERY - 1):
+            gauges.add(batch, UpdateResult(torch.tensor(1e9), error))  # not looked at
     read = gauges.read()
     assert read is not None
-    keep = 1 - 1 / HORIZON
+    keep = (1 - 1 / HORIZON) ** EVERY
     weights = [keep**2, keep, 1.0]
 
     def mean(values: list[float]) -> float:

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from common.config import LearningConfig
-from learner.optimizer import build_optimizer
+from learner.optimizer import build_optimizer, clip_gradients
 
 GRADIENTS = [0.3, -1.2, 0.05, 2.0, 0.0, -0.7]
 
@@ -45,3 +45,17 @@ def test_adam_is_the_one_of_its_paper() -> None:
         )
         expected.append(weight)
     assert _steps(config) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(("longest", "factor"), [(20.0, 1.0), (6.5, 0.5), (1.3, 0.1)])
+def test_gradients_are_scaled_only_when_together_they_are_too_long(
+    longest: float, factor: float
+) -> None:
+    gradients = [[3.0, 4.0], [12.0]]  # together 13 long: 3² + 4² + 12²
+    weights = [torch.nn.Parameter(torch.zeros(len(each))) for each in gradients]
+    for weight, gradient in zip(weights, gradients, strict=True):
+        weight.grad = torch.tensor(gradient)
+    clip_gradients(weights, longest)
+    for weight, gradient in zip(weights, gradients, strict=True):
+        assert weight.grad is not None
+        assert weight.grad.tolist() == pytest.approx([g * factor for g in gradient], rel=1e-5)
