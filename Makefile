@@ -6,8 +6,9 @@ BIN := $(VENV)/bin
 NAME ?= nao-pong
 ACTORS ?= 1
 ARGS ?=
+RESULTS := benchmarks/results
 
-.PHONY: help setup train test test-slow test-lowest check lock clean
+.PHONY: help setup train test test-slow test-lowest check bench lock clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ —/'
@@ -36,6 +37,21 @@ test-lowest:  ## the test suite with the oldest versions that pyproject.toml all
 	$(VENV)-lowest/bin/python -m pip install --quiet --disable-pip-version-check \
 		-r $(VENV)-lowest/lowest.txt --editable ".[dev]"
 	$(VENV)-lowest/bin/python -m pytest -m "not slow"
+
+bench: setup  ## measure everything on this machine, half an hour; the tables of benchmarks/RESULTS.md
+	$(BIN)/python -m benchmarks.learner_updates --json $(RESULTS)/learner_updates.json
+	$(BIN)/python -m benchmarks.env_steps --json $(RESULTS)/env_steps.json
+	$(BIN)/python -m benchmarks.replay --json $(RESULTS)/replay.json
+	$(BIN)/python -m benchmarks.transport --json $(RESULTS)/transport.json
+	$(BIN)/python -m benchmarks.epochs_per_day --env ale --json $(RESULTS)/epochs_ale.json
+	$(BIN)/python -m benchmarks.epochs_per_day --env robot --json $(RESULTS)/epochs_robot.json
+	$(BIN)/python -m benchmarks.epochs_per_day --env robot --wait-action --json $(RESULTS)/epochs_robot_wait.json
+	$(BIN)/python -m benchmarks.epochs_per_day --env robot --no-sync --actors 8 --evaluators 4 \
+		--json $(RESULTS)/epochs_robot_async.json
+	$(BIN)/python -m benchmarks.scaling --env robot --json $(RESULTS)/scaling.json -o docs/scaling.png
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check ".[bench]"
+	$(BIN)/python -m benchmarks.peers --json $(RESULTS)/peers.json
+	$(BIN)/python -m benchmarks.results_page
 
 check: setup
 	$(BIN)/ruff check .

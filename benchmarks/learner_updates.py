@@ -1,29 +1,55 @@
-"""`python -m benchmarks.learner_updates`: how long an update takes, by threads and precision.
+"""`python -m benchmarks.learner_updates`: how long an update takes, where, and how exact it is.
 
-The settings take turns, a few updates each, so that a slow moment of the machine falls on all of
-them alike.
+* by threads and precision; the settings take turns, a few updates each, so that a slow moment of
+  the machine falls on all of them alike
+* by kind of work, from PyTorch's profiler
+* bfloat16 against float32: two learners learn from the same minibatches, whose frames a random
+  policy saw in the emulator
 """
 
 import itertools
 import os
+import tempfile
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 import tyro
+from torch.profiler import ProfilerActivity, profile
 
-from benchmarks.report import publish
+from benchmarks.random_play import random_play
+from benchmarks.report import show, write
+from common.errors import InputError, exit_on_input_error
 from common.network import build_network
 from common.presets import PRESETS
 from learner.device import Device
+from learner.prefetch import to_device
 from learner.trainer import DeviceBatch, Trainer
+
+_CONFIG = PRESETS["fast"]
+_ACTIONS = 6
+_RANDOM_STEPS = 4_000
+_PROFILED = 40
+_KINDS: dict[str, tuple[str, ...]] = {
+    "convolutions, forward": ("aten::mkldnn_convolution", "aten::cudnn_convolution"),
+    "convolutions, backward": ("aten::convolution_backward", "aten::mkldnn_convolution_backward"),
+    "dense layers": ("aten::addmm", "aten::mm"),
+    "optimizer": ("aten::_fused_adam_",),
+    "copies, and pixels and weights to the other precision": (
+        "aten::copy_",
+        "aten::_foreach_copy_",
+    ),
+}
+"""Operators by kind; all else is the rest."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Time updates of the fast preset's Double DQN on random minibatches, on the CPU."""
+    """Time updates of the fast preset's Double DQN on the CPU."""
 
     batch_size: int = 32
     """Transitions per update."""
@@ -31,17 +57,33 @@ class Options:
     """Turns of each setting."""
     turn: int = 5
     """Updates per turn."""
+    compared: int = 1_000
+    """Updates in which bfloat16 is compared with float32; 0 for none."""
     json: Path | None = None
     """File for the results."""
 
+    def check(self) -> None:
+        if min(self.batch_size, self.rounds, self.turn) < 1:
+            raise InputError("choose 1 or more transitions, rounds and updates.")
+        if self.compared < 0:
+            raise InputError(f"--compared is {self.compared}: choose 0 or more.")
 
-def _random_batch(size: int) -> DeviceBatch:
+
+def trainer_of(bfloat16: bool) -> Trainer:
+    """A learner with the run's first weights."""
+    device = Device(torch.device("cpu"), bfloat16)
+    return Trainer(build_network(_CONFIG, _ACTIONS), _CONFIG.learning, device)
+
+
+def random_batch(size: int) -> DeviceBatch:
+    """Noise: what is in the frames takes no time."""
+
     def frames() -> torch.Tensor:
         return torch.randint(256, (size, 4, 84, 84), dtype=torch.uint8)
 
     return DeviceBatch(
         s_tm1=frames(),
-        a_tm1=torch.randint(6, (size,)),
+        a_tm1=torch.randint(_ACTIONS, (size,)),
         r_t=torch.randn(size),
         discount_t=torch.full((size,), 0.97),
         s_t=frames(),
@@ -51,18 +93,11 @@ def _random_batch(size: int) -> DeviceBatch:
     )
 
 
-def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.learner_updates")
-    config = PRESETS["fast"]
-    batch = _random_batch(options.batch_size)
-    cores = len(os.sched_getaffinity(0))
-    settings = list(itertools.product(sorted({1, cores}), (False, True)))
-    trainers = {
-        bfloat16: Trainer(
-            build_network(config, 6), config.learning, Device(torch.device("cpu"), bfloat16)
-        )
-        for bfloat16 in (False, True)
-    }
+def time_settings(options: Options) -> list[dict[str, Any]]:
+    """A row for each number of threads and precision."""
+    batch = random_batch(options.batch_size)
+    settings = list(itertools.product(sorted({1, _cores()}), (False, True)))
+    trainers = {bfloat16: trainer_of(bfloat16) for bfloat16 in (False, True)}
     seconds: dict[tuple[int, bool], list[float]] = {setting: [] for setting in settings}
     for turn in range(options.rounds + 1):
         for threads, bfloat16 in settings:
@@ -73,22 +108,111 @@ def main() -> None:
                 if turn:  # the first turn warms up
                     seconds[threads, bfloat16].append(time.perf_counter() - began)
     plain = float(np.median(seconds[1, False]))
-    publish(
-        f"Double DQN update, batch {options.batch_size}, 84×84×4, "
-        f"{options.rounds * options.turn} updates each",
-        [
-            {
-                "threads": threads,
-                "precision": "bfloat16" if bfloat16 else "float32",
-                "p50 ms": float(np.median(times)) * 1e3,
-                "p95 ms": float(np.percentile(times, 95)) * 1e3,
-                "times float32 on one thread": plain / float(np.median(times)),
-            }
-            for (threads, bfloat16), times in seconds.items()
-        ],
-        options.json,
-    )
+    return [
+        {
+            "precision": "bfloat16" if bfloat16 else "float32",
+            "threads": threads,
+            "p50 ms": float(np.median(times)) * 1e3,
+            "p95 ms": float(np.percentile(times, 95)) * 1e3,
+            "times float32 on one thread": plain / float(np.median(times)),
+        }
+        for (threads, bfloat16), times in seconds.items()
+    ]
+
+
+def time_kinds(options: Options) -> list[dict[str, Any]]:
+    """A row for each kind of work in a bfloat16 update on one thread, and one for the rest."""
+    torch.set_num_threads(1)
+    batch, trainer = random_batch(options.batch_size), trainer_of(bfloat16=True)
+    for _ in range(options.turn):
+        trainer.update(batch)
+    with profile(activities=[ProfilerActivity.CPU]) as profiled:
+        for _ in range(_PROFILED):
+            trainer.update(batch)
+    spent = {each.key: each.self_cpu_time_total for each in profiled.key_averages()}
+    kinds = {kind: sum(spent.get(name, 0.0) for name in names) for kind, names in _KINDS.items()}
+    kinds["the rest, each below a millisecond"] = sum(spent.values()) - sum(kinds.values())
+    return [
+        {"work": kind, "ms": each / _PROFILED / 1e3, "share": each / sum(spent.values())}
+        for kind, each in kinds.items()
+    ]
+
+
+def losses(bfloat16: bool, batches: Sequence[DeviceBatch], updates: int) -> float:
+    """Mean loss over ``updates`` that take ``batches`` in turn, with a target network that follows
+    as in a run."""
+    trainer, total = trainer_of(bfloat16), 0.0
+    for update in range(updates):
+        total += float(trainer.update(batches[update % len(batches)]).loss)
+        if update % 100 == 99:
+            trainer.copy_to_target()
+    return total / updates
+
+
+def real_batches(count: int, folder: Path) -> list[DeviceBatch]:
+    """Minibatches of random play."""
+    memory = random_play(_CONFIG, _RANDOM_STEPS, folder)
+    batches = []
+    for _ in range(count):
+        batch = memory.sample(0, 0.0)
+        if batch is None:
+            raise RuntimeError("no batch was to be had")
+        batches.append(to_device(batch, torch.device("cpu")))
+    memory.close()
+    return batches
+
+
+def compare_precisions(updates: int) -> list[dict[str, Any]]:
+    """A row for each precision."""
+    torch.set_num_threads(1)
+    with tempfile.TemporaryDirectory(prefix="ale-robot-bench-") as folder:
+        batches = real_batches(min(updates, 500), Path(folder) / "replay")
+    found = {
+        name: losses(bfloat16, batches, updates)
+        for name, bfloat16 in (("float32", False), ("bfloat16", True))
+    }
+    return [
+        {"precision": name, "updates": updates, "mean loss": loss, "of": loss / found["float32"]}
+        for name, loss in found.items()
+    ]
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0))
+
+
+def main() -> None:
+    options = tyro.cli(Options, prog="python -m benchmarks.learner_updates")
+    options.check()
+    parts: list[tuple[str, str, Callable[[], list[dict[str, Any]]]]] = [
+        (
+            "rows",
+            f"Double DQN update, batch {options.batch_size}, 84×84×4, "
+            f"{options.rounds * options.turn} updates each",
+            lambda: time_settings(options),
+        ),
+        (
+            "kinds",
+            "The same in bfloat16 on one thread, by kind of work",
+            lambda: time_kinds(options),
+        ),
+    ]
+    if options.compared:
+        parts.append(
+            (
+                "precisions",
+                "bfloat16 against float32, the same minibatches of real frames",
+                lambda: compare_precisions(options.compared),
+            )
+        )
+    content: dict[str, Any] = {}
+    for name, title, measure in parts:
+        rows = measure()
+        show(title, rows)
+        content[name] = rows
+    if options.json is not None:
+        write(options.json, {"title": parts[0][1], **content})
 
 
 if __name__ == "__main__":
-    main()
+    exit_on_input_error(main)

@@ -36,7 +36,7 @@ def show(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     for name in rows[0]:
         table.add_column(name, justify="left" if isinstance(rows[0][name], str) else "right")
     for row in rows:
-        table.add_row(*map(_cell, row.values()))
+        table.add_row(*map(cell, row.values()))
     Console().print(table)
 
 
@@ -47,7 +47,8 @@ def write(file: Path, content: Mapping[str, Any]) -> None:
     file.write_text(json.dumps(whole, indent=2) + "\n")
 
 
-def _cell(value: object) -> str:
+def cell(value: object) -> str:
+    """A value as it stands in a table."""
     if value is None:
         return "–"
     if not isinstance(value, float):

@@ -1,4 +1,4 @@
-"""The three presets: the report's settings, a fast ALE-Only, and the robot's.
+"""The three presets: the report's settings, a fast ALE-Only, the robot's, with reasons.
 
 Where `paper` differs from the 2017 code: a game is cut after 30 minutes, and the random steps that
 fill the replay first are played by the actors like all others.
@@ -19,34 +19,59 @@ from common.config import (
 _PAPER = RunConfig(
     preset="paper",
     env="ale",
-    play=PlayConfig(minimal_actions=True, read_keys="decision"),
-    replay=ReplayConfig(capacity=1_000_000, warmup=50_000),
+    play=PlayConfig(
+        minimal_actions=True,  # report, section 4: Pong's own 6
+        read_keys="decision",  # as the code of 2017 did, before the arms move
+    ),
+    replay=ReplayConfig(
+        capacity=1_000_000,  # report, table of settings; Mnih et al. 2015
+        warmup=50_000,  # the code of 2017
+    ),
     learning=LearningConfig(
-        target="double",
-        loss="mse",
-        loss_mean_over="outputs",
-        optimizer="rmsprop",
+        target="double",  # report, equation 4
+        loss="mse",  # report, equation 2
+        loss_mean_over="outputs",  # Keras' mean, in the code of 2017
+        optimizer="rmsprop",  # report, with the settings of Mnih et al. 2015
         learning_rate=2.5e-4,
         rmsprop_decay=0.95,
         optimizer_epsilon=0.01,
-        gradient_norm=0.0,
-        initial_weights="glorot",
-        scale_pixels=False,
-        n_step=1,
+        gradient_norm=0.0,  # unbounded in 2017
+        initial_weights="glorot",  # Keras' default
+        scale_pixels=False,  # the code of 2017 fed 0 to 255
+        n_step=1,  # report, equation 2
         target_every=2_500,  # 10,000 agent steps at one update per 4
     ),
-    exploration=ExplorationConfig(start=1.0, end=0.1, steps=1_000_000),
-    protocol=ProtocolConfig(epoch_steps=250_000, test_steps=125_000),
+    exploration=ExplorationConfig(start=1.0, end=0.1, steps=1_000_000),  # Mnih et al. 2015
+    protocol=ProtocolConfig(epoch_steps=250_000, test_steps=125_000),  # report
 )
 
 _FAST = RunConfig(
     preset="fast",
     env="ale",
-    play=PlayConfig(minimal_actions=True),
-    replay=ReplayConfig(capacity=200_000, warmup=10_000),
-    learning=LearningConfig(),
-    exploration=ExplorationConfig(start=1.0, end=0.02, steps=100_000),
-    protocol=ProtocolConfig(epoch_steps=25_000, test_steps=12_500),
+    play=PlayConfig(minimal_actions=True),  # fewer actions are sooner explored
+    replay=ReplayConfig(
+        capacity=200_000,  # what is older was played by a much worse policy; 1.4 GB instead of 7
+        warmup=10_000,  # some ten games; 50,000 are a twentieth of a run of a million
+    ),
+    learning=LearningConfig(
+        target="double",  # van Hasselt et al. 2016
+        loss="huber",  # bounds what one surprising reward does (Mnih et al. 2015, clipped error)
+        loss_mean_over="batch",
+        optimizer="adam",  # Hessel et al. 2018 (Rainbow)
+        learning_rate=1e-4,  # Rainbow's is 6.25e-5, for runs fifty times as long
+        optimizer_epsilon=1.5e-4,  # Rainbow's
+        gradient_norm=10.0,  # Wang et al. 2016
+        scale_pixels=True,  # layers' inputs near 1 suit their first weights
+        n_step=3,  # Hessel et al. 2018; a point is lost some 50 decisions after its cause
+        train_every=4,  # Mnih et al. 2015
+        target_every=2_000,  # updates: 8,000 agent steps, as Rainbow's
+    ),
+    exploration=ExplorationConfig(
+        start=1.0,
+        end=0.02,  # a rally lasts some 40 decisions; at 0.1 four of them would be random
+        steps=100_000,  # a tenth of a run of a million
+    ),
+    protocol=ProtocolConfig(epoch_steps=25_000, test_steps=12_500),  # a tenth of the report's
 )
 
 _ROBOT = replace(
@@ -54,8 +79,11 @@ _ROBOT = replace(
     preset="robot",
     env="robot",
     play=PlayConfig(minimal_actions=False),
-    replay=ReplayConfig(capacity=300_000, warmup=10_000),
-    learning=replace(_FAST.learning, n_step=5),
+    replay=replace(_FAST.replay, capacity=300_000),  # its steps are dearer: remember more of them
+    learning=replace(
+        _FAST.learning,
+        n_step=5,  # longer than a command takes to its key: 50 ms, and back to the eye
+    ),
 )
 
 PRESETS: dict[PresetName, RunConfig] = {"paper": _PAPER, "fast": _FAST, "robot": _ROBOT}

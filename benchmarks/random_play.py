@@ -1,0 +1,34 @@
+"""A replay of real frames: what a random policy lives through in the bare emulator."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from actors.chunker import Chunker
+from actors.envs import make_env
+from actors.loop import play
+from actors.policy import Policy
+from common.config import RunConfig
+from common.network import build_network
+from replay.memory import Memory
+
+
+def random_play(config: RunConfig, steps: int, folder: Path) -> Memory:
+    """The run's replay after ``steps`` random decisions, with a limiter that never says wait."""
+    config = replace(
+        config, replay=replace(config.replay, capacity=2 * steps, warmup=1, ratio_tolerance=10**9)
+    )
+    env = make_env(config, training=True)
+    actions = int(env.action_space.n)  # type: ignore[attr-defined]
+    rng = np.random.default_rng(config.seed)
+    policy = Policy(build_network(config, actions), actions, rng)
+    chunker = Chunker("random-play", "actor-1", 1, 0, config.stream.chunk_steps)
+    memory = Memory(config, folder)
+    for number, step in enumerate(play([env], policy, [config.seed])):
+        if (chunk := chunker.add(step, policy)) is not None:
+            memory.insert(chunk)
+        if number == steps:
+            break
+    env.close()
+    return memory

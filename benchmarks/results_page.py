@@ -1,0 +1,61 @@
+"""`python -m benchmarks.results_page`: sets the tables of RESULTS.md from the measurements' files.
+
+The page's text is written by hand; between ``<!-- NAME.json -->`` and ``<!-- end -->`` stands what
+``benchmarks/results/NAME.json`` says, so that no figure is copied by hand.
+"""
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks.report import cell
+from common.errors import InputError, exit_on_input_error
+
+PAGE = Path(__file__).with_name("RESULTS.md")
+_TABLE = re.compile(r"<!-- (?P<name>[\w-]+\.json) -->\n(?:.*?\n)?<!-- end -->", re.DOTALL)
+
+
+def render(page: str, folder: Path) -> str:
+    """``page`` with the tables of the files in ``folder``.
+
+    Raises:
+        InputError: a file that the page names is not there.
+    """
+
+    def table(found: re.Match[str]) -> str:
+        file = folder / found["name"]
+        if not file.exists():
+            raise InputError(f"{file} is not there: run the benchmark that makes it, with --json.")
+        return f"<!-- {file.name} -->\n{markdown(json.loads(file.read_text()))}\n<!-- end -->"
+
+    return _TABLE.sub(table, page)
+
+
+def markdown(measurement: Mapping[str, Any]) -> str:
+    """A measurement, as `benchmarks.report` wrote it, as a table over machine and commit."""
+    rows = measurement["rows"]
+    names = list(rows[0])
+    machine, commit = measurement["machine"], measurement["git_commit"]
+    aligned = ["---" if isinstance(rows[0][name], str) else "---:" for name in names]
+    cells = [[cell(row[name]) for name in names] for row in rows]
+    return "\n".join(
+        (
+            f"{measurement['title']}",
+            "",
+            *(f"| {' | '.join(line)} |" for line in (names, aligned, *cells)),
+            "",
+            f"{machine['cpu']}, {machine['cores']} cores, "
+            f"torch {measurement['versions']['torch']}, commit {commit[:7] if commit else '?'}.",
+        )
+    )
+
+
+def main() -> None:
+    PAGE.write_text(render(PAGE.read_text(), PAGE.parent / "results"))
+    print(f"wrote {PAGE}")
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)
