@@ -8,10 +8,10 @@ from torch import nn
 from common.errors import MessageError
 
 
-def encode_weights(network: nn.Module) -> bytes:
-    """All weights of ``network``, as float32 safetensors."""
+def encode_weights(network: nn.Module, dtype: torch.dtype = torch.float32) -> bytes:
+    """All weights of ``network``, as safetensors of float32, or of float16 to keep them small."""
     # safetensors wants plain strides; channels-last is this process' own affair.
-    return save({name: value.contiguous() for name, value in network.state_dict().items()})
+    return save({name: v.to(dtype).contiguous() for name, v in network.state_dict().items()})
 
 
 ONLINE = "online."
@@ -21,7 +21,8 @@ ONLINE = "online."
 def load_weights(network: nn.Module, payload: bytes) -> None:
     """Put the weights inside ``payload`` into ``network``, all or none.
 
-    A checkpoint of the learner will do as well: its online network is taken.
+    Weights of float16 are taken for those of float32. A checkpoint of the learner will do as well:
+    its online network is taken.
 
     Raises:
         MessageError: not safetensors, other names, shapes or types than the network's, or a
@@ -37,7 +38,10 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
     if found.keys() != expected.keys():
         raise MessageError(f"weights {sorted(found.keys() ^ expected.keys())} differ in name")
     for name, value in found.items():
-        if value.shape != expected[name].shape or value.dtype != expected[name].dtype:
+        if value.shape != expected[name].shape or value.dtype not in (
+            expected[name].dtype,
+            torch.float16,
+        ):
             raise MessageError(
                 f"{name} is {value.dtype} {list(value.shape)} where the network has "
                 f"{expected[name].dtype} {list(expected[name].shape)}"

@@ -1,5 +1,6 @@
 """Who plays for show: random actions, or a network from a run's weights, with its values kept."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from actors.policy import Policy
-from common.config import EnvKind, RunConfig
+from common.config import EnvKind, RunConfig, from_mapping
 from common.errors import InputError, MessageError
 from common.network import QNetwork, build_network
 from common.presets import PRESETS
@@ -38,10 +39,10 @@ def config_to_play(
 ) -> RunConfig:
     """What is played: as the run of ``weights`` did, changed by what else is given.
 
-    Without a run it is Pong, by the robot, with all 18 actions.
+    Without a run or a card it is Pong, by the robot, with all 18 actions.
 
     Raises:
-        InputError: the run's configuration cannot be read.
+        InputError: the configuration of the run, or that in the card, cannot be read.
     """
     config = None if weights is None else _config_beside(weights)
     if config is None:
@@ -53,7 +54,16 @@ def config_to_play(
 
 
 def _config_beside(weights: Path) -> RunConfig | None:
-    """That of the run whose folder ``weights`` lies in, or in whose snapshots."""
+    """That in the card of a published policy; or that of the run whose folder ``weights`` lies in,
+    or in whose snapshots."""
+    card = weights.with_suffix(".json")
+    if card.is_file():
+        try:
+            told = json.loads(card.read_bytes())
+        except ValueError as error:
+            raise InputError(f"{card} is not JSON ({error}): get it anew.") from None
+        if isinstance(told, dict) and "config" in told:
+            return from_mapping(RunConfig, told["config"], f"{card}: config")
     for folder in weights.resolve().parents[:2]:
         if (folder / "config.json").is_file():
             return RunFolder(folder.parent, folder.name).stored_config()

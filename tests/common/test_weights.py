@@ -45,6 +45,17 @@ def test_the_networks_weights_arrive_exactly() -> None:
         assert torch.equal(other.state_dict()[name], value)
 
 
+def test_float16_arrives_as_float32() -> None:
+    one, other = small(1), small(2)
+    payload = encode_weights(one, torch.float16)
+    assert len(payload) < len(encode_weights(one))
+    load_weights(other, payload)
+    for name, value in one.state_dict().items():
+        found = other.state_dict()[name]
+        assert found.dtype == torch.float32
+        assert torch.equal(found, value.half().float())
+
+
 def test_loaded_weights_are_the_receivers_own() -> None:
     one, other = small(1), small(2)
     load_weights(other, encode_weights(one))
