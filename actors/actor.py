@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -150,26 +151,11 @@ class Actor:
         self._heartbeat.close()
 
     def _stats(self, leaving: bool) -> ActorStats:
-        rate, held = self._tally.rates()
         outbox = self._outbox
-        return ActorStats(
-            name=self._name,
-            role="actor",
-            incarnation=self._incarnation,
-            leaving=leaving,
-            steps=self._tally.steps,
-            steps_per_second=rate,
-            epsilon=self._policy.random_share,
-            weights_version=self._policy.weights_version,
+        return replace(
+            self._tally.stats(self._name, "actor", self._incarnation, self._policy, leaving),
             made=outbox.made,
             acked=outbox.acked,
             retried=outbox.retried,
             refused=outbox.refused,
-            held_share=held,
-            valid_share=self._tally.valid_share,
-            match_share=self._tally.match_share,
-            decisions=self._tally.decisions,
-            missed_deadlines=self._tally.missed_deadlines,
-            late_frames=self._tally.late_frames,
-            waits_given_up=self._tally.waits_given_up,
         )

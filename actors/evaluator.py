@@ -126,25 +126,4 @@ class Evaluator:
         return False
 
     def _stats(self, leaving: bool) -> ActorStats:
-        rate, _ = self._tally.rates()
-        return ActorStats(
-            name=self._name,
-            role="evaluator",
-            incarnation=self._incarnation,
-            leaving=leaving,
-            steps=self._tally.steps,
-            steps_per_second=rate,
-            epsilon=self._policy.random_share,
-            weights_version=self._policy.weights_version,
-            made=0,
-            acked=0,
-            retried=0,
-            refused=0,
-            held_share=0.0,
-            valid_share=self._tally.valid_share,
-            match_share=self._tally.match_share,
-            decisions=self._tally.decisions,
-            missed_deadlines=self._tally.missed_deadlines,
-            late_frames=self._tally.late_frames,
-            waits_given_up=self._tally.waits_given_up,
-        )
+        return self._tally.stats(self._name, "evaluator", self._incarnation, self._policy, leaving)

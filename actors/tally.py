@@ -3,6 +3,8 @@
 import time
 
 from actors.loop import Step
+from actors.policy import Policy
+from common.actor_stats import ActorStats, Role
 
 
 class Tally:
@@ -43,6 +45,33 @@ class Tally:
     def match_share(self) -> float:
         """Share of the steps that ended with the commanded keys pressed."""
         return self._matched / max(self.steps, 1)
+
+    def stats(
+        self, name: str, role: Role, incarnation: int, policy: Policy, leaving: bool
+    ) -> ActorStats:
+        """What the process tells about itself, without chunks; rates are since the last call."""
+        rate, held = self.rates()
+        return ActorStats(
+            name=name,
+            role=role,
+            incarnation=incarnation,
+            leaving=leaving,
+            steps=self.steps,
+            steps_per_second=rate,
+            epsilon=policy.random_share,
+            weights_version=policy.weights_version,
+            made=0,
+            acked=0,
+            retried=0,
+            refused=0,
+            held_share=held,
+            valid_share=self.valid_share,
+            match_share=self.match_share,
+            decisions=self.decisions,
+            missed_deadlines=self.missed_deadlines,
+            late_frames=self.late_frames,
+            waits_given_up=self.waits_given_up,
+        )
 
     def rates(self) -> tuple[float, float]:
         """Steps per second, and the share of time held, since the last call."""

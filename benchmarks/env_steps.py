@@ -83,8 +83,10 @@ class Player:
     """Environments of one kind, played at random in turn."""
 
     def __init__(self, kind: Kind, options: Options) -> None:
+        preset = PRESETS["robot"]
         config = replace(
-            PRESETS["robot"],
+            preset,
+            play=replace(preset.play, minimal_actions=False),
             env="ale" if kind == "ale" else "robot",
             game=options.game,
             camera=options.camera,

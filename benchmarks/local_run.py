@@ -28,7 +28,7 @@ from common.announcement import find_run
 from common.bus import connect
 from common.config import EnvKind
 from common.errors import InputError
-from learner.local import ROOT
+from learner.local import child_environment
 from replay.client import RemoteReplay
 from replay.facts import ChunkFacts
 from replay.limiter import RateLimiter
@@ -159,7 +159,7 @@ class LocalRun:
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "learner", *flags],
-                env={**os.environ, "PYTHONPATH": str(ROOT)},
+                env=child_environment(),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,

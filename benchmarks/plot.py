@@ -1,12 +1,15 @@
-"""`python -m benchmarks.plot runs/A runs/B -o figure.png`: the report's Figures 6 to 9.
+"""`python -m benchmarks.plot runs/A runs/B -o figure.png`: the figures of runs and results.
 
-Left the mean score of each epoch, with the random policy as a red line; right the mean max-Q over
-the held-out states.
+`--figure epochs` (the report's Figures 6 to 9) and `--figure progress` (reward against steps and
+wall clock) take folders of runs, or their ``epochs.csv`` under any name, those of 2017 too; runs
+that are the same but for the seed become thin lines with their mean as a thick one.
+`--figure delay` takes tables of `python -m benchmarks.ladder`, `--figure histogram` files of
+`python -m learner --evaluate … --json`.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import matplotlib
 
@@ -14,77 +17,67 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import tyro
+from matplotlib.figure import Figure
 
+from benchmarks.plot_delay import delay_figure, read_ladders
+from benchmarks.plot_histogram import histogram_figure, read_evaluation
+from benchmarks.plot_runs import epochs_figure, progress_figure, read_groups
 from common.errors import InputError, exit_on_input_error
-from learner.epochs import EpochRow, EpochTable
+
+_SUFFIXES = (".png", ".svg", ".pdf")
 
 
 @dataclass(frozen=True)
 class Options:
-    """Draw the curves of runs, or of tables in the format of 2017."""
+    """Draw runs, or the results of ladder and evaluation."""
 
-    runs: tyro.conf.Positional[tuple[Path, ...]]
-    """Folders of runs, or CSV files."""
+    paths: tyro.conf.Positional[tuple[Path, ...]]
+    """Folders of runs or their CSV files; of delay and histogram, the files of results."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("figure.png")
     """Picture to write: .png, .svg or .pdf."""
+    figure: Literal["epochs", "progress", "delay", "histogram"] = "epochs"
+    """Reward and mean max-Q by epoch; reward by steps and wall clock; score by delay of the keys
+    (from ladder.csv); scores of the games of evaluations (from their JSON)."""
+
+    def check(self) -> None:
+        """Refuse what cannot be drawn.
+
+        Raises:
+            InputError: saying why.
+        """
+        if not self.paths:
+            raise InputError("there is nothing to draw: name runs, as in runs/A runs/B.")
+        for path in self.paths:
+            if not path.exists():
+                raise InputError(f"{path} is not there: name a run's folder or a file of results.")
+        if self.output.suffix not in _SUFFIXES:
+            raise InputError(f"{self.output} is no {', '.join(_SUFFIXES)}: choose one of these.")
 
 
-def read(path: Path) -> list[EpochRow]:
-    """The rows of a run's folder or CSV file.
-
-    Raises:
-        InputError: there are none.
-    """
-    rows = EpochTable(path if path.suffix == ".csv" else path / "epochs.csv").rows()
-    if not rows:
-        raise InputError(f"there is no epoch in {path}: let the run finish one first.")
-    return rows
-
-
-def draw(runs: dict[str, list[EpochRow]], output: Path) -> None:
-    """Write the figure of ``runs`` (name → rows) to ``output``."""
-    figure, (scores, values) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    for index, (name, rows) in enumerate(runs.items()):
-        colour = f"C{index}"
-        for phase, style in (("test", "-o"), ("train", ":")):
-            points = [
-                (row.total_train_steps / 1e3, row.average_reward)
-                for row in rows
-                if row.phase == phase and row.average_reward is not None
-            ]
-            scores.plot(
-                *zip(*points, strict=True) if points else ((), ()),
-                style,
-                color=colour,
-                markersize=4,
-                label=f"{name}, {phase}",
-            )
-        measured = [
-            (row.total_train_steps / 1e3, row.meanq)
-            for row in rows
-            if row.phase != "test" and row.meanq is not None
-        ]
-        values.plot(*zip(*measured, strict=True), "-o", color=colour, markersize=4, label=name)
-    random = [row.average_reward for rows in runs.values() for row in rows if row.phase == "random"]
-    if random and random[0] is not None:
-        scores.axhline(random[0], color="red", linewidth=1, label="random policy")
-    scores.set(xlabel="agent steps of training (thousands)", ylabel="mean score of a game")
-    values.set(
-        xlabel="agent steps of training (thousands)", ylabel="mean max-Q over held-out states"
-    )
-    for axes in (scores, values):
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-    scores.legend(frameon=False, fontsize=8)
-    figure.savefig(output, dpi=110)
-    plt.close(figure)
+def draw(options: Options) -> Figure:
+    """The figure that was asked for; whoever calls closes it."""
+    match options.figure:
+        case "epochs":
+            return epochs_figure(read_groups(options.paths))
+        case "progress":
+            return progress_figure(read_groups(options.paths))
+        case "delay":
+            return delay_figure(read_ladders(options.paths))
+        case "histogram":
+            return histogram_figure([read_evaluation(path) for path in options.paths])
 
 
-def main() -> int:
+def main() -> None:
     options = tyro.cli(Options, prog="python -m benchmarks.plot")
-    draw({path.stem: read(path) for path in options.runs}, options.output)
+    options.check()
+    figure = draw(options)
+    try:
+        figure.savefig(options.output, dpi=150)
+    except OSError as error:
+        raise InputError(f"cannot write {options.output}: {error.strerror}.") from None
+    finally:
+        plt.close(figure)
     print(f"wrote {options.output}")
-    return 0
 
 
 if __name__ == "__main__":

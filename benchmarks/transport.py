@@ -6,7 +6,6 @@ meet on loopback. Encoding, decoding, checking, storing and journaling are all i
 
 import contextlib
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -22,7 +21,7 @@ from benchmarks.local_run import end_as_by_ctrl_c, free_endpoint
 from benchmarks.report import publish
 from common.config import StreamConfig
 from common.errors import InputError, exit_on_input_error
-from learner.local import ROOT
+from learner.local import child_environment
 
 _RUN = "bench"
 _STOP = 10.0
@@ -55,7 +54,7 @@ class Options:
 def _start(module: str, *arguments: str, talks: bool) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env=child_environment(),
         stdin=subprocess.PIPE if talks else subprocess.DEVNULL,
         stdout=subprocess.PIPE if talks else subprocess.DEVNULL,
         start_new_session=True,

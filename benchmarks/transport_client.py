@@ -19,6 +19,7 @@ import zenoh
 
 from actors.outbox import Outbox
 from benchmarks.synthetic import Streams
+from common.allocator import keep_large_blocks
 from common.announcement import find_run
 from common.bus import RunKeys, connect
 from common.chunk import encode_chunk
@@ -122,7 +123,7 @@ def send(
 def draw(
     session: zenoh.Session, keys: RunKeys, config: RunConfig, options: Options
 ) -> dict[str, Any]:
-    """Draw batches one after the other."""
+    """Draw batches one after the other; megabytes are those learned from, made whole."""
     replay = RemoteReplay(session, keys, config)
     rng = np.random.default_rng(1)
     latencies: list[float] = []
@@ -159,6 +160,7 @@ def _rates(calls: int, seconds: float, latencies: list[float]) -> dict[str, Any]
 
 def main() -> None:
     options = tyro.cli(Options, prog="python -m benchmarks.transport_client")
+    keep_large_blocks()
     session = connect(options.connect, _PATIENCE)
     try:
         keys, config = find_run(session, options.run, _PATIENCE, lambda: False)

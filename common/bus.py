@@ -123,6 +123,8 @@ def _session_config(mode: str) -> zenoh.Config:
         "scouting/delay": 0,  # nobody is looked for, so there is nothing to wait for
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": 3000,
+        # Of 64 KB each: a minibatch leaves in one go, not two at a time.
+        "transport/link/tx/queue/size/data": 16,
     }
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))

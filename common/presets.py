@@ -71,18 +71,28 @@ _FAST = RunConfig(
         end=0.02,  # a rally lasts some 40 decisions; at 0.1 four of them would be random
         steps=100_000,  # a tenth of a run of a million
     ),
-    protocol=ProtocolConfig(epoch_steps=25_000, test_steps=12_500),  # a tenth of the report's
+    protocol=ProtocolConfig(
+        epoch_steps=50_000,  # a fifth of the report's
+        test_steps=10_000,  # some five whole games; the report's half as long as the training
+    ),
 )
 
 _ROBOT = replace(
     _FAST,
     preset="robot",
     env="robot",
-    play=PlayConfig(minimal_actions=False),
+    play=PlayConfig(
+        minimal_actions=True,  # as in fast; the other keys move hands for nothing
+        vector=True,  # what was commanded and where the hands are: a key comes 50 ms late
+    ),
     replay=replace(_FAST.replay, capacity=300_000),  # its steps are dearer: remember more of them
     learning=replace(
         _FAST.learning,
-        n_step=5,  # longer than a command takes to its key: 50 ms, and back to the eye
+        n_step=5,  # longer than from a command to what the eye sees of it
+    ),
+    exploration=replace(
+        _FAST.exploration,
+        lasting=True,  # one decision moves a paddle little; a hand that turns back at each, less
     ),
 )
 

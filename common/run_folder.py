@@ -3,7 +3,7 @@
 config.json             the RunConfig, written once
 checkpoint.safetensors  the learner's whole state (and .previous, the one before)
 snapshots/              weights of epochs that are being tested, and the best so far
-epochs.csv, summary.json, tensorboard/
+epochs.csv, gates.csv, summary.json, tensorboard/
 replay/                 the ring, where the replay runs on this machine
 """
 

@@ -25,7 +25,9 @@ from common.run_folder import RunFolder
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
 from learner.display import open_display
 from learner.evaluation import EvaluationOptions, evaluate
+from learner.gate_watch import EXIT_CODE, MINUTES
 from learner.local import Crew
+from learner.status import ClockMode
 from learner.trainer import Trainer
 from learner.training import Learner
 from replay.client import RemoteReplay
@@ -79,6 +81,10 @@ class LearnerOptions:
     """Address of a `python -m replay` to use instead of a replay of one's own."""
     patience: float = 60.0
     """Seconds to wait for that replay."""
+    gate_minutes: float = MINUTES
+    """Minutes that a gate may be red before the run ends by itself, with exit code 3."""
+    force: bool = False
+    """Train on though a gate stays red; only warn."""
     evaluation: tyro.conf.OmitArgPrefixes[EvaluationOptions] = field(
         default_factory=EvaluationOptions
     )
@@ -95,6 +101,10 @@ class LearnerOptions:
                 raise InputError(f"{name} is {value}: choose {least} or more.")
         if not 0 < self.speed < float("inf"):
             raise InputError(f"--speed is {self.speed}: choose a number above 0.")
+        if not 0 < self.gate_minutes < float("inf"):
+            raise InputError(
+                f"--gate-minutes is {self.gate_minutes}: choose a number above 0, or --force."
+            )
         if self.sync and self.speed != 1.0:
             raise InputError("--speed is for --no-sync: with --sync time goes as fast as it can.")
         if self.evaluation.evaluate is not None:
@@ -177,6 +187,13 @@ def clock_flags(options: LearnerOptions) -> list[str]:
     return [*flags, "--wait-action"] if options.wait_action else flags
 
 
+def clock_mode(options: LearnerOptions) -> ClockMode | None:
+    """The same for the run's records; None where actors are started elsewhere."""
+    if not options.local:
+        return None
+    return ClockMode(options.sync, options.wait_action, options.speed)
+
+
 def free_cores(options: LearnerOptions) -> int:
     """Cores for the update: those that actors here leave free.
 
@@ -225,6 +242,9 @@ def main() -> int:
             display,
             steps_goal=options.steps,
             resume=options.resume and folder.checkpoint.exists(),
+            clock=clock_mode(options),
+            gate_minutes=options.gate_minutes,
+            force=options.force,
             stop=stop,
         )
         crew = (
@@ -249,10 +269,17 @@ def main() -> int:
         finally:
             if crew is not None:
                 crew.close()
-    print(
-        f"Everything is in {folder.path}; go on with: python -m learner --run {folder.name} "
-        + " ".join(["--resume", *(["--local", *clock_flags(options)] if options.local else [])])
+    again = f"python -m learner --run {folder.name} " + " ".join(
+        ["--resume", *(["--local", *clock_flags(options)] if options.local else [])]
     )
+    if learner.failed is not None:
+        print(
+            f"stopped: {learner.failed}. Everything is in {folder.path}; mend what is wrong, or "
+            f"train on regardless with: {again} --force",
+            file=sys.stderr,
+        )
+        return EXIT_CODE
+    print(f"Everything is in {folder.path}; go on with: {again}")
     return 0
 
 

@@ -12,6 +12,8 @@ from replay.facts import ChunkFacts
 
 RECENT_GAMES = 50
 RECENT_CHUNKS = 500
+JUDGED_CHUNKS = 80
+"""Of these, those whose shares the gates judge: a fault that is over must not count for long."""
 
 
 class PhaseEnd(NamedTuple):
@@ -95,9 +97,10 @@ class Bookkeeping:
         return float(np.percentile(values, percentile)) if values else None
 
     def share(self, name: str) -> float | None:
-        """Share of the recent steps that were 'valid' or 'matched'."""
-        steps = sum(each.steps for each in self._recent)
-        return sum(getattr(each, name) for each in self._recent) / steps if steps else None
+        """Share of the newest steps that were 'valid' or 'matched'."""
+        newest = list(self._recent)[-JUDGED_CHUNKS:]
+        steps = sum(each.steps for each in newest)
+        return sum(getattr(each, name) for each in newest) / steps if steps else None
 
     _COUNTERS = ("facts_seen", "agent_steps", "epoch", "phase_steps", "games")
 

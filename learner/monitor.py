@@ -9,7 +9,7 @@ from common.config import RunConfig
 from learner.bookkeeping import Bookkeeping
 from learner.device import Device
 from learner.examiner import Examiner
-from learner.gates import judge_gates
+from learner.gates import judge_gates, keys_can_follow
 from learner.gauges import Gauges
 from learner.records import Records
 from learner.roster import Roster
@@ -150,6 +150,7 @@ class Monitor:
                 ),
                 reward_variance=reward_variance,
                 press_match_share=matched,
+                keys_can_follow=keys_can_follow(config.play),
                 refused_chunks=progress.refused,
             ),
             notes=tuple(self._notes),

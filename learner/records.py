@@ -4,8 +4,9 @@ from common.config import RunConfig
 from common.run_folder import RunFolder
 from learner.curves import Curves
 from learner.epochs import EpochRow, EpochTable
+from learner.gate_table import GateTable
 from learner.provenance import Provenance
-from learner.status import Status
+from learner.status import ClockMode, Status
 from learner.summary import write_summary
 
 
@@ -15,16 +16,24 @@ class Records:
     Args:
         rows: how many rows the resumed checkpoint knows of; 0 for a new run.
         agent_steps: those of the checkpoint; None for a new run.
+        clock: how time passes for local mode's actors, for the summary.
     """
 
     def __init__(
-        self, folder: RunFolder, config: RunConfig, rows: int, agent_steps: int | None
+        self,
+        folder: RunFolder,
+        config: RunConfig,
+        rows: int,
+        agent_steps: int | None,
+        clock: ClockMode | None,
     ) -> None:
         self._folder = folder
         self._config = config
+        self._clock = clock
         self._table = EpochTable(folder.epochs)
         self.rows = self._table.keep(rows)
         self._curves = Curves(folder.tensorboard, agent_steps)
+        self._gates = GateTable(folder.path / "gates.csv", agent_steps)
         self._provenance = Provenance.gather()
 
     def add(self, row: EpochRow) -> None:
@@ -34,8 +43,9 @@ class Records:
         self._curves.epoch(row, row.total_train_steps + self._config.replay.warmup)
 
     def point(self, status: Status) -> None:
-        """One point on each curve."""
+        """One point on each curve, and a row of gates."""
         self._curves.status(status)
+        self._gates.add(status)
 
     def summarise(self, status: Status) -> None:
         """Write ``summary.json``."""
@@ -44,6 +54,7 @@ class Records:
             status,
             self._config,
             self._provenance,
+            self._clock,
             train_steps_per_second=self._rate("train"),
             test_steps_per_second=self._rate("test"),
         )

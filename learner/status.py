@@ -11,6 +11,18 @@ from typing import Literal
 Phase = Literal["warm-up", "training", "finishing"]
 
 
+@dataclass(frozen=True)
+class ClockMode:
+    """How time passes for local mode's robots: the report's two switches, and the pace."""
+
+    sync: bool
+    """The world waits for the agent."""
+    wait_action: bool
+    """A decision lasts until the keys are as commanded."""
+    speed: float
+    """Game seconds per second, if not sync."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ActorStatus:
     """What one actor or evaluator last told about itself."""
@@ -77,6 +89,8 @@ class Gate:
     """What is asked of the value, such as ``≥ 0.99``."""
     why: str
     """One line: what a failure means."""
+    stops: bool = True
+    """A run in which it stays red ends by itself; see `learner.gate_watch`."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from common.config import RunConfig
 from common.presets import PRESETS
 from common.run_folder import write_atomically
 from learner.provenance import Provenance
-from learner.status import Status
+from learner.status import ClockMode, Status
 
 _SECONDS_PER_DAY = 86_400
 _REPORT = PRESETS["paper"].protocol
@@ -51,6 +51,7 @@ def write_summary(
     status: Status,
     config: RunConfig,
     provenance: Provenance,
+    clock: ClockMode | None,
     *,
     train_steps_per_second: float | None,
     test_steps_per_second: float | None,
@@ -58,6 +59,7 @@ def write_summary(
     """Write the run's summary to ``path``, atomically.
 
     Args:
+        clock: None where actors were started elsewhere, each in a mode of its own.
         train_steps_per_second: measured over the finished training phases, all actors together;
             written as ``steps_per_second``. None before the first: the status' own then stands in.
         test_steps_per_second: measured over all tests, all evaluators together. Of both rates
@@ -71,6 +73,9 @@ def write_summary(
         "env": status.env,
         "game": status.game,
         "seed": config.seed,
+        "sync": clock.sync if clock else None,
+        "wait_action": clock.wait_action if clock else None,
+        "speed": clock.speed if clock else None,
         "device": status.device,
         "wall_seconds": status.elapsed,
         "agent_steps": status.agent_steps,

@@ -18,6 +18,7 @@ from learner.device import Device
 from learner.display import Display
 from learner.epochs import EpochRow
 from learner.examiner import EpochTest, Examiner
+from learner.gate_watch import GateWatch, least_steps, verdict
 from learner.gauges import Gauges
 from learner.held_out import HeldOut
 from learner.local import Crew
@@ -25,7 +26,7 @@ from learner.monitor import Monitor
 from learner.prefetch import Prefetched, Prefetcher, to_device
 from learner.records import Records
 from learner.roster import Roster
-from learner.status import Phase, Status
+from learner.status import ClockMode, Phase, Status
 from learner.trainer import Trainer
 from replay.facts import MOST_FACTS
 from replay.interface import Replay
@@ -48,8 +49,10 @@ class Learner:
 
     Args:
         steps_goal: agent steps, warm-up included, after which it ends by itself.
-        crew: the children of local mode.
         resume: go on from the checkpoint in ``folder``.
+        clock: how time passes for local mode's actors.
+        gate_minutes: for which a gate may be red before the run ends by itself.
+        force: only warn then, and train on.
     """
 
     def __init__(
@@ -65,6 +68,9 @@ class Learner:
         *,
         steps_goal: int | None,
         resume: bool,
+        clock: ClockMode | None,
+        gate_minutes: float,
+        force: bool,
         stop: threading.Event,
     ) -> None:
         self._config = config
@@ -76,6 +82,13 @@ class Learner:
         self._steps_goal = steps_goal
         self._stop = stop
         self._crew: Crew | None = None
+        self.failed: str | None = None
+        """Why the run ended by itself before its goal: the gate that stayed red."""
+        self._red_seconds = 60 * gate_minutes
+        self._red_steps = least_steps(config.stream.chunk_steps)
+        self._gate_watch = GateWatch(self._red_seconds, self._red_steps)
+        self._force = force
+        self._warned: set[str] = set()
 
         self._updates = 0
         self._phase_updates = 0
@@ -99,7 +112,9 @@ class Learner:
             self._seconds,
         )
         rows = self._restore() if resume else 0
-        self._records = Records(folder, config, rows, self._books.agent_steps if resume else None)
+        self._records = Records(
+            folder, config, rows, self._books.agent_steps if resume else None, clock
+        )
         self._held_out = HeldOut(folder.held_out)
         self._monitor = Monitor(
             keys,
@@ -220,12 +235,27 @@ class Learner:
                 f"the loss is no finite number any more at update {self._updates}: go back to "
                 f"{self._folder.checkpoint} with a smaller --learning.learning-rate."
             )
+        if status.phase == "training":
+            self._watch_gates(status)
         if self._is_due("show", _SHOW):
             self._display.show(status)
         if self._is_due("curves", _CURVE_POINT):
             self._records.point(status)
         if self._is_due("summary", _SUMMARY):
             self._records.summarise(status)
+
+    def _watch_gates(self, status: Status) -> None:
+        """End the run if a gate stays red."""
+        gate = self._gate_watch.look(status.gates, status.agent_steps)
+        if gate is None or gate.name in self._warned:
+            return
+        wrong = verdict(gate, self._red_seconds, self._red_steps)
+        if self._force:
+            self._warned.add(gate.name)
+            self._display.line(f"WARNING: {wrong}; training on because of --force.")
+        else:
+            self.failed = wrong
+            self._stop.set()
 
     def _is_due(self, what: str, period: float) -> bool:
         now = time.monotonic()

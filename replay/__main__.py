@@ -10,6 +10,7 @@ from pathlib import Path
 
 import tyro
 
+from common.allocator import keep_large_blocks
 from common.bus import DEFAULT_ENDPOINT, open_hub
 from common.cli import RunFlags, parse_run
 from common.errors import exit_on_input_error
@@ -45,6 +46,7 @@ def main() -> None:
         sys.argv[1:],
         lambda options: RunFolder(options.runs, options.run).stored_config(),
     )
+    keep_large_blocks()
     config = options.config
     folder = RunFolder(options.runs, options.run)
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)

@@ -5,8 +5,9 @@ the lock only to choose ids; its frames are gathered while others draw and inser
 """
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +16,14 @@ from common.ack import Ack
 from common.chunk import Chunk
 from common.config import RunConfig
 from common.errors import MessageError
-from replay.batch import Batch
+from replay.batch import Batch, SharedBatch
 from replay.facts import Progress
 from replay.footprint import footprint
 from replay.limiter import RateLimiter
 from replay.store import Store
 
 _HURRIED_READS = 3
+_Read = TypeVar("_Read", Batch, SharedBatch)
 
 
 class Memory:
@@ -87,6 +89,18 @@ class Memory:
 
     def sample(self, drawn: int, timeout: float) -> Batch | None:
         """See `Replay.sample`."""
+        return self._sample(drawn, timeout, self._store.ring.read)
+
+    def sample_shared(self, drawn: int, timeout: float) -> SharedBatch | None:
+        """The same, with each frame once, for the way to another process."""
+        return self._sample(drawn, timeout, self._store.ring.read_shared)
+
+    def _sample(
+        self,
+        drawn: int,
+        timeout: float,
+        read: Callable[[NDArray[np.int64], NDArray[np.float32]], _Read | None],
+    ) -> _Read | None:
         with self._state:
             released = drawn > self._drawn and self._should_hold()
             self._drawn = drawn
@@ -98,11 +112,11 @@ class Memory:
         for _ in range(_HURRIED_READS):
             with self._state:
                 ids, weights = self._draw()
-            batch = self._store.ring.read(ids, weights)
+            batch = read(ids, weights)
             if batch is not None:
                 return batch
         with self._state:  # the ring turns faster than it is read: let it wait this once
-            return self._store.ring.read(*self._draw())
+            return read(*self._draw())
 
     def _draw(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         return self._store.sampler.draw(self._rng, self._batch_size)

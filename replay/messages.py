@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from common.chunk import FRAME_SHAPE
 from common.wire import pack, pack_array, take, take_array, unpack
-from replay.batch import Batch, decode_batch, encode_batch
+from replay.batch import SharedBatch, decode_batch, encode_batch
 
 NO_BATCH = b""
 """The answer to a draw when the limiter does not let go of one."""
@@ -26,11 +26,11 @@ def decode_sample_request(payload: bytes) -> tuple[int, float]:
     return take(message, "drawn", int, 0), take(message, "timeout", float, 0.0)
 
 
-def encode_sample_reply(batch: Batch | None) -> bytes:
+def encode_sample_reply(batch: SharedBatch | None) -> bytes:
     return NO_BATCH if batch is None else encode_batch(batch)
 
 
-def decode_sample_reply(payload: bytes) -> Batch | None:
+def decode_sample_reply(payload: bytes) -> SharedBatch | None:
     return None if payload == NO_BATCH else decode_batch(payload)
 
 

@@ -14,13 +14,13 @@ Two links per slot make every walk a fixed number of array look-ups, without a c
   newest step of a stream, -1 until the next chunk comes.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.chunk import Chunk
-from replay.batch import Batch
+from replay.batch import Batch, SharedBatch
 from replay.columns import Columns
 
 TERMINATED, TRUNCATED, VALID, STEP, EXPLORED = 1, 2, 4, 8, 16
@@ -177,8 +177,33 @@ class Ring:
         Needs no lock: an id's slot is overwritten only after ``tail`` has passed it, so if all
         ids on the way are alive afterwards, all that was read was theirs.
         """
+        path, stacks = self._ways(ids)
+        frames = self._frames(stacks)
+        count = len(ids)
+        batch = Batch(s_tm1=frames[:count], s_t=frames[count:], **self._rest(path, weights))
+        return batch if self._are_alive(path, stacks) else None
+
+    def read_shared(self, ids: Ids, weights: NDArray[np.float32]) -> SharedBatch | None:
+        """What `read` gives, with each frame once."""
+        path, stacks = self._ways(ids)
+        once, places = np.unique(stacks, return_inverse=True)
+        batch = SharedBatch(
+            frames=self._frames(once),
+            stacks=places.astype(np.int32).reshape(2, len(ids), self._history),
+            **self._rest(path, weights),
+        )
+        return batch if self._are_alive(path, stacks) else None
+
+    def _ways(self, ids: Ids) -> tuple[Ids, Ids]:
+        """The path from ``ids``, and the stacks of its first states and of its last."""
         path = self._path(ids)
-        stacks = self._stacks(np.concatenate([path[0], path[-1]]))
+        return path, self._stacks(np.concatenate([path[0], path[-1]]))
+
+    def _are_alive(self, path: Ids, stacks: Ids) -> bool:
+        return min(int(path.min()), int(stacks.min())) >= self.tail
+
+    def _rest(self, path: Ids, weights: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+        """All of a batch but its states."""
         slots = path % self._capacity
         columns = self._columns
         rewards = columns.rewards[slots[:-1]].astype(np.float64)
@@ -194,20 +219,15 @@ class Ring:
             rewards[1:][cut], discounts[1:][cut] = 0.0, 1.0
         so_far = np.cumprod(discounts, axis=0)
         returns = rewards[0] + (so_far[:-1] * rewards[1:]).sum(axis=0)
-        frames = self._frames(stacks)
-        batch = Batch(
-            ids=ids,
-            s_tm1=frames[: len(ids)],
-            a_tm1=columns.actions[slots[0]],
-            r_t=returns.astype(np.float32),
-            discount_t=so_far[-1].astype(np.float32),
-            s_t=frames[len(ids) :],
-            weights=weights,
-            x_tm1=columns.vectors[slots[0]],
-            x_t=columns.vectors[slots[-1]],
-        )
-        oldest = min(int(path.min()), int(stacks.min()))
-        return batch if oldest >= self.tail else None
+        return {
+            "ids": path[0],
+            "a_tm1": columns.actions[slots[0]],
+            "r_t": returns.astype(np.float32),
+            "discount_t": so_far[-1].astype(np.float32),
+            "weights": weights,
+            "x_tm1": columns.vectors[slots[0]],
+            "x_t": columns.vectors[slots[-1]],
+        }
 
     def _path(self, ids: Ids) -> Ids:
         """Ids of the states 0 … n steps after ``ids``, ``[n + 1, B]``; at a cut, the same state

@@ -148,7 +148,7 @@ class ReplayServer:
 
     def _sample(self, query: zenoh.Query) -> None:
         drawn, timeout = messages.decode_sample_request(_payload(query))
-        batch = self._memory.sample(drawn, min(timeout, LONGEST_WAIT))
+        batch = self._memory.sample_shared(drawn, min(timeout, LONGEST_WAIT))
         query.reply(self._keys.sample, messages.encode_sample_reply(batch))
 
     def _priorities(self, query: zenoh.Query) -> None:

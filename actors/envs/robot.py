@@ -91,8 +91,12 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         """The robot and all around it."""
         self.eye = Eye(camera.distortion)
         """Replaced at each new game: do not keep it."""
-        self.seen: NDArray[np.uint8]
-        """The camera's last picture, ``[240, 320, 3]``."""
+        # Drawing takes a tenth of a decision: not where only a person might look at the picture.
+        # A late camera has to be asked each time, or it has no earlier picture to give.
+        self._looks = play.eye == "camera" or camera.delay > 0
+        self._seen: NDArray[np.uint8] | None = None
+        self._unseen = 0
+        """Decisions since the last picture was taken."""
         self.sight: Sight
         """What the eye made of it."""
         self._world = World(self.room, self._game, play)
@@ -110,6 +114,14 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
     def emulator(self) -> Emulator:
         """The console; another one after a reset with a seed."""
         return self._game.emulator
+
+    @property
+    def seen(self) -> NDArray[np.uint8]:
+        """The camera's last picture, ``[240, 320, 3]``."""
+        if self._seen is None:
+            with self._clock.still():
+                self._seen = self._picture()
+        return self._seen
 
     @property
     def wanted(self) -> Keys:
@@ -221,9 +233,14 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         }
 
     def _photograph(self, decisions: int) -> None:
-        """Take a picture; ``decisions`` have passed since the last one."""
+        """Take a picture; ``decisions`` have passed since the last time."""
+        self._unseen += decisions
+        self._seen = self._picture() if self._looks else None
+
+    def _picture(self) -> NDArray[np.uint8]:
+        passed, self._unseen = self._unseen, 0
         ideal = self.room.picture(self._game.emulator.screen_rgb())
-        self.seen = self.room.sensor.take(ideal, decisions)
+        return self.room.sensor.take(ideal, passed)
 
     def _show(self) -> None:
         """Draw the room for people, small, as the terminal's cells are large."""

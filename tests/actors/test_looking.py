@@ -179,7 +179,7 @@ def test_check_is_red_for_a_robot_that_is_blind(
 
     def look_at_a_wall(env: RobotEnv) -> None:
         look(env)
-        env.seen = np.full_like(env.seen, 128)
+        env._seen = np.full_like(env.seen, 128)
         env.sight = env.eye.__class__().see(env.seen)
 
     monkeypatch.setattr(RobotEnv, "_look", look_at_a_wall)

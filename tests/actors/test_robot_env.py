@@ -52,6 +52,34 @@ def test_the_same_seed_gives_the_same_game(env: RobotEnv) -> None:
     fresh.close()
 
 
+def test_without_an_eye_pictures_are_taken_only_for_who_looks() -> None:
+    emulator = PlayConfig(eye="emulator")
+    unseen, watched, seeing = (RobotEnv(play=each) for each in (emulator, emulator, PlayConfig()))
+    drawn: list[RobotEnv] = []
+    for env in (unseen, watched, seeing):
+
+        def draw(  # type: ignore[no-untyped-def]
+            game, env=env, draw=env.room.picture
+        ):
+            drawn.append(env)
+            return draw(game)
+
+        env.room.picture = draw  # type: ignore[method-assign]
+    for env in (unseen, watched, seeing):
+        env.reset(seed=3)
+    for action in np.random.default_rng(3).integers(18, size=12):
+        (state, *rest), (other, *same), (_, *third) = (
+            env.step(int(action)) for env in (unseen, watched, seeing)
+        )
+        assert state.tobytes() == other.tobytes()
+        assert rest == same == third
+        assert (watched.seen == seeing.seen).all()
+        assert (watched.seen == watched.seen).all()
+    assert [drawn.count(env) for env in (unseen, watched, seeing)] == [0, 12, 13]
+    for env in (unseen, watched, seeing):
+        env.close()
+
+
 def test_the_eye_sees_what_the_emulator_shows(env: RobotEnv) -> None:
     env.reset(seed=1)
     rng = np.random.default_rng(0)

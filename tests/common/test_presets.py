@@ -3,6 +3,7 @@
 import pytest
 
 from common.presets import PRESETS
+from common.vector_layout import width_of
 
 PAPER = PRESETS["paper"]
 
@@ -58,8 +59,14 @@ def test_paper_is_tested_as_the_report_was() -> None:
     assert protocol.test_epsilon == 0.05
 
 
-def test_the_robot_is_offered_every_key_the_emulator_only_the_games_own() -> None:
+def test_the_short_presets_offer_the_games_own_actions() -> None:
     assert PRESETS["robot"].env == "robot"
-    assert not PRESETS["robot"].play.minimal_actions
     assert PRESETS["fast"].env == "ale"
-    assert PRESETS["fast"].play.minimal_actions
+    for name in ("fast", "robot"):
+        assert PRESETS[name].play.minimal_actions
+
+
+def test_the_robot_is_told_of_its_own_body() -> None:
+    assert PRESETS["robot"].play.vector
+    assert PRESETS["robot"].vector_width == width_of("robot")
+    assert not PRESETS["fast"].vector_width

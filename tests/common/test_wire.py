@@ -164,6 +164,18 @@ def test_arrays_keep_values_dtype_and_shape(dtype: Any, shape: tuple[int, ...]) 
     assert not found.flags.writeable
 
 
+@pytest.mark.parametrize("size", [0, 1, 255, 256, 65_535, 65_536, 300_001])
+def test_the_bytes_are_those_that_msgpack_itself_would_write(size: int) -> None:
+    rng = np.random.default_rng(size)
+    message: dict[str, Any] = {
+        "first": pack_array(rng.integers(0, 256, size, np.uint8)),
+        "between": [1, "two", None, b"3" * 300],
+        "wide": pack_array(rng.normal(size=(size, 3)).astype(np.float32)),
+        "last": 2**40,
+    }
+    assert pack(message) == msgpack.packb({"schema": SCHEMA, **message})
+
+
 @pytest.mark.parametrize(
     "array",
     [

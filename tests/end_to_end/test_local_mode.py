@@ -22,7 +22,9 @@ def test_learns_a_little_and_leaves_its_files_with_balanced_counts(stage: Stage,
     assert summary["weights_version"] > 0
     assert chunks["made"] == chunks["acked"] + chunks["refused"]
     assert (chunks["refused"], chunks["duplicate"]) == (0, 0)
-    assert sum(actor["made"] for actor in summary["actors"]) == chunks["acked"]
+    made = {actor["role"]: actor["made"] for actor in summary["actors"]}
+    assert made == {"actor": chunks["acked"], "evaluator": 0}  # a test is not learned from
+    assert summary["stored"] == summary["agent_steps"]
     assert summary["valid_frame_share"] >= 0.99
     assert summary["press_match_share"] > (0.3 if env == "robot" else 0.999)
     assert summary["staleness_updates"]["p95"] is not None

@@ -58,6 +58,15 @@ def test_warm_up_then_epochs() -> None:
     assert books.staleness(50) == 5.0
 
 
+def test_shares_are_over_the_newest_chunks() -> None:
+    books = Bookkeeping(CONFIG)
+    list(books.book(_chunks(20, valid=0)))
+    list(books.book(_chunks(60, first=20)))
+    assert books.share("valid") == 0.75
+    list(books.book(_chunks(20, first=80)))
+    assert books.share("valid") == 1.0
+
+
 def test_facts_that_were_seen_before_count_once() -> None:
     books = Bookkeeping(CONFIG)
     list(books.book(_chunks(3)))

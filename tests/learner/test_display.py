@@ -27,6 +27,7 @@ from learner.status import ActorStatus, ChunkCounts, Gate, Status, TimeCounts
 def gates(valid_frame_share: float) -> tuple[Gate, ...]:
     return judge_gates(
         env="robot",
+        keys_can_follow=True,
         valid_frame_share=valid_frame_share,
         pixel_deviation=28.4,
         max_q_deviation=0.2314,

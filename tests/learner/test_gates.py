@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from learner.gates import judge_gates
+from common.config import PlayConfig
+from learner.gates import judge_gates, keys_can_follow
 from learner.status import Gate
 
 HEALTHY: dict[str, Any] = {
@@ -15,8 +16,10 @@ HEALTHY: dict[str, Any] = {
     "squared_td_error": 0.01,
     "reward_variance": 0.04,
     "press_match_share": 0.8,
+    "keys_can_follow": True,
     "refused_chunks": 0,
 }
+KNOWN = ("env", "keys_can_follow", "refused_chunks")
 
 
 def judged(**figures: Any) -> dict[str, Gate]:
@@ -63,7 +66,7 @@ def test_bounds(gate: str, figures: dict[str, Any], passed: bool) -> None:
 
 
 def test_unmeasured_gates_are_open() -> None:
-    unknown = {name: None for name in HEALTHY if name not in ("env", "refused_chunks")}
+    unknown = {name: None for name in HEALTHY if name not in KNOWN}
     gates = judged(**unknown)
     assert {name for name, gate in gates.items() if gate.passed is None} == {
         "valid frames",
@@ -73,6 +76,33 @@ def test_unmeasured_gates_are_open() -> None:
         "keys as commanded",
     }
     assert all(gate.value is None for gate in gates.values() if gate.passed is None)
+
+
+def test_only_gates_that_are_never_red_in_good_health_end_a_run() -> None:
+    assert {name for name, gate in judged().items() if not gate.stops} == {
+        "relative TD error",
+        "refused chunks",
+    }
+
+
+def test_keys_that_come_late_on_purpose_are_shown_but_not_judged() -> None:
+    gate = judged(press_match_share=0.1, keys_can_follow=False)["keys as commanded"]
+    assert (gate.value, gate.passed) == (0.1, None)
+
+
+@pytest.mark.parametrize(
+    ("play", "can"),
+    [
+        (PlayConfig(), True),
+        (PlayConfig(read_keys="decision"), False),
+        (PlayConfig(frame_skip=3), False),  # an arm takes four frames at times
+        (PlayConfig(hand="model", release=1, press=3), True),
+        (PlayConfig(hand="model", release=1, press=5), False),
+        (PlayConfig(hand="model", delay=1), False),
+    ],
+)
+def test_where_keys_can_follow_within_their_decision(play: PlayConfig, can: bool) -> None:
+    assert keys_can_follow(play) is can
 
 
 def test_rewards_that_do_not_vary_say_nothing() -> None:

@@ -6,7 +6,8 @@ from actors.__main__ import ActorOptions
 from common.cli import parse, parse_run
 from common.errors import InputError
 from common.presets import PRESETS
-from learner.__main__ import LearnerOptions, clock_flags
+from learner.__main__ import LearnerOptions, clock_flags, clock_mode
+from learner.status import ClockMode
 
 
 def learner(*arguments: str) -> LearnerOptions:
@@ -45,6 +46,7 @@ def test_local_actors_get_the_mode_that_was_asked_for(mode: list[str]) -> None:
     [
         (["--local", "--speed", "2"], "--speed is for --no-sync"),
         (["--local", "--no-sync", "--speed", "0"], "above 0"),
+        (["--gate-minutes", "0"], "above 0, or --force"),
         (["--no-sync"], "--no-sync is for --local"),
         (["--wait-action"], "--wait-action is for --local"),
         (["--local", "--env", "ale", "--no-sync"], "--no-sync is for the robot"),
@@ -54,6 +56,12 @@ def test_local_actors_get_the_mode_that_was_asked_for(mode: list[str]) -> None:
 def test_what_would_have_no_effect_is_refused(arguments: list[str], words: str) -> None:
     with pytest.raises(InputError, match=words):
         learner(*arguments)
+
+
+def test_records_tell_local_modes_clock_and_nobody_elses() -> None:
+    options = learner("--local", "--no-sync", "--speed", "2", "--wait-action")
+    assert clock_mode(options) == ClockMode(sync=False, wait_action=True, speed=2.0)
+    assert clock_mode(learner()) is None
 
 
 @pytest.mark.parametrize("flag", ["--no-sync", "--wait-action"])

@@ -16,7 +16,7 @@ import pytest
 from common.presets import PRESETS
 from learner import provenance
 from learner.provenance import Machine, Provenance, git_state, package_versions
-from learner.status import ActorStatus, ChunkCounts, Gate, Status, TimeCounts
+from learner.status import ActorStatus, ChunkCounts, ClockMode, Gate, Status, TimeCounts
 from learner.summary import epochs_per_day, write_summary
 
 STATUS = Status(
@@ -58,7 +58,10 @@ PROVENANCE = Provenance(
 )
 
 
-def written(path: Path, status: Status = STATUS) -> Any:
+CLOCK = ClockMode(sync=False, wait_action=True, speed=0.5)
+
+
+def written(path: Path, status: Status = STATUS, clock: ClockMode | None = CLOCK) -> Any:
     def refuse(constant: str) -> None:
         raise AssertionError(f"{constant} is not JSON")
 
@@ -67,6 +70,7 @@ def written(path: Path, status: Status = STATUS) -> Any:
         status,
         PRESETS["paper"],
         PROVENANCE,
+        clock,
         train_steps_per_second=250.0,
         test_steps_per_second=500.0,
     )
@@ -84,6 +88,12 @@ def test_what_went_wrong_with_time_is_told(tmp_path: Path) -> None:
     assert summary["waits_given_up"] == 4
     nobody = written(tmp_path / "summary.json")
     assert nobody["decisions_per_step"] is None
+
+
+def test_how_time_passed_is_told_where_it_is_known(tmp_path: Path) -> None:
+    for clock, expected in ((CLOCK, (False, True, 0.5)), (None, (None, None, None))):
+        summary = written(tmp_path / "summary.json", clock=clock)
+        assert (summary["sync"], summary["wait_action"], summary["speed"]) == expected
 
 
 def test_figures_of_the_run(tmp_path: Path) -> None:
@@ -131,6 +141,7 @@ def test_rate_before_the_first_epoch_is_that_of_the_moment(tmp_path: Path) -> No
         replace(STATUS, steps_per_second=125.0),
         PRESETS["paper"],
         PROVENANCE,
+        CLOCK,
         train_steps_per_second=None,
         test_steps_per_second=125.0,
     )
@@ -146,6 +157,7 @@ def test_epochs_are_the_reports_whatever_the_runs_are(tmp_path: Path) -> None:
         STATUS,
         PRESETS["fast"],
         PROVENANCE,
+        CLOCK,
         train_steps_per_second=250.0,
         test_steps_per_second=500.0,
     )

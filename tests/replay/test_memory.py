@@ -1,3 +1,4 @@
+import copy
 import threading
 from pathlib import Path
 
@@ -143,6 +144,30 @@ def test_every_step_that_can_be_drawn_is_drawn(tmp_path: Path) -> None:
     # 64 steps stay; the first 3 lack frames of the one before, the last 3 their return
     assert sorted(drawn) == list(range(20 * 8 - 64 + 3, 20 * 8 - 3))
     assert memory.progress(0).samplable == 64 - 6
+
+
+@pytest.mark.parametrize("n_step", [1, 3])
+@pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
+def test_a_shared_batch_made_whole_is_the_plain_one(
+    tmp_path: Path, n_step: int, sampler: str
+) -> None:
+    config = make_config(VectorConfig, n_step=n_step, sampler=sampler)
+    memory, actor = Memory(config, tmp_path), Actor("a", 4, width=3)
+    rng = np.random.default_rng(0)
+    for endings in ([GOES_ON] * 20, [GOES_ON, TERMINATES] * 5, [GOES_ON, TRUNCATES] * 5):
+        memory.insert(actor.live(endings, rng))
+    for _ in range(10):
+        state = copy.deepcopy(memory._rng)
+        plain = memory.sample(0, 0.0)
+        memory._rng = state
+        shared = memory.sample_shared(0, 0.0)
+        assert plain is not None
+        assert shared is not None
+        assert len(shared.frames) < 2 * 16 * 4
+        for name, array in shared.whole()._asdict().items():
+            expected = getattr(plain, name)
+            assert array.dtype == expected.dtype
+            np.testing.assert_array_equal(array, expected, name)
 
 
 def test_the_limiter_holds_actors_and_the_learner(tmp_path: Path) -> None:

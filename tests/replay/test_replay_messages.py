@@ -9,28 +9,27 @@ from hypothesis.extra import numpy as hnp
 
 from common.chunk import Game
 from common.errors import MessageError
-from common.wire import pack, unpack
+from common.wire import MAX_MESSAGE_BYTES, pack, unpack
 from replay import messages
-from replay.batch import Batch, decode_batch, encode_batch
+from replay.batch import SharedBatch, decode_batch, encode_batch
 from replay.facts import ChunkFacts, Progress, decode_progress, encode_progress
 
 
-def a_batch(count: int, history: int, width: int) -> Batch:
+def a_batch(count: int, history: int, width: int) -> SharedBatch:
     rng = np.random.default_rng(count)
-
-    def states() -> Any:
-        return rng.integers(0, 256, (count, history, 84, 84), np.uint8)
 
     def numbers(*shape: int) -> Any:
         return rng.normal(size=shape).astype(np.float32)
 
-    return Batch(
+    return SharedBatch(
+        frames=rng.integers(0, 256, (5 * count, 84, 84), np.uint8),
+        stacks=rng.integers(0, 5 * count, (2, count, history), np.int32)
+        if count
+        else np.zeros((2, 0, history), np.int32),
         ids=rng.integers(0, 2**60, count),
-        s_tm1=states(),
         a_tm1=rng.integers(0, 18, count, np.uint8),
         r_t=numbers(count),
         discount_t=numbers(count),
-        s_t=states(),
         weights=numbers(count),
         x_tm1=numbers(count, width),
         x_t=numbers(count, width),
@@ -46,11 +45,53 @@ def test_a_batch_comes_through_whole(count: int, history: int, width: int) -> No
         np.testing.assert_array_equal(array, expected)
 
 
+@pytest.mark.parametrize(("count", "history", "width"), [(1, 4, 0), (3, 1, 5), (0, 4, 2)])
+def test_a_batch_can_be_made_whole(count: int, history: int, width: int) -> None:
+    shared = decode_batch(encode_batch(a_batch(count, history, width)))
+    batch = shared.whole()
+    assert batch.s_tm1.shape == batch.s_t.shape == (count, history, 84, 84)
+    for at in range(count):
+        for place in range(history):
+            for states, which in ((batch.s_tm1, 0), (batch.s_t, 1)):
+                frame = shared.frames[shared.stacks[which, at, place]]
+                np.testing.assert_array_equal(states[at, place], frame)
+    assert batch.s_tm1.flags.writeable  # or a tensor of them would have to be another copy
+    for name in ("ids", "a_tm1", "r_t", "discount_t", "weights", "x_tm1", "x_t"):
+        assert getattr(batch, name) is getattr(shared, name)
+
+
+@pytest.mark.parametrize("wrong", [-1, 5, 2**31 - 1])
+def test_a_stack_of_frames_that_are_not_there_is_refused(wrong: int) -> None:
+    batch = a_batch(1, 4, 0)
+    batch.stacks[1, 0, 2] = wrong
+    with pytest.raises(MessageError, match="5 frames"):
+        decode_batch(encode_batch(batch))
+
+
+def test_a_small_message_cannot_ask_for_huge_states() -> None:
+    count = MAX_MESSAGE_BYTES // (2 * 4 * 84 * 84)
+    batch = a_batch(1, 4, 0)
+    stacks = np.zeros((2, count + 1, 4), np.int32)
+    empty = np.zeros(count + 1, np.float32)
+    large = batch._replace(
+        stacks=stacks,
+        ids=np.zeros(count + 1, np.int64),
+        a_tm1=np.zeros(count + 1, np.uint8),
+        r_t=empty,
+        discount_t=empty,
+        weights=empty,
+        x_tm1=empty[:, None],
+        x_t=empty[:, None],
+    )
+    with pytest.raises(MessageError, match="over the bound"):
+        decode_batch(encode_batch(large))
+
+
 def test_the_answer_may_be_that_there_is_no_batch() -> None:
     assert messages.decode_sample_reply(messages.encode_sample_reply(None)) is None
 
 
-@pytest.mark.parametrize("name", Batch._fields)
+@pytest.mark.parametrize("name", SharedBatch._fields)
 def test_a_batch_without_one_of_its_arrays_is_refused(name: str) -> None:
     message = unpack(encode_batch(a_batch(2, 4, 0)))
     del message["schema"], message[name]
@@ -108,7 +149,7 @@ def test_priorities_come_through_whole(priorities: Any) -> None:
 
 
 def test_held_out_states_come_through_whole() -> None:
-    batch = a_batch(3, 4, 2)
+    batch = a_batch(3, 4, 2).whole()
     held = messages.decode_held_out_reply(
         messages.encode_held_out_reply((batch.s_tm1, batch.x_tm1))
     )
@@ -138,7 +179,7 @@ def test_random_bytes_are_refused(decode: Callable[[bytes], object], payload: by
 @given(
     st.sampled_from(DECODERS),
     st.dictionaries(
-        st.sampled_from(["ids", "drawn", "timeout", "count", "since", "facts", "frames", "s_tm1"]),
+        st.sampled_from(["ids", "drawn", "timeout", "count", "since", "facts", "frames", "stacks"]),
         st.none() | st.integers(-(2**63), 2**63) | st.floats() | st.text(max_size=3) | st.just([]),
     ),
 )

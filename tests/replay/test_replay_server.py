@@ -2,6 +2,7 @@
 
 import random
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 import zenoh
 from replay_reference import GOES_ON, RUN, TERMINATES, Actor, make_config
 from replay_sessions import KEYS, ask, free_endpoint, insert
+from zenoh.handlers import FifoChannel
 
 from common.ack import Ack, decode_ack
 from common.announcement import find_run
@@ -18,7 +20,8 @@ from common.bus import connect, open_hub
 from common.chunk import encode_chunk
 from common.errors import InputError, MessageError
 from common.wire import pack
-from replay.client import RemoteReplay
+from replay import messages
+from replay.client import AHEAD, MOST_ADVICE, RemoteReplay
 from replay.memory import Memory
 from replay.server import ReplayServer
 
@@ -79,8 +82,11 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
         assert (batch.s_tm1[at, -1] == chunk.frames[id_]).all()
         assert batch.a_tm1[at] == chunk.actions[id_]
     place.remote.update_priorities(np.arange(21), np.eye(21, dtype=np.float32)[7] * 1e9)
-    batch = place.remote.sample(16, 10.0)
-    assert batch is not None
+    for _ in range(200):  # priorities go their own way
+        batch = place.remote.sample(16, 10.0)
+        assert batch is not None
+        if set(batch.ids.tolist()) == {7}:
+            break
     assert set(batch.ids.tolist()) == {7}
     frames, vectors = place.remote.held_out(2)
     assert len(frames) == len(vectors) <= 2
@@ -181,6 +187,107 @@ def test_a_learner_waits_for_a_server_that_is_away(place: Place) -> None:
     asking.join(20.0)
     assert found == [1]
     assert place.remote.sample(0, 20.0) is not None
+
+
+def until_late() -> Iterator[None]:
+    """Turns for 20 seconds."""
+    ends = time.monotonic() + 20.0
+    while time.monotonic() < ends:
+        yield
+
+
+def test_asking_ahead_gives_no_batch_too_many_and_none_too_few(place: Place) -> None:
+    actor, rng = Actor("a", 4), np.random.default_rng(0)
+    insert(place.session, actor.live([GOES_ON] * 60, rng))
+    batches = 0
+    while place.memory.sample(16 * batches, 0.0) is not None:
+        batches += 1
+    assert 10 < batches < 1_000
+    for ahead in (0, AHEAD):
+        remote = RemoteReplay(place.session, KEYS, make_config(), ahead)
+        for number in range(batches):
+            assert remote.sample(16 * number, 20.0) is not None
+        assert remote.sample(16 * batches, 0.5) is None
+        remote.close()
+
+
+def test_a_batch_is_no_older_than_those_asked_for_ahead(place: Place) -> None:
+    insert(place.session, Actor("a", 4).live([GOES_ON] * 60, np.random.default_rng(0)))
+    for _ in range(3):
+        assert place.remote.sample(0, 10.0) is not None
+    place.memory.update_priorities(np.arange(57), np.eye(57, dtype=np.float32)[7] * 1e9)
+    found = [place.remote.sample(0, 10.0) for _ in range(AHEAD + 3)]
+    for batch in found[AHEAD:]:
+        assert batch is not None
+        assert set(batch.ids.tolist()) == {7}
+
+
+def test_no_number_is_told_that_is_not_yet_true_while_nothing_is_to_be_had(place: Place) -> None:
+    """Or held actors would be let go by batches that the learner has not had."""
+    place.server.close()
+    with place.session.declare_queryable(KEYS.sample, FifoChannel(16)) as asked:
+        told = []
+        waiting = threading.Thread(target=place.remote.sample, args=(32, 60.0))
+        waiting.start()
+        for _ in range(4):
+            with asked.recv() as query:
+                assert query.payload is not None
+                told.append(messages.decode_sample_request(query.payload.to_bytes())[0])
+                query.reply(KEYS.sample, messages.NO_BATCH)
+        place.remote.close()
+        waiting.join(20.0)
+    assert told == [32] * 4
+
+
+def test_priorities_are_told_in_order_and_only_so_many_without_an_answer(place: Place) -> None:
+    place.server.close()
+    with place.session.declare_queryable(KEYS.priorities, FifoChannel(1_000)) as heard:
+        for number in range(MOST_ADVICE + 5):
+            place.remote.update_priorities(np.array([number]), np.ones(1, np.float32))
+        queries = [heard.recv() for _ in range(MOST_ADVICE)]
+        told = []
+        for query in queries:
+            with query:
+                assert query.payload is not None
+                ids, _ = messages.decode_priorities(query.payload.to_bytes())
+                told += ids.tolist()
+                query.reply(KEYS.priorities, b"")
+        assert heard.try_recv() is None
+        for _ in until_late():  # heard again, once it is known that the others were heard
+            place.remote.update_priorities(np.array([1_000]), np.ones(1, np.float32))
+            if (last := heard.try_recv()) is not None:
+                last.drop()
+                break
+        else:
+            raise AssertionError("not heard again")
+    assert told == list(range(MOST_ADVICE))
+
+
+def test_refused_priorities_are_told_at_a_later_call(place: Place) -> None:
+    ids, ones = np.arange(1), np.ones(1, np.float32)
+
+    def later() -> None:
+        for _ in until_late():
+            place.remote.update_priorities(ids, ones)
+
+    place.remote.update_priorities(ids, -ones)
+    with pytest.raises(MessageError, match="finite and not negative"):
+        later()
+    later_on = place.remote.progress(0)
+    place.remote.update_priorities(ids, ones)
+    assert later_on.refused == 0  # it was no chunk
+
+
+def test_batches_under_way_to_a_server_that_dies_are_asked_for_again(place: Place) -> None:
+    insert(place.session, Actor("a", 4).live([GOES_ON] * 30, np.random.default_rng(0)))
+    for _ in range(3):
+        assert place.remote.sample(0, 10.0) is not None
+    place.server.close()
+    while place.remote.sample(0, 0.3) is not None:
+        pass
+    place.server = ReplayServer(place.hub, place.memory, make_config(), RUN)
+    for _ in range(2 * AHEAD):
+        assert place.remote.sample(0, 20.0) is not None
 
 
 def test_a_learner_that_stops_waits_no_longer(place: Place) -> None:

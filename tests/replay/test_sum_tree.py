@@ -1,9 +1,16 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from replay import sum_tree
 from replay.sum_tree import FANOUT, SumTree, padded
+
+
+@pytest.fixture(params=[32, 8_192], ids=["deep", "flat"], autouse=True)
+def widest(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small trees, as deep as large ones are, and as flat as small ones are."""
+    monkeypatch.setattr(sum_tree, "_WIDEST", request.param)
 
 
 def naive_find(values: list[float], target: float) -> int:
@@ -21,7 +28,10 @@ def test_leaves_fill_whole_nodes(capacity: int, size: int) -> None:
     assert size % FANOUT == 0
 
 
-@settings(max_examples=50, deadline=None)
+# The fixture is the same for all examples.
+@settings(
+    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
     capacity=st.sampled_from([1, 31, 32, 33, 1_024, 1_025, 3_000]),
     changes=st.lists(st.tuples(st.integers(0, 2_999), st.integers(0, 9)), min_size=1, max_size=60),
@@ -59,6 +69,22 @@ def test_slots_without_a_value_are_never_found() -> None:
     tree.set(np.arange(5_000), values)
     found = tree.find(rng.random(20_000) * tree.total)
     assert (values[found] > 0).all()
+    # Where one node ends and the next begins, rounding could go either way.
+    for row in tree._rows[1:]:
+        borders = np.concatenate([[0.0], np.cumsum(row)[:-1]])
+        borders = np.concatenate([borders, np.nextafter(borders, 1e9)])
+        found = tree.find(borders[borders < tree.total])
+        assert (values[found] > 0).all()
+
+
+def test_slots_are_found_as_often_as_their_values_say() -> None:
+    tree = SumTree(np.zeros(padded(4_000)))
+    slots = np.array([0, 31, 32, 1_023, 1_024, 3_999])
+    tree.set(slots, np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]))
+    targets = (np.arange(2_100) + 0.5) / 100  # a hundred to each unit
+    found, counts = np.unique(tree.find(targets), return_counts=True)
+    assert found.tolist() == slots.tolist()
+    assert counts.tolist() == [100, 200, 300, 400, 500, 600]
 
 
 def test_leaves_of_an_earlier_tree_are_summed() -> None:

@@ -1,0 +1,124 @@
+"""How all figures look: lines that can be told apart in colour, in grey and by the colour-blind."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+RANDOM = "#c1121f"
+"""Red, as in the report."""
+INK = "#333333"
+_LOOKS = (
+    ("#0b3c6f", "-", "o"),
+    ("#e08214", "--", "s"),
+    ("#1b9e77", "-.", "^"),
+    ("#a63d8f", (0, (5, 1, 1, 1, 1, 1)), "D"),
+    ("#67a9cf", (0, (1, 1)), "v"),
+    ("#7f7f7f", (0, (8, 2)), "P"),
+)
+_MARKERS = 14
+"""On a line at most."""
+_THIN, _THICK = 0.8, 1.8
+
+Points = NDArray[np.float64]
+"""``[n, 2]``: x and y, by rising x."""
+
+
+class Series(NamedTuple):
+    """Lines of the same kind, one for each seed."""
+
+    name: str
+    lines: list[Points]
+
+
+def panels(count: int, width: float = 5.2, height: float = 3.8) -> tuple[Figure, list[Axes]]:
+    """``count`` axes side by side."""
+    figure, axes = plt.subplots(
+        1, count, figsize=(width * count, height), layout="constrained", squeeze=False
+    )
+    for each in axes[0]:
+        dress(each)
+    return figure, list(axes[0])
+
+
+def dress(axes: Axes) -> None:
+    """Quiet frame and grid."""
+    axes.grid(color="#dddddd", linewidth=0.7)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#888888")
+    axes.tick_params(colors=INK, labelsize=9)
+
+
+def label(axes: Axes, x: str, y: str) -> None:
+    axes.set_xlabel(x, color=INK, fontsize=10)
+    axes.set_ylabel(y, color=INK, fontsize=10)
+
+
+def mean_line(lines: Sequence[Points]) -> Points:
+    """Mean of ``lines`` wherever all of them are, straight between the points of each."""
+    first, last = max(line[0, 0] for line in lines), min(line[-1, 0] for line in lines)
+    every = np.unique(np.concatenate([line[:, 0] for line in lines]))
+    at = every[(every >= first) & (every <= last)]
+    values = [np.interp(at, line[:, 0], line[:, 1]) for line in lines]
+    return np.stack((at, np.mean(values, axis=0)), axis=1)
+
+
+def draw_series(axes: Axes, series: Sequence[Series]) -> None:
+    """Each series in its own look: a thick line, or thin ones and their thick mean."""
+    for index, (name, lines) in enumerate(series):
+        lines = [line for line in lines if len(line)]
+        if not lines:
+            continue
+        colour, dashes, marker = _LOOKS[index % len(_LOOKS)]
+        thick = lines[0]
+        if len(lines) > 1:
+            for line in lines:
+                axes.plot(*line.T, color=colour, linewidth=_THIN, alpha=0.55)
+            thick = mean_line(lines)
+            name = f"{name}, mean of {len(lines)} seeds"
+        axes.plot(
+            *thick.T,
+            color=colour,
+            linestyle=dashes,
+            linewidth=_THICK,
+            marker=marker,
+            markersize=5,
+            markevery=math.ceil(len(thick) / _MARKERS) if len(thick) else None,
+            markeredgecolor="white",
+            markeredgewidth=0.6,
+            label=name,
+            zorder=3,
+        )
+
+
+def draw_random(axes: Axes, rewards: Sequence[float]) -> None:
+    """The random policy's mean reward: a red line, and a band where it differs among runs."""
+    if not rewards:
+        return
+    low, high, mean = min(rewards), max(rewards), sum(rewards) / len(rewards)
+    if high > low:
+        axes.axhspan(low, high, color=RANDOM, alpha=0.15, linewidth=0)
+    names = dict.fromkeys(f"{reward:.1f}".replace("-", "−") for reward in (low, high))
+    name = f"random policy, {' to '.join(names)}"
+    axes.axhline(mean, color=RANDOM, linewidth=1.3, label=name, zorder=2)
+
+
+def legend(figure: Figure, axes: Axes, columns: int) -> None:
+    """What the lines of ``axes`` are, above the whole figure."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles,
+        labels,
+        loc="outside upper left",
+        ncols=min(len(labels), columns),
+        frameon=False,
+        fontsize=9,
+        handlelength=3.2,
+        labelcolor=INK,
+    )

@@ -1,0 +1,29 @@
+"""The published policies play as their cards say, from a clone alone."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.conftest import ROOT, Stage
+
+GAMES = 5
+MOST_WORSE = 3.0
+"""Points by which the mean of so few games may fall short of the card's mean. It bounds luck, not
+skill: both are the mean of games of the same network."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "card", sorted((ROOT / "policies").glob("*.json")), ids=lambda card: card.stem
+)
+def test_a_published_policy_plays_as_its_card_says(stage: Stage, card: Path) -> None:
+    told = json.loads(card.read_text())["evaluation"]
+    weights = card.with_suffix(".safetensors")
+    stage.start(
+        *("-m", "learner", "--evaluate", str(weights), "--games", str(GAMES), "--seed", "77"),
+        *("--epsilon", str(told["epsilon"]), "--json", "found.json"),
+    ).ends()
+    found = json.loads((stage.folder / "found.json").read_text())
+    assert len(found["scores"]) == GAMES
+    assert found["mean"] >= told["mean"] - MOST_WORSE
