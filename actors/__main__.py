@@ -18,6 +18,7 @@ from actors.envs import make_env
 from actors.evaluator import Evaluator
 from actors.looking.options import LookingOptions
 from actors.policy import Policy
+from common.allocator import keep_large_blocks
 from common.announcement import find_run
 from common.bus import DEFAULT_ENDPOINT, check_name, connect
 from common.cli import parse
@@ -141,6 +142,7 @@ def main() -> int:
     on_signals(stop)
     if options.leash:
         leave_with_parent(stop)
+    keep_large_blocks()
     # One core each: parallelism is between processes, and threads would fight over cores.
     torch.set_num_threads(1)
     cv2.setNumThreads(1)

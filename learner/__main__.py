@@ -14,6 +14,7 @@ import zenoh
 
 from actors.envs import make_env
 from actors.envs.emulator import check_game
+from common.allocator import keep_large_blocks
 from common.announcement import find_run
 from common.bus import DEFAULT_ENDPOINT, RunKeys, connect, open_hub
 from common.cli import RunFlags, parse_run
@@ -218,6 +219,7 @@ def main() -> int:
         return evaluate(options.evaluation, options.config.seed, clock_flags(options), stop)
     config = options.config
     device = choose_device(options.device, options.precision)
+    keep_large_blocks()
     torch.set_num_threads(options.threads or free_cores(options))
     stop = threading.Event()
     on_signals(stop)
