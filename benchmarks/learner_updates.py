@@ -172,7 +172,12 @@ def compare_precisions(updates: int) -> list[dict[str, Any]]:
         for name, bfloat16 in (("float32", False), ("bfloat16", True))
     }
     return [
-        {"precision": name, "updates": updates, "mean loss": loss, "of": loss / found["float32"]}
+        {
+            "precision": name,
+            "updates": updates,
+            "mean loss": loss,
+            "away from float32": f"{loss / found['float32'] - 1:+.2%}",
+        }
         for name, loss in found.items()
     ]
 
