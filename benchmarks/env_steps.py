@@ -7,7 +7,7 @@ own, so that the stopwatches are not in the rates.
 
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -23,6 +23,7 @@ from actors.envs.emulator import Emulator
 from actors.nao.room import Room
 from actors.nao.sensor import Sensor
 from actors.vision.eye import Eye
+from benchmarks.neighbour import neighbour
 from benchmarks.report import publish
 from common.config import CameraConfig
 from common.errors import InputError, exit_on_input_error
@@ -60,6 +61,8 @@ class Options:
     """Turns of each kind."""
     camera: CameraConfig = field(default_factory=CameraConfig)
     """The robot's camera; perfect by default."""
+    beside_learner: bool = False
+    """Let another process train a network on another core meanwhile."""
     json: Path | None = None
     """File for the results."""
 
@@ -178,11 +181,13 @@ def main() -> None:
     if min(options.envs, options.decisions, options.turns) < 1:
         raise InputError("choose 1 or more environments, decisions and turns.")
     cv2.setNumThreads(1)
-    paces, breakdown = measure(options)
+    with neighbour() if options.beside_learner else nullcontext():
+        paces, breakdown = measure(options)
     alone = paces["ale"].per_second
     count = f"{options.envs} environments" if options.envs > 1 else "one environment"
     publish(
-        f"{options.game}: decisions of 66.7 ms, {count} in one process, one core",
+        f"{options.game}: decisions of 66.7 ms, {count} in one process, one core"
+        f"{', beside an updating learner' if options.beside_learner else ''}",
         [
             {
                 "kind": _TITLES[kind],

@@ -1,7 +1,8 @@
 """`python -m benchmarks.results_page`: sets the tables of RESULTS.md from the measurements' files.
 
 The page's text is written by hand; between ``<!-- NAME.json -->`` and ``<!-- end -->`` stands what
-``benchmarks/results/NAME.json`` says, so that no figure is copied by hand.
+``benchmarks/results/NAME.json`` says, so that no figure is copied by hand. A file of several tables
+has them under names of their own: ``<!-- NAME.json kinds -->``.
 """
 
 import json
@@ -14,7 +15,9 @@ from benchmarks.report import cell
 from common.errors import InputError, exit_on_input_error
 
 PAGE = Path(__file__).with_name("RESULTS.md")
-_TABLE = re.compile(r"<!-- (?P<name>[\w-]+\.json) -->\n(?:.*?\n)?<!-- end -->", re.DOTALL)
+_TABLE = re.compile(
+    r"<!-- (?P<name>[\w-]+\.json)(?: (?P<rows>\w+))? -->\n(?:.*?\n)??<!-- end -->", re.DOTALL
+)
 
 
 def render(page: str, folder: Path) -> str:
@@ -28,22 +31,27 @@ def render(page: str, folder: Path) -> str:
         file = folder / found["name"]
         if not file.exists():
             raise InputError(f"{file} is not there: run the benchmark that makes it, with --json.")
-        return f"<!-- {file.name} -->\n{markdown(json.loads(file.read_text()))}\n<!-- end -->"
+        rows = found["rows"]
+        mark = f"{file.name} {rows}" if rows else file.name
+        return f"<!-- {mark} -->\n{markdown(json.loads(file.read_text()), rows)}\n<!-- end -->"
 
     return _TABLE.sub(table, page)
 
 
-def markdown(measurement: Mapping[str, Any]) -> str:
-    """A measurement, as `benchmarks.report` wrote it, as a table over machine and commit."""
-    rows = measurement["rows"]
+def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
+    """A measurement, as `benchmarks.report` wrote it, as a table over machine and commit.
+
+    Args:
+        which: of its tables; None for the one that its title is of.
+    """
+    rows = measurement[which or "rows"]
     names = list(rows[0])
     machine, commit = measurement["machine"], measurement["git_commit"]
     aligned = ["---" if isinstance(rows[0][name], str) else "---:" for name in names]
     cells = [[cell(row[name]) for name in names] for row in rows]
     return "\n".join(
         (
-            f"{measurement['title']}",
-            "",
+            *(() if which else (measurement["title"], "")),
             *(f"| {' | '.join(line)} |" for line in (names, aligned, *cells)),
             "",
             f"{machine['cpu']}, {machine['cores']} cores, "

@@ -1,0 +1,53 @@
+"""`neighbour`: a process that trains a network on one thread meanwhile, as a learner would.
+
+Two cores of a rented machine may be one, or share caches and memory: what is measured alone is
+then not what is to be had beside others.
+"""
+
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import torch
+
+from benchmarks.peer_update import ours
+from learner.local import child_environment
+
+_READY = "ready"
+
+
+@contextmanager
+def neighbour() -> Iterator[None]:
+    """One is at work."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "benchmarks.neighbour"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=child_environment(),
+        start_new_session=True,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            if process.stdout.readline().strip() != _READY:
+                raise RuntimeError("the process beside this one did not start, see above")
+            yield
+        finally:
+            process.kill()
+
+
+def main() -> None:
+    torch.set_num_threads(1)
+    update = ours()
+    update()
+    print(_READY, flush=True)
+    parent = threading.Thread(target=sys.stdin.read, daemon=True)
+    parent.start()
+    while parent.is_alive():
+        update()
+
+
+if __name__ == "__main__":
+    main()
