@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.plot_delay import delay_figure, read_ladders
 from benchmarks.plot_histogram import histogram_figure, read_evaluation
-from benchmarks.plot_runs import epochs_figure, progress_figure, read_groups
+from benchmarks.plot_runs import Phase, epochs_figure, progress_figure, read_groups
 from common.errors import InputError, exit_on_input_error
 
 _SUFFIXES = (".png", ".svg", ".pdf")
@@ -38,6 +38,8 @@ class Options:
     figure: Literal["epochs", "progress", "delay", "histogram"] = "epochs"
     """Reward and mean max-Q by epoch; reward by steps and wall clock; score by delay of the keys
     (from ladder.csv); scores of the games of evaluations (from their JSON)."""
+    phase: Phase = "test"
+    """Whose rewards epochs and progress show: each epoch's test, or its training with its ε."""
 
     def check(self) -> None:
         """Refuse what cannot be drawn.
@@ -58,9 +60,9 @@ def draw(options: Options) -> Figure:
     """The figure that was asked for; whoever calls closes it."""
     match options.figure:
         case "epochs":
-            return epochs_figure(read_groups(options.paths))
+            return epochs_figure(read_groups(options.paths, options.phase))
         case "progress":
-            return progress_figure(read_groups(options.paths))
+            return progress_figure(read_groups(options.paths, options.phase))
         case "delay":
             return delay_figure(read_ladders(options.paths))
         case "histogram":

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -23,6 +23,7 @@ from benchmarks.plot_style import (
 from common.errors import InputError
 from learner.epochs import EpochRow, EpochTable
 
+Phase = Literal["test", "train"]
 _SEED = re.compile(r"[-_]?(seed)?[-_]?\d+$")
 _MODE = ("sync", "wait_action", "speed")
 """Of a run, but not in its configuration: how time passed in local mode."""
@@ -36,6 +37,8 @@ class Run:
     rows: list[EpochRow]
     settings: str | None
     """All but the seed; None for a table alone, whose settings nobody knows."""
+    phase: Phase
+    """Whose rewards are drawn."""
 
     @property
     def random(self) -> float | None:
@@ -43,9 +46,8 @@ class Run:
         return next((r.average_reward for r in self.rows if r.phase == "random"), None)
 
     def rewards(self, x: Callable[[EpochRow], float]) -> Points:
-        """Mean reward of each test, or of the training where nothing was tested, by ``x``."""
-        phase = "test" if any(row.phase == "test" for row in self.rows) else "train"
-        return self._points(phase, x, lambda row: row.average_reward)
+        """Mean reward of each epoch's games, by ``x``."""
+        return self._points(self.phase, x, lambda row: row.average_reward)
 
     def max_q(self, x: Callable[[EpochRow], float]) -> Points:
         """Mean max-Q over the held-out states after each epoch of training, by ``x``."""
@@ -68,29 +70,32 @@ class Group:
     runs: list[Run]
 
 
-def read_groups(paths: Sequence[Path]) -> list[Group]:
+def read_groups(paths: Sequence[Path], phase: Phase = "test") -> list[Group]:
     """The runs at ``paths``, folders or CSV files, put together by their settings.
 
-    Tables alone belong together when their names are the same but for a number at the end.
+    Tables alone belong together when their names are the same but for a number at the end. Where
+    nothing was tested, it is the training that is drawn.
 
     Raises:
         InputError: a table is missing or damaged, or has no epoch yet.
     """
     groups: dict[str, list[Run]] = {}
     for path in paths:
-        run = _read(path)
+        run = _read(path, phase)
         stem = _SEED.sub("", run.name) if "seed" in run.name else run.name
         groups.setdefault(run.settings or f"table {stem}", []).append(run)
     return [Group(_name([run.name for run in runs]), runs) for runs in groups.values()]
 
 
-def _read(path: Path) -> Run:
+def _read(path: Path, phase: Phase) -> Run:
     table = path / "epochs.csv" if path.is_dir() else path
     rows = EpochTable(table).rows()
     if not any(row.phase != "random" for row in rows):
         raise InputError(f"there is no epoch in {table}: let the run finish one first.")
     name = path.resolve().name if path.is_dir() else path.stem
-    return Run(name, rows, _settings(path) if path.is_dir() else None)
+    tested = any(row.phase == "test" for row in rows)
+    settings = _settings(path) if path.is_dir() else None
+    return Run(name, rows, settings, phase if tested else "train")
 
 
 def _settings(folder: Path) -> str | None:
@@ -175,10 +180,9 @@ def _random(groups: Sequence[Group]) -> list[float]:
 
 
 def _reward_name(groups: Sequence[Group]) -> str:
-    """Of the axis; scores of tests, unless there is a run without any."""
-    runs = [run for group in groups for run in group.runs]
-    tested = [any(row.phase == "test" for row in run.rows) for run in runs]
-    kind = "tests" if all(tested) else "tests or training" if any(tested) else "training"
+    """Of the axis; a run without tests may stand beside others."""
+    phases = {run.phase for group in groups for run in group.runs}
+    kind = " or ".join({"test": "tests", "train": "training"}[phase] for phase in sorted(phases))
     return f"average reward of a game ({kind})"
 
 

@@ -101,6 +101,14 @@ def test_epochs_have_reward_random_policy_and_max_q(tmp_path: Path) -> None:
     assert names(figure) == ["pong", "random policy, −20.5"]
 
 
+def test_rewards_can_be_those_of_the_training(tmp_path: Path) -> None:
+    path = table(tmp_path / "pong.csv", [-20.0, 18.5])
+    figure = draw(Options((path,), phase="train"))
+    assert lines(figure.axes[0]) == [[(1, -99.0), (2, -99.0)]]
+    assert "training" in figure.axes[0].get_ylabel()
+    assert "tests" in draw(Options((path,))).axes[0].get_ylabel()
+
+
 def test_the_tables_of_2017_are_drawn(tmp_path: Path) -> None:
     path = tmp_path / "pong_sync.csv"
     header = ",".join(ROW.__dataclass_fields__)
