@@ -35,6 +35,8 @@ class LookingOptions:
     'ale-robot[viz]')."""
     games: int = 1
     """Of --play: how many games, each to its end."""
+    seconds: float = 0.0
+    """Of --play: end after so many seconds of play, for a short film; 0 plays whole games."""
     epsilon: float = 0.05
     """Of --play with weights: share of random actions, the report's in tests."""
     minimal_actions: Switch = False
@@ -74,6 +76,7 @@ class LookingOptions:
         for flag, given, owner, wanted in (
             ("--weights", self.weights is not None, "--play", self.plays),
             ("--video", self.video is not None, "--play", self.plays),
+            ("--seconds", self.seconds > 0, "--play", self.plays),
             (
                 "--nao-urdf",
                 self.nao_urdf is not None,
@@ -88,3 +91,5 @@ class LookingOptions:
             raise InputError(f"--epsilon is {self.epsilon}: choose a number from 0 to 1.")
         if self.games < 1:
             raise InputError(f"--games is {self.games}: choose 1 or more.")
+        if not 0.0 <= self.seconds < float("inf"):
+            raise InputError(f"--seconds is {self.seconds}: choose a number that is not negative.")

@@ -31,7 +31,7 @@ def show(
     wait_action: bool,
     speed: float,
 ) -> int:
-    """Play ``options.games`` games to their ends, or until ``stop`` is set; the exit status.
+    """Play ``options.games`` games, or ``options.seconds``, or until ``stop``; the exit status.
 
     Raises:
         InputError: weights, film, viewer or the user's robot cannot be used.
@@ -52,6 +52,8 @@ def show(
         stack.callback(onlooker.close)
         scores: list[float] = []
         missed = 0
+        # Decisions that are still to be shown.
+        left = options.seconds * 60 / config.play.frame_skip or float("inf")
         for step in play([env], policy, [env_seed]):
             if movie is not None or viewer is not None:
                 glance = onlooker.look(step, policy.values)
@@ -71,7 +73,8 @@ def show(
                     flush=True,
                 )
                 missed = 0
-            if len(scores) == options.games or stop.is_set():
+            left -= step.info["elapsed"]
+            if len(scores) == options.games or left <= 0 or stop.is_set():
                 break
     if len(scores) > 1:
         print(f"mean score of {len(scores)} games: {np.mean(scores):.2f}")

@@ -80,6 +80,8 @@ def test_flags() -> None:
         (["--minimal-actions"], "--minimal-actions belongs to"),
         (["--play", "--epsilon", "1.5"], "--epsilon is 1.5"),
         (["--play", "--games", "0"], "--games is 0"),
+        (["--play", "--seconds", "-1"], "--seconds is -1"),
+        (["--human", "--seconds", "5"], "--seconds belongs to --play"),
     ],
 )
 def test_flags_that_do_not_go_together(arguments: list[str], words: str) -> None:
@@ -223,6 +225,16 @@ def test_play_prints_scores_and_records_every_decision(
     while film.read()[0]:
         pictures += 1
     assert pictures == 8
+
+
+def test_play_ends_after_so_many_seconds_of_play(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
+    arguments = ("--play", "--weights", str(weights), "--games", "9", "--seconds", "0.6")
+    assert command(monkeypatch, *arguments) == 0
+    # 0.6 s are 9 decisions of 66.7 ms: two games of 4, and one of the next.
+    assert capsys.readouterr().out.splitlines()[2:] == ["mean score of 2 games: 0.00"]
 
 
 def test_play_in_real_time_tells_how_often_it_was_late(
