@@ -186,11 +186,12 @@ def frames_and_seconds(env: RobotEnv, seconds: float) -> tuple[int, float, int, 
 @pytest.mark.parametrize("wait_action", [False, True])
 def test_seconds_of_real_time_are_seconds_of_the_game(wait_action: bool) -> None:
     env = RobotEnv(play=PLAY, sync=False, wait_action=wait_action)
-    frames, seconds, _, _ = frames_and_seconds(env, 1.0)
+    frames, seconds, _, late = frames_and_seconds(env, 1.0)
     env.close()
+    assert frames / 60 < seconds + 0.05
     # The clock starts a moment before the reset returns; the last picture is taken after its
-    # decision's end, and takes a while itself.
-    assert seconds - 0.5 < frames / 60 < seconds + 0.05
+    # decision's end, and takes a while itself. A machine that is too slow for more is told of.
+    assert frames / 60 > seconds - 0.5 or late
 
 
 def test_an_agent_that_thinks_too_long_misses_decisions_and_is_told() -> None:
