@@ -41,11 +41,11 @@ test-lowest:  ## the test suite with the oldest versions that pyproject.toml all
 bench: setup  ## measure everything on this machine, half an hour; the tables of benchmarks/RESULTS.md
 	$(BIN)/python -m benchmarks.learner_updates --json $(RESULTS)/learner_updates.json
 	$(BIN)/python -m benchmarks.env_steps --json $(RESULTS)/env_steps.json
+	$(BIN)/python -m benchmarks.env_steps --beside-learner --json $(RESULTS)/env_steps_beside.json
 	$(BIN)/python -m benchmarks.replay --json $(RESULTS)/replay.json
 	$(BIN)/python -m benchmarks.transport --json $(RESULTS)/transport.json
 	$(BIN)/python -m benchmarks.epochs_per_day --env ale --json $(RESULTS)/epochs_ale.json
 	$(BIN)/python -m benchmarks.epochs_per_day --env robot --json $(RESULTS)/epochs_robot.json
-	$(BIN)/python -m benchmarks.epochs_per_day --env robot --wait-action --json $(RESULTS)/epochs_robot_wait.json
 	$(BIN)/python -m benchmarks.epochs_per_day --env robot --no-sync --actors 8 --evaluators 4 \
 		--json $(RESULTS)/epochs_robot_async.json
 	$(BIN)/python -m benchmarks.scaling --env robot --json $(RESULTS)/scaling.json -o docs/scaling.png

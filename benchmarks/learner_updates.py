@@ -21,7 +21,9 @@ import torch
 import tyro
 from torch.profiler import ProfilerActivity, profile
 
+from benchmarks.peer_update import noise_batch
 from benchmarks.random_play import random_play
+from benchmarks.replay import draw
 from benchmarks.report import show, write
 from common.errors import InputError, exit_on_input_error
 from common.network import build_network
@@ -32,6 +34,7 @@ from learner.trainer import DeviceBatch, Trainer
 
 _CONFIG = PRESETS["fast"]
 _ACTIONS = 6
+_CPU = torch.device("cpu")
 _RANDOM_STEPS = 4_000
 _PROFILED = 40
 _KINDS: dict[str, tuple[str, ...]] = {
@@ -71,31 +74,13 @@ class Options:
 
 def trainer_of(bfloat16: bool) -> Trainer:
     """A learner with the run's first weights."""
-    device = Device(torch.device("cpu"), bfloat16)
+    device = Device(_CPU, bfloat16)
     return Trainer(build_network(_CONFIG, _ACTIONS), _CONFIG.learning, device)
-
-
-def random_batch(size: int) -> DeviceBatch:
-    """Noise: what is in the frames takes no time."""
-
-    def frames() -> torch.Tensor:
-        return torch.randint(256, (size, 4, 84, 84), dtype=torch.uint8)
-
-    return DeviceBatch(
-        s_tm1=frames(),
-        a_tm1=torch.randint(_ACTIONS, (size,)),
-        r_t=torch.randn(size),
-        discount_t=torch.full((size,), 0.97),
-        s_t=frames(),
-        weights=torch.ones(size),
-        x_tm1=torch.zeros(size, 0),
-        x_t=torch.zeros(size, 0),
-    )
 
 
 def time_settings(options: Options) -> list[dict[str, Any]]:
     """A row for each number of threads and precision."""
-    batch = random_batch(options.batch_size)
+    batch = noise_batch(options.batch_size, _CPU)
     settings = list(itertools.product(sorted({1, _cores()}), (False, True)))
     trainers = {bfloat16: trainer_of(bfloat16) for bfloat16 in (False, True)}
     seconds: dict[tuple[int, bool], list[float]] = {setting: [] for setting in settings}
@@ -123,7 +108,7 @@ def time_settings(options: Options) -> list[dict[str, Any]]:
 def time_kinds(options: Options) -> list[dict[str, Any]]:
     """A row for each kind of work in a bfloat16 update on one thread, and one for the rest."""
     torch.set_num_threads(1)
-    batch, trainer = random_batch(options.batch_size), trainer_of(bfloat16=True)
+    batch, trainer = noise_batch(options.batch_size, _CPU), trainer_of(bfloat16=True)
     for _ in range(options.turn):
         trainer.update(batch)
     with profile(activities=[ProfilerActivity.CPU]) as profiled:
@@ -152,12 +137,7 @@ def losses(bfloat16: bool, batches: Sequence[DeviceBatch], updates: int) -> floa
 def real_batches(count: int, folder: Path) -> list[DeviceBatch]:
     """Minibatches of random play."""
     memory = random_play(_CONFIG, _RANDOM_STEPS, folder)
-    batches = []
-    for _ in range(count):
-        batch = memory.sample(0, 0.0)
-        if batch is None:
-            raise RuntimeError("no batch was to be had")
-        batches.append(to_device(batch, torch.device("cpu")))
+    batches = [to_device(draw(memory), _CPU) for _ in range(count)]
     memory.close()
     return batches
 

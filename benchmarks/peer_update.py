@@ -19,20 +19,21 @@ _ACTIONS = 6
 _SIZE = 32
 
 
-def _batch(device: torch.device) -> DeviceBatch:
+def noise_batch(size: int, device: torch.device) -> DeviceBatch:
+    """A minibatch of noise: what is in the frames takes no time."""
     rng = np.random.default_rng(1)
-    states = rng.integers(256, size=(2, _SIZE, 4, 84, 84), dtype=np.uint8)
+    states = rng.integers(256, size=(2, size, 4, 84, 84), dtype=np.uint8)
     return to_device(
         Batch(
-            ids=np.arange(_SIZE),
+            ids=np.arange(size),
             s_tm1=states[0],
-            a_tm1=rng.integers(_ACTIONS, size=_SIZE, dtype=np.uint8),
-            r_t=rng.standard_normal(_SIZE, np.float32),
-            discount_t=np.full(_SIZE, 0.97, np.float32),
+            a_tm1=rng.integers(_ACTIONS, size=size, dtype=np.uint8),
+            r_t=rng.standard_normal(size, np.float32),
+            discount_t=np.full(size, 0.97, np.float32),
             s_t=states[1],
-            weights=np.ones(_SIZE, np.float32),
-            x_tm1=np.zeros((_SIZE, 0), np.float32),
-            x_t=np.zeros((_SIZE, 0), np.float32),
+            weights=np.ones(size, np.float32),
+            x_tm1=np.zeros((size, 0), np.float32),
+            x_t=np.zeros((size, 0), np.float32),
         ),
         device,
     )
@@ -43,7 +44,7 @@ def ours() -> Callable[[], float]:
     config = PRESETS["fast"]
     device = choose_device("auto", "auto")
     trainer = Trainer(build_network(config, _ACTIONS), config.learning, device)
-    batch = _batch(device.torch)
+    batch = noise_batch(_SIZE, device.torch)
 
     def action() -> float:
         return float(trainer.update(batch).loss)
@@ -71,7 +72,7 @@ def eager() -> Callable[[], float]:
     optimizer = torch.optim.Adam(
         online.parameters(), lr=learning.learning_rate, eps=learning.optimizer_epsilon
     )
-    batch = _batch(device)
+    batch = noise_batch(_SIZE, device)
 
     def action() -> float:
         s_tm1, s_t = batch.s_tm1.float() / 255, batch.s_t.float() / 255

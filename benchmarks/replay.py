@@ -23,6 +23,7 @@ from benchmarks.synthetic import Streams
 from common.config import ReplayConfig, RunConfig
 from common.errors import InputError, exit_on_input_error
 from common.presets import PRESETS
+from replay.batch import Batch
 from replay.footprint import footprint
 from replay.memory import Memory
 
@@ -79,19 +80,19 @@ def fill(memory: Memory, streams: Streams, capacity: int) -> int:
     return steps
 
 
-def draw(memory: Memory) -> None:
+def draw(memory: Memory) -> Batch:
     """One batch."""
-    if memory.sample(0, 0.0) is None:
+    batch = memory.sample(0, 0.0)
+    if batch is None:
         raise RuntimeError("no batch was to be had")
+    return batch
 
 
 def draw_and_rate(memory: Memory, rng: np.random.Generator) -> Callable[[], None]:
     """One batch, and new priorities for it."""
 
     def action() -> None:
-        batch = memory.sample(0, 0.0)
-        if batch is None:
-            raise RuntimeError("no batch was to be had")
+        batch = draw(memory)
         memory.update_priorities(batch.ids, rng.random(len(batch.ids)).astype(np.float32))
 
     return action

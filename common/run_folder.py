@@ -53,6 +53,10 @@ class RunFolder:
         return self.path / "epochs.csv"
 
     @property
+    def gates(self) -> Path:
+        return self.path / "gates.csv"
+
+    @property
     def summary(self) -> Path:
         return self.path / "summary.json"
 

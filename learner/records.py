@@ -33,7 +33,7 @@ class Records:
         self._table = EpochTable(folder.epochs)
         self.rows = self._table.keep(rows)
         self._curves = Curves(folder.tensorboard, agent_steps)
-        self._gates = GateTable(folder.path / "gates.csv", agent_steps)
+        self._gates = GateTable(folder.gates, agent_steps)
         self._provenance = Provenance.gather()
 
     def add(self, row: EpochRow) -> None:

@@ -13,7 +13,7 @@ from common.errors import InputError, MessageError
 from replay import messages
 from replay.batch import Batch
 from replay.facts import Progress, decode_progress
-from replay.questions import PATIENCE, Questions
+from replay.questions import Questions
 
 AHEAD = 3
 """Minibatches that are asked for before they are wanted: enough to keep both sides at work, few
@@ -132,19 +132,6 @@ class RemoteReplay:
 
     def _ask(self, key: str, request: bytes) -> bytes | None:
         """The answer; None if there is no server, or none that answers in time."""
-        replies = self._session.get(
-            key,
-            payload=request,
-            timeout=PATIENCE,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-        )
-        refusal = None
-        for reply in replies:
-            if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
-            if reply.err is not None:
-                refusal = reply.err.payload.to_bytes().decode(errors="replace")
-        if refusal is None or refusal == "Timeout":
-            return None
-        raise MessageError(f"the replay refused a question: {refusal}")
+        question = Questions(self._session, key)
+        question.ask(request)
+        return question.take()

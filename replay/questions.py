@@ -67,8 +67,11 @@ class Questions:
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
 
-    def take(self, timeout: float) -> bytes | None:
+    def take(self, timeout: float | None = None) -> bytes | None:
         """The oldest answer; None of a server that is away, or when there is nothing to wait for.
+
+        Args:
+            timeout: seconds to wait; None for as long as the server may take, `PATIENCE`.
 
         Raises:
             MessageError: the server refused that question.
