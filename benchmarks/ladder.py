@@ -1,7 +1,8 @@
 """`python -m benchmarks.ladder --rung R3`: the way from the emulator to the robot, rung by rung.
 
 Each rung is the program's own configuration, and each adds one difficulty to another one, so that
-a rung that is missed says what holds learning back:
+a rung that is missed says what holds learning back. An ablation is a rung with other settings and a
+name of its own: `--rung R5 --label pixels-only --learner="--no-play.vector"`.
 
 R0  sight and touch, no learning (`python -m actors --check`)
 R1  the emulator alone
@@ -15,8 +16,10 @@ R5  the robot
 import csv
 import json
 import shlex
+import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -25,6 +28,7 @@ import tyro
 
 from common.errors import InputError, exit_on_input_error
 from common.run_folder import RunFolder
+from learner.epochs import EpochRow, EpochTable
 
 Rung = Literal["R0", "R1", "R2", "R3", "R4", "R5"]
 
@@ -37,11 +41,19 @@ FLAGS: dict[Rung, list[str]] = {
     "R4": ["--env", "robot", "--play.eye", "emulator"],
     "R5": ["--env", "robot"],
 }
+HUMAN = 9.3
+"""Mean of Mnih et al.'s professional tester in Pong (2015, extended data table 2)."""
+MILESTONES = {"0": 0.0, "human": HUMAN, "18": 18.0}
+"""Scores whose first time is told, by their names in the columns."""
 COLUMNS = (
-    "rung", "game", "seed", "flags", "agent_steps", "updates", "wall_seconds", "random_reward",
-    "best_test_reward", "games", "epsilon", "mean", "deviation", "iqm", "iqm_low", "iqm_high",
+    "rung", "label", "game", "seed", "flags", "agent_steps", "updates", "wall_seconds",
+    "random_reward", "best_test_reward",
+    *(f"{what}_to_{name}" for name in MILESTONES for what in ("steps", "seconds")),
+    "games", "epsilon", "mean", "deviation", "iqm", "iqm_low", "iqm_high",
     "press_match_share", "valid_frame_share", "cpu", "cores", "device", "git_commit", "git_dirty",
 )  # fmt: skip
+"""``steps_to_0`` and the like: agent steps and wall-clock seconds at the end of the first epoch
+whose training games had that mean; empty if there was none."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +69,8 @@ class Options:
     """Any game that ale-py bundles."""
     preset: Literal["fast", "robot"] = "robot"
     """Of all rungs the same, or they could not be compared."""
+    label: str = ""
+    """Name of an ablation, where --learner has other settings than the rung."""
     delay: int = 0
     """Of R2: decisions by which commands come late, beside the keys' own time."""
     games: int = 30
@@ -68,7 +82,7 @@ class Options:
     runs: Path = Path("runs")
     """Folder that holds the runs."""
     output: Path = Path("benchmarks/results/ladder.csv")
-    """Table to which the rows are added."""
+    """Table to which the rows are added; every run's epochs go to a table of its own beside it."""
 
     def flags(self, seed: int) -> list[str]:
         """Of the learner, but for those of its folder."""
@@ -78,8 +92,10 @@ class Options:
 
     def run_name(self, seed: int) -> str:
         """Of the run's folder."""
-        late = f"-late-{self.delay}" if self.delay else ""
-        return f"ladder-{self.rung}{late}-{self.game}-{self.preset}-{seed}".replace("_", "-")
+        parts = [self.label] if self.label else []
+        parts += [f"late-{self.delay}"] if self.delay else []
+        parts = ["ladder", self.rung, *parts, self.game, self.preset, f"{seed}"]
+        return "-".join(parts).replace("_", "-")
 
 
 def climb(options: Options, seed: int) -> dict[str, Any]:
@@ -92,19 +108,31 @@ def climb(options: Options, seed: int) -> dict[str, Any]:
     evaluation = folder.path / "evaluation.json"
     games = ["--games", f"{options.games}", "--epsilon", f"{options.epsilon}"]
     _python("learner", "--evaluate", str(folder.checkpoint), *games, "--json", str(evaluation))
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(folder.epochs, options.output.parent / f"{folder.name}.csv")
     return row_of(
-        options, seed, json.loads(folder.summary.read_text()), json.loads(evaluation.read_text())
+        options,
+        seed,
+        json.loads(folder.summary.read_text()),
+        json.loads(evaluation.read_text()),
+        EpochTable(folder.epochs).rows(),
     )
 
 
 def row_of(
-    options: Options, seed: int, summary: dict[str, Any], evaluation: dict[str, Any]
+    options: Options,
+    seed: int,
+    summary: dict[str, Any],
+    evaluation: dict[str, Any],
+    epochs: Sequence[EpochRow],
 ) -> dict[str, Any]:
-    """What the run's two files tell, by `COLUMNS`."""
+    """What the run's files tell, by `COLUMNS`."""
     found = {
         **summary,
         **evaluation,
+        **_milestones(epochs),
         "rung": options.rung,
+        "label": options.label,
         "game": options.game,
         "seed": seed,
         "flags": shlex.join(options.flags(seed)),
@@ -112,6 +140,20 @@ def row_of(
         "cores": summary["machine"]["cores"],
     }
     return {name: found[name] for name in COLUMNS}
+
+
+def _milestones(epochs: Sequence[EpochRow]) -> dict[str, float | None]:
+    trained = [
+        (row.average_reward, row)
+        for row in epochs
+        if row.phase == "train" and row.average_reward is not None
+    ]
+    found: dict[str, float | None] = {}
+    for name, score in MILESTONES.items():
+        first = next((row for mean, row in trained if mean >= score), None)
+        found[f"steps_to_{name}"] = first.total_train_steps if first else None
+        found[f"seconds_to_{name}"] = first.total_time if first else None
+    return found
 
 
 def add_row(path: Path, row: dict[str, Any]) -> None:

@@ -2,21 +2,25 @@
 
 The page's text is written by hand; between ``<!-- NAME.json -->`` and ``<!-- end -->`` stands what
 ``benchmarks/results/NAME.json`` says, so that no figure is copied by hand. A file of several tables
-has them under names of their own: ``<!-- NAME.json kinds -->``.
+has them under names of their own: ``<!-- NAME.json kinds -->``. What was learned, rung by rung, is
+``<!-- ladder.csv -->``.
 """
 
+import csv
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.ladder import MILESTONES
 from benchmarks.report import cell
 from common.errors import InputError, exit_on_input_error
 
 PAGE = Path(__file__).with_name("RESULTS.md")
 _TABLE = re.compile(
-    r"<!-- (?P<name>[\w-]+\.json)(?: (?P<rows>\w+))? -->\n(?:.*?\n)??<!-- end -->", re.DOTALL
+    r"<!-- (?P<name>[\w-]+\.(?:json|csv))(?: (?P<rows>\w+))? -->\n(?:.*?\n)??<!-- end -->",
+    re.DOTALL,
 )
 
 
@@ -32,6 +36,9 @@ def render(page: str, folder: Path) -> str:
         if not file.exists():
             raise InputError(f"{file} is not there: run the benchmark that makes it, with --json.")
         rows = found["rows"]
+        if file.suffix == ".csv":
+            with file.open(newline="", encoding="utf-8") as lines:
+                return f"<!-- {file.name} -->\n{learned(csv.DictReader(lines))}\n<!-- end -->"
         mark = f"{file.name} {rows}" if rows else file.name
         return f"<!-- {mark} -->\n{markdown(json.loads(file.read_text()), rows)}\n<!-- end -->"
 
@@ -52,12 +59,45 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
     return "\n".join(
         (
             *(() if which else (measurement["title"], "")),
-            *(f"| {' | '.join(line)} |" for line in (names, aligned, *cells)),
+            *_lines(names, aligned, cells),
             "",
             f"{machine['cpu']}, {machine['cores']} cores, "
             f"torch {measurement['versions']['torch']}, commit {commit[:7] if commit else '?'}.",
         )
     )
+
+
+def learned(rows: Iterable[Mapping[str, str]]) -> str:
+    """The ladder's rows, as `benchmarks.ladder` wrote them: what was reached, and when."""
+    names = ["rung", "game", "seed", "score of a game", "IQM (95 %)", "≥ 0", "≥ 9.3", "≥ 18"]
+    names += ["steps", "hours", "commit"]
+    cells = [
+        [
+            ", ".join(filter(None, (row["rung"], row["label"]))),
+            row["game"],
+            row["seed"],
+            f"{float(row['mean']):.2f} ± {float(row['deviation']):.2f}",
+            "{:.2f} ({:.2f} to {:.2f})".format(
+                *(float(row[name]) for name in ("iqm", "iqm_low", "iqm_high"))
+            ),
+            *(_thousands(row[f"steps_to_{name}"]) for name in MILESTONES),
+            _thousands(row["agent_steps"]),
+            f"{float(row['wall_seconds']) / 3600:.1f}",
+            row["git_commit"][:7],
+        ]
+        for row in rows
+    ]
+    return "\n".join(_lines(names, ["---"] * 2 + ["---:"] * (len(names) - 3) + ["---"], cells))
+
+
+def _thousands(steps: str) -> str:
+    return f"{round(float(steps) / 1000):,}K" if steps else "–"
+
+
+def _lines(
+    names: Sequence[str], aligned: Sequence[str], cells: Sequence[Sequence[str]]
+) -> list[str]:
+    return [f"| {' | '.join(line)} |" for line in (names, aligned, *cells)]
 
 
 def main() -> None:

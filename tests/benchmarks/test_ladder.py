@@ -4,12 +4,14 @@ import csv
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from benchmarks.ladder import COLUMNS, FLAGS, Options, Rung, add_row
+from benchmarks.ladder import COLUMNS, FLAGS, Options, Rung, add_row, row_of
 from common.cli import parse_run
 from learner.__main__ import LearnerOptions
+from learner.epochs import EpochPhase, EpochRow, EpochTable
 from tests.end_to_end.conftest import PATIENCE
 
 
@@ -38,6 +40,45 @@ def test_runs_have_names_of_their_own() -> None:
     names = {Options(rung).run_name(seed) for rung in FLAGS for seed in (1, 2)}
     assert len(names) == 2 * len(FLAGS)
     assert Options("R2", delay=4).run_name(1) not in names
+    assert Options("R5", label="pixels-only").run_name(1) not in names
+
+
+def phase(phase: EpochPhase, epoch: int, mean: float | None) -> EpochRow:
+    return EpochRow.of_games(
+        [] if mean is None else [mean - 1, mean + 1],
+        epoch=epoch,
+        phase=phase,
+        steps=100,
+        last_exploration_rate=0.0,
+        total_train_steps=100 * epoch,
+        replay_memory_count=0,
+        meanq=None,
+        meancost=None,
+        weight_updates=0,
+        total_time=7.5 * epoch,
+        epoch_time=1.0,
+    )
+
+
+def test_a_row_tells_when_the_training_games_first_had_a_mean() -> None:
+    """Tests do not count, games of an epoch without any neither, and a relapse changes nothing."""
+    epochs = [
+        phase("random", 0, 20.0),
+        phase("train", 1, -20.0),
+        phase("test", 1, 19.0),
+        phase("train", 2, None),
+        phase("train", 3, 0.0),
+        phase("train", 4, -3.0),
+        phase("train", 5, 9.3),
+        phase("test", 5, 21.0),
+    ]
+    files: dict[str, Any] = dict.fromkeys(COLUMNS) | {"machine": {"cpu": "one", "cores": 2}}
+    row = row_of(Options("R5", label="x"), 3, files, {}, epochs)
+    assert tuple(row) == COLUMNS
+    assert (row["rung"], row["label"], row["seed"], row["cpu"]) == ("R5", "x", 3, "one")
+    assert (row["steps_to_0"], row["seconds_to_0"]) == (300, 22.5)
+    assert (row["steps_to_human"], row["seconds_to_human"]) == (500, 37.5)
+    assert (row["steps_to_18"], row["seconds_to_18"]) == (None, None)
 
 
 def test_rows_are_added_below_one_heading(tmp_path: Path) -> None:
@@ -50,7 +91,7 @@ def test_rows_are_added_below_one_heading(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_rung_is_climbed_and_told(tmp_path: Path) -> None:
-    output = tmp_path / "ladder.csv"
+    output = tmp_path / "results" / "ladder.csv"
     command = [sys.executable, "-m", "benchmarks.ladder", "--rung", "R3", "--steps", "1000"]
     learner = (
         "--listen tcp/127.0.0.1:7561 --replay.warmup 600 --replay.capacity 5000 "
@@ -66,6 +107,7 @@ def test_a_rung_is_climbed_and_told(tmp_path: Path) -> None:
         f"--learner={learner}",
     ]
     subprocess.run([*command, *more], check=True, timeout=PATIENCE, stdin=subprocess.DEVNULL)
+    name = Options("R3").run_name(1)
     with output.open() as file:
         (row,) = csv.DictReader(file)
     assert (row["rung"], row["games"], row["epsilon"]) == ("R3", "2", "0.001")
@@ -74,3 +116,7 @@ def test_a_rung_is_climbed_and_told(tmp_path: Path) -> None:
     # Keys as commanded, screen seen by the camera.
     assert (float(row["press_match_share"]), float(row["valid_frame_share"])) == (1.0, 1.0)
     assert "--play.hand model" in row["flags"]
+    trained = [
+        each for each in EpochTable(output.parent / f"{name}.csv").rows() if each.phase == "train"
+    ]
+    assert len(trained) >= 2

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.ladder import COLUMNS, add_row
 from benchmarks.results_page import PAGE, render
 from common.errors import InputError
 
@@ -40,6 +41,26 @@ More.
     assert once == expected
     assert render(once, tmp_path) == once
     assert render(page.replace("an old table\n", ""), tmp_path) == expected
+
+
+def test_what_was_learned_is_a_row_for_each_run(tmp_path: Path) -> None:
+    run: dict[str, object] = dict.fromkeys(COLUMNS, "")
+    run |= {"rung": "R5", "game": "pong", "seed": 1, "agent_steps": 995_520, "wall_seconds": 9_000}
+    run |= {"mean": 20.7, "deviation": 0.651, "iqm": 21, "iqm_low": 20.694, "iqm_high": 21.0}
+    run |= {"steps_to_0": 500_528, "steps_to_human": 700_720, "git_commit": "0123456789abcdef"}
+    for row in (run, run | {"label": "pixels-only", "seed": 2}):
+        add_row(tmp_path / "ladder.csv", row)
+    page = "<!-- ladder.csv -->\n<!-- end -->\n"
+    names = "| rung | game | seed | score of a game | IQM (95 %) | ≥ 0 | ≥ 9.3 | ≥ 18 |"
+    figures = "20.70 ± 0.65 | 21.00 (20.69 to 21.00) | 501K | 701K | – | 996K | 2.5 | 0123456 |"
+    expected = f"""<!-- ladder.csv -->
+{names} steps | hours | commit |
+| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |
+| R5 | pong | 1 | {figures}
+| R5, pixels-only | pong | 2 | {figures}
+<!-- end -->
+"""
+    assert render(page, tmp_path) == expected == render(expected, tmp_path)
 
 
 def test_a_table_of_several_stands_under_its_name(tmp_path: Path) -> None:
