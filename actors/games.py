@@ -20,6 +20,7 @@ from actors.looking.player import build_player, config_to_play
 from actors.loop import play
 from common.config import EnvKind, RunConfig
 from common.errors import exit_on_input_error
+from common.key_times import COUNTS
 from common.lifeline import leave_with_parent, on_signals
 
 
@@ -53,6 +54,8 @@ class GameResult:
     """Steps at whose end the commanded keys were pressed."""
     valid: int
     """Steps in which the screen was found."""
+    key_times: tuple[int, ...]
+    """How long the hands took, as counts (see `common.key_times`)."""
 
 
 def games(config: RunConfig, options: GamesOptions, stop: threading.Event) -> Iterator[GameResult]:
@@ -69,12 +72,17 @@ def games(config: RunConfig, options: GamesOptions, stop: threading.Event) -> It
         actions = int(env.action_space.n)  # type: ignore[attr-defined]
         policy = build_player(config, actions, options.weights, options.epsilon, policy_seed)
         ended = matched = valid = begun = 0
+        key_times = [0] * COUNTS
         for steps, step in enumerate(play([env], policy, [env_seed]), start=1):
             matched += bool(step.info["keys_match"])
             valid += bool(step.info["valid_frame"])
+            for place in step.info.get("key_times", ()):
+                key_times[place] += 1
             if step.info["game_over"]:
-                yield GameResult(float(step.info["game_score"]), steps - begun, matched, valid)
+                score = float(step.info["game_score"])
+                yield GameResult(score, steps - begun, matched, valid, tuple(key_times))
                 ended, matched, valid, begun = ended + 1, 0, 0, steps
+                key_times = [0] * COUNTS
                 if ended >= options.games and steps >= options.steps:
                     return
             if stop.is_set():

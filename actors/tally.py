@@ -5,6 +5,7 @@ import time
 from actors.loop import Step
 from actors.policy import Policy
 from common.actor_stats import ActorStats, Role
+from common.key_times import COUNTS
 
 
 class Tally:
@@ -22,6 +23,8 @@ class Tally:
         """Frames that began more than a frame too late, because the machine was too slow."""
         self.waits_given_up = 0
         """Steps that ended at the bound of their wait, without the commanded keys."""
+        self.key_times = [0] * COUNTS
+        """How long the hands took, see `common.key_times`."""
         self._valid = 0
         self._matched = 0
         self._looked = (time.monotonic(), 0, 0.0)
@@ -35,6 +38,8 @@ class Tally:
         self.missed_deadlines += step.info.get("missed_deadlines", 0)
         self.late_frames += step.info.get("late_frames", 0)
         self.waits_given_up += step.info.get("gave_up", False)
+        for place in step.info.get("key_times", ()):
+            self.key_times[place] += 1
 
     @property
     def valid_share(self) -> float:
@@ -71,6 +76,7 @@ class Tally:
             missed_deadlines=self.missed_deadlines,
             late_frames=self.late_frames,
             waits_given_up=self.waits_given_up,
+            key_times=tuple(self.key_times),
         )
 
     def rates(self) -> tuple[float, float]:

@@ -2,9 +2,10 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 from common.errors import MessageError
+from common.key_times import COUNTS
 from common.wire import pack, take, unpack
 
 Role = Literal["actor", "evaluator"]
@@ -42,6 +43,8 @@ class ActorStats:
     """In real time: emulator frames that began more than a frame too late."""
     waits_given_up: int = 0
     """Steps whose wait for the commanded keys ended at its bound."""
+    key_times: tuple[int, ...] = ()
+    """How long the hands took, as counts (see `common.key_times`); none where nobody has told."""
 
 
 def encode_stats(stats: ActorStats) -> bytes:
@@ -62,6 +65,7 @@ def decode_stats(payload: bytes) -> ActorStats:
         name=take(message, "name", str),
         role=cast(Role, role),
         leaving=take(message, "leaving", bool),
+        key_times=_take_key_times(message),
         **{
             name: take(message, name, int, 0)
             for name in (
@@ -89,3 +93,14 @@ def decode_stats(payload: bytes) -> ActorStats:
             )
         },
     )
+
+
+def _take_key_times(message: dict[str, Any]) -> tuple[int, ...]:
+    found = message.get("key_times", [])
+    if (
+        not isinstance(found, list)
+        or len(found) not in (0, COUNTS)
+        or not all(type(count) is int and 0 <= count < 2**63 for count in found)
+    ):
+        raise MessageError(f"key_times should be {COUNTS} counts, or none")
+    return tuple(found)

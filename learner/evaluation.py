@@ -22,10 +22,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from common.errors import InputError
+from common.key_times import Delay
 from common.run_folder import write_atomically
+from learner import figures
 from learner.local import child_environment
 from learner.provenance import Provenance
 from learner.scores import Scores
+from learner.summary import strict
 
 _LOOK = 0.5
 
@@ -97,7 +100,7 @@ def evaluate(
     content = _content(options, seed, flags, found)
     console.print(_table(content))
     if options.json is not None:
-        write_atomically(options.json, (json.dumps(content, indent=2) + "\n").encode())
+        write_atomically(options.json, (json.dumps(strict(content), indent=2) + "\n").encode())
         console.print(f"wrote {options.json}")
     return 0
 
@@ -169,6 +172,7 @@ def _content(
     options: EvaluationOptions, seed: int, flags: Sequence[str], games: list[dict[str, Any]]
 ) -> dict[str, Any]:
     steps = sum(game["steps"] for game in games)
+    key_times = tuple(map(sum, zip(*(game["key_times"] for game in games), strict=True)))
     return {
         "weights": str(options.evaluate),
         "epsilon": options.epsilon,
@@ -176,6 +180,8 @@ def _content(
         "flags": list(flags),
         **dataclasses.asdict(Scores.of([game["score"] for game in games])),
         "steps": steps,
+        "press_ms": dataclasses.asdict(Delay.of(key_times, "press")),
+        "release_ms": dataclasses.asdict(Delay.of(key_times, "release")),
         "press_match_share": sum(game["matched"] for game in games) / steps,
         "valid_frame_share": sum(game["valid"] for game in games) / steps,
         "scores": [game["score"] for game in games],
@@ -189,6 +195,8 @@ def _table(content: dict[str, Any]) -> Table:
     table.add_column("")
     table.add_column("score", justify="right")
     low, high = content["iqm_low"], content["iqm_high"]
+    release, press = (Delay(**content[name]) for name in ("release_ms", "press_ms"))
+    hands = f"release {figures.delay(release)}, press {figures.delay(press)}"
     for name, cell in (
         ("games", f"{content['games']}"),
         ("mean ± deviation", f"{content['mean']:.2f} ± {content['deviation']:.2f}"),
@@ -197,6 +205,7 @@ def _table(content: dict[str, Any]) -> Table:
         ("least, most", f"{content['least']:g}, {content['most']:g}"),
         ("steps", f"{content['steps']:,}"),
         ("keys as commanded", f"{content['press_match_share']:.1%}"),
+        *((("command to keys, p50/p99 ms", hands),) if release.measured + press.measured else ()),
         ("frames valid", f"{content['valid_frame_share']:.1%}"),
         ("every game", " ".join(f"{score:g}" for score in content["scores"])),
     ):

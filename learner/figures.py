@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
+from common.key_times import Delay
+
 UNKNOWN = "–"
 _LEVELS = " ▁▂▃▄▅▆▇█"
 
@@ -48,6 +50,15 @@ def duration(seconds: float | None) -> str:
     if hours:
         return f"{hours}:{minutes:02}:{whole % 60:02}"
     return f"{minutes:02}:{whole % 60:02}"
+
+
+def delay(found: Delay) -> str:
+    """p50 and p99 in ms as ``50/67``; ``50/>83`` or ``>83`` where it took longer than anybody
+    waited."""
+    if found.p50 is None or found.p99 is None:
+        return UNKNOWN
+    p99 = f"{found.p99:.0f}" if math.isfinite(found.p99) else f">{found.watched:.0f}"
+    return f"{found.p50:.0f}/{p99}" if math.isfinite(found.p50) else p99
 
 
 def one_line(text: str) -> str:

@@ -11,8 +11,17 @@ from common.run_folder import write_atomically
 from learner.gates import GATES
 from learner.status import Status
 
-COLUMNS = ("seconds", "agent_steps", *(name.replace(" ", "_") for name in GATES), "red")
-"""Run's time, agent steps, each gate's value (empty while unknown), and which are red."""
+COLUMNS = (
+    "seconds",
+    "agent_steps",
+    *(name.replace(" ", "_") for name in GATES),
+    "press_p50_ms",
+    "release_p50_ms",
+    "release_p99_ms",
+    "red",
+)
+"""Run's time, agent steps, each gate's value and the hands' other latencies (empty while unknown),
+and which gates are red."""
 
 
 class GateTable:
@@ -25,33 +34,42 @@ class GateTable:
 
     def __init__(self, path: Path, resumed_at: int | None = None) -> None:
         self._path = path
-        lines = [",".join(COLUMNS) + "\n"]
+        rows = [dict(zip(COLUMNS, COLUMNS, strict=True))]
         if resumed_at is not None and path.exists():
-            lines += _kept(path.read_text(encoding="utf-8", errors="replace"), resumed_at)
-        write_atomically(path, "".join(lines).encode())
+            rows += _kept(path.read_text(encoding="utf-8", errors="replace"), resumed_at)
+        write_atomically(path, "".join(map(_line, rows)).encode())
 
     def add(self, status: Status) -> None:
         """A row of ``status``."""
-        values = {gate.name: gate.value for gate in status.gates}
-        line = io.StringIO()
-        csv.writer(line, lineterminator="\n").writerow(
-            (
-                f"{status.elapsed:.1f}",
-                status.agent_steps,
-                *("" if values.get(name) is None else f"{values[name]:.6g}" for name in GATES),
-                "; ".join(gate.name for gate in status.failed_gates),
-            )
-        )
+        values = {
+            **{gate.name.replace(" ", "_"): gate.value for gate in status.gates},
+            "press_p50_ms": status.press.p50,
+            "release_p50_ms": status.release.p50,
+            "release_p99_ms": status.release.p99,
+        }
+        row = {name: f"{value:.6g}" for name, value in values.items() if value is not None}
+        row["seconds"] = f"{status.elapsed:.1f}"
+        row["agent_steps"] = str(status.agent_steps)
+        row["red"] = "; ".join(gate.name for gate in status.failed_gates)
         with self._path.open("a", encoding="utf-8") as file:
-            file.write(line.getvalue())
+            file.write(_line(row))
 
 
-def _kept(text: str, agent_steps: int) -> list[str]:
-    """Whole rows up to ``agent_steps``; the last may have been torn."""
+def _line(row: dict[str, str]) -> str:
+    """Cells by their columns' names; those that are missing stay empty."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(row.get(name, "") for name in COLUMNS)
+    return line.getvalue()
+
+
+def _kept(text: str, agent_steps: int) -> list[dict[str, str]]:
+    """Whole rows up to ``agent_steps``; the last may have been torn, and a table of an earlier
+    version may have had fewer columns."""
     kept = []
-    for line in text.splitlines(keepends=True)[1:]:
-        cells = line.split(",")
-        whole = line.endswith("\n") and len(cells) == len(COLUMNS) and cells[1].isdecimal()
-        if whole and int(cells[1]) <= agent_steps:
-            kept.append(line)
+    names, *rows = [line.split(",") for line in text.split("\n")[:-1]] or [[]]
+    for cells in rows:
+        row = dict(zip(names, cells, strict=False))
+        steps = row.get("agent_steps", "")
+        if len(cells) == len(names) and steps.isdecimal() and int(steps) <= agent_steps:
+            kept.append(row)
     return kept

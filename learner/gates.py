@@ -4,18 +4,23 @@ In 2017 the robot's replay held black frames and nothing said so: the mean Q of 
 without biases was exactly 0, the loss stayed that of a predictor that sees nothing, and weeks
 went by. Each gate here would have been red on the first day.
 
-A gate that stays red ends the run (`learner.gate_watch`), but for two that only warn:
+A gate that stays red ends the run (`learner.gate_watch`), but for three that only warn:
 
 - *relative TD error*: a blind network's is 1, but that of a network which learns Pong well (350,000
   steps, best test −12.3) crept from 0.20 to 0.66 in half an hour, since the better it plays the
   rarer are rewards, and with them their variance; in a game with rare rewards it can pass 1 in
   good health. What makes it 1 for bad reasons turns other gates red too.
+- *press p99 ms*: hands that are somewhat slower than they should be can still be learned with, if
+  they tell where they are; those that come too late or never turn *keys as commanded* red.
 - *refused chunks*: a sum over the whole run, red for ever after a single stranger's mistake.
 """
 
+import math
 from dataclasses import replace
 
 from common.config import PlayConfig
+from common.key_times import Delay, ms_of
+from learner.key_delays import LEAST_MEASURED
 from learner.status import Gate
 
 GATES = (
@@ -24,14 +29,17 @@ GATES = (
     "max-Q deviation",
     "relative TD error",
     "keys as commanded",
+    "press p99 ms",
     "refused chunks",
 )
-"""Names of all gates, in their order; a bare emulator has no keys to be as commanded."""
+"""Names of all gates, in their order; a bare emulator has no hands for two of them."""
 LEAST_VALID_FRAMES = 0.99
 LEAST_PIXEL_DEVIATION = 1.0
 LEAST_MAX_Q_DEVIATION = 1e-6
 MOST_TD_ERROR = 1.0
 LEAST_KEYS_MATCHED = 0.5
+MOST_PRESS_MS = ms_of(8)
+"""Two decisions, the goal of `python -m benchmarks.press_latency`."""
 _PRESS_FRAMES = 4
 """Emulator frames in which the arms have nearly always pressed what they are told to, p99 of
 `python -m benchmarks.press_latency`."""
@@ -43,7 +51,8 @@ def keys_can_follow(play: PlayConfig) -> bool:
     Not where commands come late on purpose, where a decision is shorter than a press, and where
     the controller is read before the arms move: there a change of keys never matches in time.
     """
-    press = _PRESS_FRAMES if play.hand == "arm" else play.press
+    # A modelled hand presses in the frame after those that it takes.
+    press = _PRESS_FRAMES if play.hand == "arm" else play.press + 1
     return play.delay == 0 and play.read_keys == "frame" and press <= play.frame_skip
 
 
@@ -56,13 +65,14 @@ def judge_gates(
     squared_td_error: float | None,
     reward_variance: float | None,
     press_match_share: float | None,
-    keys_can_follow: bool,
+    press: Delay,
+    play: PlayConfig,
     refused_chunks: int,
 ) -> tuple[Gate, ...]:
     """The gates for these figures; None stands for "not measured yet", NaN fails.
 
     Args:
-        env: ``"robot"`` adds the gate of the hands.
+        env: ``"robot"`` adds the gates of the hands.
         valid_frame_share: frames in which the screen was found, 0 to 1.
         pixel_deviation: mean over sampled frames of the standard deviation of a frame's pixels,
             in grey levels of 255.
@@ -72,7 +82,8 @@ def judge_gates(
         reward_variance: variance of the (n-step, discounted) rewards in the same samples;
             where it is 0 nothing can be said.
         press_match_share: decisions whose pressed keys were the commanded ones, 0 to 1.
-        keys_can_follow: as the function of that name tells; the share is only shown if not.
+        press: from a command to its keys.
+        play: where keys come late on purpose, their figures are shown but not judged.
         refused_chunks: chunks that the replay refused.
     """
     relative_error = None
@@ -113,7 +124,13 @@ def judge_gates(
             LEAST_KEYS_MATCHED,
             "the hands do not press what the policy asks for",
         )
-        gates.append(keys if keys_can_follow else replace(keys, passed=None))
+        prompt = _prompt(press)
+        # Real hands keep their time whenever the controller is read, and however soon the next
+        # command comes.
+        gates += (
+            keys if keys_can_follow(play) else replace(keys, passed=None),
+            prompt if play.hand == "arm" else replace(prompt, passed=None),
+        )
     gates.append(
         Gate(
             name="refused chunks",
@@ -125,6 +142,22 @@ def judge_gates(
         )
     )
     return tuple(gates)
+
+
+def _prompt(press: Delay) -> Gate:
+    """Open while too few were measured, or none watched for so long that it could be too late."""
+    known = press.measured >= LEAST_MEASURED
+    if press.p99 == math.inf:
+        known &= press.watched >= MOST_PRESS_MS
+    passed = press.p99 <= MOST_PRESS_MS if known and press.p99 is not None else None
+    return Gate(
+        name="press p99 ms",
+        value=press.p99,
+        passed=passed,
+        bound=f"≤ {MOST_PRESS_MS:.1f}",
+        why="the hands press what the policy asks for too late",
+        stops=False,
+    )
 
 
 def _at_least(name: str, value: float | None, bound: float, why: str) -> Gate:

@@ -9,8 +9,9 @@ from common.config import RunConfig
 from learner.bookkeeping import Bookkeeping
 from learner.device import Device
 from learner.examiner import Examiner
-from learner.gates import judge_gates, keys_can_follow
+from learner.gates import judge_gates
 from learner.gauges import Gauges
+from learner.key_delays import KeyDelays
 from learner.records import Records
 from learner.roster import Roster
 from learner.status import ChunkCounts, Phase, Status
@@ -51,6 +52,7 @@ class Monitor:
         self._examiner = examiner
         self._seconds = seconds
         self._ticks: deque[tuple[float, int, int]] = deque()
+        self._key_delays = KeyDelays()
         self._notes: deque[str] = deque(maxlen=_NOTES)
 
     def note(self, text: str) -> None:
@@ -80,6 +82,9 @@ class Monitor:
         made = max(made, progress.accepted + progress.refused)
         mean_max_q, deviation = max_q or (None, None)
         valid, matched = books.share("valid"), books.share("matched")
+        delays = self._key_delays
+        delays.look(self._roster.key_times())
+        press = delays.of_late("press")
         # Between two phases at the very end: the last epoch, whole.
         ended = phase == "finishing" and not books.phase_steps
         tests = [row for row in self._records.rows if row.phase == "test"]
@@ -138,6 +143,10 @@ class Monitor:
             ),
             valid_frame_share=valid,
             press_match_share=matched,
+            press=press,
+            release=delays.of_late("release"),
+            press_in_all=delays.in_all("press"),
+            release_in_all=delays.in_all("release"),
             actors=self._roster.actors(),
             gates=judge_gates(
                 env=config.env,
@@ -150,7 +159,8 @@ class Monitor:
                 ),
                 reward_variance=reward_variance,
                 press_match_share=matched,
-                keys_can_follow=keys_can_follow(config.play),
+                press=press,
+                play=config.play,
                 refused_chunks=progress.refused,
             ),
             notes=tuple(self._notes),

@@ -26,8 +26,8 @@ _ROOMY = 108
 
 _ROWS = 23
 """Lines at 80 × 24: one is left for the cursor."""
-_FIGURE_ROWS = 5
-_GATE_ROWS = 6
+_FIGURE_ROWS = 6
+_GATE_ROWS = 7
 _NOTE_ROWS = 2
 
 
@@ -40,6 +40,8 @@ class _Room:
     actors: int = _GATE_ROWS
     notes: int = _NOTE_ROWS
     titled_notes: bool = False
+    loose: bool = False
+    """With a gap below the header and above the figures, too."""
 
 
 def _share_out(extra: int, actors: int) -> _Room:
@@ -51,6 +53,8 @@ def _share_out(extra: int, actors: int) -> _Room:
         extra -= given
         return given
 
+    loose = extra >= 2
+    take(2 if loose else 0)
     titled = extra >= 2
     take(2 if titled else 0)
     more_figures = take(2)
@@ -65,6 +69,7 @@ def _share_out(extra: int, actors: int) -> _Room:
         actors=_GATE_ROWS + more_actors,
         notes=_NOTE_ROWS + take(6),
         titled_notes=titled,
+        loose=loose,
     )
 
 
@@ -87,10 +92,11 @@ class Screen:
 
 def _parts(status: Status, width: int, rows: int) -> Iterable[RenderableType]:
     room = _share_out(rows - _ROWS, len(status.present))
+    gap = [Text()] if room.loose else []
     yield _header(status)
-    yield Text()
+    yield from gap
     yield _progress(status)
-    yield Text()
+    yield from gap
     yield _figures(status, room.figures)
     if room.chart > 1:
         yield Text()
@@ -182,13 +188,17 @@ def _figures(status: Status, rows: int) -> Table:
     best = max(status.test_history, default=None)
     stale = (figures.decimal(lag, 0) for lag in (status.staleness_p50, status.staleness_p95))
     samples = figures.decimal(status.samples_per_insert, 2)
+    hands = [
+        ("release p50/p99", figures.delay(status.release)),
+        ("press p50/p99", figures.delay(status.press)),
+    ]
     # The first `_FIGURE_ROWS` of each are always shown.
     play = [
         (f"test{tested}", figures.decimal(status.test_reward, 2)),
         ("train", figures.decimal(status.train_reward, 2)),
         ("random policy", figures.decimal(status.random_reward, 2)),
         ("games", figures.count(status.games)),
-        ("exploration ε", figures.decimal(status.epsilon, 3)),
+        *(hands if status.env == "robot" else ()),
         ("best test", figures.decimal(best, 2)),
         ("keys matched", figures.decimal(status.press_match_share, 3)),
     ]
@@ -198,7 +208,8 @@ def _figures(status: Status, rows: int) -> Table:
         ("loss", figures.significant(status.loss)),
         ("updates", figures.count(status.updates)),
         ("updates/s", figures.decimal(status.updates_per_second, 1)),
-        ("weights version", figures.count(status.weights_version)),
+        ("exploration ε", figures.decimal(status.epsilon, 3)),
+        ("weights no.", figures.count(status.weights_version)),
         ("frames valid", figures.decimal(status.valid_frame_share, 3)),
     ]
     stream = [
@@ -209,6 +220,7 @@ def _figures(status: Status, rows: int) -> Table:
         ("retried", figures.count(chunks.retried)),
         ("duplicate", figures.count(chunks.duplicate)),
         ("made", figures.count(chunks.made)),
+        ("refused", figures.count(chunks.refused)),
     ]
     grid = _grid(Column(ratio=1), Column(ratio=1), Column(ratio=1), gap=3)
     grid.add_row(

@@ -43,7 +43,7 @@ class Roster:
         """Remember the processes of a checkpoint, so that counts go on from there."""
         with self._lock:
             for each in state:
-                stats = ActorStats(**each)
+                stats = ActorStats(**{**each, "key_times": tuple(each.get("key_times", ()))})
                 self._stats.setdefault(stats.incarnation, stats)
 
     def state(self) -> list[dict[str, Any]]:
@@ -85,6 +85,12 @@ class Roster:
             every = list(self._stats.values())
         names = [each.name for each in fields(TimeCounts)]
         return TimeCounts(**{name: sum(getattr(s, name) for s in every) for name in names})
+
+    def key_times(self) -> tuple[int, ...]:
+        """How long the hands took (`common.key_times`), over all processes there ever were."""
+        with self._lock:
+            told = [stats.key_times for stats in self._stats.values() if stats.key_times]
+        return tuple(map(sum, zip(*told, strict=True)))
 
     def actors(self) -> tuple[ActorStatus, ...]:
         """All that were here since this learner began, the newest process of each name."""

@@ -8,6 +8,8 @@ that the screen, TensorBoard and ``summary.json`` never disagree. None means: no
 from dataclasses import dataclass, field
 from typing import Literal
 
+from common.key_times import UNMEASURED, Delay
+
 Phase = Literal["warm-up", "training", "finishing"]
 
 
@@ -163,6 +165,13 @@ class Status:
     valid_frame_share: float | None = None
     press_match_share: float | None = None
     """Share of decisions at whose end the commanded keys, and no others, were pressed."""
+    press: Delay = UNMEASURED
+    """From a command to its keys, of late."""
+    release: Delay = UNMEASURED
+    """From a command until no other keys are pressed, of late."""
+    press_in_all: Delay = UNMEASURED
+    """The same over the whole run."""
+    release_in_all: Delay = UNMEASURED
 
     actors: tuple[ActorStatus, ...] = ()
     gates: tuple[Gate, ...] = ()

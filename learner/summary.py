@@ -114,6 +114,8 @@ def write_summary(
         ),
         "valid_frame_share": status.valid_frame_share,
         "press_match_share": status.press_match_share,
+        "press_ms": dataclasses.asdict(status.press_in_all),
+        "release_ms": dataclasses.asdict(status.release_in_all),
         # More than 1 where robots wait, or are late.
         "decisions_per_step": (
             status.time.decisions / status.time.steps if status.time.steps else None
@@ -126,16 +128,16 @@ def write_summary(
         "config": dataclasses.asdict(config),
         **dataclasses.asdict(provenance),
     }
-    text = json.dumps(_strict(summary), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(strict(summary), indent=2, ensure_ascii=False, allow_nan=False)
     write_atomically(path, (text + "\n").encode())
 
 
-def _strict(value: Any) -> Any:
+def strict(value: Any) -> Any:
     """``value`` with null for every number that JSON does not have."""
     if isinstance(value, dict):
-        return {name: _strict(inner) for name, inner in value.items()}
+        return {name: strict(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [_strict(inner) for inner in value]
+        return [strict(inner) for inner in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value

@@ -42,8 +42,9 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
     slow; its reward is then their points discounted by the time that had passed, so that
     ``reward + discount ** info["elapsed"] * value`` is the return. ``info`` has these beside
     those of `AtariGame.info`: ``gave_up`` (the wait ended at its bound, without the keys),
-    ``missed_deadlines`` (decisions of this step that passed before its command) and
-    ``late_frames`` (emulator frames of this step that began more than a frame too late).
+    ``missed_deadlines`` (decisions of this step that passed before its command),
+    ``late_frames`` (emulator frames of this step that began more than a frame too late) and
+    ``key_times`` (what `KeyWatch` measured since the last step, for `Tally`; a reset tells none).
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 15}  # noqa: RUF012
@@ -160,7 +161,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         self._frames.restart(self.sight.frame)
         self._shown = 0
         self._show()
-        observation, info = self._observation(), self._info([], 0, gave_up=False)
+        observation, info = self._observation(), self._info([], 0, (), gave_up=False)
         self._clock.start()
         return observation, info
 
@@ -184,7 +185,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             self._frames.push(self.sight.frame)
             self._show()
             gave_up = self._wait_action and not (last.ended or self._obeyed(last))
-            info = self._info(decisions, missed, gave_up=gave_up)
+            info = self._info(decisions, missed, self._world.key_watch.take(), gave_up=gave_up)
             return (
                 self._observation(),
                 self._reward(decisions),
@@ -216,7 +217,14 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             points = [min(max(each, -1.0), 1.0) for each in points]
         return sum(self._discount**time * each for time, each in enumerate(points))
 
-    def _info(self, decisions: Sequence[Decision], missed: int, *, gave_up: bool) -> dict[str, Any]:
+    def _info(
+        self,
+        decisions: Sequence[Decision],
+        missed: int,
+        key_times: tuple[int, ...],
+        *,
+        gave_up: bool,
+    ) -> dict[str, Any]:
         late, self._late_frames = (
             self._clock.late_frames - self._late_frames,
             self._clock.late_frames,
@@ -230,6 +238,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             "gave_up": gave_up,
             "missed_deadlines": missed,
             "late_frames": late,
+            "key_times": key_times,
         }
 
     def _photograph(self, decisions: int) -> None:

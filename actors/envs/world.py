@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from actors.envs.body_sense import BodySense
 from actors.envs.game import AtariGame
+from actors.envs.key_watch import KeyWatch
 from actors.envs.late_keys import LateKeys
 from actors.nao.room import Room
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
@@ -66,6 +67,8 @@ class World:
         """The keys of the last command."""
         self.pressed = Keys.NONE
         """The keys that the game was given at the last frame."""
+        self.key_watch = KeyWatch()
+        """Times the hands, whenever the controller is read."""
         self._room = room
         self._hand: Hand = room if play.hand == "arm" else LateKeys(play)
         self._game = game
@@ -83,6 +86,7 @@ class World:
     def restart(self) -> None:
         """Hands at rest and nothing remembered, for a new game."""
         self._hand.reset()
+        self.key_watch.restart()
         self.wanted = self.pressed = Keys.NONE
         self._frames, self._points = 0, 0.0
         if self._sense is not None:
@@ -91,6 +95,7 @@ class World:
     def command(self, action: int) -> None:
         """Let the hands set out for one of the 18 actions."""
         self.wanted = KEYS_OF_ACTION[action]
+        self.key_watch.command(self.wanted, self._hand.held)
         self._hand.command(self.wanted)
         if self._sense is not None:
             self._sense.command(action)
@@ -100,6 +105,7 @@ class World:
         if self._play.read_keys == "decision" and self._frames == 0:
             self.pressed = self._hand.held
         felt = self._hand.step_frame()
+        self.key_watch.frame(felt)
         if self._play.read_keys == "frame":
             self.pressed = felt
         if self._sense is not None:
@@ -110,6 +116,8 @@ class World:
             return None
         decision = Decision(self._points, self.pressed, *self._game.end_decision())
         self._frames, self._points = 0, 0.0
+        if decision.ended:
+            self.key_watch.give_up()
         return decision
 
     def decide(self) -> Decision:

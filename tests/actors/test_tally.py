@@ -1,5 +1,6 @@
 """The counters, on a clock that the test turns."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,18 @@ def test_what_the_clock_tells_is_added_up() -> None:
     found.count(step(elapsed=1, missed_deadlines=0, late_frames=0, gave_up=False))
     assert (found.steps, found.decisions) == (4, 15)
     assert (found.missed_deadlines, found.late_frames, found.waits_given_up) == (3, 8, 1)
+
+
+def test_what_the_hands_took_is_counted_by_its_place() -> None:
+    found = Tally()
+    found.count(step())
+    assert not any(found.key_times)
+    for places in ((), (2, 61), (2,)):
+        found.count(step(key_times=places))
+    assert {place: n for place, n in enumerate(found.key_times) if n} == {2: 2, 61: 1}
+    policy = SimpleNamespace(random_share=0.5, weights_version=3)
+    told = found.stats("a", "actor", 1, policy, leaving=False)  # type: ignore[arg-type]
+    assert told.key_times == tuple(found.key_times)
 
 
 def test_rates_are_since_the_last_look(clock: Clock) -> None:

@@ -136,10 +136,10 @@ def test_a_chunk_has_at_most_1024_steps() -> None:
 
 
 def test_the_warm_up_fills_a_minibatch() -> None:
-    # 32 transitions of 3 steps each.
-    changed("replay.warmup", 35).check()
-    with pytest.raises(InputError, match=r"^replay.warmup is 34: .* at least 35 steps"):
-        changed("replay.warmup", 34).check()
+    # 32 transitions of 5 steps each.
+    changed("replay.warmup", 37).check()
+    with pytest.raises(InputError, match=r"^replay.warmup is 36: .* at least 37 steps"):
+        changed("replay.warmup", 36).check()
 
 
 def test_the_ring_holds_the_warm_up_and_two_chunks() -> None:

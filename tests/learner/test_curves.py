@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from common.key_times import Delay
 from learner.curves import Curves
 from learner.epochs import EpochRow
 from learner.status import ActorStatus, ChunkCounts, Gate, Status
@@ -34,6 +35,8 @@ STATUS = Status(
         ActorStatus(name="actor-0", role="actor", alive=True),
         ActorStatus(name="actor-1", role="actor", alive=False),
     ),
+    press=Delay(1_224, 50.0, 66.5, 66.5),
+    release=Delay(1_301, 16.5, 33.5, 50.0),
     gates=(
         Gate(name="valid frames", value=0.5, passed=False, bound="≥ 0.99", why="no screen"),
         Gate(name="max-Q deviation", value=None, passed=None, bound="> 0", why="blind"),
@@ -80,6 +83,10 @@ def test_status_and_epochs_over_agent_steps(tmp_path: Path) -> None:
     assert points["stream/actors_alive"][0] == (1_000, 1)
     assert points["gates/valid_frames"][0] == (1_000, 0.5)
     assert points["gates/failed"][0] == (1_000, 1)
+    assert points["gates/press_p50_ms"][0] == (1_000, 50.0)
+    assert "gates/press_p99_ms" not in points  # that of the gate, which this status lacks
+    assert points["gates/release_p50_ms"][0] == (1_000, 16.5)
+    assert points["gates/release_p99_ms"][0] == (1_000, 33.5)
     assert points["play/epoch_test_reward"] == [(25_500, -20.5)]
     assert points["learning/epoch_test_mean_max_q"] == [(25_500, 0.75)]
     assert {tag.split("/")[0] for tag in points} == {"play", "learning", "stream", "gates"}

@@ -3,6 +3,7 @@
 import contextlib
 import fcntl
 import io
+import math
 import os
 import pty
 import re
@@ -17,6 +18,8 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
+from common.config import PlayConfig
+from common.key_times import UNMEASURED, Delay
 from learner import figures
 from learner.display import LiveDisplay, PlainDisplay, open_display
 from learner.gates import judge_gates
@@ -27,13 +30,14 @@ from learner.status import ActorStatus, ChunkCounts, Gate, Status, TimeCounts
 def gates(valid_frame_share: float) -> tuple[Gate, ...]:
     return judge_gates(
         env="robot",
-        keys_can_follow=True,
+        play=PlayConfig(),
         valid_frame_share=valid_frame_share,
         pixel_deviation=28.4,
         max_q_deviation=0.2314,
         squared_td_error=None,
         reward_variance=None,
         press_match_share=0.873,
+        press=Delay(1_224, 50.0, 1000 / 15, 1000 / 15),
         refused_chunks=0,
     )
 
@@ -89,6 +93,8 @@ STATUS = Status(
     capacity=1_000_000,
     chunks=ChunkCounts(made=162_540, acked=162_536, retried=12),
     actors=actors(4),
+    press=Delay(1_224, 50.0, 200 / 3, 200 / 3),
+    release=Delay(1_301, 50 / 3, math.inf, 100.0),
     gates=gates(0.9994),
     notes=("checkpoint written", "actor-3 was lost, restarted"),
 )
@@ -157,12 +163,16 @@ def test_every_figure_is_there_at_80_by_24() -> None:
         r"train +17\.03 +its deviation +0\.2314 +samples/insert +8\.00 of 8",
         r"random policy +−20\.09 +loss +0\.0008290 +stale p50/p95 +38 / 74",
         r"games +11,204 +updates +2,588,140 +chunks acked +162,536",
-        r"exploration ε +0\.100 +updates/s +46\.6 +retried +12",
+        r"release p50/p99 +17/>100 +updates/s +46\.6 +retried +12",
+        r"press p50/p99 +50/67 +exploration ε +0\.100 +duplicate +0",
         r"test −20\.1 … 18\.4 +▁",
         r"Actors, 3 of 4 alive .* Gates, 1 open",
         r"○ actor-3 +312,459 +lost +✓ valid frames +0\.999 +≥ 0\.99",
         r"● actor-0 +312,456 46\.6/s +✓ pixel deviation +28\.4 +> 1",
         r"· relative TD error +– +< 1",
+        r"✓ press p99 ms +66\.7 +≤ 133\.3",
+        r"✓ refused chunks +0 +?= 0",
+        r"checkpoint written",
         r"actor-3 was lost, restarted",
     ):
         assert re.search(pattern, text), pattern
@@ -185,7 +195,7 @@ def test_warm_up_has_its_own_bar() -> None:
 def test_more_room_shows_more_actors() -> None:
     crowded = replace(STATUS, actors=actors(12))
     small, tall = "\n".join(drawn(crowded)), "\n".join(drawn(crowded, 120, 45))
-    assert "and 7 more" in small
+    assert "and 6 more" in small
     assert "○ actor-11" in small  # the lost one is not among those left out
     assert len(re.findall(r"actor-\d+ ", tall)) >= 12
     assert "more" not in tall
@@ -344,7 +354,8 @@ def test_plain_line_has_the_figures() -> None:
         "epoch 42 61 %, 14:32 left | 10,402,560 steps"
         " | reward train 17.03 test 18.42 random -20.09 | max-Q 1.393 | loss 0.0008290"
         " | epsilon 0.100 | 186.3 steps/s | 46.6 updates/s | 8.00 samples/insert of 8"
-        " | staleness 38/74 | 3 of 4 actors | gates 5 green, 1 open"
+        " | staleness 38/74 | 3 of 4 actors | keys ms release 17/>100 press 50/67"
+        " | gates 6 green, 1 open"
     ]
 
 
@@ -420,6 +431,8 @@ def test_plain_line_on_an_ascii_stream() -> None:
         (figures.duration(11_565), "3:12:45"),
         (figures.duration(187_654), "2 d 04:07"),
         (figures.duration(None), "–"),
+        (figures.delay(UNMEASURED), "–"),
+        (figures.delay(Delay(9, math.inf, math.inf, 500.0)), ">500"),
     ],
 )
 def test_figures_for_people(text: str, expected: str) -> None:

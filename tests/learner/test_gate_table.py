@@ -1,13 +1,17 @@
 """The gates' rows, read back with Python's own reader."""
 
 import csv
+import math
 from dataclasses import replace
 from pathlib import Path
 
+from common.config import PlayConfig
+from common.key_times import Delay
 from learner.gate_table import COLUMNS, GateTable
 from learner.gates import GATES, judge_gates
 from learner.status import Status
 
+PRESS = Delay(1_224, 50.0, 200 / 3, 200 / 3)
 STATUS = Status(
     run="r",
     preset="robot",
@@ -29,9 +33,12 @@ STATUS = Status(
         squared_td_error=0.01,
         reward_variance=0.04,
         press_match_share=1.0,
-        keys_can_follow=True,
+        press=PRESS,
+        play=PlayConfig(),
         refused_chunks=0,
     ),
+    press=PRESS,
+    release=Delay(1_300, 50 / 3, math.inf, 100.0),
 )
 
 
@@ -59,7 +66,11 @@ def test_a_row_tells_values_and_which_are_red(tmp_path: Path) -> None:
         "max-Q_deviation": "",
         "relative_TD_error": "0.25",
         "keys_as_commanded": "1",
+        "press_p99_ms": "66.6667",
         "refused_chunks": "0",
+        "press_p50_ms": "50",
+        "release_p50_ms": "16.6667",
+        "release_p99_ms": "inf",
         "red": "valid frames; pixel deviation",
     }
     assert (second["agent_steps"], second["pixel_deviation"]) == ("2000", "")
@@ -81,3 +92,34 @@ def test_resume_forgets_the_life_that_was_lost(tmp_path: Path) -> None:
         file.write("70.0,15")  # torn
     GateTable(path, resumed_at=2_000).add(replace(STATUS, agent_steps=2_500))
     assert [row["agent_steps"] for row in read(path)] == ["1000", "2000", "2500"]
+
+
+def test_a_table_with_fewer_columns_is_carried_over(tmp_path: Path) -> None:
+    path = tmp_path / "gates.csv"
+    path.write_text(
+        "seconds,agent_steps,valid_frames,refused_chunks,red\n"
+        "1.0,500,0.5,0,valid frames\n"
+        "2.0,1000,1\n"
+        "3.0,1500,1,0,\n"
+        "4.0,2000,1,0,\n"
+    )
+    GateTable(path, resumed_at=1_500).add(replace(STATUS, agent_steps=1_600))
+    old, newer, new = read(path)
+    empty = dict.fromkeys(COLUMNS, "")
+    assert old == empty | {
+        "seconds": "1.0",
+        "agent_steps": "500",
+        "valid_frames": "0.5",
+        "refused_chunks": "0",
+        "red": "valid frames",
+    }
+    assert (newer["agent_steps"], newer["valid_frames"], newer["red"]) == ("1500", "1", "")
+    assert (new["agent_steps"], new["press_p50_ms"]) == ("1600", "50")
+
+
+def test_what_is_no_table_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "gates.csv"
+    for noise in ("", "\n", "noise", "a,b\n1,2\n", "agent_steps\n-1\n"):
+        path.write_text(noise)
+        GateTable(path, resumed_at=1_000).add(STATUS)
+        assert [row["agent_steps"] for row in read(path)] == ["1000"]

@@ -1,10 +1,13 @@
 """Which gates are green, red or open, by figures worked out by hand."""
 
+import math
 from typing import Any
 
 import pytest
 
 from common.config import PlayConfig
+from common.key_times import UNMEASURED, Delay, ms_of
+from common.presets import PRESETS
 from learner.gates import judge_gates, keys_can_follow
 from learner.status import Gate
 
@@ -16,10 +19,11 @@ HEALTHY: dict[str, Any] = {
     "squared_td_error": 0.01,
     "reward_variance": 0.04,
     "press_match_share": 0.8,
-    "keys_can_follow": True,
+    "play": PlayConfig(),
+    "press": Delay(1_224, 50.0, 200 / 3, 200 / 3),
     "refused_chunks": 0,
 }
-KNOWN = ("env", "keys_can_follow", "refused_chunks")
+KNOWN = ("env", "press", "play", "refused_chunks")
 
 
 def judged(**figures: Any) -> dict[str, Gate]:
@@ -28,7 +32,7 @@ def judged(**figures: Any) -> dict[str, Gate]:
 
 def test_healthy_robot_is_all_green() -> None:
     gates = judged()
-    assert [gate.passed for gate in gates.values()] == [True] * 6
+    assert [gate.passed for gate in gates.values()] == [True] * 7
     assert gates["relative TD error"].value == pytest.approx(0.25)
 
 
@@ -67,13 +71,14 @@ def test_bounds(gate: str, figures: dict[str, Any], passed: bool) -> None:
 
 def test_unmeasured_gates_are_open() -> None:
     unknown = {name: None for name in HEALTHY if name not in KNOWN}
-    gates = judged(**unknown)
+    gates = judged(press=UNMEASURED, **unknown)
     assert {name for name, gate in gates.items() if gate.passed is None} == {
         "valid frames",
         "pixel deviation",
         "max-Q deviation",
         "relative TD error",
         "keys as commanded",
+        "press p99 ms",
     }
     assert all(gate.value is None for gate in gates.values() if gate.passed is None)
 
@@ -81,12 +86,49 @@ def test_unmeasured_gates_are_open() -> None:
 def test_only_gates_that_are_never_red_in_good_health_end_a_run() -> None:
     assert {name for name, gate in judged().items() if not gate.stops} == {
         "relative TD error",
+        "press p99 ms",
         "refused chunks",
     }
 
 
+@pytest.mark.parametrize(
+    ("press", "passed"),
+    [
+        (Delay(100, 50.0, ms_of(8), 500.0), True),  # two decisions
+        (Delay(100, 50.0, ms_of(9), 500.0), False),
+        (Delay(99, 50.0, ms_of(9), 500.0), None),  # the slowest of too few
+        (Delay(99, 50.0, 50.0, 50.0), None),
+        (Delay(5_000, math.inf, math.inf, 500.0), False),  # broken hands
+        (Delay(5_000, 50.0, math.inf, ms_of(8)), False),  # more than two decisions
+        (Delay(5_000, 50.0, math.inf, ms_of(7)), None),  # nobody waited for the eighth frame
+        (UNMEASURED, None),
+    ],
+)
+def test_the_slowest_hundredth_of_presses_has_two_decisions(
+    press: Delay, passed: bool | None
+) -> None:
+    gate = judged(press=press)["press p99 ms"]
+    assert (gate.value, gate.passed, gate.bound) == (press.p99, passed, "≤ 133.3")
+
+
+@pytest.mark.parametrize(
+    ("play", "judges"),
+    [
+        (PRESETS["paper"].play, True),  # the hands are timed, not the reading of the keys
+        (PRESETS["robot"].play, True),
+        (PlayConfig(frame_skip=1), True),
+        (PlayConfig(hand="model", press=12), False),  # late on purpose
+    ],
+)
+def test_real_hands_are_always_judged_by_their_own_time(play: PlayConfig, judges: bool) -> None:
+    slow = Delay(1_000, 200.0, 250.0, 500.0)
+    gate = judged(press=slow, play=play)["press p99 ms"]
+    assert (gate.value, gate.passed) == (250.0, False if judges else None)
+
+
 def test_keys_that_come_late_on_purpose_are_shown_but_not_judged() -> None:
-    gate = judged(press_match_share=0.1, keys_can_follow=False)["keys as commanded"]
+    late = PlayConfig(read_keys="decision")
+    gate = judged(press_match_share=0.1, play=late)["keys as commanded"]
     assert (gate.value, gate.passed) == (0.1, None)
 
 
@@ -97,7 +139,7 @@ def test_keys_that_come_late_on_purpose_are_shown_but_not_judged() -> None:
         (PlayConfig(read_keys="decision"), False),
         (PlayConfig(frame_skip=3), False),  # an arm takes four frames at times
         (PlayConfig(hand="model", release=1, press=3), True),
-        (PlayConfig(hand="model", release=1, press=5), False),
+        (PlayConfig(hand="model", release=1, press=4), False),  # in the fifth frame
         (PlayConfig(hand="model", delay=1), False),
     ],
 )
@@ -111,4 +153,4 @@ def test_rewards_that_do_not_vary_say_nothing() -> None:
 
 
 def test_bare_emulator_has_no_hands_to_judge() -> None:
-    assert "keys as commanded" not in judged(env="ale")
+    assert not {"keys as commanded", "press p99 ms"} & set(judged(env="ale"))

@@ -1,8 +1,9 @@
 """Who lives, who left, who was lost; over real Zenoh."""
 
+import json
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 import zenoh
@@ -17,7 +18,7 @@ STATS = ActorStats(
     name="a1", role="actor", incarnation=7, leaving=False, steps=640, steps_per_second=100.0,
     epsilon=0.5, weights_version=50, made=10, acked=8, retried=2, refused=0, held_share=0.0,
     valid_share=1.0, match_share=1.0, decisions=700, missed_deadlines=5, late_frames=6,
-    waits_given_up=7,
+    waits_given_up=7, key_times=(1,) * 60 + (5,) * 60,
 )  # fmt: skip
 
 Sessions = tuple[zenoh.Session, zenoh.Session]
@@ -79,14 +80,25 @@ def test_counts_add_up_over_restarts_of_actor_and_learner(sessions: Sessions) ->
     client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, incarnation=8, made=5)))
     _until(lambda: roster.counts() == (15, 4))
     again = Roster(client, KEYS)
-    again.restore(roster.state())
+    again.restore(json.loads(json.dumps(roster.state())))
     assert again.counts() == (15, 4)
+    assert again.key_times() == roster.key_times() == (2,) * 60 + (10,) * 60
     assert again.time() == TimeCounts(
         steps=1_280, decisions=1_400, missed_deadlines=10, late_frames=12, waits_given_up=14
     )
     # The new subscription may be unknown to the hub yet: heartbeats come again and again.
     beat = encode_stats(replace(STATS, incarnation=8, made=6))
     _until(lambda: hub.put(KEYS.stats("actor", "a1"), beat) or again.counts() == (16, 4))
+
+
+def test_a_checkpoint_from_before_hands_were_timed_is_restored(sessions: Sessions) -> None:
+    roster = Roster(sessions[0], KEYS)
+    assert roster.key_times() == ()
+    told = asdict(STATS)
+    del told["key_times"]
+    roster.restore([told, asdict(replace(STATS, incarnation=8))])
+    assert roster.counts() == (20, 4)
+    assert roster.key_times() == STATS.key_times
 
 
 def test_noise_is_passed_over(sessions: Sessions) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from common.key_times import Delay
 from common.presets import PRESETS
 from learner import provenance
 from learner.provenance import Machine, Provenance, git_state, package_versions
@@ -47,6 +48,7 @@ STATUS = Status(
     chunks=ChunkCounts(made=4_690, acked=4_688, retried=3, duplicate=1, refused=2),
     valid_frame_share=1.0,
     press_match_share=0.75,
+    press_in_all=Delay(1_224, 50.0, math.inf, 66.5),
     actors=(ActorStatus(name="actor-0", role="actor", alive=True, steps=300_000),),
     gates=(Gate(name="valid frames", value=1.0, passed=True, bound="≥ 0.99", why="no screen"),),
 )
@@ -111,6 +113,8 @@ def test_figures_of_the_run(tmp_path: Path) -> None:
         "mean_max_q": 1.25,
         "valid_frame_share": 1.0,
         "press_match_share": 0.75,
+        "press_ms": {"measured": 1_224, "p50": 50.0, "p99": None, "watched": 66.5},
+        "release_ms": {"measured": 0, "p50": None, "p99": None, "watched": 0.0},
         "versions": {"python": "3.11.9", "torch": "2.13.0"},
         "git_commit": "a" * 40,
         "git_dirty": False,
