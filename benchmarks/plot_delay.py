@@ -29,7 +29,7 @@ class Climb(NamedTuple):
     """Of the series it belongs to: all but delay and seed."""
     seed: int
     late_ms: float
-    """From a command to its keys."""
+    """Game time that passes without a new command's keys."""
     mean: float
     random: float | None
 
@@ -110,7 +110,7 @@ def delay_figure(climbs: Sequence[Climb]) -> Figure:
     figure, (axes,) = panels(1, width=6.5, height=4.2)
     draw_series(axes, series)
     draw_random(axes, [climb.random for climb in climbs if climb.random is not None])
-    label(axes, "time from a command to its keys (ms)", "mean score of the evaluation's games")
+    label(axes, "game time without the commanded keys (ms)", "mean score of the evaluation's games")
     decision = _DECISION_FRAMES * _FRAME_MS
     above = axes.secondary_xaxis(
         "top",

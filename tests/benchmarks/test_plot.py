@@ -211,13 +211,13 @@ def test_delay_is_from_the_flags_of_the_ladder(tmp_path: Path) -> None:
     climb(path, "R2", 1, 14.0, delay=2, learner="--learning.n-step 1")  # evaluated again
     figure = draw(Options((path,), figure="delay"))
     (axes,) = figure.axes
-    times = [0.0, 50.0, 19 * 1000 / 60]  # four decisions of four frames, and three frames
+    times = [0.0, 2 * 1000 / 60, 18 * 1000 / 60]  # four decisions of four frames, and two frames
     expected = [[20.0, 18.0, 1.0], [18.0, 16.0, -1.0], [19.0, 17.0, 0.0], [14.0]]
     found = lines(axes)
     assert [[y for _, y in line] for line in found] == expected
     for line in found[:3]:
         assert [x for x, _ in line] == pytest.approx(times)
-    assert found[3][0][0] == pytest.approx(11 * 1000 / 60)
+    assert found[3][0][0] == pytest.approx(10 * 1000 / 60)
     assert reds(axes) == [pytest.approx(-20.4)]
     assert names(figure) == [
         "pong, robot, 1 M steps, mean of 2 seeds",
