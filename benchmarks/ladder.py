@@ -65,7 +65,9 @@ class Options:
     steps: int = 1_000_000
     """Agent steps of each run; one that was stopped goes on when it is asked for again."""
     seeds: int = 1
-    """Runs, with seeds 1, 2, …"""
+    """Runs, each with a seed of its own:"""
+    seed: int = 1
+    """that of the first; the others' follow."""
     game: str = "pong"
     """Any game that ale-py bundles."""
     preset: Literal["fast", "robot"] = "robot"
@@ -181,7 +183,7 @@ def main() -> None:
     if options.rung == "R0":
         _python("actors", "--check", "--game", options.game)
         return
-    for seed in range(1, options.seeds + 1):
+    for seed in range(options.seed, options.seed + options.seeds):
         add_row(options.output, climb(options, seed))
         print(f"added a row to {options.output}", flush=True)
 

@@ -258,6 +258,7 @@ def main() -> int:
                 options.evaluators,
                 folder.path / "logs",
                 clock_flags(options),
+                give_way=options.sync,
             )
             if options.local
             else None

@@ -17,6 +17,12 @@ _LEAVE = 3.0
 _STILLBORN = 15.0
 """A child that ends this soon after its start, by itself, did not get to work."""
 _MOST_STILLBORN = 3
+_GIVE_WAY = 10
+"""How much lower the children's priority is than ours: a tenth of the processor where both want it.
+
+The learner's thread is what a run in lockstep waits for (benchmarks/LOG.md). A learner that waits
+for steps leaves its children the processor all the same.
+"""
 
 
 @dataclass
@@ -37,6 +43,8 @@ class Crew:
     Args:
         logs: folder for what they print.
         clock: flags that say how time passes for them, such as ``["--sync"]``.
+        give_way: run them at a lower priority than this process. Not for robots in real time, whose
+            deadlines do not wait.
     """
 
     def __init__(
@@ -48,9 +56,12 @@ class Crew:
         evaluators: int,
         logs: Path,
         clock: Sequence[str],
+        *,
+        give_way: bool,
     ) -> None:
         logs.mkdir(parents=True, exist_ok=True)
         self._logs = logs
+        self._give_way = give_way
         common = ["--connect", endpoint, "--run", run, "--leash", *clock]
         plans = [
             (f"actor-{index}", [*common, "--envs", str(envs)]) for index in range(1, actors + 1)
@@ -108,9 +119,15 @@ class Crew:
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                start_new_session=True,  # the terminal's Ctrl-C is for the learner alone
+                # The terminal's Ctrl-C is for the learner alone. A session of its own would do too,
+                # but Linux gives each session an equal share, whatever their priorities.
+                process_group=0 if self._give_way else None,
+                start_new_session=not self._give_way,
                 env=child_environment(),
             )
+        if self._give_way:
+            ours = os.getpriority(os.PRIO_PROCESS, 0)
+            os.setpriority(os.PRIO_PROCESS, process.pid, ours + _GIVE_WAY)
         return _Child(name, list(arguments), process, time.monotonic(), stillborn)
 
     def _log(self, name: str) -> Path:

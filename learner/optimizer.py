@@ -7,6 +7,9 @@ from torch import nn
 
 from common.config import LearningConfig
 
+_LONG_AGO = 1e9
+"""Steps, after which ρ^steps is 0."""
+
 
 def build_optimizer(
     parameters: Iterable[nn.Parameter], config: LearningConfig
@@ -16,16 +19,27 @@ def build_optimizer(
     Keras: ``v ← ρv + (1-ρ)g²;  w ← w - lr·g / (√v + ε)``, which is PyTorch's with alpha = ρ; the
     centred variant of Mnih et al. 2015 was not used in 2017.
     """
+    weights = list(parameters)
     if config.optimizer == "adam":
-        # The fused kernel does the same arithmetic in one pass over memory.
-        return torch.optim.Adam(
-            parameters, lr=config.learning_rate, eps=config.optimizer_epsilon, fused=True
-        )
-    return torch.optim.RMSprop(
-        parameters,
-        lr=config.learning_rate,
-        alpha=config.rmsprop_decay,
-        eps=config.optimizer_epsilon,
+        return _adam(weights, config, (0.9, 0.999))
+    # Adam whose gradients are their own means, and which corrects its second means no more because
+    # its first step is long ago, is RMSprop, but with a fused kernel, which takes half the time.
+    optimizer = _adam(weights, config, (0.0, config.rmsprop_decay))
+    for weight in weights:
+        optimizer.state[weight] = {
+            "step": torch.tensor(_LONG_AGO, device=weight.device),
+            "exp_avg": torch.zeros_like(weight, requires_grad=False),
+            "exp_avg_sq": torch.zeros_like(weight, requires_grad=False),
+        }
+    return optimizer
+
+
+def _adam(
+    weights: list[nn.Parameter], config: LearningConfig, betas: tuple[float, float]
+) -> torch.optim.Adam:
+    # The fused kernel does the same arithmetic in one pass over memory.
+    return torch.optim.Adam(
+        weights, lr=config.learning_rate, betas=betas, eps=config.optimizer_epsilon, fused=True
     )
 
 

@@ -34,6 +34,25 @@ def test_rmsprop_is_the_one_of_keras() -> None:
     assert _steps(config) == pytest.approx(expected, rel=1e-5)
 
 
+def test_rmsprop_is_the_one_of_pytorch() -> None:
+    config = LearningConfig(
+        optimizer="rmsprop", learning_rate=2.5e-4, rmsprop_decay=0.95, optimizer_epsilon=0.01
+    )
+    generator = torch.Generator().manual_seed(1)
+    ours = torch.nn.Parameter(torch.randn(20, 30, generator=generator))
+    theirs = torch.nn.Parameter(ours.detach().clone())
+    optimizers = (
+        build_optimizer([ours], config),
+        torch.optim.RMSprop([theirs], lr=2.5e-4, alpha=0.95, eps=0.01),
+    )
+    for _ in range(150):
+        gradient = torch.randn(20, 30, generator=generator)
+        for weight, optimizer in zip((ours, theirs), optimizers, strict=True):
+            weight.grad = gradient.clone()
+            optimizer.step()
+    torch.testing.assert_close(ours, theirs, rtol=1e-5, atol=1e-6)
+
+
 def test_adam_is_the_one_of_its_paper() -> None:
     config = LearningConfig(optimizer="adam", learning_rate=0.01, optimizer_epsilon=1.5e-4)
     weight, first, second, expected = 0.5, 0.0, 0.0, []
