@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Self
 
 import cv2
 import numpy as np
@@ -18,9 +19,9 @@ import tyro
 from actors.envs import make_env
 from actors.looking.player import build_player, config_to_play
 from actors.loop import play
+from actors.tally import Tally
 from common.config import EnvKind, RunConfig
 from common.errors import exit_on_input_error
-from common.key_times import COUNTS
 from common.lifeline import leave_with_parent, on_signals
 
 
@@ -54,8 +55,27 @@ class GameResult:
     """Steps at whose end the commanded keys were pressed."""
     valid: int
     """Steps in which the screen was found."""
+    decisions: int
+    """Of game time that the steps took."""
+    missed_deadlines: int
+    late_frames: int
+    """As `Tally` has them; 0 unless in real time."""
     key_times: tuple[int, ...]
     """How long the hands took, as counts (see `common.key_times`)."""
+
+    @classmethod
+    def of(cls, score: float, tally: Tally) -> Self:
+        """The game that ``tally`` has counted."""
+        return cls(
+            score=score,
+            steps=tally.steps,
+            matched=tally.matched,
+            valid=tally.valid,
+            decisions=tally.decisions,
+            missed_deadlines=tally.missed_deadlines,
+            late_frames=tally.late_frames,
+            key_times=tuple(tally.key_times),
+        )
 
 
 def games(config: RunConfig, options: GamesOptions, stop: threading.Event) -> Iterator[GameResult]:
@@ -71,18 +91,12 @@ def games(config: RunConfig, options: GamesOptions, stop: threading.Event) -> It
         policy_seed, env_seed = map(int, np.random.SeedSequence(options.seed).generate_state(2))
         actions = int(env.action_space.n)  # type: ignore[attr-defined]
         policy = build_player(config, actions, options.weights, options.epsilon, policy_seed)
-        ended = matched = valid = begun = 0
-        key_times = [0] * COUNTS
+        ended, tally = 0, Tally()
         for steps, step in enumerate(play([env], policy, [env_seed]), start=1):
-            matched += bool(step.info["keys_match"])
-            valid += bool(step.info["valid_frame"])
-            for place in step.info.get("key_times", ()):
-                key_times[place] += 1
+            tally.count(step)
             if step.info["game_over"]:
-                score = float(step.info["game_score"])
-                yield GameResult(score, steps - begun, matched, valid, tuple(key_times))
-                ended, matched, valid, begun = ended + 1, 0, 0, steps
-                key_times = [0] * COUNTS
+                yield GameResult.of(float(step.info["game_score"]), tally)
+                ended, tally = ended + 1, Tally()
                 if ended >= options.games and steps >= options.steps:
                     return
             if stop.is_set():

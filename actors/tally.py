@@ -25,14 +25,16 @@ class Tally:
         """Steps that ended at the bound of their wait, without the commanded keys."""
         self.key_times = [0] * COUNTS
         """How long the hands took, see `common.key_times`."""
-        self._valid = 0
-        self._matched = 0
+        self.valid = 0
+        """Steps whose frame showed the screen."""
+        self.matched = 0
+        """Steps that ended with the commanded keys pressed."""
         self._looked = (time.monotonic(), 0, 0.0)
 
     def count(self, step: Step) -> None:
         self.steps += 1
-        self._valid += step.valid
-        self._matched += bool(step.info["keys_match"])
+        self.valid += step.valid
+        self.matched += bool(step.info["keys_match"])
         self.decisions += step.info["elapsed"]
         # Only a robot's environment has the rest.
         self.missed_deadlines += step.info.get("missed_deadlines", 0)
@@ -43,13 +45,11 @@ class Tally:
 
     @property
     def valid_share(self) -> float:
-        """Share of the steps whose frame showed the screen."""
-        return self._valid / max(self.steps, 1)
+        return self.valid / max(self.steps, 1)
 
     @property
     def match_share(self) -> float:
-        """Share of the steps that ended with the commanded keys pressed."""
-        return self._matched / max(self.steps, 1)
+        return self.matched / max(self.steps, 1)
 
     def stats(
         self, name: str, role: Role, incarnation: int, policy: Policy, leaving: bool

@@ -172,6 +172,10 @@ def _content(
     options: EvaluationOptions, seed: int, flags: Sequence[str], games: list[dict[str, Any]]
 ) -> dict[str, Any]:
     steps = sum(game["steps"] for game in games)
+    late = {
+        name: sum(game[name] for game in games)
+        for name in ("decisions", "missed_deadlines", "late_frames")
+    }
     key_times = tuple(map(sum, zip(*(game["key_times"] for game in games), strict=True)))
     return {
         "weights": str(options.evaluate),
@@ -182,6 +186,8 @@ def _content(
         "steps": steps,
         "press_ms": dataclasses.asdict(Delay.of(key_times, "press")),
         "release_ms": dataclasses.asdict(Delay.of(key_times, "release")),
+        "deadlines_kept_share": 1 - late["missed_deadlines"] / late["decisions"],
+        "late_frames": late["late_frames"],
         "press_match_share": sum(game["matched"] for game in games) / steps,
         "valid_frame_share": sum(game["valid"] for game in games) / steps,
         "scores": [game["score"] for game in games],
@@ -206,6 +212,11 @@ def _table(content: dict[str, Any]) -> Table:
         ("steps", f"{content['steps']:,}"),
         ("keys as commanded", f"{content['press_match_share']:.1%}"),
         *((("command to keys, p50/p99 ms", hands),) if release.measured + press.measured else ()),
+        *(
+            (("deadlines kept", f"{content['deadlines_kept_share']:.2%}"),)
+            if "--no-sync" in content["flags"]
+            else ()
+        ),
         ("frames valid", f"{content['valid_frame_share']:.1%}"),
         ("every game", " ".join(f"{score:g}" for score in content["scores"])),
     ):

@@ -24,11 +24,12 @@ LATE_KEYS = PlayConfig(
 
 def game(places: dict[int, int]) -> dict[str, Any]:
     key_times = [places.get(place, 0) for place in range(COUNTS)]
-    return {"score": -21.0, "steps": 50, "matched": 40, "valid": 50, "key_times": key_times}
+    late = {"decisions": 80, "missed_deadlines": 4, "late_frames": 7}
+    return {"score": -21.0, "steps": 50, "matched": 40, "valid": 50, **late, "key_times": key_times}
 
 
-def summed_up(played: list[dict[str, Any]]) -> tuple[dict[str, Any], str]:
-    content = evaluation._content(EvaluationOptions(Path("w")), 1, [], played)
+def summed_up(played: list[dict[str, Any]], *flags: str) -> tuple[dict[str, Any], str]:
+    content = evaluation._content(EvaluationOptions(Path("w")), 1, flags, played)
     console = Console(width=100, file=io.StringIO(), record=True)
     console.print(evaluation._table(content))
     told: dict[str, Any] = json.loads(json.dumps(strict(content), allow_nan=False))
@@ -56,6 +57,14 @@ def test_without_hands_there_is_no_row_of_them() -> None:
     assert content["press_ms"]["measured"] == 0
     assert "keys as commanded" in table
     assert "command to keys" not in table
+
+
+def test_real_time_tells_how_many_decisions_were_in_time() -> None:
+    content, table = summed_up([game({}), game({})], "--no-sync")
+    assert content["deadlines_kept_share"] == 1 - 8 / 160
+    assert content["late_frames"] == 14
+    assert "95.00%" in table
+    assert "deadlines" not in summed_up([game({})], "--sync")[1]
 
 
 def test_each_game_tells_what_its_own_hands_took() -> None:
