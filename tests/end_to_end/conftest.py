@@ -124,9 +124,9 @@ class Stage:
         header, *lines = (self.run / "epochs.csv").read_text().splitlines()
         return [dict(zip(header.split(","), line.split(","), strict=True)) for line in lines]
 
-    def strays(self) -> list[str]:
-        """Command lines of processes that mention this test's address."""
-        found = []
+    def strays(self) -> dict[int, str]:
+        """Command lines of processes that mention this test's address, by their numbers."""
+        found = {}
         for entry in Path("/proc").iterdir():
             if entry.name.isdigit():
                 try:
@@ -134,7 +134,7 @@ class Stage:
                 except (OSError, UnicodeDecodeError):
                     continue
                 if self.endpoint in command:
-                    found.append(command)
+                    found[int(entry.name)] = command
         return found
 
     def close(self) -> None:

@@ -21,7 +21,7 @@ def test_a_blind_robot_stops_and_goes_on_only_by_force(stage: Stage) -> None:
     assert "gate 'valid frames' has been red for 0.1 minutes and 320 steps: it is 0, " in last
     assert "the screen is not found in the camera's picture" in last
     assert last.endswith("python -m learner --run r --resume --local --sync --force")
-    assert stage.strays() == []
+    assert not stage.strays()
     stopped = stage.summary()
     assert stopped["agent_steps"] >= 100 + 320
     assert load_file(stage.run / "checkpoint.safetensors")
