@@ -1,13 +1,12 @@
 """`python -m benchmarks.epochs_per_day`: how many of the report's epochs a day has room for.
 
-An epoch is 250,000 steps of training and 125,000 of testing. Local mode runs twice, as it is: once
-until it trains in a steady state while its evaluator has nothing to do, and once so that the
-evaluator tests all the time. Local mode never tests without training, so the second rate is one of
-tests that share the machine with training, as they always do.
+An epoch is 250,000 steps of training and 125,000 of testing. Local mode runs three times, as it is:
+until it trains in a steady state while its evaluator has nothing to do; so that the evaluator tests
+all the time beside the training; and until training is over and the evaluator tests alone.
 
-Of both come two figures. ``epochs_per_day`` sets training and test end to end, as in 2017, and so
-is less than a run does. ``epochs_per_day_overlapped`` is what a run does: each epoch's test
-goes on beside the training of the next, which it slows down.
+Of these come two figures. ``epochs_per_day`` sets training alone and test alone end to end, as in
+2017. ``epochs_per_day_overlapped`` is what a run does: each epoch's test goes on beside the
+training of the next, which it slows down.
 """
 
 import tempfile
@@ -35,18 +34,20 @@ class Options:
 
     setting: tyro.conf.OmitArgPrefixes[Setting]
     seconds: float = 20.0
-    """Of each of the two windows; starting and settling take as long again or longer."""
+    """Of each of the three windows; starting and settling take as long again or longer."""
     json: Path | None = None
     """File for the results."""
 
 
 class Paces(NamedTuple):
-    """Both windows of one setting."""
+    """The three windows of one setting."""
 
     training: Pace
     """The evaluator has nothing to do."""
     testing: Pace
     """The evaluator plays all the time, beside the training."""
+    test_alone: float
+    """Test steps per second while nobody trains."""
 
     @property
     def epochs_per_day(self) -> float | None:
@@ -55,7 +56,7 @@ class Paces(NamedTuple):
             _REPORT.epoch_steps,
             _REPORT.test_steps,
             self.training.train_steps_per_second,
-            self.testing.test_steps_per_second,
+            self.test_alone,
         )
 
     @property
@@ -84,7 +85,7 @@ def overlapped(alone: float, beside: float, test: float) -> float:
 
 
 def measure(setting: Setting, seconds: float) -> Paces:
-    """Both windows, in runs of their own."""
+    """The windows, in runs of their own."""
     with _folder() as folder, LocalRun(setting, Path(folder)) as run:
         run.settle()
         training = run.measure(seconds)
@@ -94,7 +95,11 @@ def measure(setting: Setting, seconds: float) -> Paces:
         run.await_tests()
         run.settle()
         testing = run.measure(seconds)
-    return Paces(training, testing)
+    with _folder() as folder, LocalRun(setting, Path(folder), steps=2 * epoch) as run:
+        run.await_tests()
+        run.await_rest()
+        alone = run.test_rate(seconds)
+    return Paces(training, testing, alone)
 
 
 def _folder() -> tempfile.TemporaryDirectory[str]:
@@ -116,17 +121,18 @@ def row(name: str, pace: Pace) -> dict[str, Any]:
 
 
 def summary(setting: Setting, paces: Paces) -> dict[str, Any]:
-    """The figures for machines; those of training are of the first window, of tests the second.
+    """The figures for machines; those of training are of the first window.
 
     ``cpu_share`` is the second window's, in which all roles are at work.
     """
-    training, testing = paces
+    training, testing, _ = paces
     return {
         "epochs_per_day": paces.epochs_per_day,
         "epochs_per_day_overlapped": paces.epochs_per_day_overlapped,
         "train_steps_per_second": training.train_steps_per_second,
         "train_steps_per_second_beside_test": testing.train_steps_per_second,
-        "test_steps_per_second": testing.test_steps_per_second,
+        "test_steps_per_second": paces.test_alone,
+        "test_steps_per_second_beside_training": testing.test_steps_per_second,
         "updates_per_second": training.updates_per_second,
         "samples_per_insert": training.samples_per_insert,
         "staleness_updates": {"p50": training.staleness_p50, "p95": training.staleness_p95},
@@ -173,7 +179,8 @@ def main() -> None:
     )
     if paces.epochs_per_day is not None and paces.epochs_per_day_overlapped is not None:
         print(
-            f"{paces.epochs_per_day:.1f} epochs a day, training and tests one after the other; "
+            f"{paces.epochs_per_day:.1f} epochs a day, training and tests one after the other (the "
+            f"tests at {paces.test_alone:,.0f} steps/s); "
             f"{paces.epochs_per_day_overlapped:.1f} as local mode does it, side by side."
         )
 

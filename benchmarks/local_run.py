@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -136,12 +137,21 @@ class LocalRun:
     Args:
         folder: for the run's folder and the learner's output.
         epoch_steps: after so many training steps the first test begins.
+        steps: after so many steps training ends, and only the last test goes on.
     """
 
-    def __init__(self, setting: Setting, folder: Path, *, epoch_steps: int = NEVER) -> None:
+    def __init__(
+        self,
+        setting: Setting,
+        folder: Path,
+        *,
+        epoch_steps: int = NEVER,
+        steps: int = NEVER,
+    ) -> None:
         self._setting = setting
         self._folder = folder
         self._epoch_steps = epoch_steps
+        self._steps = steps
         self._lock = threading.Lock()
         self._heard: list[tuple[float, ActorStats]] = []
         self._newest: ChunkFacts | None = None
@@ -152,7 +162,7 @@ class LocalRun:
         self._log = self._folder / "learner.log"
         flags = [
             *("--local", "--run", _RUN, "--runs", str(self._folder), "--listen", endpoint),
-            *("--protocol.epoch-steps", str(self._epoch_steps)),
+            *("--protocol.epoch-steps", str(self._epoch_steps), "--steps", str(self._steps)),
             *("--protocol.test-steps", str(NEVER)),
             *self._setting.flags(),
         ]
@@ -244,16 +254,24 @@ class LocalRun:
 
     def await_tests(self) -> None:
         """Wait until all evaluators play."""
+        self._await(
+            lambda stats: stats.role == "evaluator" and stats.steps > 0, self._setting.evaluators
+        )
+
+    def await_rest(self) -> None:
+        """Wait until training is over and all actors have left."""
+        self._await(lambda stats: stats.role == "actor" and stats.leaving, self._setting.actors)
+
+    def _await(self, holds: Callable[[ActorStats], bool], count: int) -> None:
+        """Wait until it holds for so many processes."""
         while True:
             with self._lock:
-                playing = {
-                    stats.name
-                    for _, stats in self._heard
-                    if stats.role == "evaluator" and stats.steps
-                }
-            if len(playing) == self._setting.evaluators:
+                found = {stats.name for _, stats in self._heard if holds(stats)}
+            if len(found) == count:
                 return
-            self._mark()
+            if self._is_over():
+                raise self._failure()
+            time.sleep(_POLL)
 
     def _mark(self) -> Mark:
         """The moment at which the next chunk is accepted."""
@@ -270,6 +288,15 @@ class LocalRun:
             time.sleep(_POLL)
 
     # ------------------------------------------------------------------ measuring
+
+    def test_rate(self, seconds: float) -> float:
+        """Test steps per second, of all evaluators, watched for so many seconds."""
+        began = time.monotonic()
+        time.sleep(seconds)
+        if self._is_over():
+            raise self._failure()
+        with self._lock:
+            return rate_of_tests([(at, stats) for at, stats in self._heard if at >= began])
 
     def measure(self, seconds: float) -> Pace:
         """Watch for so many seconds, and until the next chunk."""

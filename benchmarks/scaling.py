@@ -47,7 +47,7 @@ def row(found: Mapping[str, Any]) -> dict[str, Any]:
         "actors": found["actors"],
         "train/s": found["train_steps_per_second"],
         "at test": found["train_steps_per_second_beside_test"],
-        "test/s": found["test_steps_per_second"],
+        "test/s": found["test_steps_per_second_beside_training"],
         "samples": found["samples_per_insert"],
         "stale": found["staleness_updates"]["p50"],
         **({} if found["sync"] else {"in time": found["deadlines_kept"]}),
@@ -68,7 +68,7 @@ def draw(measured: Sequence[Mapping[str, Any]], title: str, output: Path) -> Non
     for name, label in (
         ("train_steps_per_second", "training, evaluator idle"),
         ("train_steps_per_second_beside_test", "training beside a test"),
-        ("test_steps_per_second", "that test"),
+        ("test_steps_per_second_beside_training", "that test"),
     ):
         axes.plot(actors, [each[name] for each in measured], "-o", markersize=4, label=label)
     axes.set_xticks(actors)

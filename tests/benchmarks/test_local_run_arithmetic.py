@@ -120,9 +120,9 @@ def test_processes_are_told_apart(tmp_path: Path) -> None:
 
 
 def test_epochs_a_day_end_to_end_and_overlapped() -> None:
-    paces = epochs_per_day.Paces(pace(200.0, 0.0), pace(150.0, 500.0))
-    # 1,250 s of training and 250 s of testing.
-    assert paces.epochs_per_day == pytest.approx(86_400 / 1_500)
+    paces = epochs_per_day.Paces(pace(200.0, 0.0), pace(150.0, 500.0), 1_000.0)
+    # 1,250 s of training and 125 s of testing.
+    assert paces.epochs_per_day == pytest.approx(86_400 / 1_375)
     # Beside the test 37,500 steps are trained, the other 212,500 at 200 a second.
     assert paces.epochs_per_day_overlapped == pytest.approx(86_400 / (250 + 1_062.5))
 
@@ -132,18 +132,19 @@ def test_a_test_slower_than_training_sets_the_pace() -> None:
 
 
 def test_no_test_no_epochs() -> None:
-    paces = epochs_per_day.Paces(pace(200.0), pace(150.0, 0.0))
+    paces = epochs_per_day.Paces(pace(200.0), pace(150.0, 0.0), 0.0)
     assert paces.epochs_per_day is None
     assert paces.epochs_per_day_overlapped is None
 
 
 def test_summary_names_what_it_measured() -> None:
     found = epochs_per_day.summary(
-        Setting(actors=2), epochs_per_day.Paces(pace(200.0), pace(150.0, 500.0))
+        Setting(actors=2), epochs_per_day.Paces(pace(200.0), pace(150.0, 500.0), 1_000.0)
     )
     assert found["train_steps_per_second"] == 200.0
     assert found["train_steps_per_second_beside_test"] == 150.0
-    assert found["test_steps_per_second"] == 500.0
+    assert found["test_steps_per_second"] == 1_000.0
+    assert found["test_steps_per_second_beside_training"] == 500.0
     assert found["updates_per_second"] * 32 / found["train_steps_per_second"] == 8.0
     assert found["cpu_share"] == {"learner": 0.5, "actors": 0.25, "evaluator": 0.125}
     assert found["actors"] == 2

@@ -103,7 +103,7 @@ def test_table_and_figure_of_scaling(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     def measured(setting: Setting, seconds: float) -> Paces:
-        return Paces(pace(100.0 * setting.actors, 0.0), pace(80.0 * setting.actors, 500.0))
+        return Paces(pace(100.0 * setting.actors, 0.0), pace(80.0 * setting.actors, 500.0), 900.0)
 
     results, figure = tmp_path / "scaling.json", tmp_path / "scaling.png"
     monkeypatch.setattr(scaling, "measure", measured)
@@ -142,6 +142,14 @@ def test_a_real_run_watched(tmp_path: Path) -> None:
     assert all(share > 0 for share in found.cpu_share.values())
     assert sum(found.cpu_share.values()) <= 1.05
     assert found.staleness_p50 <= found.staleness_p95
+
+
+@pytest.mark.slow
+def test_tests_alone_are_watched_when_training_is_over(tmp_path: Path) -> None:
+    with LocalRun(Setting(learner="--threads 1"), tmp_path, steps=1_000) as run:
+        run.await_tests()
+        run.await_rest()
+        assert run.test_rate(3.0) > 0
 
 
 def test_a_learner_that_cannot_start_says_why(tmp_path: Path) -> None:
