@@ -95,7 +95,10 @@ def measure(setting: Setting, seconds: float) -> Paces:
         run.await_tests()
         run.settle()
         testing = run.measure(seconds)
-    with _folder() as folder, LocalRun(setting, Path(folder), steps=2 * epoch) as run:
+    with (
+        _folder() as folder,
+        LocalRun(setting, Path(folder), epoch_steps=epoch, steps=2 * epoch) as run,
+    ):
         run.await_tests()
         run.await_rest()
         alone = run.test_rate(seconds)

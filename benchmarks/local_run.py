@@ -137,7 +137,7 @@ class LocalRun:
     Args:
         folder: for the run's folder and the learner's output.
         epoch_steps: after so many training steps the first test begins.
-        steps: after so many steps training ends, and only the last test goes on.
+        steps: after so many steps training ends, and only a test that had begun goes on.
     """
 
     def __init__(

@@ -146,7 +146,7 @@ def test_a_real_run_watched(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_tests_alone_are_watched_when_training_is_over(tmp_path: Path) -> None:
-    with LocalRun(Setting(learner="--threads 1"), tmp_path, steps=1_000) as run:
+    with LocalRun(Setting(learner="--threads 1"), tmp_path, epoch_steps=256, steps=1_000) as run:
         run.await_tests()
         run.await_rest()
         assert run.test_rate(3.0) > 0
