@@ -57,7 +57,7 @@ def test_resuming_with_other_settings_or_damaged_files(stage: Stage) -> None:
     checkpoint: Path = stage.run / "checkpoint.safetensors"
 
     other = _sentence(stage.learner("--resume", "--learning.n-step", "7").ends(2))
-    assert "learning.n_step 3 → 7" in other
+    assert "learning.n_step 5 → 7" in other
     fresh = _sentence(stage.learner("--env", "ale", *SMALL).ends(2))
     assert "--resume" in fresh
     whole = checkpoint.read_bytes()

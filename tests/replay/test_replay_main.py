@@ -107,7 +107,7 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
     ("flags", "complaint"),
     [
         ([], "already holds a run"),
-        (["--resume", "--learning.n-step", "2"], "n_step 3 → 2"),
+        (["--resume", "--learning.n-step", "2"], "n_step 5 → 2"),
         (["--resume", "--listen", "somewhere"], "no address"),
     ],
 )
