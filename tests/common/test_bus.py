@@ -1,6 +1,7 @@
 """Opening the hub and joining it; names, addresses and keys."""
 
 import socket
+import time
 
 import pytest
 import zenoh
@@ -124,14 +125,18 @@ def test_a_hub_that_starts_later_is_waited_for(endpoint: str) -> None:
 def test_the_clients_of_a_hub_reach_each_other(
     hub: zenoh.Session, session: zenoh.Session, endpoint: str
 ) -> None:
+    def answer(query: zenoh.Query) -> None:
+        query.reply("ale-robot/r/config", b"here")
+
     other = connect(endpoint, 10.0)
     try:
-        with other.declare_queryable("ale-robot/r/config") as queryable:
+        other.declare_queryable("ale-robot/r/config", answer)
+        found: list[bytes] = []
+        ends = time.monotonic() + 20.0
+        while not found and time.monotonic() < ends:  # the hub may not have heard of it yet
             replies = session.get("ale-robot/*/config", timeout=20.0)
-            with queryable.recv() as query:
-                query.reply("ale-robot/r/config", b"here")
             found = [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
-            assert found == [b"here"]
+        assert found == [b"here"]
     finally:
         other.close()  # type: ignore[no-untyped-call]
 
