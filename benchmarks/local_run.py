@@ -295,8 +295,11 @@ class LocalRun:
         time.sleep(seconds)
         if self._is_over():
             raise self._failure()
+        return rate_of_tests(self._heard_between(began, time.monotonic()))
+
+    def _heard_between(self, begin: float, end: float) -> list[tuple[float, ActorStats]]:
         with self._lock:
-            return rate_of_tests([(at, stats) for at, stats in self._heard if at >= began])
+            return [(at, stats) for at, stats in self._heard if begin <= at <= end]
 
     def measure(self, seconds: float) -> Pace:
         """Watch for so many seconds, and until the next chunk."""
@@ -310,9 +313,8 @@ class LocalRun:
         steps = end.facts.agent_steps - begin.facts.agent_steps
         updates = end.begun - begin.begun
         staleness = [facts.staleness for facts in self._facts]
-        with self._lock:
-            heard = [stats for at, stats in self._heard if begin.at <= at <= end.at]
-            stamped = [(at, s) for at, s in self._heard if begin.at <= at <= end.at]
+        stamped = self._heard_between(begin.at, end.at)
+        heard = [stats for _, stats in stamped]
         return Pace(
             seconds=wall,
             train_steps_per_second=steps / wall,

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 import torch
 
 from benchmarks.peer_update import ours
+from common.lifeline import leave_with_parent
 from learner.local import child_environment
 
 _READY = "ready"
@@ -43,9 +44,9 @@ def main() -> None:
     update = ours()
     update()
     print(_READY, flush=True)
-    parent = threading.Thread(target=sys.stdin.read, daemon=True)
-    parent.start()
-    while parent.is_alive():
+    stop = threading.Event()
+    leave_with_parent(stop)
+    while not stop.is_set():
         update()
 
 

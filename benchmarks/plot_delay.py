@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 from benchmarks.ladder import COLUMNS, FLAGS
 from benchmarks.plot_style import Series, draw_random, draw_series, label, legend, panels
 from common.errors import InputError
+from common.key_times import ms_of
 
-_FRAME_MS = 1000 / 60
+_FRAME_MS = ms_of(1)
 _DECISION_FRAMES = 4
 _RUNGS = ("R1", "R2")
 """The emulator with keys at once, and with late ones."""

@@ -7,6 +7,7 @@ has them under names of their own: ``<!-- NAME.json kinds -->``. What was learne
 """
 
 import csv
+import io
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -36,11 +37,13 @@ def render(page: str, folder: Path) -> str:
         if not file.exists():
             raise InputError(f"{file} is not there: run the benchmark that makes it, with --json.")
         rows = found["rows"]
-        if file.suffix == ".csv":
-            with file.open(newline="", encoding="utf-8") as lines:
-                return f"<!-- {file.name} -->\n{learned(csv.DictReader(lines))}\n<!-- end -->"
         mark = f"{file.name} {rows}" if rows else file.name
-        return f"<!-- {mark} -->\n{markdown(json.loads(file.read_text()), rows)}\n<!-- end -->"
+        text = file.read_text(encoding="utf-8")
+        if file.suffix == ".csv":
+            body = learned(csv.DictReader(io.StringIO(text)))
+        else:
+            body = markdown(json.loads(text), rows)
+        return f"<!-- {mark} -->\n{body}\n<!-- end -->"
 
     return _TABLE.sub(table, page)
 
@@ -69,7 +72,8 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
 
 def learned(rows: Iterable[Mapping[str, str]]) -> str:
     """The ladder's rows, as `benchmarks.ladder` wrote them: what was reached, and when."""
-    names = ["rung", "game", "seed", "score of a game", "IQM (95 %)", "≥ 0", "≥ 9.3", "≥ 18"]
+    names = ["rung", "game", "seed", "score of a game", "IQM (95 %)"]
+    names += [f"≥ {score:g}" for score in MILESTONES.values()]
     names += ["steps", "hours", "commit"]
     cells = [
         [

@@ -62,13 +62,8 @@ class Curves:
             "stream/chunks_duplicate": chunks.duplicate,
             "stream/chunks_refused": chunks.refused,
             "gates/failed": len(status.failed_gates),
-            # The press' p99 is a gate's value.
-            "gates/press_p50_ms": status.press.p50,
-            "gates/release_p50_ms": status.release.p50,
-            "gates/release_p99_ms": status.release.p99,
+            **{f"gates/{name}": value for name, value in status.gate_figures.items()},
         }
-        for gate in status.gates:
-            points["gates/" + gate.name.replace(" ", "_")] = gate.value
         self._add(points, status.agent_steps)
 
     def epoch(self, row: EpochRow, agent_steps: int) -> None:

@@ -204,11 +204,7 @@ def status_line(status: Status) -> str:
         gates += f", {unmeasured} open"
     if status.failed_gates:
         gates += f", {len(status.failed_gates)} RED"
-    hands = []
-    if status.press.measured:
-        hands.append(
-            f"keys ms release {figures.delay(status.release)} press {figures.delay(status.press)}"
-        )
+    hands = f"keys ms release {figures.delay(status.release)} press {figures.delay(status.press)}"
     return " | ".join(
         (
             where,
@@ -223,7 +219,7 @@ def status_line(status: Status) -> str:
             f" of {status.samples_per_insert_goal:g}",
             f"staleness {stale}",
             f"{alive} of {len(status.present)} actors{time_troubles(status.time)}",
-            *hands,
+            *([hands] if status.press.measured else []),
             gates,
         )
     )

@@ -41,13 +41,9 @@ class GateTable:
 
     def add(self, status: Status) -> None:
         """A row of ``status``."""
-        values = {
-            **{gate.name.replace(" ", "_"): gate.value for gate in status.gates},
-            "press_p50_ms": status.press.p50,
-            "release_p50_ms": status.release.p50,
-            "release_p99_ms": status.release.p99,
+        row = {
+            name: f"{value:.6g}" for name, value in status.gate_figures.items() if value is not None
         }
-        row = {name: f"{value:.6g}" for name, value in values.items() if value is not None}
         row["seconds"] = f"{status.elapsed:.1f}"
         row["agent_steps"] = str(status.agent_steps)
         row["red"] = "; ".join(gate.name for gate in status.failed_gates)

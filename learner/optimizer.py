@@ -28,8 +28,8 @@ def build_optimizer(
     for weight in weights:
         optimizer.state[weight] = {
             "step": torch.tensor(_LONG_AGO, device=weight.device),
-            "exp_avg": torch.zeros_like(weight, requires_grad=False),
-            "exp_avg_sq": torch.zeros_like(weight, requires_grad=False),
+            "exp_avg": torch.zeros_like(weight),
+            "exp_avg_sq": torch.zeros_like(weight),
         }
     return optimizer
 

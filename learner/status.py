@@ -184,6 +184,16 @@ class Status:
         return tuple(actor for actor in self.actors if not actor.left)
 
     @property
+    def gate_figures(self) -> dict[str, float | None]:
+        """Each gate's value and the hands' other latencies, by their columns in ``gates.csv``."""
+        return {
+            **{gate.name.replace(" ", "_"): gate.value for gate in self.gates},
+            "press_p50_ms": self.press.p50,  # its p99 is a gate's value
+            "release_p50_ms": self.release.p50,
+            "release_p99_ms": self.release.p99,
+        }
+
+    @property
     def failed_gates(self) -> tuple[Gate, ...]:
         """The gates that were measured and did not pass."""
         return tuple(gate for gate in self.gates if gate.passed is False)

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from actors.nao.room import Room
 from common.actions import KEYS_OF_ACTION, Keys
+from common.key_times import ms_of
 
-FRAME_MS = 1000 / 60
+FRAME_MS = ms_of(1)
 DECISION = 4
 """Frames."""
 _SETTLED = 3 * DECISION
