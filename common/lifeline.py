@@ -1,5 +1,6 @@
 """How a process learns that it should end: by a signal, or because its parent is gone."""
 
+import _thread
 import os
 import signal
 import sys
@@ -27,7 +28,8 @@ def on_signals(stop: threading.Event) -> None:
             first = now
         elif now - first > _TOGETHER:
             os._exit(128 + number)
-        stop.set()
+        # In another thread: this one may hold the event's lock, in a wait that was interrupted.
+        _thread.start_new_thread(stop.set, ())
 
     signal.signal(signal.SIGINT, handle)
     signal.signal(signal.SIGTERM, handle)

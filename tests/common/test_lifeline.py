@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -10,10 +11,11 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 60.0
 
-ON_A_LEASH = """
+ON_A_LEASH = f"""
 import sys, threading
 from common import lifeline
 
+lifeline.GRACE = {PATIENCE}
 stop = threading.Event()
 lifeline.leave_with_parent(stop)
 print("ready", flush=True)
@@ -45,6 +47,17 @@ sys.stdin.read()
 """
 
 
+def line(process: "subprocess.Popen[str]") -> str:
+    """The next one; none of a process that says nothing for too long, which is then killed."""
+    assert process.stdout is not None
+    end = threading.Timer(PATIENCE, process.kill)
+    end.start()
+    try:
+        return process.stdout.readline()
+    finally:
+        end.cancel()
+
+
 def start(script: str) -> "subprocess.Popen[str]":
     process = subprocess.Popen(
         [sys.executable, "-c", script],
@@ -53,8 +66,7 @@ def start(script: str) -> "subprocess.Popen[str]":
         stdout=subprocess.PIPE,
         text=True,
     )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "ready\n"
+    assert line(process) == "ready\n"
     return process
 
 
@@ -105,12 +117,28 @@ def test_the_first_signal_asks_it_to_stop(number: signal.Signals) -> None:
     assert process.returncode == 0
 
 
+def test_a_signal_may_come_while_the_event_is_locked() -> None:
+    """As it is for a moment at the start of each wait, in the thread that handles signals."""
+    process = start(
+        "import signal, threading\n"
+        "from common import lifeline\n"
+        "stop = threading.Event()\n"
+        "lifeline.on_signals(stop)\n"
+        "print('ready', flush=True)\n"
+        "with stop._cond:\n"
+        "    signal.raise_signal(signal.SIGTERM)\n"
+        "stop.wait()\n"
+        "print('stopping', flush=True)\n"
+    )
+    assert line(process) == "stopping\n"
+    process.communicate(timeout=PATIENCE)
+
+
 def stopping(together: float) -> "subprocess.Popen[str]":
     """A process that got a signal, and is about to stop once its standard input ends."""
     process = start(ON_SIGNALS.format(together=together))
     process.send_signal(signal.SIGTERM)
-    assert process.stdout is not None
-    assert process.stdout.readline() == "stopping\n"
+    assert line(process) == "stopping\n"
     return process
 
 
