@@ -92,6 +92,13 @@ class Crew:
             notes.append(f"{child.name} ended by {how}, started again")
         return notes
 
+    def works(self, role: str) -> bool:
+        """Whether a child of that role is at work, or on its way to it."""
+        return any(
+            child.name.startswith(f"{role}-") and child.process.poll() is None
+            for child in self._children
+        )
+
     def close(self) -> None:
         """End all children: ask, wait a little, kill."""
         self.let_go()

@@ -359,18 +359,21 @@ class Learner:
         if self._books.phase_steps >= _LEAST_PHASE * self._books.phase_length:
             self._end_phase(self._books.close_phase())
         self._examiner.finish()
-        if self._examiner.pending and not self._roster.alive("evaluator"):
+        if self._examiner.pending and not self._evaluator_expected():
             self._display.line(
                 "No evaluator is there, so the last epoch stays untested: "
                 "start `python -m actors --evaluator` beside the learner next time."
             )
-        self._wait_while(
-            lambda: self._examiner.pending > 0 and bool(self._roster.alive("evaluator"))
-        )
+        self._wait_while(lambda: self._examiner.pending > 0 and self._evaluator_expected())
         deadline = time.monotonic() + _FAREWELL
         self._wait_while(
             lambda: bool(self._roster.alive("evaluator")) and time.monotonic() < deadline
         )
+
+    def _evaluator_expected(self) -> bool:
+        """Whether one is there, or is a child of local mode that has not joined yet."""
+        starting = self._crew is not None and self._crew.works("evaluator")
+        return starting or bool(self._roster.alive("evaluator"))
 
     def _wait_while(self, busy: Callable[[], bool]) -> None:
         self._due.pop("look", None)

@@ -25,7 +25,10 @@ def test_children_give_way_only_where_time_waits(
     monkeypatch.setattr(sys, "executable", str(child))
     monkeypatch.setattr("learner.local._LEAVE", 60.0)
     crew = Crew("endpoint", "run", 1, 1, 1, tmp_path, ["--sync"], give_way=give_way)
+    roles = ("actor", "evaluator")
+    assert [crew.works(role) for role in roles] == [True, True]
     crew.close()
+    assert [crew.works(role) for role in roles] == [False, False]
     ours = os.getpriority(os.PRIO_PROCESS, 0)
     nice = min(ours + 10, 19) if give_way else ours
     for name in ("actor-1", "evaluator-1"):
