@@ -26,6 +26,7 @@ from typing import Any, Literal
 
 import tyro
 
+from benchmarks.local_run import free_endpoint
 from common.errors import InputError, exit_on_input_error
 from common.run_folder import RunFolder
 from learner.epochs import EpochRow, EpochTable
@@ -85,7 +86,7 @@ class Options:
     runs: Path = Path("runs")
     """Folder that holds the runs."""
     output: Path = Path("benchmarks/results/ladder.csv")
-    """Table to which the rows are added; every run's epochs go to a table of its own beside it."""
+    """Table to which the rows are added; beside it go each run's epochs and a JSON of its games."""
 
     def flags(self, seed: int) -> list[str]:
         """Of the learner, but for those of its folder."""
@@ -106,13 +107,14 @@ def climb(options: Options, seed: int) -> dict[str, Any]:
     folder = RunFolder(options.runs, options.run_name(seed))
     known = ["--resume"] if folder.checkpoint.exists() else []
     place = ["--run", folder.name, "--runs", str(options.runs)]
-    flags = options.flags(seed)
+    flags = ["--listen", free_endpoint(), *options.flags(seed)]
     _python("learner", "--local", *place, "--steps", f"{options.steps}", *known, *flags)
-    evaluation = folder.path / "evaluation.json"
+    results = options.output.parent
+    results.mkdir(parents=True, exist_ok=True)
+    evaluation = results / f"{folder.name}.json"
     games = ["--games", f"{options.games}", "--epsilon", f"{options.epsilon}"]
     _python("learner", "--evaluate", str(folder.checkpoint), *games, "--json", str(evaluation))
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(folder.epochs, options.output.parent / f"{folder.name}.csv")
+    shutil.copyfile(folder.epochs, results / f"{folder.name}.csv")
     return row_of(
         options,
         seed,

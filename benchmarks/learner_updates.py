@@ -2,7 +2,7 @@
 
 * by threads and precision; the settings take turns, a few updates each, so that a slow moment of
   the machine falls on all of them alike
-* by kind of work, from PyTorch's profiler
+* by kind of work, from PyTorch's profiler; on the CPU only
 * bfloat16 against float32: two learners learn from the same minibatches, whose frames a random
   policy saw in the emulator
 """
@@ -28,7 +28,7 @@ from benchmarks.report import show, write
 from common.errors import InputError, exit_on_input_error
 from common.network import build_network
 from common.presets import PRESETS
-from learner.device import Device
+from learner.device import Device, DeviceChoice, choose_device
 from learner.prefetch import to_device
 from learner.trainer import DeviceBatch, Trainer
 
@@ -52,8 +52,10 @@ _KINDS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Options:
-    """Time updates of the fast preset's Double DQN on the CPU."""
+    """Time updates of the fast preset's Double DQN."""
 
+    device: DeviceChoice = "cpu"
+    """Hardware; 'auto' takes CUDA where there is one."""
     batch_size: int = 32
     """Transitions per update."""
     rounds: int = 40
@@ -72,36 +74,39 @@ class Options:
             raise InputError(f"--compared is {self.compared}: choose 0 or more.")
 
 
-def trainer_of(bfloat16: bool) -> Trainer:
+def trainer_of(bfloat16: bool, device: torch.device = _CPU) -> Trainer:
     """A learner with the run's first weights."""
-    device = Device(_CPU, bfloat16)
-    return Trainer(build_network(_CONFIG, _ACTIONS), _CONFIG.learning, device)
+    network = build_network(_CONFIG, _ACTIONS)
+    return Trainer(network, _CONFIG.learning, Device(device, bfloat16))
 
 
-def time_settings(options: Options) -> list[dict[str, Any]]:
+def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]]:
     """A row for each number of threads and precision."""
-    batch = noise_batch(options.batch_size, _CPU)
-    settings = list(itertools.product(sorted({1, _cores()}), (False, True)))
-    trainers = {bfloat16: trainer_of(bfloat16) for bfloat16 in (False, True)}
+    batch = noise_batch(options.batch_size, device)
+    threads = sorted({1, _cores()}) if device.type == "cpu" else [1]
+    settings = list(itertools.product(threads, (False, True)))
+    trainers = {bfloat16: trainer_of(bfloat16, device) for bfloat16 in (False, True)}
     seconds: dict[tuple[int, bool], list[float]] = {setting: [] for setting in settings}
     for turn in range(options.rounds + 1):
-        for threads, bfloat16 in settings:
-            torch.set_num_threads(threads)
+        for count, bfloat16 in settings:
+            torch.set_num_threads(count)
             for _ in range(options.turn):
                 began = time.perf_counter()
                 trainers[bfloat16].update(batch)
+                if device.type == "cuda":
+                    torch.cuda.synchronize()
                 if turn:  # the first turn warms up
-                    seconds[threads, bfloat16].append(time.perf_counter() - began)
+                    seconds[count, bfloat16].append(time.perf_counter() - began)
     plain = float(np.median(seconds[1, False]))
     return [
         {
             "precision": "bfloat16" if bfloat16 else "float32",
-            "threads": threads,
+            "threads": count,
             "p50 ms": float(np.median(times)) * 1e3,
             "p95 ms": float(np.percentile(times, 95)) * 1e3,
             "times float32 on one thread": plain / float(np.median(times)),
         }
-        for (threads, bfloat16), times in seconds.items()
+        for (count, bfloat16), times in seconds.items()
     ]
 
 
@@ -123,10 +128,10 @@ def time_kinds(options: Options) -> list[dict[str, Any]]:
     ]
 
 
-def losses(bfloat16: bool, batches: Sequence[DeviceBatch], updates: int) -> float:
+def losses(trainer: Trainer, batches: Sequence[DeviceBatch], updates: int) -> float:
     """Mean loss over ``updates`` that take ``batches`` in turn, with a target network that follows
     as in a run."""
-    trainer, total = trainer_of(bfloat16), 0.0
+    total = 0.0
     for update in range(updates):
         total += float(trainer.update(batches[update % len(batches)]).loss)
         if update % 100 == 99:
@@ -134,21 +139,21 @@ def losses(bfloat16: bool, batches: Sequence[DeviceBatch], updates: int) -> floa
     return total / updates
 
 
-def real_batches(count: int, folder: Path) -> list[DeviceBatch]:
+def real_batches(count: int, folder: Path, device: torch.device) -> list[DeviceBatch]:
     """Minibatches of random play."""
     memory = random_play(_CONFIG, _RANDOM_STEPS, folder)
-    batches = [to_device(draw(memory), _CPU) for _ in range(count)]
+    batches = [to_device(draw(memory), device) for _ in range(count)]
     memory.close()
     return batches
 
 
-def compare_precisions(updates: int) -> list[dict[str, Any]]:
+def compare_precisions(updates: int, device: torch.device) -> list[dict[str, Any]]:
     """A row for each precision."""
     torch.set_num_threads(1)
     with tempfile.TemporaryDirectory(prefix="ale-robot-bench-") as folder:
-        batches = real_batches(min(updates, 500), Path(folder) / "replay")
+        batches = real_batches(min(updates, 500), Path(folder) / "replay", device)
     found = {
-        name: losses(bfloat16, batches, updates)
+        name: losses(trainer_of(bfloat16, device), batches, updates)
         for name, bfloat16 in (("float32", False), ("bfloat16", True))
     }
     return [
@@ -169,25 +174,29 @@ def _cores() -> int:
 def main() -> None:
     options = tyro.cli(Options, prog="python -m benchmarks.learner_updates")
     options.check()
+    device = choose_device(options.device, "auto").torch
     parts: list[tuple[str, str, Callable[[], list[dict[str, Any]]]]] = [
         (
             "rows",
             f"Double DQN update, batch {options.batch_size}, 84×84×4, "
             f"{options.rounds * options.turn} updates each",
-            lambda: time_settings(options),
-        ),
-        (
-            "kinds",
-            "The same in bfloat16 on one thread, by kind of work",
-            lambda: time_kinds(options),
-        ),
+            lambda: time_settings(options, device),
+        )
     ]
+    if device.type == "cpu":
+        parts.append(
+            (
+                "kinds",
+                "The same in bfloat16 on one thread, by kind of work",
+                lambda: time_kinds(options),
+            )
+        )
     if options.compared:
         parts.append(
             (
                 "precisions",
                 "bfloat16 against float32, the same minibatches of real frames",
-                lambda: compare_precisions(options.compared),
+                lambda: compare_precisions(options.compared, device),
             )
         )
     content: dict[str, Any] = {}

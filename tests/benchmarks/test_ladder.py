@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from benchmarks.ladder import COLUMNS, FLAGS, Options, Rung, add_row, row_of
+from benchmarks.plot_histogram import read_evaluation
 from common.cli import parse_run
 from learner.__main__ import LearnerOptions
 from learner.epochs import EpochPhase, EpochRow, EpochTable
@@ -94,7 +95,7 @@ def test_a_rung_is_climbed_and_told(tmp_path: Path) -> None:
     output = tmp_path / "results" / "ladder.csv"
     command = [sys.executable, "-m", "benchmarks.ladder", "--rung", "R3", "--steps", "1000"]
     learner = (
-        "--listen tcp/127.0.0.1:7561 --replay.warmup 600 --replay.capacity 5000 "
+        "--replay.warmup 600 --replay.capacity 5000 "
         "--protocol.epoch-steps 300 --protocol.test-steps 100 --protocol.held-out-states 32"
     )
     more = [
@@ -116,6 +117,7 @@ def test_a_rung_is_climbed_and_told(tmp_path: Path) -> None:
     # Keys as commanded, screen seen by the camera.
     assert (float(row["press_match_share"]), float(row["valid_frame_share"])) == (1.0, 1.0)
     assert "--play.hand model" in row["flags"]
+    assert read_evaluation(output.parent / f"{name}.json").mean == float(row["mean"])
     trained = [
         each for each in EpochTable(output.parent / f"{name}.csv").rows() if each.phase == "train"
     ]
