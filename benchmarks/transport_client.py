@@ -74,11 +74,12 @@ def _work(action: Callable[[], None], options: Options) -> tuple[int, float]:
     began = time.perf_counter()
     while time.perf_counter() - began < _WARM_UP:
         action()
-    calls = 0
+    calls, spent = 0, 0.0
     began = time.perf_counter()
-    while (spent := time.perf_counter() - began) < options.seconds:
+    while spent < options.seconds:
         action()
         calls += 1
+        spent = time.perf_counter() - began
     return calls, spent
 
 
@@ -132,7 +133,7 @@ def draw(
     def action() -> None:
         nonlocal size
         began = time.perf_counter()
-        batch = replay.sample(0, 1.0)
+        batch = replay.sample(0, _PATIENCE)
         latencies.append(time.perf_counter() - began)
         if batch is None:
             raise RuntimeError("no batch was to be had")

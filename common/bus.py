@@ -18,6 +18,8 @@ from common.errors import InputError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 NAMESPACE = "ale-robot"
+LEASE_MS = 3_000
+"""Silence after which the other side counts as gone."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _ENDPOINT = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,5})")
@@ -122,7 +124,7 @@ def _session_config(mode: str) -> zenoh.Config:
         "scouting/gossip/enabled": False,
         "scouting/delay": 0,  # nobody is looked for, so there is nothing to wait for
         "transport/shared_memory/enabled": False,
-        "transport/link/tx/lease": 3000,
+        "transport/link/tx/lease": LEASE_MS,
         # Of 64 KB each: a minibatch leaves in one go, not two at a time.
         "transport/link/tx/queue/size/data": 16,
     }

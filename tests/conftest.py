@@ -1,12 +1,23 @@
-"""Zenoh for every test that wants it: a free address, a hub that listens there, and a client."""
+"""For all tests: Zenoh for those that want it, and no test by the clock.
+
+Zenoh is a free address, a hub that listens there, and a client.
+"""
 
 import socket
 from collections.abc import Iterator
 
 import pytest
 import zenoh
+from hypothesis import HealthCheck, settings
 
+from common import bus
 from common.bus import connect, open_hub
+
+# A busy machine may take its time over an example.
+settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("patient")
+# Nor does a link break because the machine stood still for some seconds.
+bus.LEASE_MS = 60_000
 
 
 @pytest.fixture
@@ -27,6 +38,6 @@ def hub(endpoint: str) -> Iterator[zenoh.Session]:
 @pytest.fixture
 def session(hub: zenoh.Session, endpoint: str) -> Iterator[zenoh.Session]:
     """A client of ``hub``."""
-    session = connect(endpoint, 10.0)
+    session = connect(endpoint, 60.0)
     yield session
     session.close()  # type: ignore[no-untyped-call]

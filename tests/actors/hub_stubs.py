@@ -11,7 +11,7 @@ from zenoh.handlers import Callback
 
 from common.ack import Ack, encode_ack
 
-PATIENCE = 30.0
+PATIENCE = 120.0
 """Seconds after which something that does not happen is a failure."""
 
 STORED = Ack("stored", hold=False, finished=False, agent_steps=0, weights_version=0)

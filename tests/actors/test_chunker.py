@@ -80,7 +80,7 @@ SCRIPTS = st.lists(
 )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     st.lists(SCRIPTS, min_size=1, max_size=3),
     st.integers(1, 40),
@@ -106,7 +106,7 @@ def test_the_chunks_alone_give_back_every_step(
                 assert (final == moment.next_state).all()
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(SCRIPTS, st.integers(1, 40), st.integers(1, 9), st.integers(0, 3))
 def test_the_other_columns_are_what_was_lived_through(
     script: list[str], turns: int, length: int, width: int
@@ -135,7 +135,7 @@ def test_the_other_columns_are_what_was_lived_through(
             assert (vector == moment.next_vector).all()
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(SCRIPTS, st.integers(1, 40), st.integers(1, 9))
 def test_what_a_chunker_makes_a_receiver_takes(script: list[str], turns: int, length: int) -> None:
     for chunk in live([script], turns, length).chunks[0]:

@@ -237,16 +237,30 @@ def test_closing_ends_the_thread_and_twice_does_no_harm(run: Callable[..., RealT
 
 
 def test_two_seconds_of_real_time() -> None:
-    """At ten times the speed: 20 s of game time; a loaded machine may be late, but not early."""
-    world = CountingWorld()
-    clock = RealTime(world, speed=10.0)
-    began = time.monotonic()
+    """At three times the speed: 6 s of game time; a loaded machine may be late, which is told,
+    but no frame is early."""
+    looks: list[float] = []
+    begun: list[float] = []
+
+    def now() -> float:
+        looks.append(time.monotonic())
+        return looks[-1]
+
+    class TimedWorld(CountingWorld):
+        def frame(self) -> Decision | None:
+            begun.append(looks[-1])  # by which the clock judged that the frame is due
+            return super().frame()
+
+    period, decisions = FRAME / 3.0, 90  # fewer than those after which it stops for nobody
+    clock = RealTime(TimedWorld(ends=decisions), speed=3.0, now=now)
+    looks.clear()
     clock.start()
     passed: list[Decision] = []
-    while len(passed) < 300:
+    while len(passed) < decisions:
         passed += clock.pass_decision()
-    took = time.monotonic() - began
     clock.close()
-    assert numbers(passed) == [float(number) for number in range(1, len(passed) + 1)]
-    assert took >= 2.0 - 2 * DECISION / 10
-    assert took < 2.5
+    assert numbers(passed) == [float(number) for number in range(1, decisions + 1)]
+    assert len(begun) == decisions * SKIP
+    late = [at - looks[0] - number * period for number, at in enumerate(begun, start=1)]
+    assert min(late) > -1e-9
+    assert clock.late_frames == sum(seconds > period for seconds in late)

@@ -98,6 +98,7 @@ def stage(
     hub: zenoh.Session, session: zenoh.Session, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Stage]:
     monkeypatch.setattr(evaluator_module, "_ASK_AGAIN", 0.02)
+    monkeypatch.setattr(evaluator_module, "_TIMEOUT", PATIENCE / 2)  # whatever holds the test up
     stage = Stage(hub, session)
     yield stage
     stage.close()

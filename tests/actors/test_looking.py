@@ -45,7 +45,12 @@ def in_run(folder: Path, config: RunConfig, actions: int) -> Path:
 
 
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    """`python -m actors ARGUMENTS` in this process; signals stay pytest's."""
+    """`python -m actors ARGUMENTS` in this process; signals stay pytest's.
+
+    It prints for a wide page without colours, wherever the tests run.
+    """
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
     monkeypatch.setattr("actors.__main__.on_signals", lambda stop: None)
     monkeypatch.setattr(sys, "argv", ["actors", *arguments])
     return actors_main()

@@ -27,7 +27,7 @@ from common.errors import InputError
 from common.presets import PRESETS
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE = 60.0
+PATIENCE = 300.0
 """Seconds after which something that does not happen is a failure."""
 
 
@@ -158,7 +158,11 @@ class Seat:
     def close(self) -> None:
         """Look whether the terminal is as it was."""
         assert termios.tcgetattr(self.slave) == self.before
-        assert os.read(self.master, 1024).endswith(b"\x1b[?25h\x1b[?1049l")
+        seen = b""
+        # Until nothing is left: what was written in parts may be read in parts.
+        while select.select([self.master], [], [], 0.0)[0]:
+            seen += os.read(self.master, 1024)
+        assert seen.endswith(b"\x1b[?25h\x1b[?1049l")
         self._file.close()
         os.close(self.master)
 

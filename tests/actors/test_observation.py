@@ -16,7 +16,7 @@ def test_shrinking_averages_what_a_pixel_covers() -> None:
     assert np.abs(frame - means).max() <= 0.5 + 1e-6
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 6), st.lists(st.booleans(), max_size=20))
 def test_a_state_is_the_episodes_last_frames_the_first_repeated(
     history: int, restarts: list[bool]

@@ -41,7 +41,7 @@ class Watcher(Policy):
         return super().act(frames, vectors)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     st.lists(
         st.sampled_from([GOES_ON, GOES_ON, LOSES_A_LIFE, GAME_OVER, CUT]), min_size=1, max_size=20

@@ -39,6 +39,12 @@ class Broadcast:
         assert self._heard.wait(PATIENCE)
 
 
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No answer is missed for being slow."""
+    monkeypatch.setattr(weights_inbox, "_FETCH_TIMEOUT", PATIENCE)
+
+
 @pytest.fixture
 def inbox(session: zenoh.Session) -> WeightsInbox:
     return WeightsInbox(session, KEYS)

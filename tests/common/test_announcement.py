@@ -14,6 +14,8 @@ from common.presets import PRESETS
 from common.wire import SCHEMA, pack
 
 FAST, PAPER = PRESETS["fast"], PRESETS["paper"]
+PATIENCE = 60.0
+"""Seconds after which something that does not happen is a failure."""
 
 
 def announce(hub: zenoh.Session, run: str, answer: bytes) -> zenoh.Queryable[None]:
@@ -39,20 +41,20 @@ def test_a_configuration_is_announced_whole(name: str) -> None:
 def test_a_run_is_found_by_its_name(hub: zenoh.Session, session: zenoh.Session) -> None:
     announce(hub, "one", encode_announcement("one", FAST))
     announce(hub, "two", encode_announcement("two", PAPER))
-    assert find_run(session, "one", 10.0, never) == (RunKeys("one"), FAST)
-    assert find_run(session, "two", 10.0, never) == (RunKeys("two"), PAPER)
+    assert find_run(session, "one", PATIENCE, never) == (RunKeys("one"), FAST)
+    assert find_run(session, "two", PATIENCE, never) == (RunKeys("two"), PAPER)
 
 
 def test_the_only_run_is_found_without_a_name(hub: zenoh.Session, session: zenoh.Session) -> None:
     announce(hub, "one", encode_announcement("one", PAPER))
-    assert find_run(session, None, 10.0, never) == (RunKeys("one"), PAPER)
+    assert find_run(session, None, PATIENCE, never) == (RunKeys("one"), PAPER)
 
 
 def test_of_several_runs_one_must_be_named(hub: zenoh.Session, session: zenoh.Session) -> None:
     announce(hub, "two", encode_announcement("two", FAST))
     announce(hub, "one", encode_announcement("one", FAST))
     with pytest.raises(InputError, match=r"several runs \(one, two\): name one with --run"):
-        find_run(session, None, 10.0, never)
+        find_run(session, None, PATIENCE, never)
 
 
 def test_no_run_is_told_after_the_patience(session: zenoh.Session) -> None:
@@ -78,7 +80,7 @@ def test_a_run_that_starts_later_is_waited_for(hub: zenoh.Session, session: zeno
             announce(hub, "late", encode_announcement("late", FAST))
         return False
 
-    assert find_run(session, None, 30.0, begins_after_two_looks)[0] == RunKeys("late")
+    assert find_run(session, None, PATIENCE, begins_after_two_looks)[0] == RunKeys("late")
     assert asked >= 2
 
 
@@ -100,7 +102,7 @@ def test_a_hub_of_another_version_is_told(hub: zenoh.Session, session: zenoh.Ses
         assert answer != good
         queryable = announce(hub, "one", answer)
         with pytest.raises(InputError, match="install the same version on both machines"):
-            find_run(session, None, 10.0, never)
+            find_run(session, None, PATIENCE, never)
         queryable.undeclare()  # type: ignore[no-untyped-call]
 
 

@@ -7,7 +7,7 @@ import msgpack
 import numpy as np
 import pytest
 from chunk_strategies import chunks, example_chunk, same
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.chunk import Chunk, Game, decode_chunk, encode_chunk
@@ -27,7 +27,7 @@ def refused(message: dict[str, Any], match: str | None = None) -> None:
         decode_chunk(msgpack.packb(message))
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(chunks())
 def test_any_chunk_survives_the_wire(chunk: Chunk) -> None:
     found = decode_chunk(encode_chunk(chunk))
@@ -191,7 +191,7 @@ def test_a_game_is_a_score_and_steps(game: Any) -> None:
     refused(message_of(example_chunk()) | {"games": [game]}, "score and steps")
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.data())
 def test_flipped_bytes_are_refused_or_make_another_valid_chunk(data: st.DataObject) -> None:
     payload = bytearray(encode_chunk(example_chunk()))
@@ -210,7 +210,7 @@ def _run_of(payload: bytearray, value: int) -> range:
     return range(start, start + count * 84 * 84)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(st.data())
 def test_a_chunk_cut_short_or_drawn_out_is_refused(data: st.DataObject) -> None:
     payload = encode_chunk(example_chunk())
@@ -220,7 +220,6 @@ def test_a_chunk_cut_short_or_drawn_out_is_refused(data: st.DataObject) -> None:
         decode_chunk(payload + data.draw(st.binary(min_size=1, max_size=9)))
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=300))
 def test_random_bytes_are_refused(payload: bytes) -> None:
     with pytest.raises(MessageError):

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from common.key_times import (
@@ -101,7 +101,6 @@ def _naive(outcomes: list[tuple[bool, int]], share: Fraction) -> int | None:
     return None
 
 
-@settings(deadline=None)
 @given(OUTCOMES)
 def test_percentiles_are_those_of_the_definition(outcomes: list[tuple[bool, int]]) -> None:
     found = Delay.of(counted("press", outcomes), "press")
@@ -112,7 +111,6 @@ def test_percentiles_are_those_of_the_definition(outcomes: list[tuple[bool, int]
     assert found.watched == ms_of(max(frames for _, frames in outcomes))
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(1, MOST_FRAMES), min_size=1, max_size=60))
 def test_with_nothing_given_up_they_are_plain_percentiles(ages: list[int]) -> None:
     found = Delay.of(counted("release", [(True, age) for age in ages]), "release")

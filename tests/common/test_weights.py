@@ -118,14 +118,14 @@ def test_odd_types_in_the_header_are_refused(dtype: object) -> None:
     refused(struct.pack("<Q", len(header)) + header.encode() + bytes(16))
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.data())
 def test_a_truncated_message_is_refused(data: st.DataObject) -> None:
     payload = encode_weights(small(1))
     refused(payload[: data.draw(st.integers(0, len(payload) - 1))], "not safetensors")
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.data())
 def test_flipped_bytes_are_refused_or_make_other_finite_weights(data: st.DataObject) -> None:
     payload = bytearray(encode_weights(small(1)))

@@ -29,6 +29,8 @@ CELLS = 7
 CELL = 84 // CELLS
 MOVES = (0, 0, 1, -1, 1, -1)
 HISTORY = 4
+PATIENCE = 300.0
+"""Seconds for the hub to be there."""
 
 RANDOM_SCORE = -0.72
 """Mean score of the random policy over 10,000 games."""
@@ -78,11 +80,11 @@ def main(endpoint: str, name: str, role: str) -> None:
     torch.set_num_threads(1)
     stop = threading.Event()
     on_signals(stop)
-    session = connect(endpoint, 60, stop.is_set)
-    keys, config = find_run(session, None, 60, stop.is_set)
+    session = connect(endpoint, PATIENCE, stop.is_set)
+    keys, config = find_run(session, None, PATIENCE, stop.is_set)
     policy = Policy(build_network(config, len(MOVES)), len(MOVES), np.random.default_rng(1))
     common: dict[str, Any] = {
-        "patience": 60.0,
+        "patience": PATIENCE,
         "stop": stop,
         "warn": lambda text: print(text, flush=True),
     }

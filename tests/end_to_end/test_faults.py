@@ -1,13 +1,14 @@
 """Processes die by kill -9; nothing that was acknowledged is lost."""
 
 import signal
+import threading
 
 from common.bus import RunKeys, connect
 from common.config import RunConfig
 from common.presets import PRESETS
 from replay.client import RemoteReplay
 from replay.facts import Progress
-from tests.end_to_end.conftest import SMALL, Stage, wait_until
+from tests.end_to_end.conftest import PATIENCE, SMALL, Stage, wait_until
 
 
 def test_three_actors_of_which_one_is_killed(stage: Stage) -> None:
@@ -33,12 +34,16 @@ def test_three_actors_of_which_one_is_killed(stage: Stage) -> None:
 
 
 def _progress(stage: Stage) -> Progress:
-    session = connect(stage.endpoint, 30)
+    session = connect(stage.endpoint, PATIENCE)
+    config: RunConfig = PRESETS["fast"]
+    remote = RemoteReplay(session, RunKeys("r"), config)
+    too_late = threading.Timer(PATIENCE, remote.close)  # by itself it asks for ever
+    too_late.start()
     try:
-        config: RunConfig = PRESETS["fast"]
-        return RemoteReplay(session, RunKeys("r"), config).progress(0)
+        return remote.progress(0)
     finally:
-        session.close()
+        too_late.cancel()
+        session.close()  # type: ignore[no-untyped-call]
 
 
 def _replay(stage: Stage, *arguments: str) -> None:

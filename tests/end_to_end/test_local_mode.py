@@ -77,7 +77,7 @@ def test_no_orphan_is_left_when_the_learner_is_killed(stage: Stage) -> None:
 
     learner.send(signal.SIGKILL)
 
-    wait_until(lambda: not stage.strays(), "the children have left", 30)
+    wait_until(lambda: not stage.strays(), "the children have left")
 
 
 def test_a_killed_actor_is_started_again(stage: Stage) -> None:

@@ -18,7 +18,7 @@ def sessions() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     hub = open_hub(endpoint)
-    client = connect(endpoint, 10)
+    client = connect(endpoint, 60)
     yield hub, client
     client.close()  # type: ignore[no-untyped-call]
     hub.close()  # type: ignore[no-untyped-call]

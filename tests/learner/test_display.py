@@ -221,7 +221,7 @@ class Terminal:
     def text(self) -> str:
         """Close the terminal; all that was written to it."""
         self.stream.close()
-        self._thread.join(10)
+        self._thread.join(60)
         os.close(self._reader)
         return self._data.decode()
 

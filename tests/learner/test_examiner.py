@@ -18,6 +18,9 @@ from tests.learner.conftest import KEYS
 
 PROTOCOL = replace(ProtocolConfig(), test_steps=100, test_epsilon=0.05)
 
+PATIENCE = 60.0
+"""Seconds for an answer; Zenoh's own 10 may be too few where others want the processor too."""
+
 Sessions = tuple[zenoh.Session, zenoh.Session]
 
 
@@ -47,7 +50,7 @@ def _test(epoch: int) -> EpochTest:
 
 
 def _ask(client: zenoh.Session, name: str) -> Task:
-    (reply,) = client.get(KEYS.task, payload=name.encode())
+    (reply,) = client.get(KEYS.task, payload=name.encode(), timeout=PATIENCE)
     assert reply.ok is not None
     return decode_task(reply.ok.payload.to_bytes())
 
@@ -55,7 +58,7 @@ def _ask(client: zenoh.Session, name: str) -> Task:
 def _report(client: zenoh.Session, name: str, epoch: int, steps: int, scores: list[float],
             done: bool) -> bool:  # fmt: skip
     report = Report(name, epoch, steps, tuple(Game(score, 10) for score in scores), done)
-    (reply,) = client.get(KEYS.report, payload=encode_report(report))
+    (reply,) = client.get(KEYS.report, payload=encode_report(report), timeout=PATIENCE)
     return reply.ok is not None
 
 
@@ -163,7 +166,7 @@ def test_a_pending_test_survives_a_restart(sessions: Sessions, tmp_path: Path) -
 def test_junk_is_refused_and_the_examiner_goes_on(sessions: Sessions, tmp_path: Path) -> None:
     hub, client = sessions
     examiner = _examiner(hub, tmp_path, Evaluators("e"))
-    (reply,) = client.get(KEYS.report, payload=b"junk")
+    (reply,) = client.get(KEYS.report, payload=b"junk", timeout=PATIENCE)
     assert reply.err is not None
     assert not _report(client, "e", 9, 10, [], done=True)
     examiner.add(_test(1), b"w")

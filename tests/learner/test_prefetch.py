@@ -59,7 +59,7 @@ def _prefetcher(source: Source, batches: int) -> Prefetcher:
 def test_batches_come_in_order_and_the_limiter_hears_of_all_draws() -> None:
     source = Source(last=5)
     prefetcher = _prefetcher(source, batches=10)
-    found = [prefetcher.next(10) for _ in range(5)]
+    found = [prefetcher.next(60) for _ in range(5)]
     assert [int(batch.ids[0]) for batch in found if batch] == [1, 2, 3, 4, 5]
     assert all(batch and batch.prepared.batch.a_tm1.dtype == torch.int64 for batch in found)
     assert source.drawn == [20, 22, 24, 26, 28]
@@ -71,14 +71,14 @@ def test_it_draws_no_further_ahead_than_its_depth() -> None:
     source = Source(last=100)
     prefetcher = _prefetcher(source, batches=0)
     for _ in range(DEPTH + 1):
-        assert source.asked.acquire(timeout=10)
+        assert source.asked.acquire(timeout=60)
     assert not source.asked.acquire(timeout=0.3)
     prefetcher.close()
 
 
 def test_a_failure_reaches_the_learner() -> None:
     prefetcher = _prefetcher(Source(last=0, failure=RuntimeError("the disk is gone")), batches=0)
-    prefetcher._thread.join(10)
+    prefetcher._thread.join(60)
     with pytest.raises(RuntimeError, match="the disk is gone"):
         prefetcher.next(0.1)
     prefetcher.close()

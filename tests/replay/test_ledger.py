@@ -1,6 +1,6 @@
 import json
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from common.chunk import Game
@@ -9,7 +9,6 @@ from replay.ledger import ChunkKey, ChunkRecord, Ledger, Received, chunk_entry, 
 from replay.ring import Placement
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(0, 40), max_size=60))
 def test_received_remembers_exactly_what_came(sequences: list[int]) -> None:
     received, expected = Received(), set[int]()

@@ -55,7 +55,6 @@ def check_batch(batch: Batch, actors: list[Actor], config: RunConfig) -> set[int
 
 @settings(
     max_examples=100,
-    deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(

@@ -20,6 +20,8 @@ from replay.client import RemoteReplay
 
 FLAGS = ["--replay.capacity", "400", "--replay.warmup", "50", "--stream.chunk-steps", "16"]
 CONFIG: RunConfig = PRESETS["fast"]
+PATIENCE = 120.0
+"""Seconds that a process may take to start or to end."""
 
 
 class Process:
@@ -44,11 +46,11 @@ class Process:
                 self._serving.set()
 
     def wait_until_it_serves(self) -> None:
-        assert self._serving.wait(60.0), self.lines
+        assert self._serving.wait(PATIENCE), self.lines
 
     def ended(self) -> int:
-        status = self.process.wait(30.0)
-        self._reader.join(10.0)
+        status = self.process.wait(PATIENCE)
+        self._reader.join(PATIENCE)
         return status
 
 
@@ -58,14 +60,14 @@ def started(tmp_path: Path) -> Iterator[list[Process]]:
     yield processes
     for each in processes:
         each.process.kill()
-        each.process.wait(30.0)
+        each.process.wait(PATIENCE)
 
 
 def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Process]) -> None:
     endpoint = free_endpoint()
     started.append(Process(tmp_path, endpoint))
     started[0].wait_until_it_serves()
-    session = connect(endpoint, 20.0)
+    session = connect(endpoint, PATIENCE)
     actor, rng = Actor("a", 4), np.random.default_rng(0)
     chunks = [actor.live([GOES_ON] * 15 + [TERMINATES], rng) for _ in range(30)]  # the ring turns
     for chunk in chunks[:-1]:
@@ -81,7 +83,7 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
     learner.start()  # a learner that asks while there is nobody
     started.append(Process(tmp_path, endpoint, "--resume"))
     started[1].wait_until_it_serves()
-    learner.join(60.0)
+    learner.join(PATIENCE)
     after = remote.progress(0)
     assert found[0] == after._replace(
         resident_bytes=found[0].resident_bytes,  # type: ignore[attr-defined]

@@ -3,7 +3,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -116,7 +116,6 @@ FACTS = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(st.lists(FACTS, max_size=3).map(tuple), st.booleans(), st.integers(0, 2**62))
 def test_progress_comes_through_whole(
     facts: tuple[ChunkFacts, ...], hold: bool, number: int
@@ -168,14 +167,12 @@ DECODERS: list[Callable[[bytes], object]] = [
 ]
 
 
-@settings(deadline=None)
 @given(st.sampled_from(DECODERS), st.binary(max_size=60))
 def test_random_bytes_are_refused(decode: Callable[[bytes], object], payload: bytes) -> None:
     with pytest.raises(MessageError):
         decode(payload)
 
 
-@settings(deadline=None)
 @given(
     st.sampled_from(DECODERS),
     st.dictionaries(

@@ -13,7 +13,7 @@ def prioritised(alpha: float = 1.0, beta: float = 1.0) -> PrioritisedSampler:
     return PrioritisedSampler(CAPACITY, np.zeros(padded(CAPACITY)), alpha, beta)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.tuples(st.booleans(), st.sets(st.integers(0, 19), max_size=8)), max_size=30))
 def test_admitted_ids_are_a_set(changes: list[tuple[bool, set[int]]]) -> None:
     admitted, expected = Admitted(20), set[int]()

@@ -30,7 +30,8 @@ def test_leaves_fill_whole_nodes(capacity: int, size: int) -> None:
 
 # The fixture is the same for all examples.
 @settings(
-    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=50,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 @given(
     capacity=st.sampled_from([1, 31, 32, 33, 1_024, 1_025, 3_000]),
