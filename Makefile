@@ -45,8 +45,9 @@ bench: setup  ## measure everything on this machine, half an hour; the tables of
 	$(BIN)/python -m benchmarks.replay --json $(RESULTS)/replay.json
 	$(BIN)/python -m benchmarks.transport --json $(RESULTS)/transport.json
 	$(BIN)/python -m benchmarks.epochs_per_day --env ale --json $(RESULTS)/epochs_ale.json
-	$(BIN)/python -m benchmarks.epochs_per_day --env robot --json $(RESULTS)/epochs_robot.json
-	$(BIN)/python -m benchmarks.epochs_per_day --env robot --no-sync --actors 8 --evaluators 4 \
+	$(BIN)/python -m benchmarks.epochs_per_day --env robot --learner="--envs 2" --evaluators 2 \
+		--json $(RESULTS)/epochs_robot.json
+	$(BIN)/python -m benchmarks.epochs_per_day --env robot --no-sync --actors 10 --evaluators 5 \
 		--json $(RESULTS)/epochs_robot_async.json
 	$(BIN)/python -m benchmarks.scaling --env robot --json $(RESULTS)/scaling.json -o docs/scaling.png
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check ".[bench]"

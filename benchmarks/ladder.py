@@ -46,7 +46,7 @@ FLAGS: dict[Rung, list[str]] = {
 HUMAN = 9.3
 """Mean of Mnih et al.'s professional tester in Pong (2015, extended data table 2)."""
 MILESTONES = {"0": 0.0, "human": HUMAN, "18": 18.0}
-"""Scores whose first time is told, by their names in the columns."""
+"""Scores in Pong whose first time is told, by their names in the columns."""
 COLUMNS = (
     "rung", "label", "game", "seed", "flags", "agent_steps", "updates", "wall_seconds",
     "random_reward", "best_test_reward",
@@ -135,7 +135,7 @@ def row_of(
     found = {
         **summary,
         **evaluation,
-        **_milestones(epochs),
+        **_milestones(epochs if options.game == "pong" else []),
         "rung": options.rung,
         "label": options.label,
         "game": options.game,

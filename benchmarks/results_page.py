@@ -72,7 +72,7 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
 
 def learned(rows: Iterable[Mapping[str, str]]) -> str:
     """The ladder's rows, as `benchmarks.ladder` wrote them: what was reached, and when."""
-    names = ["rung", "game", "seed", "score of a game", "IQM (95 %)"]
+    names = ["rung", "game", "seed", "random", "score of a game", "IQM (95 %)"]
     names += [f"≥ {score:g}" for score in MILESTONES.values()]
     names += ["steps", "hours", "commit"]
     cells = [
@@ -80,6 +80,7 @@ def learned(rows: Iterable[Mapping[str, str]]) -> str:
             ", ".join(filter(None, (row["rung"], row["label"]))),
             row["game"],
             row["seed"],
+            f"{float(row['random_reward']):.1f}",
             f"{float(row['mean']):.2f} ± {float(row['deviation']):.2f}",
             "{:.2f} ({:.2f} to {:.2f})".format(
                 *(float(row[name]) for name in ("iqm", "iqm_low", "iqm_high"))
@@ -89,7 +90,7 @@ def learned(rows: Iterable[Mapping[str, str]]) -> str:
             f"{float(row['wall_seconds']) / 3600:.1f}",
             row["git_commit"][:7],
         ]
-        for row in rows
+        for row in sorted(rows, key=lambda row: (row["rung"], row["label"], int(row["seed"])))
     ]
     return "\n".join(_lines(names, ["---"] * 2 + ["---:"] * (len(names) - 3) + ["---"], cells))
 

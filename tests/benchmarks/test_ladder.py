@@ -80,6 +80,8 @@ def test_a_row_tells_when_the_training_games_first_had_a_mean() -> None:
     assert (row["steps_to_0"], row["seconds_to_0"]) == (300, 22.5)
     assert (row["steps_to_human"], row["seconds_to_human"]) == (500, 37.5)
     assert (row["steps_to_18"], row["seconds_to_18"]) == (None, None)
+    breakout = row_of(Options("R5", game="breakout"), 3, files, {}, epochs)
+    assert breakout["steps_to_human"] is None  # those are Pong's
 
 
 def test_rows_are_added_below_one_heading(tmp_path: Path) -> None:

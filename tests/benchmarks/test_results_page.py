@@ -46,17 +46,22 @@ More.
 def test_what_was_learned_is_a_row_for_each_run(tmp_path: Path) -> None:
     run: dict[str, object] = dict.fromkeys(COLUMNS, "")
     run |= {"rung": "R5", "game": "pong", "seed": 1, "agent_steps": 995_520, "wall_seconds": 9_000}
-    run |= {"mean": 20.7, "deviation": 0.651, "iqm": 21, "iqm_low": 20.694, "iqm_high": 21.0}
+    run |= {"random_reward": -20.73, "mean": 20.7, "deviation": 0.651}
+    run |= {"iqm": 21, "iqm_low": 20.694, "iqm_high": 21.0}
     run |= {"steps_to_0": 500_528, "steps_to_human": 700_720, "git_commit": "0123456789abcdef"}
-    for row in (run, run | {"label": "pixels-only", "seed": 2}):
+    others = ({"label": "pixels-only", "seed": 2}, {"label": "pixels-only"}, {})
+    for other in others:  # in the order of rungs, labels and seeds, whenever they were made
+        row = run | other
         add_row(tmp_path / "ladder.csv", row)
     page = "<!-- ladder.csv -->\n<!-- end -->\n"
-    names = "| rung | game | seed | score of a game | IQM (95 %) | ≥ 0 | ≥ 9.3 | ≥ 18 |"
-    figures = "20.70 ± 0.65 | 21.00 (20.69 to 21.00) | 501K | 701K | – | 996K | 2.5 | 0123456 |"
+    names = "| rung | game | seed | random | score of a game | IQM (95 %) | ≥ 0 | ≥ 9.3 | ≥ 18 |"
+    figures = "-20.7 | 20.70 ± 0.65 | 21.00 (20.69 to 21.00) | "
+    figures += "501K | 701K | – | 996K | 2.5 | 0123456 |"
     expected = f"""<!-- ladder.csv -->
 {names} steps | hours | commit |
-| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |
+| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |
 | R5 | pong | 1 | {figures}
+| R5, pixels-only | pong | 1 | {figures}
 | R5, pixels-only | pong | 2 | {figures}
 <!-- end -->
 """
