@@ -98,7 +98,7 @@ class Options:
         """Of the run's folder."""
         parts = [self.label] if self.label else []
         parts += [f"late-{self.delay}"] if self.delay else []
-        parts = ["ladder", self.rung, *parts, self.game, self.preset, f"{seed}"]
+        parts = ["ladder", self.rung, *parts, self.game, self.preset, f"seed-{seed}"]
         return "-".join(parts).replace("_", "-")
 
 

@@ -73,8 +73,8 @@ class Group:
 def read_groups(paths: Sequence[Path], phase: Phase = "test") -> list[Group]:
     """The runs at ``paths``, folders or CSV files, put together by their settings.
 
-    Tables alone belong together when their names are the same but for a number at the end. Where
-    nothing was tested, it is the training that is drawn.
+    Tables alone belong together when their names are the same but for the number of a seed at the
+    end. Where nothing was tested, it is the training that is drawn.
 
     Raises:
         InputError: a table is missing or damaged, or has no epoch yet.
