@@ -120,5 +120,5 @@ def delay_figure(climbs: Sequence[Climb]) -> Figure:
     above.set_xlabel("in decisions of 66.7 ms", color="#333333", fontsize=9)
     above.tick_params(colors="#333333", labelsize=8)
     above.spines["top"].set_visible(False)
-    legend(figure, axes, 1)
+    legend(figure, axes)
     return figure

@@ -73,7 +73,7 @@ def histogram_figure(evaluations: Sequence[Evaluation]) -> Figure:
             f"{len(each.scores)} games, mean {each.mean:.2f} ± {each.deviation:.2f} (line), "
             f"interquartile mean {each.iqm:.2f}"
         ).replace("-", "−")
-        axes.set_title(f"{each.name}: {figures}", loc="left", fontsize=9, color=INK)
+        axes.set_title(f"{each.name}\n{figures}", loc="left", fontsize=9, color=INK)
         label(axes, "", "games")
     rows[-1, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
     label(rows[-1, 0], "score of a game", "games")

@@ -24,6 +24,8 @@ _LOOKS = (
 _MARKERS = 14
 """On a line at most."""
 _THIN, _THICK = 0.8, 1.8
+_HANDLE, _LETTER = 0.75, 0.075
+"""Inches that a legend's entry takes for its line and gaps, and for each letter."""
 
 Points = NDArray[np.float64]
 """``[n, 2]``: x and y, by rising x."""
@@ -109,9 +111,11 @@ def draw_random(axes: Axes, rewards: Sequence[float]) -> None:
     axes.axhline(mean, color=RANDOM, linewidth=1.3, label=name, zorder=2)
 
 
-def legend(figure: Figure, axes: Axes, columns: int) -> None:
-    """What the lines of ``axes`` are, above the whole figure."""
+def legend(figure: Figure, axes: Axes) -> None:
+    """What the lines of ``axes`` are, above the whole figure, in as many columns as have room."""
     handles, labels = axes.get_legend_handles_labels()
+    widest = _HANDLE + _LETTER * max(map(len, labels))
+    columns = max(int(figure.get_figwidth() / widest), 1)
     figure.legend(
         handles,
         labels,

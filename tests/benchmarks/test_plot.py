@@ -101,6 +101,16 @@ def test_epochs_have_reward_random_policy_and_max_q(tmp_path: Path) -> None:
     assert names(figure) == ["pong", "random policy, −20.5"]
 
 
+@pytest.mark.parametrize("parts", [0, 2, 5, 9])
+def test_a_legend_has_room(tmp_path: Path, parts: int) -> None:
+    paths = (tmp_path / f"{name}{'-R5-pong' * parts}.csv" for name in "abcd")
+    tables = tuple(table(path, [-20.0]) for path in paths)
+    figure = draw(Options(tables, figure="progress"))
+    figure.canvas.draw()
+    found = figure.legends[0].get_window_extent()
+    assert 0 <= found.x0 < found.x1 <= figure.bbox.width
+
+
 def test_rewards_can_be_those_of_the_training(tmp_path: Path) -> None:
     path = table(tmp_path / "pong.csv", [-20.0, 18.5])
     figure = draw(Options((path,), phase="train"))
@@ -255,7 +265,7 @@ def test_each_score_has_a_bar(tmp_path: Path) -> None:
     assert bars(below) == {20.0: 1}
     assert lines(above)[0][0][0] == 17.5
     assert above.get_title(loc="left") == (
-        "a: 4 games, mean 17.50 ± 2.00 (line), interquartile mean 18.25"
+        "a\n4 games, mean 17.50 ± 2.00 (line), interquartile mean 18.25"
     )
 
 
