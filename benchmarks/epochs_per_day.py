@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 
 import tyro
 
-from benchmarks.local_run import LocalRun, Pace, Setting, end_as_by_ctrl_c
+from benchmarks.child import end_as_by_ctrl_c
+from benchmarks.local_run import LocalRun, Pace, Setting
 from benchmarks.report import publish
 from common.errors import InputError, exit_on_input_error
 from common.presets import PRESETS

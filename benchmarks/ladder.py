@@ -26,7 +26,7 @@ from typing import Any, Literal
 
 import tyro
 
-from benchmarks.local_run import free_endpoint
+from benchmarks.child import free_endpoint
 from common.errors import InputError, exit_on_input_error
 from common.run_folder import RunFolder
 from learner.epochs import EpochRow, EpochTable

@@ -8,10 +8,7 @@ time from /proc. A window begins and ends as a chunk is accepted.
 import math
 import os
 import shlex
-import signal
-import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -24,12 +21,12 @@ import numpy as np
 import zenoh
 from zenoh.handlers import Callback
 
+from benchmarks.child import end, free_endpoint, start
 from common.actor_stats import ActorStats, decode_stats
 from common.announcement import find_run
 from common.bus import connect
 from common.config import EnvKind
 from common.errors import InputError
-from learner.local import child_environment
 from replay.client import RemoteReplay
 from replay.facts import ChunkFacts
 from replay.limiter import RateLimiter
@@ -43,7 +40,6 @@ _START = 120.0
 _SETTLE = 3.0
 _LONGEST_SETTLE = 40.0
 _POLL = 0.02
-_STOP = 30.0
 
 
 @dataclass(frozen=True)
@@ -119,18 +115,6 @@ class Pace(NamedTuple):
     """Of the time of all usable cores, by role."""
 
 
-def free_endpoint() -> str:
-    """An address of this machine at which nobody listens."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def end_as_by_ctrl_c() -> None:
-    """Let SIGTERM unwind this process, so that nothing it started is left behind."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-
-
 class LocalRun:
     """`python -m learner --local`; a context manager that ends it.
 
@@ -167,18 +151,11 @@ class LocalRun:
             *self._setting.flags(),
         ]
         with self._log.open("wb") as log:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "learner", *flags],
-                env=child_environment(),
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
+            self._process = start("learner", *flags, stdout=log, stderr=subprocess.STDOUT)
         try:
             self._join(endpoint)
         except BaseException:
-            self._end()
+            end(self._process)
             raise
         return self
 
@@ -189,7 +166,7 @@ class LocalRun:
         trace: TracebackType | None,
     ) -> None:
         self._session.close()  # type: ignore[no-untyped-call]
-        self._end()
+        end(self._process)
 
     def _join(self, endpoint: str) -> None:
         try:
@@ -210,15 +187,6 @@ class LocalRun:
         self._subscriber = self._session.declare_subscriber(
             keys.stats("*", "*"), Callback(self._hear, indirect=False)
         )
-
-    def _end(self) -> None:
-        if not self._is_over():
-            self._process.send_signal(signal.SIGINT)
-        try:
-            self._process.wait(_STOP)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
 
     def _is_over(self) -> bool:
         return self._process.poll() is not None

@@ -22,7 +22,8 @@ import torch
 import tyro
 
 from benchmarks import peer_dqn, peer_update
-from benchmarks.local_run import LocalRun, Setting, end_as_by_ctrl_c
+from benchmarks.child import end_as_by_ctrl_c
+from benchmarks.local_run import LocalRun, Setting
 from benchmarks.pace import slice_per_second
 from benchmarks.peer_replays import Elsewhere, Who
 from benchmarks.report import publish

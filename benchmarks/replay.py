@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import tyro
 
-from benchmarks.local_run import end_as_by_ctrl_c
+from benchmarks.child import end_as_by_ctrl_c
 from benchmarks.pace import per_second
 from benchmarks.report import publish
 from benchmarks.synthetic import Streams

@@ -11,8 +11,9 @@ from typing import Annotated, Any
 
 import tyro
 
+from benchmarks.child import end_as_by_ctrl_c
 from benchmarks.epochs_per_day import describe, measure, summary
-from benchmarks.local_run import Setting, end_as_by_ctrl_c
+from benchmarks.local_run import Setting
 from benchmarks.report import publish
 from common.errors import InputError, exit_on_input_error
 

@@ -7,7 +7,6 @@ meet on loopback. Encoding, decoding, checking, storing and journaling are all i
 import contextlib
 import json
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,14 +16,12 @@ from typing import Any, Literal, Self
 
 import tyro
 
-from benchmarks.local_run import end_as_by_ctrl_c, free_endpoint
+from benchmarks.child import end, end_as_by_ctrl_c, free_endpoint, start
 from benchmarks.report import publish
 from common.config import StreamConfig
 from common.errors import InputError, exit_on_input_error
-from learner.local import child_environment
 
 _RUN = "bench"
-_STOP = 10.0
 
 
 @dataclass(frozen=True)
@@ -51,17 +48,6 @@ class Options:
             raise InputError("choose 1 or more senders, chunks and steps, and seconds above 0.")
 
 
-def _start(module: str, *arguments: str, talks: bool) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", module, *arguments],
-        env=child_environment(),
-        stdin=subprocess.PIPE if talks else subprocess.DEVNULL,
-        stdout=subprocess.PIPE if talks else subprocess.DEVNULL,
-        start_new_session=True,
-        text=True,
-    )
-
-
 class Exchange:
     """The replay process, and those that talk to it; a context manager that ends them."""
 
@@ -73,14 +59,14 @@ class Exchange:
 
     def __enter__(self) -> Self:
         options = self._options
-        self._server = _start(
+        self._server = start(
             "replay",
             *("--run", _RUN, "--runs", str(self._folder), "--listen", self._endpoint),
             *("--preset", "paper", "--replay.sampler", options.sampler),
             *("--replay.capacity", str(options.capacity), "--replay.warmup", "64"),
             *("--replay.ratio-tolerance", str(10**9)),
             *("--stream.chunk-steps", str(options.chunk_steps)),
-            talks=False,
+            stdout=subprocess.DEVNULL,
         )
         return self
 
@@ -90,7 +76,7 @@ class Exchange:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        _end(self._server)
+        end(self._server)
 
     def measure(self, roles: Sequence[str], window: int | None = None) -> list[dict[str, Any]]:
         """What processes of these roles count while all work at once; in the same order.
@@ -114,34 +100,22 @@ class Exchange:
             return [json.loads(answer) for answer in answers]
         finally:
             for client in clients:
-                _end(client)
+                end(client)
 
     def _client(self, role: str, window: int) -> subprocess.Popen[str]:
         self._spoken += 1  # a name of its own, for sequence numbers begin anew
-        return _start(
+        return start(
             "benchmarks.transport_client",
             *("--role", role, "--connect", self._endpoint, "--run", _RUN),
             *("--seconds", str(self._options.seconds), "--window", str(window)),
             *("--name", f"sender-{self._spoken}"),
-            talks=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
         )
 
     def _hear(self, client: subprocess.Popen[str]) -> str:
         assert client.stdout is not None
         return client.stdout.readline().strip()
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    process.terminate()
-    try:
-        process.wait(_STOP)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-    for stream in (process.stdin, process.stdout):
-        if stream is not None:
-            with contextlib.suppress(BrokenPipeError):
-                stream.close()
 
 
 def together(found: Sequence[dict[str, Any]]) -> dict[str, Any]:

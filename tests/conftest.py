@@ -3,13 +3,13 @@
 Zenoh is a free address, a hub that listens there, and a client.
 """
 
-import socket
 from collections.abc import Iterator
 
 import pytest
 import zenoh
 from hypothesis import HealthCheck, settings
 
+from benchmarks.child import free_endpoint
 from common import bus
 from common.bus import connect, open_hub
 
@@ -23,9 +23,7 @@ bus.LEASE_MS = 60_000
 @pytest.fixture
 def endpoint() -> str:
     """An address of this machine at which nobody listens."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return free_endpoint()
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -12,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from benchmarks.child import free_endpoint
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 600.0
@@ -90,9 +91,7 @@ class Stage:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.programs: list[Program] = []
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        self.endpoint = free_endpoint()
 
     def start(self, *arguments: str) -> Program:
         """`python ARGUMENTS` in the test's folder."""

@@ -1,7 +1,5 @@
 """Talking to a replay server over Zenoh."""
 
-import socket
-
 import zenoh
 from replay_reference import RUN
 
@@ -11,12 +9,6 @@ from common.chunk import Chunk, encode_chunk
 from common.errors import MessageError
 
 KEYS = RunKeys(RUN)
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def ask(session: zenoh.Session, key: str, payload: bytes) -> bytes:

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from replay_reference import GOES_ON, RUN, TERMINATES, Actor
-from replay_sessions import KEYS, free_endpoint, insert
+from replay_sessions import KEYS, insert
 
+from benchmarks.child import free_endpoint
 from common.bus import connect
 from common.config import RunConfig
 from common.presets import PRESETS

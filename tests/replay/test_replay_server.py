@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 import zenoh
 from replay_reference import GOES_ON, RUN, TERMINATES, Actor, make_config
-from replay_sessions import KEYS, ask, free_endpoint, insert
+from replay_sessions import KEYS, ask, insert
 from zenoh.handlers import FifoChannel
 
+from benchmarks.child import free_endpoint
 from common.ack import Ack, decode_ack
 from common.announcement import find_run
 from common.bus import connect, open_hub
