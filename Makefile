@@ -42,6 +42,7 @@ bench: setup  ## measure everything on this machine, half an hour; the tables of
 	$(BIN)/python -m benchmarks.learner_updates --json $(RESULTS)/learner_updates.json
 	$(BIN)/python -m benchmarks.env_steps --json $(RESULTS)/env_steps.json
 	$(BIN)/python -m benchmarks.env_steps --beside-learner --json $(RESULTS)/env_steps_beside.json
+	$(BIN)/python -m benchmarks.actor_steps --json $(RESULTS)/actor_steps.json
 	$(BIN)/python -m benchmarks.replay --json $(RESULTS)/replay.json
 	$(BIN)/python -m benchmarks.transport --json $(RESULTS)/transport.json
 	$(BIN)/python -m benchmarks.epochs_per_day --env ale --json $(RESULTS)/epochs_ale.json
