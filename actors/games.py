@@ -17,10 +17,10 @@ import torch
 import tyro
 
 from actors.envs import make_env
-from actors.looking.player import build_player, config_to_play
+from actors.looking.player import build_player
 from actors.loop import play
 from actors.tally import Tally
-from common.config import EnvKind, RunConfig
+from common.config import RunConfig, from_mapping
 from common.errors import exit_on_input_error
 from common.lifeline import leave_with_parent, on_signals
 
@@ -31,14 +31,14 @@ class GamesOptions:
 
     weights: Path
     """The network."""
+    config: str
+    """The settings that it plays under, as JSON."""
     games: int = 1
     steps: int = 0
     """Play on until so many steps are done, as the report's tests do."""
     epsilon: float = 0.001
     """Share of random decisions."""
     seed: int = 1
-    env: EnvKind | None = None
-    game: str | None = None
     sync: bool = True
     wait_action: bool = False
     speed: float = 1.0
@@ -113,7 +113,7 @@ def main() -> int:
         leave_with_parent(stop)
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    config = config_to_play(options.weights, options.env, options.game, minimal_actions=False)
+    config = from_mapping(RunConfig, json.loads(options.config))
     for result in games(config, options, stop):
         print(json.dumps(asdict(result)), flush=True)
     return 0

@@ -37,8 +37,6 @@ class RunOptions(Protocol):
 
     @property
     def config(self) -> RunConfig: ...
-    @property
-    def resume(self) -> bool: ...
 
 
 R = TypeVar("R", bound=RunOptions)
@@ -50,16 +48,16 @@ def parse_run(
     arguments: Sequence[str],
     stored: Callable[[R], RunConfig | None],
 ) -> R:
-    """As `parse`, with the defaults of a preset, or when resuming of the run itself.
+    """As `parse`, with the defaults of a preset, or of a run that is there.
 
     Args:
-        stored: finds the configuration of the run that is to be resumed.
+        stored: finds the configuration of the run that the flags go on with; None for a new one.
 
     Raises:
         InputError: no such preset, or settings that cannot work.
     """
     options = parse(kind, program, arguments, config=preset_of(arguments))
-    if options.resume and (config := stored(options)) is not None:
+    if (config := stored(options)) is not None:
         options = parse(kind, program, arguments, config=config)
     options.config.check()
     return options

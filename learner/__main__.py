@@ -22,6 +22,7 @@ from common.config import RunConfig, differences
 from common.errors import InputError, exit_on_input_error
 from common.lifeline import on_signals
 from common.network import build_network
+from common.origin import origin_of
 from common.run_folder import RunFolder
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
 from learner.display import open_display
@@ -109,7 +110,7 @@ class LearnerOptions:
         if self.sync and self.speed != 1.0:
             raise InputError("--speed is for --no-sync: with --sync time goes as fast as it can.")
         if self.evaluation.evaluate is not None:
-            return  # the run of its network says the rest
+            return  # the games' own processes check the rest
         if self.wait_action or not self.sync:
             flag = "--wait-action" if self.sync else "--no-sync"
             if not self.local:
@@ -127,6 +128,15 @@ class LearnerOptions:
 def run_name(options: LearnerOptions) -> str:
     config = options.config
     return options.run or f"{config.env}-{config.game}-{config.preset}".replace("_", "-")
+
+
+def stored_config(options: LearnerOptions) -> RunConfig | None:
+    """Of the run to resume, or of that which trained the network to evaluate."""
+    if options.evaluation.evaluate is not None:
+        return origin_of(options.evaluation.evaluate)
+    if options.resume:
+        return RunFolder(options.runs, run_name(options)).stored_config()
+    return None
 
 
 @contextmanager
@@ -206,17 +216,12 @@ def free_cores(options: LearnerOptions) -> int:
 
 
 def main() -> int:
-    options = parse_run(
-        LearnerOptions,
-        "learner",
-        sys.argv[1:],
-        lambda options: RunFolder(options.runs, run_name(options)).stored_config(),
-    )
+    options = parse_run(LearnerOptions, "learner", sys.argv[1:], stored_config)
     options.check()
     if options.evaluation.evaluate is not None:
         stop = threading.Event()
         on_signals(stop)
-        return evaluate(options.evaluation, options.config.seed, clock_flags(options), stop)
+        return evaluate(options.evaluation, options.config, clock_flags(options), stop)
     config = options.config
     device = choose_device(options.device, options.precision)
     keep_large_blocks()

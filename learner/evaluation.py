@@ -21,8 +21,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from common.config import RunConfig, differences, to_json
 from common.errors import InputError
 from common.key_times import Delay
+from common.origin import origin_of
 from common.run_folder import write_atomically
 from learner import figures
 from learner.local import child_environment
@@ -38,8 +40,9 @@ class EvaluationOptions:
     """Test a network by whole games instead of training one."""
 
     evaluate: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """The network, such as runs/NAME/snapshots/best.safetensors; its run's settings are used.
-    --sync, --wait-action, --speed and --seed apply."""
+    """The network, such as runs/NAME/snapshots/best.safetensors. It plays under its run's settings,
+    but for those that are given: another --env, a --play.delay, a --camera.noise, a --seed. --sync,
+    --wait-action and --speed apply too."""
     games: int = 30
     """Games, over all processes."""
     test_steps: int = 0
@@ -72,7 +75,7 @@ class EvaluationOptions:
 
 def evaluate(
     options: EvaluationOptions,
-    seed: int,
+    config: RunConfig,
     flags: Sequence[str],
     stop: threading.Event,
     console: Console | None = None,
@@ -80,6 +83,7 @@ def evaluate(
     """Play, print the table and write the JSON; the exit status.
 
     Args:
+        config: what to play under.
         flags: more for each playing process, such as ``["--no-sync"]``.
 
     Raises:
@@ -91,13 +95,13 @@ def evaluate(
     found: list[dict[str, Any]] = []
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("games", total=options.games)
-        for game in _play(options, seed, flags, stop):
+        for game in _play(options, config, flags, stop):
             found.append(game)
             progress.update(task, completed=len(found), total=max(options.games, len(found)))
     if stop.is_set():
         console.print(f"stopped after {len(found)} games")
         return 130
-    content = _content(options, seed, flags, found)
+    content = _content(options, config, flags, found)
     console.print(_table(content))
     if options.json is not None:
         write_atomically(options.json, (json.dumps(strict(content), indent=2) + "\n").encode())
@@ -106,7 +110,7 @@ def evaluate(
 
 
 def _play(
-    options: EvaluationOptions, seed: int, flags: Sequence[str], stop: threading.Event
+    options: EvaluationOptions, config: RunConfig, flags: Sequence[str], stop: threading.Event
 ) -> Iterator[dict[str, Any]]:
     """Games as they end, in several processes."""
     count = min(options.processes or len(os.sched_getaffinity(0)), options.games)
@@ -115,7 +119,7 @@ def _play(
     for at in range(count):
         games = options.games // count + (at < options.games % count)
         steps = -(-options.test_steps // count)
-        children.append(_start(options, games, steps, seed * 1_000 + at, flags))
+        children.append(_start(options, config, games, steps, config.seed * 1_000 + at, flags))
         threading.Thread(target=_listen, args=(at, children[at], told), daemon=True).start()
     try:
         playing = count
@@ -140,10 +144,16 @@ def _play(
 
 
 def _start(
-    options: EvaluationOptions, games: int, steps: int, seed: int, flags: Sequence[str]
+    options: EvaluationOptions,
+    config: RunConfig,
+    games: int,
+    steps: int,
+    seed: int,
+    flags: Sequence[str],
 ) -> "subprocess.Popen[str]":
     arguments = {
         "--weights": options.evaluate,
+        "--config": to_json(config),
         "--games": games,
         "--steps": steps,
         "--epsilon": options.epsilon,
@@ -168,9 +178,19 @@ def _listen(at: int, child: "subprocess.Popen[str]", told: "Queue[tuple[int, str
     told.put((at, None))
 
 
+def _changes(weights: Path, config: RunConfig) -> list[str]:
+    """In what other settings than it was trained under the network plays."""
+    trained = origin_of(weights)
+    return differences(dataclasses.replace(trained, seed=config.seed), config) if trained else []
+
+
 def _content(
-    options: EvaluationOptions, seed: int, flags: Sequence[str], games: list[dict[str, Any]]
+    options: EvaluationOptions,
+    config: RunConfig,
+    flags: Sequence[str],
+    games: list[dict[str, Any]],
 ) -> dict[str, Any]:
+    assert options.evaluate is not None
     steps = sum(game["steps"] for game in games)
     late = {
         name: sum(game[name] for game in games)
@@ -180,8 +200,9 @@ def _content(
     return {
         "weights": str(options.evaluate),
         "epsilon": options.epsilon,
-        "seed": seed,
+        "seed": config.seed,
         "flags": list(flags),
+        "changed": _changes(options.evaluate, config),
         **dataclasses.asdict(Scores.of([game["score"] for game in games])),
         "steps": steps,
         "press_ms": dataclasses.asdict(Delay.of(key_times, "press")),
@@ -204,6 +225,7 @@ def _table(content: dict[str, Any]) -> Table:
     release, press = (Delay(**content[name]) for name in ("release_ms", "press_ms"))
     hands = f"release {figures.delay(release)}, press {figures.delay(press)}"
     for name, cell in (
+        *(("other than trained", change) for change in content["changed"]),
         ("games", f"{content['games']}"),
         ("mean ± deviation", f"{content['mean']:.2f} ± {content['deviation']:.2f}"),
         ("interquartile mean (95 %)", f"{content['iqm']:.2f} ({low:.2f} to {high:.2f})"),

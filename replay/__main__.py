@@ -44,7 +44,9 @@ def main() -> None:
         ReplayOptions,
         "replay",
         sys.argv[1:],
-        lambda options: RunFolder(options.runs, options.run).stored_config(),
+        lambda options: (
+            RunFolder(options.runs, options.run).stored_config() if options.resume else None
+        ),
     )
     keep_large_blocks()
     config = options.config

@@ -1,6 +1,5 @@
 """Who plays for show: random actions, or a network from a run's weights, with its values kept."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,11 +8,11 @@ import torch
 from numpy.typing import NDArray
 
 from actors.policy import Policy
-from common.config import EnvKind, RunConfig, from_mapping
+from common.config import EnvKind, RunConfig
 from common.errors import InputError, MessageError
 from common.network import QNetwork, build_network
+from common.origin import origin_of
 from common.presets import PRESETS
-from common.run_folder import RunFolder
 from common.weights import load_weights
 
 
@@ -44,30 +43,13 @@ def config_to_play(
     Raises:
         InputError: the configuration of the run, or that in the card, cannot be read.
     """
-    config = None if weights is None else _config_beside(weights)
+    config = None if weights is None else origin_of(weights)
     if config is None:
         config = PRESETS["fast" if env == "ale" else "robot"]
         config = replace(config, play=replace(config.play, minimal_actions=False))
     if minimal_actions:
         config = replace(config, play=replace(config.play, minimal_actions=True))
     return replace(config, env=env or config.env, game=game or config.game)
-
-
-def _config_beside(weights: Path) -> RunConfig | None:
-    """That in the card of a published policy; or that of the run whose folder ``weights`` lies in,
-    or in whose snapshots."""
-    card = weights.with_suffix(".json")
-    if card.is_file():
-        try:
-            told = json.loads(card.read_bytes())
-        except ValueError as error:
-            raise InputError(f"{card} is not JSON ({error}): get it anew.") from None
-        if isinstance(told, dict) and "config" in told:
-            return from_mapping(RunConfig, told["config"], f"{card}: config")
-    for folder in weights.resolve().parents[:2]:
-        if (folder / "config.json").is_file():
-            return RunFolder(folder.parent, folder.name).stored_config()
-    return None
 
 
 def build_player(

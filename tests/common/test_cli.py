@@ -22,7 +22,9 @@ class Options:
 
 
 def parsed(*arguments: str, stored: RunConfig | None = None) -> Options:
-    return parse_run(Options, "program", arguments, lambda options: stored)
+    return parse_run(
+        Options, "program", arguments, lambda options: stored if options.resume else None
+    )
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,33 @@ def test_games_are_played_to_their_ends_and_summed_up(run: Path, tmp_path: Path)
     assert sorted(again["steps_of_games"]) == sorted(first["steps_of_games"])
 
 
+def test_settings_other_than_the_runs_are_played_under_and_told(run: Path, tmp_path: Path) -> None:
+    weights = run / "snapshots" / "best.safetensors"
+    short = ("--play.max-game-frames", 400, "--play.random-starts", 0)
+    late = ("--play.release", 2, "--play.press", 3)
+    ended = _evaluate(weights, "--games", 2, *short, *late, "--json", tmp_path / "late.json")
+    assert ended.returncode == 0, ended.stderr
+    content = json.loads((tmp_path / "late.json").read_text())
+    assert content["steps_of_games"] == [100, 100]
+    changes = [
+        "play.random_starts 30 → 0",
+        "play.max_game_frames 108000 → 400",
+        "play.release 0 → 2",
+        "play.press 0 → 3",
+    ]
+    assert content["changed"] == changes
+    told = " ".join(ended.stdout.split())
+    assert all(f"other than trained │ {change}" in told for change in changes)
+    # Through hands that are no faster.
+    assert content["press_ms"]["p50"] == pytest.approx(1000 / 60 * 4)
+
+
+def test_what_does_not_fit_other_settings_is_told(run: Path) -> None:
+    ended = _evaluate(run / "snapshots" / "best.safetensors", "--play.vector")
+    assert ended.returncode == 2
+    assert "does not fit pong (ale) with 6 actions" in ended.stderr
+
+
 def test_what_is_no_network_is_told(run: Path, tmp_path: Path) -> None:
     for weights, why in (
         (tmp_path / "nothing", "is no file: name a network to evaluate"),

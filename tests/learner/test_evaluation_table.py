@@ -29,7 +29,7 @@ def game(places: dict[int, int]) -> dict[str, Any]:
 
 
 def summed_up(played: list[dict[str, Any]], *flags: str) -> tuple[dict[str, Any], str]:
-    content = evaluation._content(EvaluationOptions(Path("w")), 1, flags, played)
+    content = evaluation._content(EvaluationOptions(Path("w")), PRESETS["fast"], flags, played)
     console = Console(width=100, file=io.StringIO(), record=True)
     console.print(evaluation._table(content))
     told: dict[str, Any] = json.loads(json.dumps(strict(content), allow_nan=False))
@@ -69,7 +69,7 @@ def test_real_time_tells_how_many_decisions_were_in_time() -> None:
 
 def test_each_game_tells_what_its_own_hands_took() -> None:
     config = replace(PRESETS["robot"], play=LATE_KEYS)
-    options = GamesOptions(weights=None, games=2, epsilon=1.0)  # type: ignore[arg-type]
+    options = GamesOptions(weights=None, config="", games=2, epsilon=1.0)  # type: ignore[arg-type]
     found = list(games(config, options, threading.Event()))
     assert [each.steps for each in found] == [40, 40]
     assert found[0].key_times != found[1].key_times

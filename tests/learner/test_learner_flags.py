@@ -1,12 +1,16 @@
 """How time passes: what the learner's command line takes, refuses, and tells its actors."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
 
 from actors.__main__ import ActorOptions
 from common.cli import parse, parse_run
 from common.errors import InputError
 from common.presets import PRESETS
-from learner.__main__ import LearnerOptions, clock_flags, clock_mode
+from common.run_folder import RunFolder
+from learner.__main__ import LearnerOptions, clock_flags, clock_mode, stored_config
 from learner.status import ClockMode
 
 
@@ -71,3 +75,21 @@ def test_an_actor_does_not_join_a_run_without_robots_in_another_time(flag: str) 
     options.check_against(PRESETS["robot"])
     with pytest.raises(InputError, match=flag):
         options.check_against(PRESETS["fast"])
+
+
+def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path) -> None:
+    trained = replace(PRESETS["paper"], game="breakout", seed=7)
+    folder = RunFolder(tmp_path, "r")
+    folder.claim("learner", trained, begun=folder.checkpoint, resume=False)
+    folder.checkpoint.touch()
+
+    def found(*arguments: str) -> object:
+        return parse_run(LearnerOptions, "learner", arguments, stored_config).config
+
+    here = ("--runs", str(tmp_path), "--run", "r")
+    assert found(*here) == PRESETS["robot"]
+    assert found(*here, "--resume") == trained
+    network = ("--evaluate", str(folder.checkpoint))
+    assert found(*network) == trained
+    delayed = replace(trained, env="robot", play=replace(trained.play, delay=2))
+    assert found(*network, "--env", "robot", "--play.delay", "2") == delayed
