@@ -62,22 +62,23 @@ def test_games_are_played_to_their_ends_and_summed_up(run: Path, tmp_path: Path)
 def test_settings_other_than_the_runs_are_played_under_and_told(run: Path, tmp_path: Path) -> None:
     weights = run / "snapshots" / "best.safetensors"
     short = ("--play.max-game-frames", 400, "--play.random-starts", 0)
-    late = ("--play.release", 2, "--play.press", 3)
-    ended = _evaluate(weights, "--games", 2, *short, *late, "--json", tmp_path / "late.json")
+    late = ("--play.delay", 1, "--play.press", 3)
+    random = ("--games", 2, "--epsilon", 1)  # a fresh network may press nothing at all
+    ended = _evaluate(weights, *random, *short, *late, "--json", tmp_path / "late.json")
     assert ended.returncode == 0, ended.stderr
     content = json.loads((tmp_path / "late.json").read_text())
     assert content["steps_of_games"] == [100, 100]
     changes = [
         "play.random_starts 30 → 0",
         "play.max_game_frames 108000 → 400",
-        "play.release 0 → 2",
+        "play.delay 0 → 1",
         "play.press 0 → 3",
     ]
     assert content["changed"] == changes
     told = " ".join(ended.stdout.split())
     assert all(f"other than trained │ {change}" in told for change in changes)
-    # Through hands that are no faster.
-    assert content["press_ms"]["p50"] == pytest.approx(1000 / 60 * 4)
+    # A decision's keys are those of the command before: the same for one in six.
+    assert 0 < content["press_match_share"] < 0.5
 
 
 def test_what_does_not_fit_other_settings_is_told(run: Path) -> None:
