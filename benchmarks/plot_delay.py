@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks import late_keys
 from benchmarks.ladder import COLUMNS, FLAGS
 from benchmarks.plot_style import Series, draw_random, draw_series, label, legend, panels
 from common.errors import InputError
@@ -24,10 +25,10 @@ _RUNGS = ("R1", "R2")
 
 
 class Climb(NamedTuple):
-    """One row of the ladder's table: a run with late keys, and its evaluation."""
+    """Games under late keys, by a network that was trained so (the ladder's), or just plays so."""
 
     name: str
-    """Of the series it belongs to: all but delay and seed."""
+    """Of the series it belongs to: all of a run but delay and seed, or the network that plays."""
     seed: int
     late_ms: float
     """Game time that passes without a new command's keys."""
@@ -36,10 +37,11 @@ class Climb(NamedTuple):
 
 
 def read_ladders(paths: Sequence[Path]) -> list[Climb]:
-    """The climbs of rungs R1 and R2 in these tables; of the same run evaluated twice, the last.
+    """The climbs of rungs R1 and R2 in these tables, and what `benchmarks.late_keys` found; of the
+    same run evaluated twice, the last.
 
     Raises:
-        InputError: a table is not the ladder's, or there is no such climb.
+        InputError: a table is neither's, or there is no such row.
     """
     found: dict[tuple[str, int, float], Climb] = {}
     for path in paths:
@@ -60,12 +62,15 @@ def _read(path: Path) -> list[Climb]:
             rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} cannot be read: {error}.") from None
-    if set(reader.fieldnames or ()) != set(COLUMNS):
-        raise InputError(f"{path} is no table of python -m benchmarks.ladder.")
+    played = set(reader.fieldnames or ()) == set(late_keys.COLUMNS)
+    if not played and set(reader.fieldnames or ()) != set(COLUMNS):
+        raise InputError(f"{path} is no table of python -m benchmarks.ladder, or late_keys.")
     climbs = []
     for number, row in enumerate(rows, 1):
         try:
-            if row["rung"] in _RUNGS:
+            if played:
+                climbs.append(_played(row))
+            elif row["rung"] in _RUNGS:
                 climbs.append(_climb(row))
         except (TypeError, ValueError) as error:
             raise InputError(f"{path} is damaged in row {number}: {error}.") from None
@@ -89,10 +94,18 @@ def _climb(row: dict[str, str]) -> Climb:
     steps = float(f"{float(row['agent_steps']):.2g}")
     name = f"{row['game']}, {values.get('--preset', '')}, {_millions(steps)} steps{more}"
     random = float(row["random_reward"]) if row["random_reward"] else None
+    return Climb(name, int(row["seed"]), (delay * skip + press) * _FRAME_MS, _mean(row), random)
+
+
+def _played(row: dict[str, str]) -> Climb:
+    return Climb(row["network"], 1, int(row["press"]) * _FRAME_MS, _mean(row), None)
+
+
+def _mean(row: dict[str, str]) -> float:
     mean = float(row["mean"])
     if not math.isfinite(mean):
         raise ValueError(f"its mean is {mean}")
-    return Climb(name, int(row["seed"]), (delay * skip + press) * _FRAME_MS, mean, random)
+    return mean
 
 
 def _millions(steps: float) -> str:

@@ -1,5 +1,6 @@
 """What the figures show, read back from their axes."""
 
+import csv
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
@@ -12,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+from benchmarks import late_keys
 from benchmarks.ladder import COLUMNS, Rung, add_row
 from benchmarks.ladder import Options as LadderOptions
 from benchmarks.plot import Options, draw
@@ -234,6 +236,20 @@ def test_delay_is_from_the_flags_of_the_ladder(tmp_path: Path) -> None:
         "pong, robot, 1 M steps, --learning.n-step 1",
         "random policy, −20.4",
     ]
+
+
+def test_networks_under_later_keys_are_a_line_each(tmp_path: Path) -> None:
+    path = tmp_path / "late_keys.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, late_keys.COLUMNS)
+        writer.writeheader()
+        for network, press, mean in (("a", 0, 20.0), ("b", 0, 19.0), ("a", 3, -5.0)):
+            writer.writerow({"network": network, "press": press, "mean": mean})
+    figure = draw(Options((path,), figure="delay"))
+    found = lines(figure.axes[0])
+    assert [[y for _, y in line] for line in found] == [[20.0, -5.0], [19.0]]
+    assert [x for x, _ in found[0]] == pytest.approx([0.0, 50.0])
+    assert names(figure) == ["a", "b"]
 
 
 def test_runs_of_other_lengths_are_other_lines(tmp_path: Path) -> None:
