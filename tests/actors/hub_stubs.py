@@ -10,9 +10,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from common.ack import Ack, encode_ack
-
-PATIENCE = 120.0
-"""Seconds after which something that does not happen is a failure."""
+from tests.patience import PATIENCE
 
 STORED = Ack("stored", hold=False, finished=False, agent_steps=0, weights_version=0)
 

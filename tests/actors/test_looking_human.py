@@ -25,10 +25,9 @@ from actors.looking.human import Reaction, keys_text, play_by_hand
 from common.actions import Keys
 from common.errors import InputError
 from common.presets import PRESETS
+from tests.patience import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE = 300.0
-"""Seconds after which something that does not happen is a failure."""
 
 
 class Person:

@@ -6,12 +6,13 @@ from typing import Any
 
 import pytest
 import zenoh
-from hub_stubs import PATIENCE, Questions, refuse, wait_until
+from hub_stubs import Questions, refuse, wait_until
 from zenoh.handlers import Callback
 
 from actors import weights_inbox
 from actors.weights_inbox import WeightsInbox
 from common.bus import RunKeys
+from tests.patience import PATIENCE
 
 KEYS = RunKeys("r")
 

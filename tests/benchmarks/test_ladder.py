@@ -13,7 +13,7 @@ from benchmarks.plot_histogram import read_evaluation
 from common.cli import parse_run
 from learner.__main__ import LearnerOptions
 from learner.epochs import EpochPhase, EpochRow, EpochTable
-from tests.end_to_end.conftest import PATIENCE
+from tests.patience import PATIENCE
 
 
 def differing(rung: Rung, **settings: int) -> dict[str, object]:

@@ -12,10 +12,9 @@ from common.config import to_json
 from common.errors import InputError, MessageError
 from common.presets import PRESETS
 from common.wire import SCHEMA, pack
+from tests.patience import PATIENCE
 
 FAST, PAPER = PRESETS["fast"], PRESETS["paper"]
-PATIENCE = 60.0
-"""Seconds after which something that does not happen is a failure."""
 
 
 def announce(hub: zenoh.Session, run: str, answer: bytes) -> zenoh.Queryable[None]:

@@ -15,9 +15,7 @@ from common.bus import (
     open_hub,
 )
 from common.errors import InputError
-
-PATIENCE = 60.0
-"""Seconds after which something that does not happen is a failure."""
+from tests.patience import PATIENCE
 
 
 @pytest.mark.parametrize("name", ["a", "7", "robot-pong.2_b", "A" * 64])

@@ -13,10 +13,9 @@ from typing import Any
 import pytest
 
 from benchmarks.child import free_endpoint
+from tests.patience import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE = 600.0
-"""Seconds after which something that does not happen is a failure; many times a whole small run."""
 
 SMALL = (
     "--replay.warmup=600",

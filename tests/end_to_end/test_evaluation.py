@@ -13,7 +13,7 @@ from common.network import build_network
 from common.presets import PRESETS
 from common.run_folder import RunFolder
 from common.weights import encode_weights
-from tests.end_to_end.conftest import PATIENCE
+from tests.patience import PATIENCE
 
 
 @pytest.fixture

@@ -8,7 +8,8 @@ from common.config import RunConfig
 from common.presets import PRESETS
 from replay.client import RemoteReplay
 from replay.facts import Progress
-from tests.end_to_end.conftest import PATIENCE, SMALL, Stage, wait_until
+from tests.end_to_end.conftest import SMALL, Stage, wait_until
+from tests.patience import PATIENCE
 
 
 def test_three_actors_of_which_one_is_killed(stage: Stage) -> None:

@@ -15,11 +15,10 @@ from common.errors import InputError
 from common.examination import Report, Task, decode_task, encode_report
 from learner.examiner import EpochTest, Examiner
 from tests.learner.conftest import KEYS
+from tests.patience import PATIENCE
 
 PROTOCOL = replace(ProtocolConfig(), test_steps=100, test_epsilon=0.05)
 
-PATIENCE = 60.0
-"""Seconds for an answer; Zenoh's own 10 may be too few where others want the processor too."""
 
 Sessions = tuple[zenoh.Session, zenoh.Session]
 

@@ -18,11 +18,10 @@ from common.bus import connect
 from common.config import RunConfig
 from common.presets import PRESETS
 from replay.client import RemoteReplay
+from tests.patience import PATIENCE
 
 FLAGS = ["--replay.capacity", "400", "--replay.warmup", "50", "--stream.chunk-steps", "16"]
 CONFIG: RunConfig = PRESETS["fast"]
-PATIENCE = 120.0
-"""Seconds that a process may take to start or to end."""
 
 
 class Process:

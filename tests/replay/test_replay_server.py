@@ -26,9 +26,7 @@ from replay import messages
 from replay.client import AHEAD, MOST_ADVICE, RemoteReplay
 from replay.memory import Memory
 from replay.server import ReplayServer
-
-PATIENCE = 60.0
-"""Seconds after which something that does not happen is a failure."""
+from tests.patience import PATIENCE
 
 
 def until_late() -> Iterator[None]:
