@@ -59,6 +59,7 @@ class Actor:
         self._stop = stop
         self._warn = warn
         self._tally = Tally()
+        self._has_weights = False
         self._name = name
         self._incarnation = incarnation
         self._inbox = WeightsInbox(session, keys)
@@ -99,7 +100,7 @@ class Actor:
 
     def _take_weights(self) -> None:
         found = self._inbox.take()
-        if found is None or found[0] <= self._policy.weights_version:
+        if found is None or (self._has_weights and found[0] <= self._policy.weights_version):
             return
         version, payload = found
         try:
@@ -108,6 +109,7 @@ class Actor:
             self._warn(f"weights {version} were not used: {error}")
             return
         self._policy.weights_version = version
+        self._has_weights = True
 
     def _steer(self, ack: Ack | None) -> None:
         """Follow what the replay said last."""
@@ -116,18 +118,17 @@ class Actor:
         self._policy.epsilon = self._config.epsilon_at(ack.agent_steps)
         if ack.finished:
             self._stop.set()
-        elif ack.weights_version > self._policy.weights_version + self._slack:
+        elif not self._has_weights or self._lags(ack):
             self._inbox.fetch()
             self._take_weights()
 
-    @property
-    def _slack(self) -> int:
-        """Updates by which the newest weights may be ahead before a broadcast counts as missed.
+    def _lags(self, ack: Ack) -> bool:
+        """Whether a broadcast was missed.
 
-        The next broadcast is on its way while the acknowledgement is; two behind is a loss. Those
-        who have none yet fetch at once.
+        The next one is on its way while the acknowledgement is; two behind is a loss.
         """
-        return 2 * self._config.learning.publish_every if self._policy.weights_version else 0
+        behind = ack.weights_version - self._policy.weights_version
+        return behind > 2 * self._config.learning.publish_every
 
     def _rest(self) -> None:
         """Pause while the learner is behind."""

@@ -80,7 +80,7 @@ def learned(rows: Iterable[Mapping[str, str]]) -> str:
             ", ".join(filter(None, (row["rung"], row["label"]))),
             row["game"],
             row["seed"],
-            f"{float(row['random_reward']):.1f}",
+            f"{float(row['random_reward']):.1f}" if row["random_reward"] else "–",
             f"{float(row['mean']):.2f} ± {float(row['deviation']):.2f}",
             "{:.2f} ({:.2f} to {:.2f})".format(
                 *(float(row[name]) for name in ("iqm", "iqm_low", "iqm_high"))

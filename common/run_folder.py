@@ -1,6 +1,7 @@
 """The folder ``runs/<name>/``: what a run leaves behind, and whose it is.
 
 config.json             the RunConfig, written once
+initial.safetensors     the weights it began with, where they were not fresh ones
 checkpoint.safetensors  the learner's whole state (and .previous, the one before)
 snapshots/              weights of epochs that are being tested, and the best so far
 epochs.csv, gates.csv, summary.json, tensorboard/
@@ -39,6 +40,10 @@ class RunFolder:
     @property
     def config_file(self) -> Path:
         return self.path / "config.json"
+
+    @property
+    def initial(self) -> Path:
+        return self.path / "initial.safetensors"
 
     @property
     def checkpoint(self) -> Path:

@@ -19,11 +19,12 @@ from common.announcement import find_run
 from common.bus import DEFAULT_ENDPOINT, RunKeys, connect, open_hub
 from common.cli import RunFlags, parse_run
 from common.config import RunConfig, differences
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError, MessageError, exit_on_input_error
 from common.lifeline import on_signals
-from common.network import build_network
+from common.network import QNetwork, build_network
 from common.origin import origin_of
-from common.run_folder import RunFolder
+from common.run_folder import RunFolder, write_atomically
+from common.weights import encode_weights, load_weights
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
 from learner.display import open_display
 from learner.evaluation import EvaluationOptions, evaluate
@@ -53,6 +54,9 @@ class LearnerOptions:
     """Folder that holds the runs."""
     resume: bool = False
     """Go on with the run that is there, under its own settings."""
+    initial: Path | None = None
+    """Begin with this network, such as policies/robot_pong.safetensors, instead of a fresh one;
+    --exploration.start then says how much of its play is random at first."""
     steps: int | None = None
     """End by itself after so many agent steps, the warm-up included."""
     local: bool = False
@@ -107,6 +111,8 @@ class LearnerOptions:
             raise InputError(
                 f"--gate-minutes is {self.gate_minutes}: choose a number above 0, or --force."
             )
+        if self.initial is not None and self.resume:
+            raise InputError("a run that goes on has a network: leave --initial or --resume away.")
         if self.sync and self.speed != 1.0:
             raise InputError("--speed is for --no-sync: with --sync time goes as fast as it can.")
         if self.evaluation.evaluate is not None:
@@ -192,6 +198,28 @@ def count_actions(config: RunConfig) -> int:
         env.close()
 
 
+def first_network(options: LearnerOptions) -> QNetwork:
+    """The network that a run begins with.
+
+    Raises:
+        InputError: it cannot be read, or is not for what the run plays.
+    """
+    config, file = options.config, options.initial
+    network = build_network(config, count_actions(config))
+    if file is not None:
+        try:
+            payload = file.read_bytes()
+            load_weights(network, payload)
+        except OSError as error:
+            raise InputError(f"{file} cannot be read: {error.strerror}.") from None
+        except MessageError as error:
+            raise InputError(
+                f"{file} does not fit this run ({error}): give the run the settings of play under "
+                "which the network was trained."
+            ) from None
+    return network
+
+
 def clock_flags(options: LearnerOptions) -> list[str]:
     """How time passes for local mode's actors, in their own flags and the learner's."""
     flags = ["--sync"] if options.sync else ["--no-sync", "--speed", f"{options.speed:g}"]
@@ -223,6 +251,7 @@ def main() -> int:
         on_signals(stop)
         return evaluate(options.evaluation, options.config, clock_flags(options), stop)
     config = options.config
+    network = first_network(options)
     device = choose_device(options.device, options.precision)
     keep_large_blocks()
     torch.set_num_threads(options.threads or free_cores(options))
@@ -230,6 +259,8 @@ def main() -> int:
     on_signals(stop)
     folder = RunFolder(options.runs, run_name(options))
     folder.claim("learner", config, begun=folder.checkpoint, resume=options.resume)
+    if options.initial is not None:
+        write_atomically(folder.initial, encode_weights(network))
     place = (
         hosted_replay(options, config, folder)
         if options.connect is None
@@ -242,9 +273,7 @@ def main() -> int:
             config,
             folder,
             replay,
-            Trainer(
-                build_network(config, count_actions(config)), config.learning, device, config.seed
-            ),
+            Trainer(network, config.learning, device, config.seed),
             device,
             display,
             steps_goal=options.steps,

@@ -24,8 +24,9 @@ class EpochRow:
     """One phase of one epoch; its fields, in order, are the columns."""
 
     epoch: int
-    """0 for the random policy, then 1, 2, 3 …"""
+    """0 for the warm-up, then 1, 2, 3 …"""
     phase: EpochPhase
+    """``random`` is a warm-up in which all decisions were."""
     steps: int
     """Agent steps in this phase."""
     nr_games: int

@@ -55,6 +55,7 @@ class Records:
             self._config,
             self._provenance,
             self._clock,
+            initial=self._folder.initial.exists(),
             train_steps_per_second=self._rate("train"),
             test_steps_per_second=self._rate("test"),
         )

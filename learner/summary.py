@@ -53,6 +53,7 @@ def write_summary(
     provenance: Provenance,
     clock: ClockMode | None,
     *,
+    initial: bool,
     train_steps_per_second: float | None,
     test_steps_per_second: float | None,
 ) -> None:
@@ -60,6 +61,7 @@ def write_summary(
 
     Args:
         clock: None where actors were started elsewhere, each in a mode of its own.
+        initial: the run began with a network that was given.
         train_steps_per_second: measured over the finished training phases, all actors together;
             written as ``steps_per_second``. None before the first: the status' own then stands in.
         test_steps_per_second: measured over all tests, all evaluators together. Of both rates
@@ -73,6 +75,7 @@ def write_summary(
         "env": status.env,
         "game": status.game,
         "seed": config.seed,
+        "initial": initial,
         "sync": clock.sync if clock else None,
         "wait_action": clock.wait_action if clock else None,
         "speed": clock.speed if clock else None,

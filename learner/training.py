@@ -291,7 +291,7 @@ class Learner:
             EpochRow.of_games(
                 ended.scores,
                 epoch=ended.epoch,
-                phase="train" if ended.epoch else "random",
+                phase="train" if ended.epoch or self._config.exploration.start < 1 else "random",
                 steps=ended.steps,
                 last_exploration_rate=self._config.epsilon_at(self._books.agent_steps),
                 total_train_steps=self._books.train_steps if ended.epoch else 0,

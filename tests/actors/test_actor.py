@@ -70,6 +70,7 @@ class Stage:
         self.policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
         self.stats: list[ActorStats] = []
         self._session = session
+        self._served: Any = None
         self._thread: threading.Thread | None = None
         hub.declare_subscriber(KEYS.stats("actor", "a"), Callback(self._hear_stats, indirect=False))
 
@@ -108,10 +109,13 @@ class Stage:
     def serve_weights(self, version: int, payload: bytes) -> None:
         def serve(query: zenoh.Query) -> None:
             with query:
+                version, payload = self._served
                 attachment = str(version).encode()
                 query.reply(KEYS.latest_weights, payload, attachment=attachment)
 
-        self.hub.declare_queryable(KEYS.latest_weights, Callback(serve, indirect=False))
+        if self._served is None:
+            self.hub.declare_queryable(KEYS.latest_weights, Callback(serve, indirect=False))
+        self._served = version, payload
 
 
 @pytest.fixture
@@ -221,14 +225,25 @@ def test_whoever_has_no_weights_fetches_the_newest(stage: Stage) -> None:
     assert encode_weights(stage.policy.network) == learned
 
 
+def test_weights_before_the_first_update_are_played_by_as_well(stage: Stage) -> None:
+    given = encode_weights(QNetwork(6))
+    stage.serve_weights(0, given)
+    stage.replay.limit = 1
+    stage.start(NumberedEnv([GOES_ON]))
+    stage.ended()
+    assert stage.replay.chunks[0].weights_version == 0
+    assert encode_weights(stage.policy.network) == given
+
+
 def test_weights_that_are_only_a_broadcast_behind_are_not_fetched(stage: Stage) -> None:
-    mine = encode_weights(stage.policy.network)
-    stage.policy.weights_version = 100
+    mine = encode_weights(QNetwork(6))
+    stage.serve_weights(100, mine)
     slack = 2 * CONFIG.learning.publish_every
-    stage.serve_weights(100 + slack, encode_weights(QNetwork(6)))
     stage.replay.ack = STORED._replace(weights_version=100 + slack)
     stage.start(NumberedEnv([GOES_ON]))
-    stage.has(3)
+    stage.has(1)
+    stage.serve_weights(100 + slack, encode_weights(QNetwork(6)))
+    stage.has(4)
     assert {chunk.weights_version for chunk in stage.replay.chunks} == {100}
     stage.replay.ack = STORED._replace(weights_version=101 + slack)
     wait_until(lambda: stage.policy.weights_version == 100 + slack, "it has fetched")

@@ -7,7 +7,11 @@ import pytest
 from safetensors.numpy import load_file
 
 from learner.epochs import COLUMNS
-from tests.end_to_end.conftest import SMALL, Stage, wait_until
+from tests.end_to_end.conftest import ROOT, SMALL, Stage, wait_until
+
+POLICIES = ROOT / "policies"
+WARMUP = 3_000
+"""Steps in which the published policy ends a game, of some 2,500."""
 
 
 @pytest.mark.parametrize("env", ["ale", "robot"])
@@ -48,6 +52,32 @@ def test_learns_a_little_and_leaves_its_files_with_balanced_counts(stage: Stage,
     logs = "".join(log.read_text() for log in (stage.run / "logs").iterdir())
     assert "pybullet build time" not in logs
     assert "A.L.E" not in logs
+
+
+def test_a_run_that_begins_with_a_given_network_plays_by_it_at_once(stage: Stage) -> None:
+    policy = ("--initial", str(POLICIES / "ale_pong.safetensors"), "--env", "ale")
+    skilled = ("--exploration.start=0", "--exploration.end=0")
+    long = [f"--replay.warmup={WARMUP}" if "warmup" in flag else flag for flag in SMALL]
+    stage.learner("--local", *policy, *skilled, *long, f"--steps={WARMUP + 400}").ends()
+    # Before the first update, it had won.
+    before, after = stage.rows()[:2]
+    assert (before["epoch"], before["phase"], after["epoch"]) == ("0", "train", "1")
+    assert int(before["nr_games"]) >= 1
+    assert float(before["average_reward"]) >= 15
+    assert (stage.run / "initial.safetensors").exists()
+    summary = stage.summary()
+    assert summary["initial"] is True
+    assert summary["random_reward"] is None
+
+    output = stage.learner("--resume", *policy).ends(status=2)
+    assert "leave --initial or --resume away" in output
+
+
+def test_a_given_network_that_does_not_fit_is_told_and_nothing_begun(stage: Stage) -> None:
+    policy = str(POLICIES / "ale_pong.safetensors")
+    output = stage.learner("--env", "robot", "--initial", policy).ends(status=2)
+    assert "ale_pong.safetensors does not fit this run" in output
+    assert not stage.run.exists()
 
 
 def test_ctrl_c_ends_every_process_and_leaves_a_run_that_goes_on(stage: Stage) -> None:

@@ -73,6 +73,7 @@ def written(path: Path, status: Status = STATUS, clock: ClockMode | None = CLOCK
         PRESETS["paper"],
         PROVENANCE,
         clock,
+        initial=False,
         train_steps_per_second=250.0,
         test_steps_per_second=500.0,
     )
@@ -120,6 +121,7 @@ def test_figures_of_the_run(tmp_path: Path) -> None:
         "git_dirty": False,
         "best_test_reward": -19.0,
         "seed": 1,
+        "initial": False,
     }
     assert {name: summary[name] for name in expected} == expected
     assert summary["machine"]["cores"] == 2
@@ -146,6 +148,7 @@ def test_rate_before_the_first_epoch_is_that_of_the_moment(tmp_path: Path) -> No
         PRESETS["paper"],
         PROVENANCE,
         CLOCK,
+        initial=False,
         train_steps_per_second=None,
         test_steps_per_second=125.0,
     )
@@ -162,6 +165,7 @@ def test_epochs_are_the_reports_whatever_the_runs_are(tmp_path: Path) -> None:
         PRESETS["fast"],
         PROVENANCE,
         CLOCK,
+        initial=False,
         train_steps_per_second=250.0,
         test_steps_per_second=500.0,
     )
