@@ -27,6 +27,7 @@ from typing import Any, Literal
 import tyro
 
 from benchmarks.child import free_endpoint
+from benchmarks.evaluation import evaluate
 from common.errors import InputError, exit_on_input_error
 from common.run_folder import RunFolder
 from learner.epochs import EpochRow, EpochTable
@@ -112,14 +113,14 @@ def climb(options: Options, seed: int) -> dict[str, Any]:
     results = options.output.parent
     results.mkdir(parents=True, exist_ok=True)
     evaluation = results / f"{folder.name}.json"
-    games = ["--games", f"{options.games}", "--epsilon", f"{options.epsilon}"]
-    _python("learner", "--evaluate", str(folder.checkpoint), *games, "--json", str(evaluation))
+    told = evaluate(folder.checkpoint, options.games, options.epsilon)
+    evaluation.write_text(json.dumps(told, indent=2) + "\n")
     shutil.copyfile(folder.epochs, results / f"{folder.name}.csv")
     return row_of(
         options,
         seed,
         json.loads(folder.summary.read_text()),
-        json.loads(evaluation.read_text()),
+        told,
         EpochTable(folder.epochs).rows(),
     )
 

@@ -6,16 +6,13 @@ under other latenesses. `python -m benchmarks.plot --figure delay` draws the tab
 """
 
 import csv
-import json
-import subprocess
-import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
+from benchmarks.evaluation import evaluate
 from common.config import MAX_DELAY
 from common.errors import InputError, exit_on_input_error
 from common.key_times import ms_of
@@ -82,19 +79,7 @@ def hand_flags(network: Path, press: int) -> list[str]:
 
 def play(network: Path, press: int, options: Options) -> dict[str, Any]:
     """One row of the table."""
-    with tempfile.TemporaryDirectory(prefix="ale-robot-") as folder:
-        found = Path(folder) / "evaluation.json"
-        flags = ["--games", f"{options.games}", "--epsilon", f"{options.epsilon}"]
-        ended = subprocess.run(
-            [
-                *(sys.executable, "-m", "learner", "--evaluate", str(network), *flags),
-                *(*hand_flags(network, press), "--json", str(found)),
-            ],
-            check=False,
-        )
-        if ended.returncode:
-            raise InputError(f"the games ended with exit code {ended.returncode}, see above.")
-        told = json.loads(found.read_bytes())
+    told = evaluate(network, options.games, options.epsilon, hand_flags(network, press))
     told |= {
         "network": name_of(network),
         "press": press,

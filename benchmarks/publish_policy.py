@@ -6,9 +6,6 @@ how long it was trained, and every game's score of an evaluation of just these w
 """
 
 import json
-import subprocess
-import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +14,7 @@ import torch
 import tyro
 from safetensors.torch import load
 
+from benchmarks.evaluation import evaluate
 from common.errors import InputError, exit_on_input_error
 from common.network import build_network
 from common.run_folder import RunFolder, write_atomically
@@ -76,25 +74,13 @@ def publish(options: Options) -> dict[str, Any]:
     weights = options.output.with_suffix(".safetensors")
     write_atomically(weights, encode_weights(network, torch.float16))
     _write(options.output, card)
-    card["evaluation"] = _evaluate(weights, options)
+    card["evaluation"] = evaluate(weights, options.games, options.epsilon)
     _write(options.output, card)
     return card
 
 
 def _write(output: Path, card: dict[str, Any]) -> None:
     write_atomically(output.with_suffix(".json"), (json.dumps(card, indent=2) + "\n").encode())
-
-
-def _evaluate(weights: Path, options: Options) -> dict[str, Any]:
-    with tempfile.TemporaryDirectory(prefix="ale-robot-") as folder:
-        found = Path(folder) / "evaluation.json"
-        flags = {"--games": options.games, "--epsilon": options.epsilon, "--json": found}
-        pairs = [str(part) for pair in flags.items() for part in pair]
-        command = [sys.executable, "-m", "learner", "--evaluate", str(weights), *pairs]
-        if status := subprocess.run(command, check=False).returncode:
-            raise InputError(f"the evaluation ended with exit code {status}, see above.")
-        told: dict[str, Any] = json.loads(found.read_bytes())
-        return told
 
 
 def main() -> None:
