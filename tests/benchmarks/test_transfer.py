@@ -49,7 +49,8 @@ def test_table_and_json(
     content = json.loads(results.read_text())
     assert [row["mean"] for row in content["rows"]] == [7.0, 5.0, 7.0, 7.0, 7.0]
     assert list(content["rungs"]) == list(FLAGS)
-    assert "R4, keys pressed by the arms" in capsys.readouterr().out
+    assert content["rows"][3]["rung"] == "R4, keys pressed by the arms"
+    assert "not trained anew; 3 games each" in " ".join(capsys.readouterr().out.split())
 
 
 def test_games_that_cannot_be_played_are_told() -> None:
