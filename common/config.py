@@ -136,6 +136,9 @@ class LearningConfig:
     """PyTorch's own, or Keras': Glorot uniform with zero biases."""
     scale_pixels: bool = True
     """Divide pixels by 255 before the first layer."""
+    vector_scale: float = 1.0
+    """Factor of the vector observation where it joins the convolutions' features, which are some
+    0.04 at first: numbers of 1 move the layer after them far more than what is seen does."""
     dueling: bool = False
     """Value and advantages from half of the hidden units each (Wang et al. 2016)."""
     random_shift: int = 0

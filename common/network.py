@@ -37,12 +37,14 @@ class QNetwork(nn.Module):
         vector_width: int = 0,
         *,
         scale_pixels: bool = True,
+        vector_scale: float = 1.0,
         glorot: bool = False,
         dueling: bool = False,
     ) -> None:
         super().__init__()
         self.dueling = dueling
         self.pixel_scale = 1 / 255 if scale_pixels else 1.0
+        self.vector_scale = vector_scale
         self.convolutions = nn.Sequential(
             nn.Conv2d(history, 32, 8, stride=4),
             nn.ReLU(),
@@ -82,7 +84,8 @@ class QNetwork(nn.Module):
             features = layer(features)
         features = features.flatten(1)
         if vectors.shape[1]:
-            features = torch.cat((features, vectors.to(features.dtype)), dim=1)
+            scaled = vectors * self.vector_scale
+            features = torch.cat((features, scaled.to(features.dtype)), dim=1)
         hidden = relu(self.hidden(features))
         if self.value is None:
             values: Tensor = self.actions(hidden)
@@ -103,6 +106,7 @@ def build_network(config: RunConfig, actions: int) -> QNetwork:
             config.play.history,
             config.vector_width,
             scale_pixels=config.learning.scale_pixels,
+            vector_scale=config.learning.vector_scale,
             glorot=config.learning.initial_weights == "glorot",
             dueling=config.learning.dueling,
         )

@@ -18,7 +18,7 @@ def frames_of(batch: int, history: int = 4, seed: int = 0) -> Tensor:
     return torch.randint(256, (batch, history, 84, 84), dtype=torch.uint8, generator=rng)
 
 
-def network_of(seed: int = 0, actions: int = 6, **settings: int | bool) -> QNetwork:
+def network_of(seed: int = 0, actions: int = 6, **settings: float | bool) -> QNetwork:
     torch.manual_seed(seed)
     return QNetwork(actions, **settings)  # type: ignore[arg-type]
 
@@ -59,14 +59,16 @@ def test_the_number_of_weights_is_that_of_the_paper() -> None:
 
 
 @pytest.mark.parametrize(("scale_pixels", "scale"), [(True, 1 / 255), (False, 1.0)])
-@pytest.mark.parametrize(("history", "width"), [(4, 0), (4, 7), (2, 0)])
+@pytest.mark.parametrize(("history", "width", "share"), [(4, 0, 1.0), (4, 7, 0.1), (2, 0, 1.0)])
 def test_it_computes_what_the_plain_network_computes(
-    scale_pixels: bool, scale: float, history: int, width: int
+    scale_pixels: bool, scale: float, history: int, width: int, share: float
 ) -> None:
-    network = network_of(history=history, vector_width=width, scale_pixels=scale_pixels)
+    network = network_of(
+        history=history, vector_width=width, scale_pixels=scale_pixels, vector_scale=share
+    )
     frames = frames_of(5, history)
     vectors = torch.randn(5, width, generator=torch.Generator().manual_seed(1))
-    expected = plain(network, frames, vectors, scale)
+    expected = plain(network, frames, share * vectors, scale)
     with torch.no_grad():
         torch.testing.assert_close(network(frames, vectors), expected, rtol=1e-4, atol=1e-4)
 
