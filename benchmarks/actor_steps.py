@@ -21,19 +21,18 @@ from typing import NamedTuple, Self
 import numpy as np
 import tyro
 
-from benchmarks.child import end, end_as_by_ctrl_c, free_endpoint, start
+from benchmarks.child import end, end_as_by_ctrl_c, failure, free_endpoint, start
+from benchmarks.chunk_watch import ChunkWatch
 from benchmarks.report import publish
 from common.announcement import find_run
 from common.bus import connect
 from common.config import EnvKind
 from common.errors import InputError, exit_on_input_error
 from replay.client import RemoteReplay
-from replay.facts import ChunkFacts
 
 _RUN = "bench"
 _WARMUP = 256
 _START = 120.0
-_POLL = 0.02
 _FIRST = 4
 """Chunks of each environment before a turn's window begins."""
 _TITLES: dict[EnvKind, str] = {"ale": "ALE-Only", "robot": "robot"}
@@ -78,7 +77,6 @@ class Hub:
         self._core = core
         self._endpoint = free_endpoint()
         self._actors = 0
-        self._newest: ChunkFacts | None = None
         self._process = start(
             "replay",
             *("--env", env, "--game", game),
@@ -97,7 +95,7 @@ class Hub:
         except BaseException:
             end(self._process)
             raise
-        self._replay = RemoteReplay(self._session, keys, config)
+        self._watch = ChunkWatch(RemoteReplay(self._session, keys, config))
         return self
 
     def __exit__(
@@ -135,19 +133,16 @@ class Hub:
 
     def _next_chunk(self, name: str, actor: subprocess.Popen[str]) -> Mark:
         """The moment at which the actor's next chunk is accepted."""
-        while True:
-            since = 0 if self._newest is None else self._newest.index + 1
-            facts = self._replay.progress(since).facts
-            now = time.monotonic()
-            if facts:
-                self._newest = facts[-1]
-                if self._newest.actor == name:
-                    return Mark(now, self._newest.agent_steps)
+
+        def check() -> None:
             if actor.poll() is not None:
                 assert actor.stderr is not None
-                said = actor.stderr.read().strip().splitlines() or ["nothing"]
-                raise InputError(f"the actor ended, and said: {said[-1].removeprefix('error: ')}")
-            time.sleep(_POLL)
+                raise failure("actor", actor.stderr.read())
+
+        while True:
+            now, facts = self._watch.next(check)
+            if facts[-1].actor == name:
+                return Mark(now, facts[-1].agent_steps)
 
 
 def measure(options: Options) -> dict[tuple[EnvKind, int], list[float]]:

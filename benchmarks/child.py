@@ -7,6 +7,7 @@ import subprocess
 import sys
 from typing import Any
 
+from common.errors import InputError
 from learner.local import child_environment
 
 _STOP = 30.0
@@ -38,6 +39,12 @@ def start(module: str, *arguments: str, **streams: Any) -> subprocess.Popen[str]
         text=True,
         **{"stdin": subprocess.DEVNULL, **streams},
     )
+
+
+def failure(name: str, said: str) -> InputError:
+    """That a process ended by itself, with the last line of what it said."""
+    lines = said.strip().splitlines() or ["nothing"]
+    return InputError(f"the {name} ended, and said: {lines[-1].removeprefix('error: ')}")
 
 
 def end(process: subprocess.Popen[str]) -> None:

@@ -21,7 +21,8 @@ import numpy as np
 import zenoh
 from zenoh.handlers import Callback
 
-from benchmarks.child import end, free_endpoint, start
+from benchmarks.child import end, failure, free_endpoint, start
+from benchmarks.chunk_watch import ChunkWatch
 from common.actor_stats import ActorStats, decode_stats
 from common.announcement import find_run
 from common.bus import connect
@@ -138,7 +139,6 @@ class LocalRun:
         self._steps = steps
         self._lock = threading.Lock()
         self._heard: list[tuple[float, ActorStats]] = []
-        self._newest: ChunkFacts | None = None
         self._facts: list[ChunkFacts] = []
 
     def __enter__(self) -> Self:
@@ -183,7 +183,7 @@ class LocalRun:
             config.replay.ratio_tolerance,
             config.learning.batch_size,
         )
-        self._replay = RemoteReplay(self._session, keys, config)
+        self._watch = ChunkWatch(RemoteReplay(self._session, keys, config))
         self._subscriber = self._session.declare_subscriber(
             keys.stats("*", "*"), Callback(self._hear, indirect=False)
         )
@@ -192,8 +192,11 @@ class LocalRun:
         return self._process.poll() is not None
 
     def _failure(self) -> InputError:
-        lines = self._log.read_text(errors="replace").strip().splitlines() or ["nothing"]
-        return InputError(f"the learner ended, and said: {lines[-1].removeprefix('error: ')}")
+        return failure("learner", self._log.read_text(errors="replace"))
+
+    def _check(self) -> None:
+        if self._is_over():
+            raise self._failure()
 
     def _hear(self, sample: zenoh.Sample) -> None:
         stats = decode_stats(sample.payload.to_bytes())
@@ -237,23 +240,14 @@ class LocalRun:
                 found = {stats.name for _, stats in self._heard if holds(stats)}
             if len(found) == count:
                 return
-            if self._is_over():
-                raise self._failure()
+            self._check()
             time.sleep(_POLL)
 
     def _mark(self) -> Mark:
         """The moment at which the next chunk is accepted."""
-        while True:
-            since = 0 if self._newest is None else self._newest.index + 1
-            facts = self._replay.progress(since).facts
-            now = time.monotonic()
-            if self._is_over():
-                raise self._failure()
-            if facts:
-                self._facts += facts
-                self._newest = facts[-1]
-                return Mark(now, facts[-1], _cpu_times(self._process.pid))
-            time.sleep(_POLL)
+        now, facts = self._watch.next(self._check)
+        self._facts += facts
+        return Mark(now, facts[-1], _cpu_times(self._process.pid))
 
     # ------------------------------------------------------------------ measuring
 
@@ -261,8 +255,7 @@ class LocalRun:
         """Test steps per second, of all evaluators, watched for so many seconds."""
         began = time.monotonic()
         time.sleep(seconds)
-        if self._is_over():
-            raise self._failure()
+        self._check()
         return rate_of_tests(self._heard_between(began, time.monotonic()))
 
     def _heard_between(self, begin: float, end: float) -> list[tuple[float, ActorStats]]:

@@ -5,16 +5,15 @@ then not what is to be had beside others.
 """
 
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import torch
 
+from benchmarks.child import start
 from benchmarks.peer_update import ours
 from common.lifeline import leave_with_parent
-from learner.local import child_environment
 
 _READY = "ready"
 
@@ -22,14 +21,7 @@ _READY = "ready"
 @contextmanager
 def neighbour() -> Iterator[None]:
     """One is at work."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.neighbour"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env=child_environment(),
-        start_new_session=True,
-    ) as process:
+    with start("benchmarks.neighbour", stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         try:
             assert process.stdout is not None
             if process.stdout.readline().strip() != _READY:

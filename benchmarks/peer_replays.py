@@ -16,11 +16,11 @@ import numpy as np
 import torch
 import tyro
 
+from benchmarks.child import start
 from benchmarks.pace import slice_per_second
 from benchmarks.replay import BATCH, draw, draw_and_rate, fill, prioritised, unlimited
 from benchmarks.synthetic import Streams
 from common.errors import InputError
-from learner.local import child_environment
 from replay.memory import Memory
 
 _CHUNK = 64
@@ -204,12 +204,11 @@ class Elsewhere:
         ]
 
     def __enter__(self) -> Self:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.peer_replays", *self._arguments],
-            env=child_environment(),
+        self._process = start(
+            "benchmarks.peer_replays",
+            *self._arguments,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            text=True,
         )
         return self
 

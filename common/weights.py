@@ -1,11 +1,13 @@
 """Weights of the network as bytes (safetensors), on the wire and on disk, checked before use."""
 
+from pathlib import Path
+
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import nn
 
-from common.errors import MessageError
+from common.errors import InputError, MessageError
 
 
 def encode_weights(network: nn.Module, dtype: torch.dtype = torch.float32) -> bytes:
@@ -49,3 +51,21 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
         if not torch.isfinite(value).all():
             raise MessageError(f"{name} holds a value that is no finite number")
     network.load_state_dict(found)
+
+
+def load_weights_file(network: nn.Module, file: Path, what: str, advice: str) -> None:
+    """As `load_weights`, for a person who named ``file``.
+
+    Args:
+        what: the network is for, in words.
+        advice: what to do if the weights are for something else.
+
+    Raises:
+        InputError: the file cannot be read, or does not fit.
+    """
+    try:
+        load_weights(network, file.read_bytes())
+    except OSError as error:
+        raise InputError(f"{file} cannot be read: {error.strerror}.") from None
+    except MessageError as error:
+        raise InputError(f"{file} does not fit {what} ({error}): {advice}.") from None

@@ -19,12 +19,12 @@ from common.announcement import find_run
 from common.bus import DEFAULT_ENDPOINT, RunKeys, connect, open_hub
 from common.cli import RunFlags, parse_run
 from common.config import RunConfig, differences
-from common.errors import InputError, MessageError, exit_on_input_error
+from common.errors import InputError, exit_on_input_error
 from common.lifeline import on_signals
 from common.network import QNetwork, build_network
 from common.origin import origin_of
 from common.run_folder import RunFolder, write_atomically
-from common.weights import encode_weights, load_weights
+from common.weights import encode_weights, load_weights_file
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
 from learner.display import open_display
 from learner.evaluation import EvaluationOptions, evaluate
@@ -204,19 +204,14 @@ def first_network(options: LearnerOptions) -> QNetwork:
     Raises:
         InputError: it cannot be read, or is not for what the run plays.
     """
-    config, file = options.config, options.initial
-    network = build_network(config, count_actions(config))
-    if file is not None:
-        try:
-            payload = file.read_bytes()
-            load_weights(network, payload)
-        except OSError as error:
-            raise InputError(f"{file} cannot be read: {error.strerror}.") from None
-        except MessageError as error:
-            raise InputError(
-                f"{file} does not fit this run ({error}): give the run the settings of play under "
-                "which the network was trained."
-            ) from None
+    network = build_network(options.config, count_actions(options.config))
+    if options.initial is not None:
+        load_weights_file(
+            network,
+            options.initial,
+            "this run",
+            "give the run the settings of play under which the network was trained",
+        )
     return network
 
 

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from actors.policy import Policy
 from common.config import EnvKind, RunConfig
-from common.errors import InputError, MessageError
 from common.network import QNetwork, build_network
 from common.origin import origin_of
 from common.presets import PRESETS
-from common.weights import load_weights
+from common.weights import load_weights_file
 
 
 class ShownPolicy(Policy):
@@ -63,14 +62,11 @@ def build_player(
     policy = ShownPolicy(build_network(config, actions), actions, np.random.default_rng(seed))
     if weights is None:
         return policy
-    try:
-        load_weights(policy.network, weights.read_bytes())
-    except OSError as error:
-        raise InputError(f"{weights} cannot be read: {error.strerror}.") from None
-    except MessageError as error:
-        raise InputError(
-            f"{weights} does not fit {config.game} ({config.env}) with {actions} actions "
-            f"({error}): name what it was trained on by --env, --game and --minimal-actions."
-        ) from None
+    load_weights_file(
+        policy.network,
+        weights,
+        f"{config.game} ({config.env}) with {actions} actions",
+        "name what it was trained on by --env, --game and --minimal-actions",
+    )
     policy.epsilon = epsilon
     return policy
