@@ -23,7 +23,7 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 
 train: setup  ## train the robot on this machine until Ctrl-C; go on by running it again (NAME=, ACTORS=, ARGS=)
 	$(BIN)/python -m learner --local --run $(NAME) --actors $(ACTORS) \
-		$(if $(wildcard runs/$(NAME)/config.json),--resume) $(ARGS)
+		$(if $(wildcard runs/$(NAME)/replay),--resume) $(ARGS)
 
 test: setup check  ## static checks and the whole test suite
 	$(BIN)/python -m pytest -m "not slow"
@@ -38,7 +38,7 @@ test-lowest:  ## the test suite with the oldest versions that pyproject.toml all
 		-r $(VENV)-lowest/lowest.txt --editable ".[dev]"
 	$(VENV)-lowest/bin/python -m pytest -m "not slow"
 
-bench: setup  ## measure everything on this machine, half an hour; the tables of benchmarks/RESULTS.md
+bench: setup  ## measure all speeds on this machine, half an hour; the tables of benchmarks/RESULTS.md
 	$(BIN)/python -m benchmarks.learner_updates --json $(RESULTS)/learner_updates.json
 	$(BIN)/python -m benchmarks.env_steps --json $(RESULTS)/env_steps.json
 	$(BIN)/python -m benchmarks.env_steps --beside-learner --json $(RESULTS)/env_steps_beside.json
@@ -51,11 +51,11 @@ bench: setup  ## measure everything on this machine, half an hour; the tables of
 	$(BIN)/python -m benchmarks.epochs_per_day --env robot --no-sync --actors 10 --evaluators 5 \
 		--json $(RESULTS)/epochs_robot_async.json
 	$(BIN)/python -m benchmarks.scaling --env robot --json $(RESULTS)/scaling.json -o docs/scaling.png
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check ".[bench]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
 	$(BIN)/python -m benchmarks.peers --json $(RESULTS)/peers.json
 	$(BIN)/python -m benchmarks.results_page
 
-check: setup
+check: setup  ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

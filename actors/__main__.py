@@ -91,9 +91,13 @@ class ActorOptions:
                 raise InputError(
                     f"the run plays {found}, not {wanted}: leave {flag} away to join it."
                 )
+        self.check_time(config)
+
+    def check_time(self, config: RunConfig) -> None:
+        """Refuse another time than lockstep where there is no robot."""
         if config.env == "ale" and (self.wait_action or not self.sync):
             flag = "--wait-action" if self.sync else "--no-sync"
-            raise InputError(f"the run has no robot: leave {flag} away to join it.")
+            raise InputError(f"there is no robot in --env ale: leave {flag} away.")
 
 
 def default_name() -> str:
@@ -116,6 +120,7 @@ def look(options: ActorOptions) -> int:
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     config = config_to_play(looking.weights, options.env, options.game, looking.minimal_actions)
+    options.check_time(config)
     seed = config.seed if options.seed is None else options.seed
     if looking.check:
         return check(config, looking.output, nao_urdf=looking.nao_urdf, seed=seed, stop=stop)

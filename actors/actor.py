@@ -100,7 +100,7 @@ class Actor:
 
     def _take_weights(self) -> None:
         found = self._inbox.take()
-        if found is None or (self._has_weights and found[0] <= self._policy.weights_version):
+        if found is None or (self._has_weights and found[0] == self._policy.weights_version):
             return
         version, payload = found
         try:
@@ -123,12 +123,12 @@ class Actor:
             self._take_weights()
 
     def _lags(self, ack: Ack) -> bool:
-        """Whether a broadcast was missed.
+        """Whether a broadcast was missed, or those of a learner that came back with older weights.
 
-        The next one is on its way while the acknowledgement is; two behind is a loss.
+        The next one is on its way while the acknowledgement is; two away is a loss.
         """
-        behind = ack.weights_version - self._policy.weights_version
-        return behind > 2 * self._config.learning.publish_every
+        away = abs(ack.weights_version - self._policy.weights_version)
+        return away > 2 * self._config.learning.publish_every
 
     def _rest(self) -> None:
         """Pause while the learner is behind."""

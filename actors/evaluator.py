@@ -1,6 +1,7 @@
 """An evaluator: an actor that only plays. It tests the snapshots that the learner hands out."""
 
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -64,7 +65,7 @@ class Evaluator:
         Raises:
             InputError: the learner went away for longer than the patience.
         """
-        away = 0.0
+        heard = time.monotonic()
         try:
             while not self._stop.is_set():
                 task = self._ask()
@@ -75,8 +76,9 @@ class Evaluator:
                     seed += 1
                 else:
                     self._stop.wait(_ASK_AGAIN)
-                away = 0.0 if task is not None else away + _ASK_AGAIN
-                if away > self._patience:
+                if task is not None:
+                    heard = time.monotonic()
+                elif time.monotonic() - heard > self._patience:
                     raise InputError(
                         f"the learner went away and did not come back in {self._patience:.0f} s: "
                         "start it again with --resume, then start this evaluator."

@@ -1,4 +1,4 @@
-"""Receives the learner's weights: each broadcast, or the newest there is for a late joiner."""
+"""Receives the learner's weights: each broadcast, or the latest there is for a late joiner."""
 
 import threading
 
@@ -12,27 +12,30 @@ _FETCH_TIMEOUT = 5.0
 
 
 class WeightsInbox:
-    """Keeps only the newest weights that nobody has taken yet."""
+    """Keeps only the latest weights that nobody has taken yet.
+
+    Not those of the largest version: a learner that was killed comes back with an older one.
+    """
 
     def __init__(self, session: zenoh.Session, keys: RunKeys) -> None:
         self._session = session
         self._keys = keys
         self._lock = threading.Lock()
-        self._newest: tuple[int, bytes] | None = None
+        self._latest: tuple[int, bytes] | None = None
         self._subscriber = session.declare_subscriber(
             keys.weights, Callback(self._receive, indirect=False)
         )
 
     def take(self) -> tuple[int, bytes] | None:
         """Version and safetensors bytes, once each."""
-        if self._newest is None:
+        if self._latest is None:
             return None
         with self._lock:
-            found, self._newest = self._newest, None
+            found, self._latest = self._latest, None
         return found
 
     def fetch(self) -> None:
-        """Ask for the newest weights; broadcasts may be dropped on their way."""
+        """Ask for the latest weights; broadcasts may be dropped on their way."""
         for reply in self._session.get(self._keys.latest_weights, timeout=_FETCH_TIMEOUT):
             if reply.ok is not None:
                 self._receive(reply.ok)
@@ -46,5 +49,4 @@ class WeightsInbox:
             return
         payload = sample.payload.to_bytes()
         with self._lock:
-            if self._newest is None or version > self._newest[0]:
-                self._newest = (version, payload)
+            self._latest = (version, payload)

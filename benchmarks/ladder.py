@@ -14,6 +14,7 @@ R5  the robot
 """
 
 import csv
+import io
 import json
 import shlex
 import shutil
@@ -29,7 +30,7 @@ import tyro
 from benchmarks.child import free_endpoint
 from benchmarks.evaluation import evaluate
 from common.errors import InputError, exit_on_input_error
-from common.run_folder import RunFolder
+from common.run_folder import RunFolder, write_atomically
 from learner.epochs import EpochRow, EpochTable
 
 Rung = Literal["R0", "R1", "R2", "R3", "R4", "R5"]
@@ -163,14 +164,16 @@ def _milestones(epochs: Sequence[EpochRow]) -> dict[str, float | None]:
 
 
 def add_row(path: Path, row: dict[str, Any]) -> None:
-    """Add ``row`` to the table at ``path``, begun if it is not there."""
+    """Add ``row`` to the table at ``path``, in place of what it had of the same run."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    fresh = not path.exists()
-    with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        if fresh:
-            writer.writeheader()
-        writer.writerow(row)
+    rows = list(csv.DictReader(path.read_text().splitlines())) if path.exists() else []
+    same = {name: str(row[name]) for name in ("rung", "label", "flags")}
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, COLUMNS)
+    writer.writeheader()
+    writer.writerows(old for old in rows if not same.items() <= old.items())
+    writer.writerow(row)
+    write_atomically(path, text.getvalue().encode())
 
 
 def _python(module: str, *arguments: str) -> None:

@@ -16,7 +16,7 @@ from benchmarks.evaluation import evaluate
 from common.config import MAX_DELAY
 from common.errors import InputError, exit_on_input_error
 from common.key_times import ms_of
-from common.origin import origin_of
+from common.origin import origin_of, run_of
 
 COLUMNS = (
     "network", "press", "late_ms", "games", "epsilon", "seed", "mean", "deviation",
@@ -59,9 +59,8 @@ class Options:
 
 def name_of(network: Path) -> str:
     """``ale_pong`` of a published policy, the run's name of a file in a run's folder."""
-    if (network.parent / "config.json").is_file():
-        return network.resolve().parent.name
-    return network.stem
+    run = run_of(network)
+    return run.name if run else network.stem
 
 
 def hand_flags(network: Path, press: int) -> list[str]:
@@ -73,7 +72,7 @@ def hand_flags(network: Path, press: int) -> list[str]:
     trained = origin_of(network)
     if trained is None:
         raise InputError(f"{network} has neither a card nor a run's folder beside it: get them.")
-    late = ["--play.press", f"{press}"]
+    late = ["--play.delay", "0", "--play.release", "0", "--play.press", f"{press}"]
     return [*late, "--play.hand", "model"] if trained.env == "robot" else late
 
 

@@ -3,8 +3,8 @@
 `--figure epochs` (the report's Figures 6 to 9) and `--figure progress` (reward against steps and
 wall clock) take folders of runs, or their ``epochs.csv`` under any name, those of 2017 too; runs
 that are the same but for the seed become thin lines with their mean as a thick one.
-`--figure delay` takes tables of `python -m benchmarks.ladder`, `--figure histogram` files of
-`python -m learner --evaluate … --json`.
+`--figure delay` takes tables of `python -m benchmarks.ladder` or `python -m benchmarks.late_keys`,
+`--figure histogram` files of `python -m learner --evaluate … --json`.
 """
 
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class Options:
     """Picture to write: .png, .svg or .pdf."""
     figure: Literal["epochs", "progress", "delay", "histogram"] = "epochs"
     """Reward and mean max-Q by epoch; reward by steps and wall clock; score by delay of the keys
-    (from ladder.csv); scores of the games of evaluations (from their JSON)."""
+    (from ladder.csv or late_keys.csv); scores of the games of evaluations (from their JSON)."""
     phase: Phase = "test"
     """Whose rewards epochs and progress show: each epoch's test, or its training with its ε."""
 

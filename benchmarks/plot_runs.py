@@ -82,8 +82,8 @@ def read_groups(paths: Sequence[Path], phase: Phase = "test") -> list[Group]:
     groups: dict[str, list[Run]] = {}
     for path in paths:
         run = _read(path, phase)
-        stem = _SEED.sub("", run.name) if "seed" in run.name else run.name
-        groups.setdefault(run.settings or f"table {stem}", []).append(run)
+        alone = _SEED.sub("", run.name) if "seed" in run.name else str(path.resolve())
+        groups.setdefault(run.settings or f"table {alone}", []).append(run)
     return [Group(_name([run.name for run in runs]), runs) for runs in groups.values()]
 
 
@@ -104,7 +104,8 @@ def _settings(folder: Path) -> str | None:
         return None
     config.pop("seed", None)
     summary = _json(folder / "summary.json") or {}
-    return json.dumps([config, *(summary.get(name) for name in _MODE)], sort_keys=True)
+    given = (folder / "initial.safetensors").exists()
+    return json.dumps([config, given, *(summary.get(name) for name in _MODE)], sort_keys=True)
 
 
 def _json(path: Path) -> dict[str, Any] | None:
@@ -140,7 +141,8 @@ def epochs_figure(groups: Sequence[Group]) -> Figure:
 
 
 def progress_figure(groups: Sequence[Group]) -> Figure:
-    """Average reward by agent steps and by wall clock, the tests' own time included."""
+    """Average reward by agent steps and by wall clock, the tests' own time included; a mean of
+    seeds by steps only."""
     rows = [row for group in groups for run in group.runs for row in run.rows]
     steps, steps_name = _scale(
         max(row.total_train_steps for row in rows),
@@ -155,9 +157,9 @@ def progress_figure(groups: Sequence[Group]) -> Figure:
     draw_series(
         by_steps, _series(groups, lambda run: run.rewards(lambda r: r.total_train_steps / steps))
     )
-    draw_series(
-        by_time, _series(groups, lambda run: run.rewards(lambda row: row.total_time / seconds))
-    )
+    by_clock = _series(groups, lambda run: run.rewards(lambda row: row.total_time / seconds))
+    # How long each run's machine did other things differs, so a mean at a time means nothing.
+    draw_series(by_time, by_clock, means=False)
     for axes in (by_steps, by_time):
         draw_random(axes, _random(groups))
         axes.set_xlim(left=0)

@@ -71,8 +71,8 @@ def mean_line(lines: Sequence[Points]) -> Points:
     return np.stack((at, np.mean(values, axis=0)), axis=1)
 
 
-def draw_series(axes: Axes, series: Sequence[Series]) -> None:
-    """Each series in its own look: a thick line, or thin ones and their thick mean."""
+def draw_series(axes: Axes, series: Sequence[Series], *, means: bool = True) -> None:
+    """Each series in its own look: a thick line, or thin ones and, with ``means``, their mean."""
     for index, (name, lines) in enumerate(series):
         lines = [line for line in lines if len(line)]
         if not lines:
@@ -81,7 +81,9 @@ def draw_series(axes: Axes, series: Sequence[Series]) -> None:
         thick = lines[0]
         if len(lines) > 1:
             for line in lines:
-                axes.plot(*line.T, color=colour, linewidth=_THIN, alpha=0.55)
+                axes.plot(*line.T, color=colour, linewidth=_THIN, alpha=0.55 if means else 1.0)
+            if not means:
+                continue
             thick = mean_line(lines)
             name = f"{name}, mean of {len(lines)} seeds"
         axes.plot(

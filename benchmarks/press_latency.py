@@ -20,13 +20,18 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from actors.nao.latency import FRAME_MS, Latency, changes, short_name
+from actors.nao.latency import (
+    DECISION_MS,
+    FRAME_MS,
+    MOST_STRAYS,
+    Latency,
+    changes,
+    short_name,
+)
 from actors.nao.room import Room
 from common.errors import InputError, exit_on_input_error
 from learner.provenance import Provenance
 
-DECISION_MS = 4 * FRAME_MS
-MOST_STRAYS = 0.05
 _NAMES = [short_name(action) for action in range(18)]
 
 

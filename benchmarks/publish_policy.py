@@ -71,7 +71,7 @@ def publish(options: Options) -> dict[str, Any]:
     if not options.last:
         card["snapshot"] = json.loads((folder.snapshots / "best.json").read_bytes())
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    weights = options.output.with_suffix(".safetensors")
+    weights = options.output.with_name(f"{options.output.name}.safetensors")
     write_atomically(weights, encode_weights(network, torch.float16))
     _write(options.output, card)
     card["evaluation"] = evaluate(weights, options.games, options.epsilon)
@@ -80,7 +80,8 @@ def publish(options: Options) -> dict[str, Any]:
 
 
 def _write(output: Path, card: dict[str, Any]) -> None:
-    write_atomically(output.with_suffix(".json"), (json.dumps(card, indent=2) + "\n").encode())
+    file = output.with_name(f"{output.name}.json")
+    write_atomically(file, (json.dumps(card, indent=2) + "\n").encode())
 
 
 def main() -> None:

@@ -3,7 +3,8 @@
 The page's text is written by hand; between ``<!-- NAME.json -->`` and ``<!-- end -->`` stands what
 ``benchmarks/results/NAME.json`` says, so that no figure is copied by hand. A file of several tables
 has them under names of their own: ``<!-- NAME.json kinds -->``. What was learned, rung by rung, is
-``<!-- ladder.csv -->``.
+``<!-- ladder.csv -->``, how fast by each run ``<!-- ladder-*-pong-*.csv -->``: the files that have
+such names.
 """
 
 import csv
@@ -17,10 +18,15 @@ from typing import Any
 from benchmarks.ladder import MILESTONES
 from benchmarks.report import cell
 from common.errors import InputError, exit_on_input_error
+from learner.epochs import EpochRow, EpochTable
 
 PAGE = Path(__file__).with_name("RESULTS.md")
+CURVE = (100_000, 200_000, 300_000, 400_000, 500_000, 600_000, 800_000, 1_000_000)
+"""Steps at which a run's training games are told."""
+_CLOSE = 25_000
+"""Fewest steps by which the end of an epoch is too far from one of these."""
 _TABLE = re.compile(
-    r"<!-- (?P<name>[\w-]+\.(?:json|csv))(?: (?P<rows>\w+))? -->\n(?:.*?\n)??<!-- end -->",
+    r"<!-- (?P<name>[\w*-]+\.(?:json|csv))(?: (?P<rows>\w+))? -->\n(?:.*?\n)??<!-- end -->",
     re.DOTALL,
 )
 
@@ -33,6 +39,8 @@ def render(page: str, folder: Path) -> str:
     """
 
     def table(found: re.Match[str]) -> str:
+        if "*" in found["name"]:
+            return _between(found["name"], curves(sorted(folder.glob(found["name"]))))
         file = folder / found["name"]
         if not file.exists():
             raise InputError(f"{file} is not there: run the benchmark that makes it, with --json.")
@@ -43,9 +51,13 @@ def render(page: str, folder: Path) -> str:
             body = learned(csv.DictReader(io.StringIO(text)))
         else:
             body = markdown(json.loads(text), rows)
-        return f"<!-- {mark} -->\n{body}\n<!-- end -->"
+        return _between(mark, body)
 
     return _TABLE.sub(table, page)
+
+
+def _between(mark: str, body: str) -> str:
+    return f"<!-- {mark} -->\n{body}\n<!-- end -->"
 
 
 def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
@@ -56,7 +68,8 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
     """
     rows = measurement[which or "rows"]
     names = list(rows[0])
-    machine, commit = measurement["machine"], measurement["git_commit"]
+    machine = measurement["machine"]
+    commit = commit_of(measurement["git_commit"], measurement.get("git_dirty"))
     aligned = ["---" if isinstance(rows[0][name], str) else "---:" for name in names]
     cells = [[cell(row[name]) for name in names] for row in rows]
     return "\n".join(
@@ -65,9 +78,14 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
             *_lines(names, aligned, cells),
             "",
             f"{machine['cpu']}, {machine['cores']} cores, "
-            f"torch {measurement['versions']['torch']}, commit {commit[:7] if commit else '?'}.",
+            f"torch {measurement['versions']['torch']}, commit {commit}.",
         )
     )
+
+
+def commit_of(commit: str | None, dirty: bool | None) -> str:
+    """Shortened, with a + where tracked files differed from it."""
+    return f"{commit[:7]}{'+' if dirty else ''}" if commit else "?"
 
 
 def learned(rows: Iterable[Mapping[str, str]]) -> str:
@@ -88,11 +106,32 @@ def learned(rows: Iterable[Mapping[str, str]]) -> str:
             *(_thousands(row[f"steps_to_{name}"]) for name in MILESTONES),
             _thousands(row["agent_steps"]),
             f"{float(row['wall_seconds']) / 3600:.1f}",
-            row["git_commit"][:7],
+            commit_of(row["git_commit"], row["git_dirty"] == "True"),
         ]
         for row in sorted(rows, key=lambda row: (row["rung"], row["label"], int(row["seed"])))
     ]
     return "\n".join(_lines(names, ["---"] * 2 + ["---:"] * (len(names) - 3) + ["---"], cells))
+
+
+def curves(files: Iterable[Path]) -> str:
+    """Run by run, the mean score of the training games around so many steps."""
+    cells = []
+    for file in files:
+        trained = [row for row in EpochTable(file).rows() if row.phase == "train"]
+        means = (_mean_near(steps, trained) for steps in CURVE)
+        told = ("–" if mean is None else f"{mean:.1f}" for mean in means)
+        cells.append([file.stem.removeprefix("ladder-"), *told])
+    names = ["run", *(_thousands(f"{steps}") for steps in CURVE)]
+    return "\n".join(_lines(names, ["---"] + ["---:"] * len(CURVE), cells))
+
+
+def _mean_near(steps: int, rows: Sequence[EpochRow]) -> float | None:
+    gap, mean = min(
+        ((abs(row.total_train_steps - steps), row.average_reward) for row in rows),
+        key=lambda found: found[0],
+        default=(_CLOSE, None),
+    )
+    return mean if gap < _CLOSE else None
 
 
 def _thousands(steps: str) -> str:

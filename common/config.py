@@ -11,14 +11,21 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from common.errors import InputError
 from common.vector_layout import width_of
+from common.wire import MAX_MESSAGE_BYTES
 
 MAX_CHUNK_STEPS = 1_024
 MAX_HISTORY = 16
-MAX_HELD_OUT = 2_048
 MAX_SEED = 2**63
 MAX_WAIT = 50
 MAX_SHIFT = 20
 MAX_DELAY = 60
+
+_FRAME_BYTES = 84 * 84 + 4
+"""Of a frame in a message, with its place in a state."""
+_STEP_BYTES = 32
+"""Of all else that a message has of a step."""
+_HEAD_BYTES = 65_536
+"""Of a message, for all that does not grow with its steps."""
 
 EnvKind = Literal["ale", "robot"]
 PresetName = Literal["paper", "fast", "robot"]
@@ -303,11 +310,22 @@ class RunConfig:
         ):
             if share > 1:
                 raise InputError(f"{name} is {share}: choose a number from 0 to 1.")
-        if not 1 <= self.protocol.held_out_states <= MAX_HELD_OUT:
+        if learning.rmsprop_decay >= 1:
             raise InputError(
-                f"protocol.held_out_states is {self.protocol.held_out_states}: "
-                f"choose a number from 1 to {MAX_HELD_OUT}."
+                f"learning.rmsprop_decay is {learning.rmsprop_decay}: choose less than 1."
             )
+        # States travel in one message; a minibatch has two of each step.
+        state_bytes = self.play.history * _FRAME_BYTES + 4 * self.vector_width + _STEP_BYTES
+        most_states = (MAX_MESSAGE_BYTES - _HEAD_BYTES) // state_bytes
+        for name, count, most in (
+            ("protocol.held_out_states", self.protocol.held_out_states, most_states),
+            ("learning.batch_size", learning.batch_size, most_states // 2),
+        ):
+            if not 1 <= count <= most:
+                raise InputError(
+                    f"{name} is {count}: choose a number from 1 to {most}, as many as travel in "
+                    f"one message with {self.play.history} frames each."
+                )
         if replay.warmup < learning.batch_size + learning.n_step:
             raise InputError(
                 f"replay.warmup is {replay.warmup}: the first minibatch needs at least "
@@ -332,24 +350,33 @@ def to_json(config: Any) -> str:
     return json.dumps(dataclasses.asdict(config), indent=2)
 
 
-def from_mapping(kind: type[T], data: Any, where: str = "config") -> T:
+def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool = False) -> T:
     """Build configuration dataclass ``kind`` from plain data, strictly.
+
+    Args:
+        fill: take the default of a field that is missing in a group. For files, which may be older
+            than the field; so a new field's default is what was done before there was one.
 
     Raises:
         InputError: a field is missing, unknown or of the wrong type; ``where`` names the place.
     """
+    return _built(kind, data, where, complete=True, fill=fill)
+
+
+def _built(kind: type[T], data: Any, where: str, *, complete: bool, fill: bool) -> T:
     if not isinstance(data, dict):
         raise InputError(f"{where} should be a table of settings.")
     hints = get_type_hints(kind)
-    if unequal := set(hints) ^ set(data):
+    unequal = set(data) ^ set(hints) if complete else set(data) - set(hints)
+    if unequal:
         raise InputError(f"{where} has a missing or unknown field: {', '.join(sorted(unequal))}.")
-    values = {name: _typed(hints[name], data[name], f"{where}.{name}") for name in hints}
+    values = {name: _typed(hints[name], data[name], f"{where}.{name}", fill) for name in data}
     return kind(**values)
 
 
-def _typed(hint: Any, value: Any, where: str) -> Any:
+def _typed(hint: Any, value: Any, where: str, fill: bool) -> Any:
     if dataclasses.is_dataclass(hint) and isinstance(hint, type):
-        return from_mapping(hint, value, where)
+        return _built(hint, value, where, complete=not fill, fill=fill)
     if get_origin(hint) is Literal:
         if value not in get_args(hint):
             raise InputError(f"{where} is {value!r}: choose one of {', '.join(get_args(hint))}.")

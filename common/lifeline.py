@@ -14,10 +14,11 @@ GRACE = 4.0
 
 
 def on_signals(stop: threading.Event) -> None:
-    """Set ``stop`` at the first SIGINT or SIGTERM; one that comes later ends the process at once.
+    """Set ``stop`` at the first SIGINT, SIGTERM or SIGHUP; a later one ends the process at once.
 
     Those that come together are one: `timeout` and some terminals send a signal both to the
-    process and to its group.
+    process and to its group. A terminal that closes (SIGHUP) ends nothing at once, for nobody is
+    there to be impatient, and nothing at all under `nohup`.
     """
     first: float | None = None
 
@@ -26,13 +27,15 @@ def on_signals(stop: threading.Event) -> None:
         now = time.monotonic()
         if first is None:
             first = now
-        elif now - first > _TOGETHER:
+        elif now - first > _TOGETHER and number != signal.SIGHUP:
             os._exit(128 + number)
         # In another thread: this one may hold the event's lock, in a wait that was interrupted.
         _thread.start_new_thread(stop.set, ())
 
     signal.signal(signal.SIGINT, handle)
     signal.signal(signal.SIGTERM, handle)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, handle)
 
 
 def leave_with_parent(stop: threading.Event) -> None:

@@ -22,8 +22,14 @@ def origin_of(weights: Path) -> RunConfig | None:
         except ValueError as error:
             raise InputError(f"{card} is not JSON ({error}): get it anew.") from None
         if isinstance(told, dict) and "config" in told:
-            return from_mapping(RunConfig, told["config"], f"{card}: config")
+            return from_mapping(RunConfig, told["config"], f"{card}: config", fill=True)
+    run = run_of(weights)
+    return run.stored_config() if run else None
+
+
+def run_of(weights: Path) -> RunFolder | None:
+    """The run in whose folder, or in whose snapshots, ``weights`` lies; None if it is no run's."""
     for folder in weights.resolve().parents[:2]:
         if (folder / "config.json").is_file():
-            return RunFolder(folder.parent, folder.name).stored_config()
+            return RunFolder(folder.parent, folder.name)
     return None

@@ -12,7 +12,7 @@ import fcntl
 import json
 import os
 from pathlib import Path
-from typing import IO
+from typing import IO, Literal, get_args
 
 from common.bus import check_name
 from common.config import RunConfig, differences, from_mapping, to_json
@@ -27,6 +27,9 @@ def write_atomically(path: Path, content: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     fresh.replace(path)
+
+
+Part = Literal["learner", "replay"]
 
 
 class RunFolder:
@@ -80,19 +83,17 @@ class RunFolder:
     def stored_config(self) -> RunConfig | None:
         """The configuration the run was started with; None for a new run."""
         try:
-            return from_mapping(
-                RunConfig, json.loads(self.config_file.read_text()), str(self.config_file)
-            )
+            told = json.loads(self.config_file.read_text())
+            return from_mapping(RunConfig, told, str(self.config_file), fill=True)
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{self.config_file} cannot be read: {error}.") from None
 
-    def claim(self, part: str, config: RunConfig, *, begun: Path, resume: bool) -> None:
+    def claim(self, part: Part, config: RunConfig, *, begun: Path, resume: bool) -> None:
         """Take ``part`` of the run for this process, and settle its configuration.
 
         Args:
-            part: 'learner' or 'replay'.
             config: what this process is about to run with.
             begun: the file or folder that exists once this part has been started.
             resume: whether to go on with what is there.
@@ -111,19 +112,36 @@ class RunFolder:
                 f"{self.path} already holds a run: go on with it by --resume, "
                 "or name another with --run."
             )
-        if stored is not None and (unequal := differences(stored, config)):
+        # A start that failed, for want of space or by a setting, binds nobody to its settings.
+        bound = resume or self.checkpoint.exists() or self.replay.exists() or self._is_at_work()
+        if bound and stored is not None and (unequal := differences(stored, config)):
             raise InputError(
                 f"the run in {self.path} has another configuration ({'; '.join(unequal[:5])}): "
                 "leave those flags away, or name another run."
             )
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            lock = (self.path / f".{part}.lock").open("w")
+            lock = self._lock(part).open("w")
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(f"another {part} is at work in {self.path}.") from None
         except OSError as error:
             raise InputError(f"{self.path} cannot be written: {error.strerror}.") from None
         self._locks.append(lock)  # held until the process ends, however it ends
-        if stored is None:
+        if stored != config:
             write_atomically(self.config_file, to_json(config).encode())
+
+    def _lock(self, part: Part) -> Path:
+        return self.path / f".{part}.lock"
+
+    def _is_at_work(self) -> bool:
+        """Whether a process, this one or another, holds any part."""
+        for part in get_args(Part):
+            try:
+                with self._lock(part).open() as lock:
+                    fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except FileNotFoundError:
+                continue
+            except BlockingIOError:
+                return True
+        return False

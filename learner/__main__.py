@@ -1,9 +1,10 @@
 """`python -m learner`: trains the run's network, and hosts its replay and hub."""
 
 import os
+import shlex
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +13,7 @@ import torch
 import tyro
 import zenoh
 
-from actors.envs import make_env
+from actors.envs import count_actions
 from actors.envs.emulator import check_game
 from common.allocator import keep_large_blocks
 from common.announcement import find_run
@@ -153,7 +154,7 @@ def hosted_replay(
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     session = open_hub(options.listen)
     try:
-        memory = Memory(config, folder.replay)
+        memory = Memory(config, folder.replay, count_actions(config))
         try:
             with ReplayServer(session, memory, config, folder.name):
                 yield session, memory, options.listen
@@ -188,27 +189,20 @@ def remote_replay(
         session.close()  # type: ignore[no-untyped-call]
 
 
-def count_actions(config: RunConfig) -> int:
-    """Actions that the run's environment offers."""
-    emulator_only = RunConfig(env="ale", game=config.game, play=config.play)
-    env = make_env(emulator_only, training=False)
-    try:
-        return int(env.action_space.n)  # type: ignore[attr-defined]
-    finally:
-        env.close()
-
-
-def first_network(options: LearnerOptions) -> QNetwork:
-    """The network that a run begins with.
+def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
+    """The network that a run begins with; one that has a checkpoint takes its weights from there.
 
     Raises:
         InputError: it cannot be read, or is not for what the run plays.
     """
     network = build_network(options.config, count_actions(options.config))
-    if options.initial is not None:
+    initial = options.initial
+    if options.resume and not folder.checkpoint.exists() and folder.initial.exists():
+        initial = folder.initial  # it ended before its first checkpoint
+    if initial is not None:
         load_weights_file(
             network,
-            options.initial,
+            initial,
             "this run",
             "give the run the settings of play under which the network was trained",
         )
@@ -238,6 +232,26 @@ def free_cores(options: LearnerOptions) -> int:
     return max(cores - options.actors if options.local else cores // 2, 1)
 
 
+def going_on(arguments: Sequence[str], run: str, *, done: bool) -> str:
+    """The command that goes on with a run which was started with ``arguments``.
+
+    Args:
+        done: whether it has all the steps it was asked for.
+    """
+    told: list[str] = []
+    left_away = {"--initial", *(["--steps"] if done else [])}
+    skip = False
+    for argument in arguments:
+        name, equals, _ = argument.partition("=")
+        if not skip and name not in {*left_away, "--force"}:
+            told.append(argument)
+        skip = name in left_away and not equals
+    flags = {argument.partition("=")[0] for argument in told}
+    more = [] if "--run" in flags else ["--run", run]
+    more += [] if "--resume" in flags else ["--resume"]
+    return shlex.join(["python", "-m", "learner", *told, *more])
+
+
 def main() -> int:
     options = parse_run(LearnerOptions, "learner", sys.argv[1:], stored_config)
     options.check()
@@ -246,16 +260,18 @@ def main() -> int:
         on_signals(stop)
         return evaluate(options.evaluation, options.config, clock_flags(options), stop)
     config = options.config
-    network = first_network(options)
+    folder = RunFolder(options.runs, run_name(options))
+    network = first_network(options, folder)
     device = choose_device(options.device, options.precision)
     keep_large_blocks()
     torch.set_num_threads(options.threads or free_cores(options))
     stop = threading.Event()
     on_signals(stop)
-    folder = RunFolder(options.runs, run_name(options))
     folder.claim("learner", config, begun=folder.checkpoint, resume=options.resume)
     if options.initial is not None:
         write_atomically(folder.initial, encode_weights(network))
+    elif not options.resume:
+        folder.initial.unlink(missing_ok=True)  # of a start that failed
     place = (
         hosted_replay(options, config, folder)
         if options.connect is None
@@ -301,9 +317,7 @@ def main() -> int:
         finally:
             if crew is not None:
                 crew.close()
-    again = f"python -m learner --run {folder.name} " + " ".join(
-        ["--resume", *(["--local", *clock_flags(options)] if options.local else [])]
-    )
+    again = going_on(sys.argv[1:], folder.name, done=learner.done)
     if learner.failed is not None:
         print(
             f"stopped: {learner.failed}. Everything is in {folder.path}; mend what is wrong, or "

@@ -1,7 +1,8 @@
 """The learner's whole state in one safetensors file: networks, optimizer, and its counters as JSON.
 
-There is no random state to keep: minibatches are drawn by a generator that the replay seeds anew,
-and the networks have no noise of their own.
+There is no random state to keep: minibatches are drawn by a generator that the replay seeds anew at
+each start, random shifts by one that is seeded with the updates so far, and the networks have no
+noise of their own.
 """
 
 import json

@@ -6,7 +6,6 @@ and brings nothing that scalars need. Each tag has one source, so no curve is dr
 
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from tensorboard.compat.proto.event_pb2 import Event, SessionLog
@@ -91,12 +90,7 @@ class Curves:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _add(self, points: dict[str, float | None], agent_steps: int) -> None:

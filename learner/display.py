@@ -1,20 +1,20 @@
 """What the user sees while a run goes on: a live screen, or plain lines where there is none.
 
-A display that can no longer show anything (the terminal was closed, the reader of the pipe has
-gone) falls silent: it is no reason to stop learning, nor to leave a stop half done.
+A display that can no longer show anything (the terminal has gone, the reader of the pipe too) falls
+silent: that is no reason to stop learning under `nohup`, nor to leave a stop half done.
 """
 
 import os
 import sys
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Protocol, Self, TextIO
 
 from rich.console import Console, ConsoleDimensions
 from rich.live import Live
 from rich.text import Text
 
+from common.output import silence
 from learner import figures
 from learner.panels import Screen, time_troubles
 from learner.status import Status
@@ -33,12 +33,7 @@ class Display(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
 
 
 def open_display(stream: TextIO | None = None) -> Display:
@@ -80,12 +75,7 @@ class LiveDisplay:
         self._try(self._live.start)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._gone = False  # standard output is to be given back even so
         self._try(self._live.stop)
 
@@ -161,17 +151,12 @@ class PlainDisplay:
             self._stream.flush()
         except OSError:
             self._gone = True
-            _silence(self._stream)
+            silence(self._stream)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         pass
 
 
@@ -249,13 +234,3 @@ def _changed_gates(last: Status | None, status: Status) -> list[str]:
         if gate.passed and before.get(gate.name) is False:
             lines.append(f"gate green again: {gate.name} is {value}")
     return lines
-
-
-def _silence(stream: TextIO) -> None:
-    """Let what is still buffered go nowhere, or the interpreter's last flush would fail."""
-    try:
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
-        os.close(nowhere)
-    except (OSError, ValueError):
-        return

@@ -91,6 +91,7 @@ def evaluate(
     """
     assert options.evaluate is not None
     console = console or Console(highlight=False)
+    changed = _changes(options.evaluate, config)
     columns = (TextColumn("games"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     found: list[dict[str, Any]] = []
     with Progress(*columns, console=console, transient=True) as progress:
@@ -101,7 +102,7 @@ def evaluate(
     if stop.is_set():
         console.print(f"stopped after {len(found)} games")
         return 130
-    content = _content(options, config, flags, found)
+    content = _content(options, config, flags, changed, found)
     console.print(_table(content))
     if options.json is not None:
         write_atomically(options.json, (json.dumps(strict(content), indent=2) + "\n").encode())
@@ -188,6 +189,7 @@ def _content(
     options: EvaluationOptions,
     config: RunConfig,
     flags: Sequence[str],
+    changed: list[str],
     games: list[dict[str, Any]],
 ) -> dict[str, Any]:
     assert options.evaluate is not None
@@ -202,7 +204,7 @@ def _content(
         "epsilon": options.epsilon,
         "seed": config.seed,
         "flags": list(flags),
-        "changed": _changes(options.evaluate, config),
+        "changed": changed,
         **dataclasses.asdict(Scores.of([game["score"] for game in games])),
         "steps": steps,
         "press_ms": dataclasses.asdict(Delay.of(key_times, "press")),

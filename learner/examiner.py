@@ -20,6 +20,8 @@ from common.run_folder import write_atomically
 
 _NEWCOMER = 5.0
 """Seconds after its task in which an evaluator without a liveliness token is not yet given up."""
+_MOST_WAITING = 4
+"""Tests that wait for the first evaluator; each keeps a snapshot on disk."""
 _QUEUE = 256
 
 
@@ -73,6 +75,7 @@ class Examiner:
         self._tests: dict[int, EpochTest] = {}
         self._portions: dict[str, _Portion] = {}
         self._finished: list[EpochTest] = []
+        self._given_up: list[int] = []
         self._over = False
         snapshots.mkdir(parents=True, exist_ok=True)
         self._queryables: list[Any] = []
@@ -98,10 +101,21 @@ class Examiner:
             thread.join()
 
     def add(self, test: EpochTest, weights: bytes) -> None:
-        """Have ``weights`` tested."""
+        """Have ``weights`` tested; where nobody tests, only the newest few wait for somebody."""
         write_atomically(self._file(test.epoch), weights)
+        nobody = not self._evaluators()
         with self._lock:
             self._tests[test.epoch] = test
+            given = {portion.epoch for portion in self._portions.values()}
+            waiting = sorted(self._tests.keys() - given)
+            for epoch in waiting[:-_MOST_WAITING] if nobody else ():
+                del self._tests[epoch]
+                self._given_up.append(epoch)
+
+    def sweep(self) -> None:
+        """Delete the snapshots of tests that were given up, which no checkpoint needs any more."""
+        while self._given_up:
+            self._file(self._given_up.pop()).unlink(missing_ok=True)
 
     def restore(self, state: list[dict[str, Any]]) -> None:
         """Take up the tests of a checkpoint; each is played anew."""

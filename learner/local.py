@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 _LEAVE = 3.0
 """Seconds that children have to leave before they are killed."""
 _STILLBORN = 15.0
-"""A child that ends this soon after its start, by itself, did not get to work."""
+"""A child that ends this soon after its start did not get to work."""
 _MOST_STILLBORN = 3
 _GIVE_WAY = 10
 """How much lower the children's priority is than ours: a tenth of the processor where both want it.
@@ -35,7 +35,7 @@ class _Child:
 
 
 class Crew:
-    """Children on this machine; one that fails is started again.
+    """Children on this machine; one that ends before the run does is started again.
 
     Each holds the reading end of a pipe, its leash, and leaves when it closes, so that none
     outlives this process, however it ends.
@@ -69,8 +69,11 @@ class Crew:
         self._children = [self._start(name, arguments) for name, arguments in plans]
         self._leaving = False
 
-    def watch(self) -> list[str]:
-        """Start those that failed again; returns what happened, as sentences.
+    def watch(self, *, finished: bool) -> list[str]:
+        """Start those that ended again; returns what happened, as sentences.
+
+        Args:
+            finished: whether the run is, so that children leave by themselves.
 
         Raises:
             InputError: a child cannot start at all.
@@ -78,17 +81,17 @@ class Crew:
         notes = []
         for at, child in enumerate(self._children):
             status = child.process.poll()
-            if not status or self._leaving:
-                continue  # at work, or gone because the run is finished
-            early = time.monotonic() - child.started < _STILLBORN and status > 0
+            if status is None or self._leaving or (status == 0 and finished):
+                continue
+            how = f"signal {-status}" if status < 0 else f"status {status}"
+            early = time.monotonic() - child.started < _STILLBORN
             stillborn = child.stillborn + 1 if early else 0
             if stillborn >= _MOST_STILLBORN:
                 raise InputError(
-                    f"{child.name} cannot start: {self._last_words(child.name)} "
-                    f"(more in {self._log(child.name)})."
+                    f"{child.name} cannot start: it ended {stillborn} times by {how} and said: "
+                    f"{self._last_words(child.name)} (more in {self._log(child.name)})."
                 )
             self._children[at] = self._start(child.name, child.arguments, stillborn)
-            how = f"signal {-status}" if status < 0 else f"status {status}"
             notes.append(f"{child.name} ended by {how}, started again")
         return notes
 
@@ -142,7 +145,7 @@ class Crew:
 
     def _last_words(self, name: str) -> str:
         lines = self._log(name).read_text(errors="replace").strip().splitlines()
-        return lines[-1].removeprefix("error: ").rstrip(".") if lines else "it says nothing"
+        return lines[-1].removeprefix("error: ").rstrip(".") if lines else "nothing"
 
 
 def child_environment() -> dict[str, str]:

@@ -4,6 +4,7 @@ A picture moved by a few pixels means the same to a player; a network that is to
 learn single pixels by heart. All frames of a state move together, or the ball would jump.
 """
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -13,7 +14,13 @@ class RandomShift:
 
     def __init__(self, most: int, seed: int) -> None:
         self._most = most
-        self._generator = torch.Generator().manual_seed(seed)
+        self._seed = seed
+        self.go_on(0)
+
+    def go_on(self, updates: int) -> None:
+        """Draw anew, and otherwise than at the start of the run, after so many updates."""
+        (seed,) = np.random.SeedSequence([self._seed, updates]).generate_state(1, np.uint64)
+        self._generator = torch.Generator().manual_seed(int(seed))
 
     def __call__(self, frames: Tensor) -> Tensor:
         """``uint8 [batch, history, height, width]``, each state by its own shift; what moves in

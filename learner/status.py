@@ -43,6 +43,12 @@ class ActorStatus:
     acked: int = 0
     retried: int = 0
     refused: int = 0
+    held_share: float = 0.0
+    """Of the last second it paused because the learner was behind."""
+    valid_share: float = 0.0
+    """Of its steps, those whose frame showed the screen: which robot is blind."""
+    match_share: float = 0.0
+    """Of its steps, those that ended with the commanded keys pressed."""
     decisions: int = 0
     """Of game time that its steps took."""
     missed_deadlines: int = 0

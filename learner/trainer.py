@@ -129,6 +129,11 @@ class Trainer:
             self.target.load_state_dict(self.online.state_dict())
             self._target_age += 1
 
+    def go_on(self, updates: int) -> None:
+        """After so many updates in other processes, do not draw the first ones' shifts again."""
+        if self._shift is not None:
+            self._shift.go_on(updates)
+
     @torch.no_grad()
     def max_q(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """The online network's highest value of each state, ``float32 [N]``, on the CPU."""

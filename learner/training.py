@@ -1,5 +1,6 @@
 """The learner's main loop, and what happens around it on schedule."""
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -84,6 +85,8 @@ class Learner:
         self._crew: Crew | None = None
         self.failed: str | None = None
         """Why the run ended by itself before its goal: the gate that stayed red."""
+        self.done = False
+        """Whether it has all the steps it was asked for."""
         self._red_seconds = 60 * gate_minutes
         self._red_steps = least_steps(config.stream.chunk_steps)
         self._gate_watch = GateWatch(self._red_seconds, self._red_steps)
@@ -148,7 +151,8 @@ class Learner:
             crew: the children of local mode.
 
         Raises:
-            InputError: the loss diverged, or local mode's children cannot start.
+            InputError: the loss diverged, the replay has lost what the checkpoint knows of, or
+                local mode's children cannot start.
         """
         self._crew = crew
         try:
@@ -159,21 +163,37 @@ class Learner:
     def _work(self, crew: Crew | None) -> None:
         """All from the first update to the last line of the summary."""
         try:
+            self._check_replay()
             self._train()
+            if not self._stop.is_set():
+                self._conclude()
         except InputError:
             if not self._stop.is_set():
                 raise
-            # Stopped while it waited for a replay that is away: keep what has been learned.
-        else:
-            if not self._stop.is_set():
-                self._conclude()
+            # Stopped while it waited for a replay that is away.
         finally:
             self._prefetcher.close()
-        if crew is not None:
-            crew.let_go()
-        self._checkpoint()
-        self._records.summarise(self._status())
-        self._records.close()
+            if crew is not None:
+                crew.let_go()
+            # However it ends, what has been learned is kept; but nothing that has diverged.
+            if self._is_finite():
+                self._checkpoint()
+            self._records.summarise(self._status())
+            self._records.close()
+
+    def _check_replay(self) -> None:
+        """Refuse a replay that has not what the checkpoint knows of.
+
+        ε and the limiter would begin anew, and every step be played again before the first update.
+        The few steps that a power failure may have cost are played again.
+        """
+        known, found = self._books.agent_steps, self._progress.agent_steps
+        if known - found > self._config.replay.warmup:
+            raise InputError(
+                f"the replay has seen {found:,} steps and the checkpoint {known:,}: put the "
+                "replay's folder back, or begin another run with this one's network (--run "
+                f"ANOTHER --initial {self._folder.checkpoint})."
+            )
 
     def _train(self) -> None:
         """The main loop."""
@@ -193,13 +213,28 @@ class Learner:
         self._gauges.add(batch.prepared.batch, result)
         schedule = self._config.learning
         if self._config.replay.sampler == "prioritised":
+            self._check_loss()
             self._replay.update_priorities(batch.ids, result.td_errors.abs().cpu().numpy())
         if self._updates % schedule.target_every == 0:
             self._trainer.copy_to_target()
         if self._updates % schedule.publish_every == 0:
             self._publish()
         if self._updates % schedule.checkpoint_every == 0:
+            self._check_loss()
             self._checkpoint()
+
+    def _is_finite(self) -> bool:
+        """Whether all losses of this phase were; one that was not stays in their sum."""
+        return math.isfinite(float(self._phase_loss))
+
+    def _check_loss(self) -> None:
+        """Before anything of a network that has diverged is kept or told."""
+        if not self._is_finite():
+            raise InputError(
+                f"the loss is no finite number any more at update {self._updates}: begin another "
+                "run with a smaller --learning.learning-rate, from this one's last good network "
+                f"by --initial {self._folder.checkpoint}."
+            )
 
     def _publish(self) -> None:
         """Broadcast the weights; their version is the number of updates that made them."""
@@ -223,18 +258,14 @@ class Learner:
         while (test := self._examiner.take_finished()) is not None:
             self._record_test(test)
         if self._crew is not None:
-            for note in self._crew.watch():
+            for note in self._crew.watch(finished=self._finished):
                 self._monitor.note(note)
         if self._is_due("measure", _MEASURE_Q):
             self._held_out.measure(self._trainer)
         if self._is_due("publish", _PUBLISH_AGAIN):
             self._publish()  # for a replay that was restarted and has none to give
+        self._check_loss()
         status = self._status()
-        if status.loss is not None and not abs(status.loss) < float("inf"):
-            raise InputError(
-                f"the loss is no finite number any more at update {self._updates}: go back to "
-                f"{self._folder.checkpoint} with a smaller --learning.learning-rate."
-            )
         if status.phase == "training":
             self._watch_gates(status)
         if self._is_due("show", _SHOW):
@@ -282,6 +313,7 @@ class Learner:
 
     def _end_phase(self, ended: PhaseEnd) -> None:
         """Record a phase; have the snapshot of an epoch tested."""
+        self._check_loss()
         if ended.epoch == 0:
             self._held_out.draw(self._replay, self._config.protocol.held_out_states)
         self._held_out.measure(self._trainer)
@@ -317,6 +349,7 @@ class Learner:
             )
             self._examiner.add(test, encode_weights(self._trainer.online))
         self._checkpoint()
+        self._examiner.sweep()
 
     def _record_test(self, test: EpochTest) -> None:
         now = self._seconds()
@@ -349,7 +382,8 @@ class Learner:
             return False
         self._finished = True  # told to the actors with the next look
         steps = self._steps_goal - self._config.replay.warmup
-        return self._updates >= steps // self._config.learning.train_every
+        self.done = self._updates >= steps // self._config.learning.train_every
+        return self.done
 
     def _conclude(self) -> None:
         """Let the actors hand in their last chunks, and have the last epoch tested."""
@@ -361,7 +395,7 @@ class Learner:
         self._examiner.finish()
         if self._examiner.pending and not self._evaluator_expected():
             self._display.line(
-                "No evaluator is there, so the last epoch stays untested: "
+                "No evaluator is there, so epochs stay untested: "
                 "start `python -m actors --evaluator` beside the learner next time."
             )
         self._wait_while(lambda: self._examiner.pending > 0 and self._evaluator_expected())
@@ -407,6 +441,7 @@ class Learner:
         """Take up the checkpoint; returns how many rows it knows of."""
         state = load_checkpoint(self._folder.checkpoint, self._trainer)
         self._updates = int(state["updates"])
+        self._trainer.go_on(self._updates)
         self._phase_updates = int(state["phase_updates"])
         self._phase_loss += float(state["phase_loss"])
         self._phase_began = float(state["phase_began"])

@@ -10,11 +10,14 @@ from pathlib import Path
 
 import tyro
 
+from actors.envs import count_actions
+from actors.envs.emulator import check_game
 from common.allocator import keep_large_blocks
 from common.bus import DEFAULT_ENDPOINT, open_hub
 from common.cli import RunFlags, parse_run
 from common.errors import exit_on_input_error
 from common.lifeline import on_signals
+from common.output import silence
 from common.run_folder import RunFolder
 from replay.facts import Progress
 from replay.memory import Memory
@@ -50,27 +53,33 @@ def main() -> None:
     )
     keep_large_blocks()
     config = options.config
+    check_game(config.game)
     folder = RunFolder(options.runs, options.run)
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     stop = threading.Event()
     on_signals(stop)
     session = open_hub(options.listen)
     try:
-        memory = Memory(config, folder.replay)
+        memory = Memory(config, folder.replay, count_actions(config))
         try:
             with ReplayServer(session, memory, config, folder.name):
-                print(
-                    f"replay of run {folder.name} in {folder.replay}, at {options.listen}.",
-                    flush=True,
-                )
-                print(_line(memory.progress(sys.maxsize)), flush=True)
+                _say(f"replay of run {folder.name} in {folder.replay}, at {options.listen}.")
+                _say(_line(memory.progress(sys.maxsize)))
                 while not stop.wait(_REPORT_EVERY):
-                    print(_line(memory.progress(sys.maxsize)), flush=True)
-            print(_line(memory.progress(sys.maxsize)), flush=True)
+                    _say(_line(memory.progress(sys.maxsize)))
+            _say(_line(memory.progress(sys.maxsize)))
         finally:
             memory.close()
     finally:
         session.close()  # type: ignore[no-untyped-call]
+
+
+def _say(text: str) -> None:
+    """Print a line; that nobody can read it is no reason to end a run's hub."""
+    try:
+        print(text, flush=True)
+    except OSError:
+        silence(sys.stdout)
 
 
 def _line(progress: Progress) -> str:

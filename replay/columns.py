@@ -5,6 +5,7 @@ cache, so a row that was written outlives the process, and writing needs no page
 fresh file it is 40 times as fast as storing through the mapping).
 """
 
+import contextlib
 import fcntl
 import math
 import os
@@ -81,7 +82,9 @@ class Columns:
             if not path.is_file() or path.stat().st_size != size:
                 raise InputError(
                     f"{path} is missing or not {size:,} bytes long, so the replay in "
-                    f"{self.folder} is damaged: move that folder away to start with an empty one."
+                    f"{self.folder} is damaged: put it back from a copy, or begin another run, "
+                    f"with this one's network by --initial {self.folder.parent}/"
+                    "checkpoint.safetensors."
                 )
 
     def _allocate(self, sizes: dict[str, int]) -> None:
@@ -105,6 +108,8 @@ class Columns:
             self.close()
             for path in created:  # or the disk would stay full of half a ring
                 path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # it holds something else, or is not there
+                self.folder.rmdir()
             raise InputError(
                 f"the replay needs {sum(sizes.values()):,} bytes in {self.folder} and cannot have "
                 f"them ({error.strerror}): free some space, name another folder with --runs, "

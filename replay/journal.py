@@ -43,7 +43,8 @@ def read_journal(path: Path) -> list[Entry]:
 def damaged(path: Path, line: int) -> InputError:
     """The error for a line that makes no sense."""
     return InputError(
-        f"{path} is damaged in line {line}: move {path.parent} away to start with an empty replay."
+        f"{path} is damaged in line {line}: put it back from a copy, or begin another run, with "
+        f"this one's network by --initial {path.parent.parent / 'checkpoint.safetensors'}."
     )
 
 

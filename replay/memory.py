@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.ack import Ack
+from common.actions import KEYS_OF_ACTION
 from common.chunk import Chunk
 from common.config import RunConfig
 from common.errors import MessageError
@@ -29,8 +30,11 @@ _Read = TypeVar("_Read", Batch, SharedBatch)
 class Memory:
     """Everything remembered of one run; implements `replay.interface.Replay`."""
 
-    def __init__(self, config: RunConfig, folder: Path) -> None:
+    def __init__(self, config: RunConfig, folder: Path, actions: int = len(KEYS_OF_ACTION)) -> None:
         """Open the replay in ``folder``, or create it where there is none.
+
+        Args:
+            actions: that the run's environment offers; chunks with others are refused.
 
         Raises:
             InputError: no space, a replay of other sizes, a damaged one, or one in use.
@@ -45,7 +49,7 @@ class Memory:
             config.learning.batch_size,
         )
         self._state = threading.Condition()
-        self._store = Store(config, folder, self._state)
+        self._store = Store(config, folder, self._state, actions)
         # Another sequence after each start, or a resumed run would draw the same places again.
         self._rng = np.random.default_rng([config.seed, self._store.ledger.accepted])
         self._closed = False

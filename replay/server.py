@@ -14,7 +14,6 @@ from collections.abc import Callable
 from typing import Any
 
 import zenoh
-from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
 from zenoh.handlers import FifoChannel
 
 from common.ack import encode_ack
@@ -50,13 +49,7 @@ class ReplayServer:
         self._knocks: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
         self._threads: list[threading.Thread] = []
         self._start("replay-knocks", self._answer_knocks)
-        self._subscriber = declare_advanced_subscriber(
-            session,
-            keys.weights,
-            FifoChannel(_QUEUE),
-            history=HistoryConfig(detect_late_publishers=True, max_samples=1),
-            recovery=RecoveryConfig(periodic_queries=None, heartbeat=True),
-        )
+        self._subscriber = session.declare_subscriber(keys.weights, FifoChannel(_QUEUE))
         self._start("replay-weights", self._keep_weights)
         answers: dict[str, Answer] = {
             keys.config: self._config_asked,

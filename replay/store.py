@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from common.actions import KEYS_OF_ACTION
 from common.chunk import Chunk
 from common.config import RunConfig
 from common.errors import InputError, MessageError
@@ -37,13 +36,19 @@ class Store:
     ``ledger``, ``ring`` and ``sampler`` may be read under ``state``, the lock given.
     """
 
-    def __init__(self, config: RunConfig, folder: Path, state: threading.Condition) -> None:
+    def __init__(
+        self, config: RunConfig, folder: Path, state: threading.Condition, actions: int
+    ) -> None:
         """Open the replay in ``folder``, or create it where there is none.
+
+        Args:
+            actions: that the run's environment offers; chunks with others are refused.
 
         Raises:
             InputError: no space, a replay of other sizes, a damaged one, or one in use.
         """
         self._config = config
+        self._actions = actions
         self._state = state
         self._writer = threading.Lock()
         self._closed = False
@@ -188,8 +193,8 @@ class Store:
             raise MessageError(f"{len(chunk.context)} context frames where {most} are stacked")
         if slots > self._config.replay.capacity:
             raise MessageError(f"{slots} frames do not fit the ring")
-        if (chunk.actions >= len(KEYS_OF_ACTION)).any():
-            raise MessageError(f"actions should be less than {len(KEYS_OF_ACTION)}")
+        if (chunk.actions >= self._actions).any():
+            raise MessageError(f"actions should be less than {self._actions}")
 
     def _place(self, key: ChunkKey, chunk: Chunk) -> Placement:
         """Make room for the chunk, and say where it goes."""

@@ -9,7 +9,8 @@ from typing import Any
 
 import gymnasium
 
-from actors.envs.emulator import GAMES
+from actors.envs.emulator import GAMES, Emulator
+from common.actions import KEYS_OF_ACTION
 from common.config import RunConfig
 
 
@@ -54,6 +55,17 @@ def make_env(
         discount=config.learning.discount,
         clip_rewards=config.learning.clip_rewards,
     )
+
+
+def count_actions(config: RunConfig) -> int:
+    """Actions that the run's environment offers.
+
+    Raises:
+        InputError: ale-py does not bundle ``config.game``.
+    """
+    if not config.play.minimal_actions:
+        return len(KEYS_OF_ACTION)
+    return len(Emulator(config.game, config.seed).minimal_actions)
 
 
 for _game in GAMES:

@@ -13,7 +13,8 @@ from common.config import PlayConfig
 
 class LateKeys:
     """Keys that let go of the old command after ``play.release`` emulator frames and press the new
-    one after ``play.press``; commands themselves come ``play.delay`` decisions late."""
+    one after ``play.press``; commands themselves come ``play.delay`` decisions late, of game time,
+    however many commands are given in it."""
 
     def __init__(self, play: PlayConfig) -> None:
         self._play = play
@@ -26,24 +27,26 @@ class LateKeys:
 
     def reset(self) -> None:
         """No key pressed, no command on its way."""
-        self._coming = deque([Keys.NONE] * self._play.delay)
+        self._coming: deque[tuple[int, Keys]] = deque()  # with the frames in which they come
         self._held = self._old = self._wanted = Keys.NONE
-        self._frames = 0
+        self._frame = self._begun = 0
 
     def command(self, keys: Keys) -> None:
-        """Set out for exactly ``keys``; once a decision."""
-        self._coming.append(keys)
-        wanted = self._coming.popleft()
-        if wanted != self._wanted:
-            self._old, self._wanted, self._frames = self._held, wanted, 0
+        """Set out for exactly ``keys``."""
+        self._coming.append((self._frame + self._play.delay * self._play.frame_skip, keys))
 
     def step_frame(self) -> Keys:
         """Pass one emulator frame; the keys that are pressed in it."""
+        while self._coming and self._coming[0][0] <= self._frame:
+            _, wanted = self._coming.popleft()
+            if wanted != self._wanted:
+                self._old, self._wanted, self._begun = self._held, wanted, self._frame
+        since = self._frame - self._begun
         self._held = self._wanted
-        if self._frames < self._play.press:
+        if since < self._play.press:
             # What both commands hold stays down, as under a finger that has not to move.
             self._held &= self._old
-            if self._frames < self._play.release:
+            if since < self._play.release:
                 self._held = self._old
-        self._frames += 1
+        self._frame += 1
         return self._held

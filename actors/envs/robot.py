@@ -6,6 +6,7 @@ The report's two switches are here too: ``sync`` off lets the world go on in rea
 
 import math
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any
 
@@ -115,6 +116,10 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
     def emulator(self) -> Emulator:
         """The console; another one after a reset with a seed."""
         return self._game.emulator
+
+    def still(self) -> AbstractContextManager[object]:
+        """While it is entered the world stands still, to be looked at."""
+        return self._clock.still()
 
     @property
     def seen(self) -> NDArray[np.uint8]:

@@ -18,14 +18,11 @@ from actors.looking.onlooker import Onlooker
 from actors.looking.panels import border_of, draw_panels
 from actors.looking.player import build_player
 from actors.loop import Step, play
-from actors.nao.latency import DECISION, FRAME_MS, Change, Latency, changes
+from actors.nao.latency import DECISION_MS, MOST_STRAYS, Change, Latency, changes
 from common.config import RunConfig
 from common.errors import InputError
 
 DECISIONS = 200
-DECISION_MS = DECISION * FRAME_MS
-"""The time of one decision: what the median latency should not exceed, and p99 not twice."""
-MOST_STRAYS = 0.05
 _HAIR = 1.001
 """Times of frames are not exact in binary."""
 

@@ -1,5 +1,6 @@
 """Takes the glances: goes round an environment after a step and gathers what can be shown."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,11 @@ class Onlooker:
 
     def look(self, step: Step, values: NDArray[np.float32] | None) -> Glance:
         """What there is to see after ``step``, whose action was chosen by Q-values ``values``."""
+        # All of one moment: a world in real time would go on from picture to picture.
+        with self._env.still() if isinstance(self._env, RobotEnv) else nullcontext():
+            return self._glance(step, values)
+
+    def _glance(self, step: Step, values: NDArray[np.float32] | None) -> Glance:
         screen = self._env.emulator.screen_rgb()
         wanted = pressed = KEYS_OF_ACTION[self._actions[step.a_tm1]]
         robot = None

@@ -8,6 +8,9 @@ import tyro
 
 from common.errors import InputError
 
+LONGEST_GIF = 120
+"""s of play; 350 MB of memory."""
+
 Switch = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 
@@ -29,7 +32,7 @@ class LookingOptions:
     """Of --play: a network to play with, such as runs/NAME/snapshots/best.safetensors; that run's
     settings are used."""
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Of --play: record the panels; the name ends in .mp4 or .gif."""
+    """Of --play: record the panels; the name ends in .mp4, or in .gif with --seconds."""
     viewer: Literal["rerun"] | None = None
     """Of --play, which it implies: stream the panels live to Rerun (pip install
     'ale-robot[viz]')."""
@@ -37,8 +40,8 @@ class LookingOptions:
     """Of --play: how many games, each to its end."""
     seconds: float = 0.0
     """Of --play: end after so many seconds of play, for a short film; 0 plays whole games."""
-    epsilon: float = 0.05
-    """Of --play with weights: share of random actions, the report's in tests."""
+    epsilon: float = 0.001
+    """Of --play with weights: share of random actions; the report's tests have 0.05."""
     minimal_actions: Switch = False
     """The game's own actions only (Pong: 6) instead of all 18; --weights of a run go with that
     run's."""
@@ -91,5 +94,11 @@ class LookingOptions:
             raise InputError(f"--epsilon is {self.epsilon}: choose a number from 0 to 1.")
         if self.games < 1:
             raise InputError(f"--games is {self.games}: choose 1 or more.")
+        gif = self.video is not None and self.video.suffix == ".gif"
+        if gif and not 0 < self.seconds <= LONGEST_GIF:
+            raise InputError(
+                f"a GIF is all in memory until its end: choose --seconds up to {LONGEST_GIF}, "
+                "or an .mp4."
+            )
         if not 0.0 <= self.seconds < float("inf"):
             raise InputError(f"--seconds is {self.seconds}: choose a number that is not negative.")

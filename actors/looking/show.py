@@ -59,7 +59,9 @@ def show(
                 glance = onlooker.look(step, policy.values)
                 panels = draw_panels(glance)
                 if movie is not None:
-                    movie.add(panels)
+                    # A step that took longer is seen for longer.
+                    for _ in range(step.info["elapsed"]):
+                        movie.add(panels)
                 if viewer is not None:
                     viewer.show(glance, panels)
             missed += int(step.info.get("missed_deadlines", 0))

@@ -17,6 +17,10 @@ from common.key_times import ms_of
 FRAME_MS = ms_of(1)
 DECISION = 4
 """Frames."""
+DECISION_MS = DECISION * FRAME_MS
+"""The time of one decision: what the median latency should not exceed, and p99 not twice."""
+MOST_STRAYS = 0.05
+"""Share of changes that may touch, on the way, a key of neither action."""
 _SETTLED = 3 * DECISION
 _WATCHED = 30
 """Frames after which keys that are still not right count as not reached."""

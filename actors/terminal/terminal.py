@@ -4,7 +4,6 @@ import os
 import select
 import sys
 import termios
-from types import TracebackType
 from typing import Any, Self
 
 # The other screen, no cursor, nothing on it; and, where the terminal knows how (the protocol of
@@ -54,12 +53,7 @@ class Terminal:
         self.write(_OPEN)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         try:
             self.write(_CLOSE)
         finally:

@@ -252,6 +252,20 @@ def test_weights_that_are_only_a_broadcast_behind_are_not_fetched(stage: Stage) 
     assert encode_weights(stage.policy.network) != mine
 
 
+def test_a_learner_that_comes_back_with_older_weights_is_followed(stage: Stage) -> None:
+    before, after = (encode_weights(QNetwork(6)) for _ in range(2))
+    stage.serve_weights(100_000, before)
+    stage.replay.ack = STORED._replace(weights_version=100_000)
+    stage.start(NumberedEnv([GOES_ON]))
+    wait_until(lambda: stage.policy.weights_version == 100_000, "it has fetched")
+    stage.serve_weights(50, after)
+    stage.replay.ack = STORED._replace(weights_version=50)
+    wait_until(lambda: stage.policy.weights_version == 50, "it has fetched again")
+    stage.stop.set()
+    stage.ended()
+    assert encode_weights(stage.policy.network) == after
+
+
 def test_broadcast_weights_are_used_and_stamped(stage: Stage) -> None:
     learned = encode_weights(QNetwork(6))
     stage.start(NumberedEnv([GOES_ON]))

@@ -54,10 +54,30 @@ def test_a_command_on_the_way_is_overtaken() -> None:
 
 
 def test_commands_come_late_by_whole_decisions() -> None:
-    keys = LateKeys(PlayConfig(delay=2))
+    keys = LateKeys(PlayConfig(delay=2, frame_skip=1))
     assert frames(keys, UP, DOWN, FIRE, NONE, count=1) == [[NONE], [NONE], [UP], [DOWN]]
     keys.reset()
     assert frames(keys, NONE, NONE, NONE, count=1) == [[NONE], [NONE], [NONE]]
+
+
+def test_lateness_is_of_game_time_however_many_commands_are_given() -> None:
+    keys = LateKeys(PlayConfig(delay=1))
+    keys.command(UP)
+    assert [keys.step_frame() for _ in range(9)] == [NONE] * 4 + [UP] * 5
+    keys.command(DOWN)  # in the middle of a decision, as in real time
+    assert [keys.step_frame() for _ in range(2)] == [UP] * 2
+    keys.command(FIRE)
+    assert [keys.step_frame() for _ in range(6)] == [UP] * 2 + [DOWN] * 2 + [FIRE] * 2
+
+
+def test_a_robot_that_waits_for_late_keys_gets_them() -> None:
+    play = PlayConfig(random_starts=0, hand="model", delay=1, eye="emulator")
+    env = RobotEnv("pong", play=play, wait_action=True)
+    env.reset(seed=1)
+    for action in (2, 5, 0):
+        *_, info = env.step(action)
+        assert (info["elapsed"], info["gave_up"], info["keys_match"]) == (2, False, True)
+    env.close()
 
 
 def test_the_emulator_is_played_by_the_late_keys() -> None:

@@ -84,6 +84,8 @@ def test_flags() -> None:
         (["--human", "--nao-urdf", "n"], "--nao-urdf belongs to --check or --play"),
         (["--minimal-actions"], "--minimal-actions belongs to"),
         (["--play", "--epsilon", "1.5"], "--epsilon is 1.5"),
+        (["--play", "--video", "v.gif"], "--seconds up to 120, or an .mp4"),
+        (["--play", "--video", "v.gif", "--seconds", "121"], "--seconds up to 120, or an .mp4"),
         (["--play", "--games", "0"], "--games is 0"),
         (["--play", "--seconds", "-1"], "--seconds is -1"),
         (["--human", "--seconds", "5"], "--seconds belongs to --play"),
@@ -225,11 +227,25 @@ def test_play_prints_scores_and_records_every_decision(
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["game 1: score 0 in 4 steps", "game 2: score 0 in 4 steps"]
     assert lines[2:] == ["mean score of 2 games: 0.00", f"wrote {video}"]
+    assert pictures_in(video) == 8
+
+
+def pictures_in(video: Path) -> int:
     film = cv2.VideoCapture(str(video))
     pictures = 0
     while film.read()[0]:
         pictures += 1
-    assert pictures == 8
+    return pictures
+
+
+def test_a_film_in_real_time_lasts_as_long_as_its_game(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weights = in_run(tmp_path, SHORT, 6)
+    video = tmp_path / "film.mp4"
+    arguments = ("--play", "--weights", str(weights), "--video", str(video), "--no-sync")
+    assert command(monkeypatch, *arguments) == 0
+    assert pictures_in(video) == 4  # decisions of the game, in however few steps
 
 
 def test_play_ends_after_so_many_seconds_of_play(
@@ -258,6 +274,7 @@ def test_play_on_the_emulator_alone_is_the_same_game_again(
     weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
     video = tmp_path / "film.gif"
     arguments = ("--play", "--weights", str(weights), "--epsilon", "0.5", "--seed", "3")
+    arguments += ("--seconds", "60")  # more than the game has
     assert command(monkeypatch, *arguments) == 0
     first = capsys.readouterr().out
     pytest.importorskip("PIL")

@@ -87,9 +87,19 @@ def test_a_row_tells_when_the_training_games_first_had_a_mean() -> None:
 def test_rows_are_added_below_one_heading(tmp_path: Path) -> None:
     path = tmp_path / "results" / "ladder.csv"
     for seed in (1, 2):
-        add_row(path, dict.fromkeys(COLUMNS, seed))
+        add_row(path, {**dict.fromkeys(COLUMNS, ""), "seed": seed, "flags": f"--seed {seed}"})
     with path.open() as file:
         assert [row["seed"] for row in csv.DictReader(file)] == ["1", "2"]
+
+
+def test_a_run_that_went_on_has_its_newest_row_alone(tmp_path: Path) -> None:
+    path = tmp_path / "ladder.csv"
+    row = {**dict.fromkeys(COLUMNS, ""), "rung": "R2", "flags": "--seed 1, and 'more'"}
+    for steps, flags in ((100, row["flags"]), (100, "--seed 2"), (200, row["flags"])):
+        add_row(path, {**row, "flags": flags, "agent_steps": steps})
+    with path.open() as file:
+        found = [(row["flags"], row["agent_steps"]) for row in csv.DictReader(file)]
+    assert found == [("--seed 2", "100"), (row["flags"], "200")]
 
 
 @pytest.mark.slow

@@ -36,8 +36,9 @@ def test_a_row_for_each_network_and_lateness(
 
 
 def test_a_robots_keys_are_those_of_a_modelled_hand() -> None:
-    assert hand_flags(ALE, 3) == ["--play.press", "3"]
-    assert hand_flags(ROBOT, 3) == ["--play.press", "3", "--play.hand", "model"]
+    late = ["--play.delay", "0", "--play.release", "0", "--play.press", "3"]
+    assert hand_flags(ALE, 3) == late
+    assert hand_flags(ROBOT, 3) == [*late, "--play.hand", "model"]
 
 
 def test_networks_in_runs_have_the_runs_name(tmp_path: Path) -> None:
@@ -45,7 +46,7 @@ def test_networks_in_runs_have_the_runs_name(tmp_path: Path) -> None:
     assert name_of(network) == "checkpoint"
     network.parent.mkdir()
     network.with_name("config.json").touch()
-    assert name_of(network) == "run"
+    assert name_of(network) == name_of(network.parent / "snapshots/best.safetensors") == "run"
     assert name_of(ALE) == "ale_pong"
 
 

@@ -177,10 +177,29 @@ def test_other_modes_are_other_runs(tmp_path: Path) -> None:
     assert names(draw(Options(paths)))[:2] == ["pong-1", "pong-2"]
 
 
+def test_a_run_that_was_given_a_network_is_no_seed_of_a_fresh_one(tmp_path: Path) -> None:
+    paths = tuple(run(tmp_path / f"pong-{seed}", seed, [-20.0]) for seed in (1, 2))
+    (paths[1] / "initial.safetensors").touch()
+    assert names(draw(Options(paths)))[:2] == ["pong-1", "pong-2"]
+
+
 def test_tables_belong_together_by_their_names(tmp_path: Path) -> None:
     stems = ("r5_seed1", "r5_seed2", "r6_1", "r6_2")
     paths = tuple(table(tmp_path / f"{stem}.csv", [-20.0]) for stem in stems)
     assert names(draw(Options(paths)))[:-1] == ["r5, mean of 2 seeds", "r6_1", "r6_2"]
+
+
+def test_tables_of_one_name_in_two_folders_are_two_runs(tmp_path: Path) -> None:
+    for name in ("pong", "breakout"):
+        (tmp_path / name).mkdir()
+    paths = tuple(table(tmp_path / f"{name}/epochs.csv", [1.0]) for name in ("pong", "breakout"))
+    assert len(lines(draw(Options(paths)).axes[0])) == 2
+
+
+def test_seeds_have_no_mean_by_the_clock(tmp_path: Path) -> None:
+    paths = tuple(run(tmp_path / f"pong-{seed}", seed, [-20.0, -10.0]) for seed in (1, 2))
+    by_steps, by_time = draw(Options(paths, figure="progress")).axes
+    assert [len(lines(axes)) for axes in (by_steps, by_time)] == [3, 2]
 
 
 def test_without_tests_training_is_drawn_and_said(tmp_path: Path) -> None:

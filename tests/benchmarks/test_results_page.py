@@ -8,6 +8,7 @@ import pytest
 from benchmarks.ladder import COLUMNS, add_row
 from benchmarks.results_page import PAGE, render
 from common.errors import InputError
+from learner.epochs import EpochPhase, EpochRow, EpochTable
 
 MEASUREMENT = {
     "title": "Speed of two things",
@@ -52,7 +53,7 @@ def test_what_was_learned_is_a_row_for_each_run(tmp_path: Path) -> None:
     others = ({"label": "pixels-only", "seed": 2}, {"label": "pixels-only"}, {})
     for other in others:  # in the order of rungs, labels and seeds, whenever they were made
         row = run | other
-        add_row(tmp_path / "ladder.csv", row)
+        add_row(tmp_path / "ladder.csv", row | {"flags": f"--seed {row['seed']}"})
     page = "<!-- ladder.csv -->\n<!-- end -->\n"
     names = "| rung | game | seed | random | score of a game | IQM (95 %) | ≥ 0 | ≥ 9.3 | ≥ 18 |"
     figures = "-20.7 | 20.70 ± 0.65 | 21.00 (20.69 to 21.00) | "
@@ -82,6 +83,45 @@ A processor, 2 cores, torch 2.13.0, commit 0123456.
     for page in (empty, expected):
         assert render(page, tmp_path) == expected
         assert render(f"{page}And\n{page}", tmp_path) == f"{expected}And\n{expected}"
+
+
+def test_how_fast_each_run_learned_is_told_by_its_epochs(tmp_path: Path) -> None:
+    def row(phase: EpochPhase, steps: int, scores: list[float]) -> EpochRow:
+        return EpochRow.of_games(
+            scores,
+            epoch=1,
+            phase=phase,
+            steps=50_000,
+            last_exploration_rate=0.02,
+            total_train_steps=steps,
+            replay_memory_count=0,
+            meanq=None,
+            meancost=None,
+            weight_updates=0,
+            total_time=1,
+            epoch_time=1,
+        )
+
+    first, second = (EpochTable(tmp_path / f"ladder-R1-pong-seed-{seed}.csv") for seed in (1, 2))
+    first.append(row("train", 50_048, [-21, -20]))
+    first.append(row("train", 100_096, [-19, -18, -18]))
+    first.append(row("test", 100_096, [21]))
+    first.append(row("train", 150_144, [5]))
+    first.append(row("train", 200_192, []))
+    second.append(row("train", 310_000, [3.25]))
+    second.append(row("train", 425_000, [4]))
+    second.append(row("train", 780_000, [19]))
+    second.append(row("train", 799_000, [20]))
+    second.append(row("train", 802_000, [21]))
+    expected = """<!-- ladder-*-pong-*.csv -->
+| run | 100K | 200K | 300K | 400K | 500K | 600K | 800K | 1,000K |
+| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
+| R1-pong-seed-1 | -18.3 | – | – | – | – | – | – | – |
+| R1-pong-seed-2 | – | – | 3.2 | – | – | – | 20.0 | – |
+<!-- end -->
+"""
+    assert render("<!-- ladder-*-pong-*.csv -->\n<!-- end -->\n", tmp_path) == expected
+    assert render(expected, tmp_path) == expected
 
 
 def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:

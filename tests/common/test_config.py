@@ -2,13 +2,16 @@
 
 import dataclasses
 import json
+import re
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.chunk import FRAME_SHAPE
 from common.config import (
     MAX_WAIT,
     ExplorationConfig,
@@ -21,8 +24,11 @@ from common.config import (
     from_mapping,
     to_json,
 )
-from common.errors import InputError
+from common.errors import InputError, MessageError
 from common.presets import PRESETS
+from common.vector_layout import width_of
+from replay.batch import SharedBatch, encode_batch
+from replay.messages import encode_held_out_reply
 
 GOOD = PRESETS["fast"]
 
@@ -96,15 +102,59 @@ def test_shares_end_at_1(field: str) -> None:
     [
         ("play.history", 2, 16, "choose a number from 2 to 16."),
         ("play.wait_bound", 1, MAX_WAIT, f"choose a number from 1 to {MAX_WAIT}."),
-        ("protocol.held_out_states", 1, 2_048, "choose a number from 1 to 2048."),
     ],
 )
 def test_ranges(field: str, least: int, most: int, sentence: str) -> None:
+    few = changed("protocol.held_out_states", 512)  # as many as long states allow
     for value in (least, most):
-        changed(field, value).check()
+        changed(field, value, few).check()
     for value in (least - 1, most + 1):
         with pytest.raises(InputError, match=f"^{field} is {value}: {sentence}$"):
-            changed(field, value).check()
+            changed(field, value, few).check()
+
+
+def test_states_that_travel_together_fit_a_message() -> None:
+    def held(states: int, history: int) -> bytes:
+        frames = np.zeros((states, history, *FRAME_SHAPE), np.uint8)
+        return encode_held_out_reply((frames, np.zeros((states, width_of("robot")), np.float32)))
+
+    def minibatch(steps: int, history: int) -> bytes:
+        vectors = np.zeros((steps, width_of("robot")), np.float32)
+        return encode_batch(
+            SharedBatch(
+                frames=np.zeros((2 * steps * history, *FRAME_SHAPE), np.uint8),
+                stacks=np.zeros((2, steps, history), np.int32),
+                ids=np.zeros(steps, np.int64),
+                a_tm1=np.zeros(steps, np.uint8),
+                **{name: np.zeros(steps, np.float32) for name in ("r_t", "discount_t", "weights")},
+                x_tm1=vectors,
+                x_t=vectors,
+            )
+        )
+
+    for history in (2, 4, 16):
+        config = changed("play.vector", True, changed("play.history", history))
+        config = replace(changed("protocol.held_out_states", 1, config), env="robot")
+        for field, message in (
+            ("protocol.held_out_states", held),
+            ("learning.batch_size", minibatch),
+        ):
+            with pytest.raises(InputError, match=f"^{field} is 99999: choose a number") as caught:
+                changed(field, 99_999, config).check()
+            most = int(re.findall(r"from 1 to (\d+)", str(caught.value))[0])
+            message(most, history)
+            with pytest.raises(MessageError, match="over the bound"):
+                message(round(1.01 * most), history)
+            with pytest.raises(InputError, match=f"^{field} is {most + 1}: choose a number"):
+                changed(field, most + 1, config).check()
+            with pytest.raises(InputError, match=f"^{field} is 0: choose"):
+                changed(field, 0, config).check()
+
+
+def test_a_mean_over_squares_must_forget() -> None:
+    with pytest.raises(InputError, match=r"^learning.rmsprop_decay is 1.0: choose less than 1\.$"):
+        changed("learning.rmsprop_decay", 1.0).check()
+    changed("learning.rmsprop_decay", 0.99).check()
 
 
 @pytest.mark.parametrize(
@@ -236,6 +286,19 @@ def test_a_missing_field_is_named() -> None:
     del data["replay"]["warmup"]
     with pytest.raises(InputError, match=r"^here.replay has a missing or unknown field: warmup\.$"):
         from_mapping(RunConfig, data, "here")
+
+
+def test_a_file_may_be_older_than_a_field_and_has_its_default() -> None:
+    data = mapping()
+    del data["learning"]["vector_scale"]
+    data["play"] = {}
+    assert from_mapping(RunConfig, data, fill=True) == replace(GOOD, play=PlayConfig())
+    data["learning"]["newer"] = 1
+    with pytest.raises(InputError, match=r"^config.learning has a missing or unknown field: newer"):
+        from_mapping(RunConfig, data, fill=True)
+    del data["play"]
+    with pytest.raises(InputError, match=r"^config has a missing or unknown field: play"):
+        from_mapping(RunConfig, data, fill=True)
 
 
 def test_unknown_fields_are_named() -> None:

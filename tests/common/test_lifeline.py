@@ -35,9 +35,10 @@ threading.Event().wait()
 """
 
 ON_SIGNALS = """
-import sys, threading
+import signal, sys, threading
 from common import lifeline
 
+signal.signal(signal.SIGHUP, signal.{hangup})  # these tests may themselves run under nohup
 lifeline._TOGETHER = {together}
 stop = threading.Event()
 lifeline.on_signals(stop)
@@ -46,6 +47,10 @@ stop.wait()
 print("stopping", flush=True)
 sys.stdin.read()
 """
+
+
+def on_signals(together: float, hangup: str = "SIG_DFL") -> str:
+    return ON_SIGNALS.format(together=together, hangup=hangup)
 
 
 def line(process: "subprocess.Popen[str]") -> str:
@@ -109,9 +114,9 @@ def test_a_process_leaves_with_a_parent_that_was_killed() -> None:
     parent.communicate(timeout=PATIENCE)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_the_first_signal_asks_it_to_stop(number: signal.Signals) -> None:
-    process = start(ON_SIGNALS.format(together=0.0))
+    process = start(on_signals(together=0.0))
     process.send_signal(number)
     output, _ = process.communicate(timeout=PATIENCE)
     assert output == "stopping\n"
@@ -137,7 +142,7 @@ def test_a_signal_may_come_while_the_event_is_locked() -> None:
 
 def stopping(together: float) -> "subprocess.Popen[str]":
     """A process that got a signal, and is about to stop once its standard input ends."""
-    process = start(ON_SIGNALS.format(together=together))
+    process = start(on_signals(together=together))
     process.send_signal(signal.SIGTERM)
     assert line(process) == "stopping\n"
     return process
@@ -149,6 +154,23 @@ def test_a_later_signal_ends_it_at_once(number: signal.Signals, status: int) -> 
     process.send_signal(number)
     assert process.wait(PATIENCE) == status
     process.communicate()
+
+
+def test_a_terminal_that_closes_hurries_nobody() -> None:
+    process = stopping(together=0.0)
+    process.send_signal(signal.SIGHUP)
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
+
+
+def test_under_nohup_a_terminal_that_closes_is_nothing() -> None:
+    process = start(on_signals(together=0.0, hangup="SIG_IGN"))
+    process.send_signal(signal.SIGHUP)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(0.2)
+    process.send_signal(signal.SIGTERM)
+    output, _ = process.communicate(timeout=PATIENCE)
+    assert output == "stopping\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -13,7 +13,7 @@ import pytest
 from common.config import RunConfig
 from common.errors import InputError
 from common.presets import PRESETS
-from common.run_folder import RunFolder, write_atomically
+from common.run_folder import Part, RunFolder, write_atomically
 
 FAST = PRESETS["fast"]
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def claim(
     runs: Path,
-    part: str = "learner",
+    part: Part = "learner",
     config: RunConfig = FAST,
     *,
     resume: bool = False,
@@ -77,6 +77,29 @@ def test_a_run_that_ended_before_it_began_may_start_again(tmp_path: Path) -> Non
     first = claim(tmp_path)
     del first  # closes its locks
     assert claim(tmp_path).stored_config() == FAST
+
+
+def test_a_start_that_failed_binds_nobody_to_its_settings(tmp_path: Path) -> None:
+    other = replace(FAST, seed=2)
+    folder = claim(tmp_path)
+    with pytest.raises(InputError, match="has another configuration"):  # it is still at work
+        claim(tmp_path, "replay", other)
+    del folder
+    assert claim(tmp_path, config=other).stored_config() == other
+
+
+def test_a_replay_binds_the_learner(tmp_path: Path) -> None:
+    claim(tmp_path, "replay").replay.mkdir()
+    with pytest.raises(InputError, match="has another configuration"):
+        claim(tmp_path, config=replace(FAST, seed=2))
+
+
+def test_a_run_may_be_older_than_a_setting(tmp_path: Path) -> None:
+    folder = claim(tmp_path)
+    told = json.loads(folder.config_file.read_text())
+    del told["learning"]["vector_scale"]
+    folder.config_file.write_text(json.dumps(told))
+    assert folder.stored_config() == FAST
 
 
 def test_a_resumed_run_keeps_its_configuration(tmp_path: Path) -> None:

@@ -1,7 +1,12 @@
 """Processes die by kill -9; nothing that was acknowledged is lost."""
 
+import re
+import shutil
 import signal
 import threading
+
+import pytest
+from safetensors import safe_open
 
 from common.bus import RunKeys, connect
 from common.config import RunConfig
@@ -107,3 +112,33 @@ def test_a_learner_that_is_killed_goes_on_where_it_was(stage: Stage) -> None:
     assert seen["made"] == seen["acked"] == summary["chunks"]["acked"]
     phases = [(row["epoch"], row["phase"]) for row in stage.rows()]
     assert len(phases) == len(set(phases))
+
+
+def test_a_learner_without_the_steps_its_checkpoint_knows_of_says_so(stage: Stage) -> None:
+    flags = ("--local", "--evaluators=0", "--env", "ale", *SMALL)
+    learner = stage.learner(*flags, "--steps=1600")
+    learner.ends()
+    shutil.rmtree(stage.run / "replay")
+
+    said = stage.learner(*flags, "--resume", "--steps=3000").ends(2)
+
+    assert re.search(r"the replay has seen 0 steps and the checkpoint 1,[67]\d\d: put", said)
+    network = stage.run / "checkpoint.safetensors"
+    command = re.search(r"--initial (\S+)\)", said)
+    assert command is not None
+    assert (stage.folder / command[1]).resolve() == network
+    # As it says: another run, with this one's network.
+    other = ("--listen", stage.endpoint, "--run", "other", "--initial", command[1])
+    stage.start("-m", "learner", *other, *flags, "--steps=700").ends()
+
+
+@pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
+def test_nothing_of_a_network_that_diverged_is_kept(stage: Stage, sampler: str) -> None:
+    learner = stage.learner(
+        *("--local", "--evaluators=0", "--env=ale", *SMALL, "--learning.checkpoint-every=1"),
+        *(f"--replay.sampler={sampler}", "--learning.learning-rate=1e30"),
+    )
+    said = learner.ends(2)
+    assert "the loss is no finite number any more at update" in said
+    with safe_open(stage.run / "checkpoint.safetensors", "pt") as file:
+        assert all(file.get_tensor(name).isfinite().all() for name in file.keys())  # noqa: SIM118

@@ -29,7 +29,7 @@ def game(places: dict[int, int]) -> dict[str, Any]:
 
 
 def summed_up(played: list[dict[str, Any]], *flags: str) -> tuple[dict[str, Any], str]:
-    content = evaluation._content(EvaluationOptions(Path("w")), PRESETS["fast"], flags, played)
+    content = evaluation._content(EvaluationOptions(Path("w")), PRESETS["fast"], flags, [], played)
     console = Console(width=100, file=io.StringIO(), record=True)
     console.print(evaluation._table(content))
     told: dict[str, Any] = json.loads(json.dumps(strict(content), allow_nan=False))

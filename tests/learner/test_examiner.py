@@ -97,6 +97,29 @@ def test_two_evaluators_share_a_test(sessions: Sessions, tmp_path: Path) -> None
     assert (done.steps, sorted(done.scores)) == (105, [1.0, 2.0])
 
 
+def test_where_nobody_tests_only_the_newest_wait_and_the_others_files_go(
+    sessions: Sessions, tmp_path: Path
+) -> None:
+    hub, client = sessions
+    evaluators = Evaluators("e")
+    examiner = _examiner(hub, tmp_path, evaluators)
+    examiner.add(_test(1), b"1")
+    assert _ask(client, "e").epoch == 1
+    evaluators.living = set()  # but what it was given is still its own
+    for epoch in range(2, 9):
+        examiner.add(_test(epoch), b"w")
+    assert sorted(test["epoch"] for test in examiner.state()) == [1, 5, 6, 7, 8]
+    assert len(list(tmp_path.iterdir())) == 8  # until a checkpoint needs them no more
+    examiner.sweep()
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        f"epoch-{epoch:04d}.safetensors" for epoch in (1, 5, 6, 7, 8)
+    ]
+    evaluators.living = {"e"}
+    for epoch in (9, 10):
+        examiner.add(_test(epoch), b"w")
+    assert examiner.pending == 7
+
+
 def test_what_a_lost_evaluator_left_is_played_by_another(
     sessions: Sessions, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,16 +1,26 @@
 """How time passes: what the learner's command line takes, refuses, and tells its actors."""
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from actors.__main__ import ActorOptions
 from common.cli import parse, parse_run
 from common.errors import InputError
 from common.presets import PRESETS
 from common.run_folder import RunFolder
-from learner.__main__ import LearnerOptions, clock_flags, clock_mode, stored_config
+from common.weights import encode_weights
+from learner.__main__ import (
+    LearnerOptions,
+    clock_flags,
+    clock_mode,
+    first_network,
+    going_on,
+    stored_config,
+)
 from learner.status import ClockMode
 
 
@@ -93,3 +103,40 @@ def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path)
     assert found(*network) == trained
     delayed = replace(trained, env="robot", play=replace(trained.play, delay=2))
     assert found(*network, "--env", "robot", "--play.delay", "2") == delayed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "done", "again"),
+    [
+        ("", False, "--run r --resume"),
+        ("--local --no-sync --actors 4", False, "--local --no-sync --actors 4 --run r --resume"),
+        ("--runs D --run=r --steps 9", False, "--runs D --run=r --steps 9 --resume"),
+        ("--run r --steps 9 --local", True, "--run r --local --resume"),
+        ("--steps=9 --run r --resume", True, "--run r --resume"),
+        ("--run r --initial a.safetensors --force", False, "--run r --resume"),
+        ("--initial=a.safetensors --connect tcp/h:1", False, "--connect tcp/h:1 --run r --resume"),
+        ("--run r --learner 'a b'", False, "--run r --learner 'a b' --resume"),
+    ],
+)
+def test_the_command_that_goes_on_is_told(arguments: str, done: bool, again: str) -> None:
+    told = going_on(shlex.split(arguments), "r", done=done)
+    assert told == f"python -m learner {again}"
+
+
+def test_a_run_that_ended_before_its_first_checkpoint_has_the_network_it_was_given(
+    tmp_path: Path,
+) -> None:
+    here = ("--runs", str(tmp_path), "--run", "r", "--env", "ale", "--seed", "3")
+    folder = RunFolder(tmp_path, "r")
+    fresh = first_network(learner(*here), folder)
+    other = first_network(learner(*here[:-1], "4"), folder)
+    folder.path.mkdir()
+    folder.initial.write_bytes(encode_weights(other))
+
+    def hidden(*arguments: str) -> torch.Tensor:
+        return first_network(learner(*here, *arguments), folder).hidden.weight
+
+    assert torch.equal(hidden(), fresh.hidden.weight)
+    assert torch.equal(hidden("--resume"), other.hidden.weight)
+    folder.checkpoint.touch()  # from which all weights will be taken
+    assert torch.equal(hidden("--resume"), fresh.hidden.weight)

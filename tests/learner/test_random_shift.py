@@ -28,6 +28,19 @@ def test_each_state_is_a_window_of_its_padded_self_and_all_windows_come() -> Non
     assert len(seen) == 25  # 200 draws miss one of 25 with probability 0.007; the seed is fixed
 
 
+def test_a_run_that_goes_on_draws_other_shifts_than_at_its_start() -> None:
+    frames = torch.randint(256, (32, 1, 84, 84), dtype=torch.uint8)
+
+    def shifted(updates: int) -> torch.Tensor:
+        shift = RandomShift(4, seed=1)
+        shift.go_on(updates)
+        return shift(frames)
+
+    assert torch.equal(shifted(0), RandomShift(4, seed=1)(frames))
+    assert torch.equal(shifted(500), shifted(500))
+    assert not torch.equal(shifted(0), shifted(500))
+
+
 def test_no_shift_is_none() -> None:
     frames = torch.randint(256, (4, 4, 84, 84), dtype=torch.uint8)
     assert torch.equal(RandomShift(0, seed=1)(frames), frames)

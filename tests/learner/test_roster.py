@@ -16,8 +16,8 @@ from tests.learner.conftest import KEYS
 
 STATS = ActorStats(
     name="a1", role="actor", incarnation=7, leaving=False, steps=640, steps_per_second=100.0,
-    epsilon=0.5, weights_version=50, made=10, acked=8, retried=2, refused=0, held_share=0.0,
-    valid_share=1.0, match_share=1.0, decisions=700, missed_deadlines=5, late_frames=6,
+    epsilon=0.5, weights_version=50, made=10, acked=8, retried=2, refused=0, held_share=0.25,
+    valid_share=0.75, match_share=0.5, decisions=700, missed_deadlines=5, late_frames=6,
     waits_given_up=7, key_times=(1,) * 60 + (5,) * 60,
 )  # fmt: skip
 
@@ -47,6 +47,7 @@ def test_an_actor_from_its_arrival_to_its_leave(
     assert (actor.name, actor.alive, actor.steps, actor.made) == ("a1", True, 640, 10)
     assert (actor.decisions, actor.missed_deadlines) == (700, 5)
     assert (actor.late_frames, actor.waits_given_up) == (6, 7)
+    assert (actor.held_share, actor.valid_share, actor.match_share) == (0.25, 0.75, 0.5)
 
     client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, leaving=True, made=11)))
     _until(lambda: roster.counts() == (11, 2))

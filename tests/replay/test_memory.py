@@ -417,7 +417,19 @@ def test_no_space_is_said_with_the_bytes_and_leaves_nothing(
         patch.setattr("replay.columns.os.posix_fallocate", full)
         with pytest.raises(InputError, match=f"{64 * (7_056 + 7):,} bytes.*No space left"):
             Memory(make_config(), tmp_path / "ring")
-    assert list((tmp_path / "ring").iterdir()) == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_actions_are_those_of_the_runs_game(tmp_path: Path) -> None:
+    memory, rng = Memory(make_config(), tmp_path, actions=6), np.random.default_rng(0)
+    actor = Actor("a", history=4)
+    chunk = actor.live([GOES_ON] * 8, rng)
+    chunk.actions[:] = 5
+    assert memory.insert(chunk).status == "stored"
+    chunk = actor.live([GOES_ON] * 8, rng)
+    chunk.actions[:] = [0, 1, 2, 3, 4, 5, 6, 0]
+    with pytest.raises(MessageError, match="actions should be less than 6"):
+        memory.insert(chunk)
 
 
 @pytest.mark.parametrize("fault", ["action", "context", "width", "size"])

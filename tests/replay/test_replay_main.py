@@ -20,7 +20,10 @@ from common.presets import PRESETS
 from replay.client import RemoteReplay
 from tests.patience import PATIENCE
 
-FLAGS = ["--replay.capacity", "400", "--replay.warmup", "50", "--stream.chunk-steps", "16"]
+FLAGS = [
+    *("--play.no-minimal-actions", "--replay.capacity", "400", "--replay.warmup", "50"),
+    *("--stream.chunk-steps", "16"),
+]
 CONFIG: RunConfig = PRESETS["fast"]
 
 
@@ -125,3 +128,19 @@ def test_what_cannot_be_is_said_in_one_line(
     assert started[1].ended() == 2
     assert len(started[1].lines) == 1
     assert complaint in started[1].lines[0]
+
+
+def test_that_nobody_reads_what_it_says_is_no_reason_to_end(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    command = [sys.executable, "-m", "replay", "--run", RUN, "--runs", str(tmp_path)]
+    command += ["--preset", "fast", "--listen", endpoint, *FLAGS]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        session = connect(endpoint, PATIENCE)
+        chunk = Actor("a", 4).live([GOES_ON] * 15 + [TERMINATES], np.random.default_rng(0))
+        assert insert(session, chunk).status == "stored"
+        session.close()  # type: ignore[no-untyped-call]
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=PATIENCE)
+        assert (process.returncode, errors) == (0, b"")
