@@ -1,4 +1,7 @@
-"""`evaluate`: whole games by a trained network, played by `python -m learner --evaluate`."""
+"""`evaluate`: whole games by a trained network, played by `python -m learner --evaluate`.
+
+`lateness` are flags for it.
+"""
 
 import json
 import subprocess
@@ -9,6 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from common.errors import InputError
+
+
+def lateness(press: int) -> list[str]:
+    """Flags for a modelled hand, whatever hand a network was trained with.
+
+    Args:
+        press: frames of 60 Hz until a new command's keys are down; the old one's go at once.
+    """
+    return ["--play.delay", "0", "--play.release", "0", "--play.press", f"{press}"]
 
 
 def evaluate(

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from benchmarks.evaluation import evaluate
+from benchmarks.evaluation import evaluate, lateness
 from common.config import MAX_DELAY
 from common.errors import InputError, exit_on_input_error
 from common.key_times import ms_of
@@ -72,7 +72,7 @@ def hand_flags(network: Path, press: int) -> list[str]:
     trained = origin_of(network)
     if trained is None:
         raise InputError(f"{network} has neither a card nor a run's folder beside it: get them.")
-    late = ["--play.delay", "0", "--play.release", "0", "--play.press", f"{press}"]
+    late = lateness(press)
     return [*late, "--play.hand", "model"] if trained.env == "robot" else late
 
 

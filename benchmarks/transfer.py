@@ -9,7 +9,7 @@ from pathlib import Path
 
 import tyro
 
-from benchmarks.evaluation import evaluate
+from benchmarks.evaluation import evaluate, lateness
 from benchmarks.ladder import FLAGS, Rung
 from benchmarks.report import publish
 from common.errors import InputError, exit_on_input_error
@@ -40,9 +40,8 @@ class Options:
 
 def rung_flags(rung: Rung) -> list[str]:
     """All that a rung is, so that nothing is left of the one on which the network was trained."""
-    plain = {"hand": "arm", "eye": "camera", "delay": "0", "release": "0", "press": "0"}
-    flags = {f"--play.{name}": value for name, value in plain.items()}
-    flags |= dict(zip(FLAGS[rung][::2], FLAGS[rung][1::2], strict=True))
+    every = ["--play.hand", "arm", "--play.eye", "camera", *lateness(0), *FLAGS[rung]]
+    flags = dict(zip(every[::2], every[1::2], strict=True))  # of two values of a flag the last
     return [part for pair in flags.items() for part in pair]
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import tyro
 
 from actors.envs import count_actions
-from actors.envs.emulator import check_game
 from common.allocator import keep_large_blocks
 from common.bus import DEFAULT_ENDPOINT, open_hub
 from common.cli import RunFlags, parse_run
@@ -53,14 +52,14 @@ def main() -> None:
     )
     keep_large_blocks()
     config = options.config
-    check_game(config.game)
+    actions = count_actions(config)
     folder = RunFolder(options.runs, options.run)
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     stop = threading.Event()
     on_signals(stop)
     session = open_hub(options.listen)
     try:
-        memory = Memory(config, folder.replay, count_actions(config))
+        memory = Memory(config, folder.replay, actions)
         try:
             with ReplayServer(session, memory, config, folder.name):
                 _say(f"replay of run {folder.name} in {folder.replay}, at {options.listen}.")

@@ -63,9 +63,8 @@ def count_actions(config: RunConfig) -> int:
     Raises:
         InputError: ale-py does not bundle ``config.game``.
     """
-    if not config.play.minimal_actions:
-        return len(KEYS_OF_ACTION)
-    return len(Emulator(config.game, config.seed).minimal_actions)
+    minimal = Emulator(config.game, config.seed).minimal_actions
+    return len(minimal if config.play.minimal_actions else KEYS_OF_ACTION)
 
 
 for _game in GAMES:

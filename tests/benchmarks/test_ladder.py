@@ -13,6 +13,7 @@ from benchmarks.plot_histogram import read_evaluation
 from common.cli import parse_run
 from learner.__main__ import LearnerOptions
 from learner.epochs import EpochPhase, EpochRow, EpochTable
+from tests.epoch_rows import epoch_row
 from tests.patience import PATIENCE
 
 
@@ -45,20 +46,9 @@ def test_runs_have_names_of_their_own() -> None:
 
 
 def phase(phase: EpochPhase, epoch: int, mean: float | None) -> EpochRow:
-    return EpochRow.of_games(
-        [] if mean is None else [mean - 1, mean + 1],
-        epoch=epoch,
-        phase=phase,
-        steps=100,
-        last_exploration_rate=0.0,
-        total_train_steps=100 * epoch,
-        replay_memory_count=0,
-        meanq=None,
-        meancost=None,
-        weight_updates=0,
-        total_time=7.5 * epoch,
-        epoch_time=1.0,
-    )
+    scores = [] if mean is None else [mean - 1, mean + 1]
+    times = {"total_train_steps": 100 * epoch, "total_time": 7.5 * epoch}
+    return epoch_row(scores, epoch=epoch, phase=phase, **times)
 
 
 def test_a_row_tells_when_the_training_games_first_had_a_mean() -> None:

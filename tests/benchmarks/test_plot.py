@@ -20,22 +20,10 @@ from benchmarks.plot import Options, draw
 from benchmarks.plot_style import RANDOM, mean_line
 from common.errors import InputError
 from common.presets import PRESETS
-from learner.epochs import EpochRow, EpochTable
+from learner.epochs import EpochTable
+from tests.epoch_rows import epoch_row
 
-ROW = EpochRow.of_games(
-    [],
-    epoch=0,
-    phase="random",
-    steps=1_000,
-    last_exploration_rate=1.0,
-    total_train_steps=0,
-    replay_memory_count=0,
-    meanq=None,
-    meancost=None,
-    weight_updates=0,
-    total_time=10.0,
-    epoch_time=10.0,
-)
+ROW = epoch_row()
 
 
 @pytest.fixture(autouse=True)

@@ -9,6 +9,7 @@ from benchmarks.ladder import COLUMNS, add_row
 from benchmarks.results_page import PAGE, render
 from common.errors import InputError
 from learner.epochs import EpochPhase, EpochRow, EpochTable
+from tests.epoch_rows import epoch_row
 
 MEASUREMENT = {
     "title": "Speed of two things",
@@ -87,20 +88,7 @@ A processor, 2 cores, torch 2.13.0, commit 0123456.
 
 def test_how_fast_each_run_learned_is_told_by_its_epochs(tmp_path: Path) -> None:
     def row(phase: EpochPhase, steps: int, scores: list[float]) -> EpochRow:
-        return EpochRow.of_games(
-            scores,
-            epoch=1,
-            phase=phase,
-            steps=50_000,
-            last_exploration_rate=0.02,
-            total_train_steps=steps,
-            replay_memory_count=0,
-            meanq=None,
-            meancost=None,
-            weight_updates=0,
-            total_time=1,
-            epoch_time=1,
-        )
+        return epoch_row(scores, epoch=1, phase=phase, total_train_steps=steps)
 
     first, second = (EpochTable(tmp_path / f"ladder-R1-pong-seed-{seed}.csv") for seed in (1, 2))
     first.append(row("train", 50_048, [-21, -20]))

@@ -10,23 +10,34 @@ from common.errors import InputError
 from learner.local import Crew
 from tests.patience import PATIENCE
 
-_CHILD = f"""#!{sys.executable}
-import os, sys
+_TELLS = """import os, sys
 sys.stdin.read()
 print(os.getpriority(os.PRIO_PROCESS, 0), os.getpgrp() == os.getpid())
 """
+
+
+def crew_of(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    script: str,
+    *,
+    evaluators: int = 0,
+    give_way: bool = True,
+) -> Crew:
+    """An actor, and evaluators, that are this script."""
+    child = tmp_path / "child"
+    child.write_text(f"#!{sys.executable}\n{script}\n")
+    child.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(child))
+    return Crew("endpoint", "run", 1, 1, evaluators, tmp_path, ["--sync"], give_way=give_way)
 
 
 @pytest.mark.parametrize("give_way", [True, False])
 def test_children_give_way_only_where_time_waits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, give_way: bool
 ) -> None:
-    child = tmp_path / "child"
-    child.write_text(_CHILD)
-    child.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(child))
     monkeypatch.setattr("learner.local._LEAVE", 60.0)
-    crew = Crew("endpoint", "run", 1, 1, 1, tmp_path, ["--sync"], give_way=give_way)
+    crew = crew_of(tmp_path, monkeypatch, _TELLS, evaluators=1, give_way=give_way)
     roles = ("actor", "evaluator")
     assert [crew.works(role) for role in roles] == [True, True]
     crew.close()
@@ -35,15 +46,6 @@ def test_children_give_way_only_where_time_waits(
     nice = min(ours + 10, 19) if give_way else ours
     for name in ("actor-1", "evaluator-1"):
         assert (tmp_path / f"{name}.log").read_text().split() == [str(nice), "True"]
-
-
-def crew_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> Crew:
-    """One actor that is this script."""
-    child = tmp_path / "child"
-    child.write_text(f"#!{sys.executable}\n{script}\n")
-    child.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(child))
-    return Crew("endpoint", "run", 1, 1, 0, tmp_path, ["--sync"], give_way=True)
 
 
 def notes_of(crew: Crew, *, finished: bool = False) -> list[str]:
