@@ -1,5 +1,6 @@
 """Errors that are meant for people: one sentence, what is wrong and what to do."""
 
+import errno
 import sys
 from collections.abc import Callable
 
@@ -13,11 +14,23 @@ class MessageError(ValueError):
 
 
 def exit_on_input_error(main: Callable[[], int | None]) -> None:
-    """Run ``main`` and exit with its status; an `InputError` becomes one line and exit code 2."""
+    """Run ``main`` and exit with its status.
+
+    An `InputError`, and a full disk wherever it was met, becomes one line and exit code 2.
+    """
     try:
         status = main()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
+        status = 2
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        print(
+            "error: the disk is full: free some space, then run the command again; "
+            "a run goes on with --resume from its last checkpoint.",
+            file=sys.stderr,
+        )
         status = 2
     except KeyboardInterrupt:
         status = 130

@@ -22,10 +22,14 @@ from common.errors import InputError
 def write_atomically(path: Path, content: bytes) -> None:
     """Replace ``path`` by ``content``: whoever reads sees the old or the new, never a half."""
     fresh = path.with_name(path.name + ".tmp")
-    with fresh.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
+    try:
+        with fresh.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError:
+        fresh.unlink(missing_ok=True)  # half a file, on a disk that is full of it
+        raise
     fresh.replace(path)
 
 

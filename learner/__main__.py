@@ -14,7 +14,6 @@ import tyro
 import zenoh
 
 from actors.envs import count_actions
-from actors.envs.emulator import check_game
 from common.allocator import keep_large_blocks
 from common.announcement import find_run
 from common.bus import DEFAULT_ENDPOINT, RunKeys, connect, open_hub
@@ -124,7 +123,6 @@ class LearnerOptions:
                 raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
             if self.config.env == "ale":
                 raise InputError(f"{flag} is for the robot: leave it away with --env ale.")
-        check_game(self.config.game)
         if self.steps is not None and self.steps <= self.config.replay.warmup:
             raise InputError(
                 f"--steps is {self.steps}, all of which the warm-up of "
@@ -148,13 +146,13 @@ def stored_config(options: LearnerOptions) -> RunConfig | None:
 
 @contextmanager
 def hosted_replay(
-    options: LearnerOptions, config: RunConfig, folder: RunFolder
+    options: LearnerOptions, config: RunConfig, folder: RunFolder, actions: int
 ) -> Iterator[tuple[zenoh.Session, Replay, str]]:
     """Hub and replay in this process; also the address at which they are found."""
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     session = open_hub(options.listen)
     try:
-        memory = Memory(config, folder.replay, count_actions(config))
+        memory = Memory(config, folder.replay, actions)
         try:
             with ReplayServer(session, memory, config, folder.name):
                 yield session, memory, options.listen
@@ -273,7 +271,7 @@ def main() -> int:
     elif not options.resume:
         folder.initial.unlink(missing_ok=True)  # of a start that failed
     place = (
-        hosted_replay(options, config, folder)
+        hosted_replay(options, config, folder, network.actions.out_features)
         if options.connect is None
         else remote_replay(options, options.connect, folder, stop)
     )

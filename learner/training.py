@@ -1,6 +1,7 @@
 """The learner's main loop, and what happens around it on schedule."""
 
 import math
+import shutil
 import threading
 import time
 from collections.abc import Callable
@@ -39,6 +40,8 @@ _MEASURE_Q = 30.0
 _CURVE_POINT = 10.0
 _SUMMARY = 60.0
 _PUBLISH_AGAIN = 10.0
+_ROOM = 2
+"""Checkpoints for which there should be room on the disk; tables and snapshots are smaller."""
 _LEAST_PHASE = 0.1
 """Share of an epoch below which the last steps of a run are no epoch of their own."""
 _FAREWELL = 10.0
@@ -85,8 +88,6 @@ class Learner:
         self._crew: Crew | None = None
         self.failed: str | None = None
         """Why the run ended by itself before its goal: the gate that stayed red."""
-        self.done = False
-        """Whether it has all the steps it was asked for."""
         self._red_seconds = 60 * gate_minutes
         self._red_steps = least_steps(config.stream.chunk_steps)
         self._gate_watch = GateWatch(self._red_seconds, self._red_steps)
@@ -99,7 +100,6 @@ class Learner:
         self._phase_began = 0.0
         self._seconds_before = 0.0
         self._published = 0
-        self._finished = False
         self._due: dict[str, float] = {}
         self._started = time.monotonic()
 
@@ -197,7 +197,7 @@ class Learner:
 
     def _train(self) -> None:
         """The main loop."""
-        while not self._stop.is_set() and not self._goal_reached():
+        while not self._stop.is_set() and not self.done:
             batch = self._prefetcher.next(_TICK)
             if batch is not None:
                 self._learn(batch)
@@ -220,7 +220,6 @@ class Learner:
         if self._updates % schedule.publish_every == 0:
             self._publish()
         if self._updates % schedule.checkpoint_every == 0:
-            self._check_loss()
             self._checkpoint()
 
     def _is_finite(self) -> bool:
@@ -249,6 +248,8 @@ class Learner:
         """Hear what happened elsewhere, and tell."""
         if not self._is_due("look", _LOOK):
             return
+        self._await_room()
+        self._check_loss()
         while True:
             self._progress = self._replay.progress(self._books.facts_seen, finished=self._finished)
             for ended in self._books.book(self._progress.facts):
@@ -264,7 +265,6 @@ class Learner:
             self._held_out.measure(self._trainer)
         if self._is_due("publish", _PUBLISH_AGAIN):
             self._publish()  # for a replay that was restarted and has none to give
-        self._check_loss()
         status = self._status()
         if status.phase == "training":
             self._watch_gates(status)
@@ -274,6 +274,20 @@ class Learner:
             self._records.point(status)
         if self._is_due("summary", _SUMMARY):
             self._records.summarise(status)
+
+    def _await_room(self) -> None:
+        """Pause while the disk is full, or the next checkpoint would end the run."""
+        needed = _ROOM * self._folder.checkpoint.stat().st_size
+        if shutil.disk_usage(self._folder.path).free >= needed:
+            return
+        self._display.line(
+            f"WARNING: the disk of {self._folder.path} is full: training waits until "
+            f"{-(-needed // 2**20)} MiB of it are free."
+        )
+        while shutil.disk_usage(self._folder.path).free < needed:
+            if self._stop.wait(_TICK):
+                return
+        self._display.line("There is room on the disk again: training goes on.")
 
     def _watch_gates(self, status: Status) -> None:
         """End the run if a gate stays red."""
@@ -313,7 +327,6 @@ class Learner:
 
     def _end_phase(self, ended: PhaseEnd) -> None:
         """Record a phase; have the snapshot of an epoch tested."""
-        self._check_loss()
         if ended.epoch == 0:
             self._held_out.draw(self._replay, self._config.protocol.held_out_states)
         self._held_out.measure(self._trainer)
@@ -376,14 +389,18 @@ class Learner:
 
     # ------------------------------------------------------------------ the end
 
-    def _goal_reached(self) -> bool:
-        """All steps are there, and all updates that they call for are done."""
-        if self._steps_goal is None or self._books.agent_steps < self._steps_goal:
+    @property
+    def _finished(self) -> bool:
+        """Whether all steps are there, and actors may leave."""
+        return self._steps_goal is not None and self._books.agent_steps >= self._steps_goal
+
+    @property
+    def done(self) -> bool:
+        """Whether all steps it was asked for are there, and all updates that they call for."""
+        if self._steps_goal is None or not self._finished:
             return False
-        self._finished = True  # told to the actors with the next look
         steps = self._steps_goal - self._config.replay.warmup
-        self.done = self._updates >= steps // self._config.learning.train_every
-        return self.done
+        return self._updates >= steps // self._config.learning.train_every
 
     def _conclude(self) -> None:
         """Let the actors hand in their last chunks, and have the last epoch tested."""
@@ -421,6 +438,7 @@ class Learner:
     # ------------------------------------------------------------------ what is kept
 
     def _checkpoint(self) -> None:
+        self._check_loss()
         save_checkpoint(
             self._folder.checkpoint,
             self._trainer,

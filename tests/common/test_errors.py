@@ -1,5 +1,8 @@
 """How a program ends: by its own status, or with one line for the user."""
 
+import errno
+import os
+
 import pytest
 
 from common.errors import InputError, MessageError, exit_on_input_error
@@ -30,6 +33,20 @@ def test_ctrl_c_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
         exit_on_input_error(main)
     assert caught.value.code == 130
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_disk_is_one_line(number: int, capsys: pytest.CaptureFixture[str]) -> None:
+    def main() -> int:
+        raise OSError(number, os.strerror(number))
+
+    with pytest.raises(SystemExit) as caught:
+        exit_on_input_error(main)
+    assert caught.value.code == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith("error: the disk is full: free some space")
+    assert told.err.count("\n") == 1
 
 
 def test_other_errors_are_bugs_and_keep_their_traceback() -> None:

@@ -197,6 +197,7 @@ def test_a_write_that_fails_leaves_the_old_file(
     with pytest.raises(OSError, match="no space left"):
         write_atomically(path, b"new")
     assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["file"]
 
 
 def test_whoever_holds_the_old_file_open_reads_it_to_its_end(tmp_path: Path) -> None:

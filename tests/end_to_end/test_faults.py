@@ -4,6 +4,7 @@ import re
 import shutil
 import signal
 import threading
+from pathlib import Path
 
 import pytest
 from safetensors import safe_open
@@ -11,9 +12,10 @@ from safetensors import safe_open
 from common.bus import RunKeys, connect
 from common.config import RunConfig
 from common.presets import PRESETS
+from common.run_folder import write_atomically
 from replay.client import RemoteReplay
 from replay.facts import Progress
-from tests.end_to_end.conftest import SMALL, Stage, wait_until
+from tests.end_to_end.conftest import ROOT, SMALL, Program, Stage, wait_until
 from tests.patience import PATIENCE
 
 
@@ -142,3 +144,32 @@ def test_nothing_of_a_network_that_diverged_is_kept(stage: Stage, sampler: str) 
     assert "the loss is no finite number any more at update" in said
     with safe_open(stage.run / "checkpoint.safetensors", "pt") as file:
         assert all(file.get_tensor(name).isfinite().all() for name in file.keys())  # noqa: SIM118
+
+
+def _on_a_full_disk(stage: Stage, free: Path, *arguments: str) -> Program:
+    """The learner of a whole run, once it waits for room; ``free`` says how much there is."""
+    write_atomically(free, b"0")
+    learner = stage.start(
+        *(str(ROOT / "tests/end_to_end/small_disk.py"), str(free), "--listen", stage.endpoint),
+        *("--run=r", "--local", "--evaluators=0", "--threads=1", "--env=ale", *SMALL, *arguments),
+    )
+    learner.says("is full: training waits until")
+    return learner
+
+
+def test_training_waits_while_the_disk_is_full(stage: Stage, tmp_path: Path) -> None:
+    free = tmp_path / "free"
+    learner = _on_a_full_disk(stage, free, "--steps=900")
+    written = (stage.run / "checkpoint.safetensors").stat().st_mtime_ns
+    assert not (stage.run / "epochs.csv").exists()
+    write_atomically(free, str(2**40).encode())
+    learner.says("training goes on")
+    learner.ends()
+    assert stage.summary()["updates"] >= (900 - 600) // 4
+    assert (stage.run / "checkpoint.safetensors").stat().st_mtime_ns > written
+
+
+def test_a_learner_that_waits_for_room_can_be_stopped(stage: Stage, tmp_path: Path) -> None:
+    learner = _on_a_full_disk(stage, tmp_path / "free")
+    learner.send(signal.SIGINT)
+    assert "go on with" in learner.ends()
