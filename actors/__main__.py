@@ -7,6 +7,7 @@ import threading
 import time
 import zlib
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -47,6 +48,8 @@ class ActorOptions:
     """Game seconds per second, with --no-sync."""
     connect: str = DEFAULT_ENDPOINT
     """Address of the run's hub (the learner, or a replay of its own)."""
+    certificates: Path | None = None
+    """Folder of certificates, where the hub's address begins with tls/; see deploy/README.md."""
     run: str | None = None
     """Name of the run; needed only where a hub serves several."""
     env: EnvKind | None = None
@@ -155,7 +158,9 @@ def main() -> int:
     def warn(text: str) -> None:
         print(f"{name}: {text}", file=sys.stderr, flush=True)
 
-    session = connect(options.connect, options.patience, stop.is_set)
+    session = connect(
+        options.connect, options.patience, stop.is_set, certificates=options.certificates
+    )
     try:
         keys, config = find_run(session, options.run, options.patience, stop.is_set)
         options.check_against(config)

@@ -18,10 +18,10 @@ from actors.tally import Tally
 from actors.weights_inbox import WeightsInbox
 from common.ack import Ack
 from common.actor_stats import ActorStats
-from common.bus import RunKeys
 from common.chunk import encode_chunk
 from common.config import RunConfig
 from common.errors import MessageError
+from common.run_keys import RunKeys
 from common.weights import load_weights
 
 FAREWELL = 2.0

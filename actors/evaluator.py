@@ -13,10 +13,10 @@ from actors.loop import play
 from actors.policy import Policy
 from actors.tally import Tally
 from common.actor_stats import ActorStats
-from common.bus import RunKeys
 from common.chunk import Game
 from common.errors import InputError, MessageError
 from common.examination import Report, Task, decode_task, encode_report
+from common.run_keys import RunKeys
 from common.weights import load_weights
 
 _ASK_AGAIN = 0.5

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import zenoh
 
 from common.actor_stats import ActorStats, Role, encode_stats
-from common.bus import RunKeys
+from common.run_keys import RunKeys
 
 PERIOD = 1.0
 

@@ -5,7 +5,7 @@ import threading
 import zenoh
 from zenoh.handlers import Callback
 
-from common.bus import RunKeys
+from common.run_keys import RunKeys
 from common.wire import MAX_MESSAGE_BYTES
 
 _FETCH_TIMEOUT = 5.0

@@ -21,10 +21,11 @@ from actors.outbox import Outbox
 from benchmarks.synthetic import Streams
 from common.allocator import keep_large_blocks
 from common.announcement import find_run
-from common.bus import RunKeys, connect
+from common.bus import connect
 from common.chunk import encode_chunk
 from common.config import RunConfig
 from common.errors import exit_on_input_error
+from common.run_keys import RunKeys
 from replay.client import RemoteReplay
 
 _PATIENCE = 60.0

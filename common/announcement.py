@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import zenoh
 
-from common.bus import RunKeys, check_name
+from common.bus import check_name
 from common.config import RunConfig, from_mapping, to_json
 from common.errors import InputError, MessageError
+from common.run_keys import RunKeys
 from common.wire import pack, take, unpack
 
 _PAUSE = 0.2

@@ -2,7 +2,8 @@
 
 A star: one hub listens (the process that hosts the replay), all others are its clients. Shared
 memory is off because it delivered corrupt data to stalled receivers; scouting is off and the
-default address is loopback, so nothing is reachable from outside unless asked for.
+default address is loopback, so nothing is reachable from outside unless asked for. At addresses
+that begin with ``tls/`` everybody shows a certificate, and may do what its role needs.
 """
 
 import json
@@ -10,19 +11,25 @@ import re
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import zenoh
 
+from common.access import access_control
+from common.credentials import Credentials, Role
 from common.errors import InputError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-NAMESPACE = "ale-robot"
+_NOT_TRUSTED = (
+    " If one runs there, its certificates or ours are of another authority or out of date, or the "
+    "hub's are not for this address."
+)
 LEASE_MS = 3_000
 """Silence after which the other side counts as gone."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-_ENDPOINT = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,5})")
+_ENDPOINT = re.compile(r"(?:tcp|tls)/(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,5})")
 
 
 def check_name(kind: str, name: str) -> str:
@@ -47,74 +54,35 @@ def check_endpoint(endpoint: str) -> tuple[str, int]:
     return match[1].strip("[]"), int(match[2])
 
 
-@dataclass(frozen=True)
-class RunKeys:
-    """Key expressions of one run, all under ``ale-robot/<run>``."""
-
-    run: str
-
-    def _key(self, *parts: str) -> str:
-        return "/".join((NAMESPACE, self.run, *parts))
-
-    @property
-    def config(self) -> str:
-        """Query: the run's `RunConfig`; ``RunKeys('*').config`` finds the run itself."""
-        return self._key("config")
-
-    def insert(self, actor: str) -> str:
-        """Query with a chunk, answered when it is stored; ``'*'`` for the server's side."""
-        return self._key("insert", actor)
-
-    @property
-    def sample(self) -> str:
-        """Query for a minibatch."""
-        return self._key("sample")
-
-    @property
-    def priorities(self) -> str:
-        """Query with new priorities of sampled steps."""
-        return self._key("priorities")
-
-    @property
-    def held_out(self) -> str:
-        """Query for states on which the mean max-Q is measured."""
-        return self._key("held_out")
-
-    @property
-    def progress(self) -> str:
-        """Query for the replay's counters; the learner also tells its own state with it."""
-        return self._key("progress")
-
-    @property
-    def weights(self) -> str:
-        """Published: the newest weights, version in the attachment."""
-        return self._key("weights")
-
-    @property
-    def latest_weights(self) -> str:
-        """Query: the newest weights, for those who missed the broadcast."""
-        return self._key("latest_weights")
-
-    @property
-    def task(self) -> str:
-        """Query of an evaluator: which epoch to test next, with that epoch's weights."""
-        return self._key("task")
-
-    @property
-    def report(self) -> str:
-        """Query of an evaluator with the games it played."""
-        return self._key("report")
-
-    def live(self, role: str, name: str) -> str:
-        """Liveliness token of a process."""
-        return self._key("live", role, name)
-
-    def stats(self, role: str, name: str) -> str:
-        """Published: a process' own counters, about once a second."""
-        return self._key("stats", role, name)
+def from_here(endpoint: str) -> str:
+    """Address for this machine's processes of a hub that listens at ``endpoint``."""
+    for every, own in (("0.0.0.0", "127.0.0.1"), ("[::]", "[::1]")):
+        endpoint = endpoint.replace(f"/{every}:", f"/{own}:")
+    return endpoint
 
 
-def _session_config(mode: str) -> zenoh.Config:
+def check_certificates(endpoint: str, certificates: Path | None, role: Role) -> Credentials | None:
+    """By what a process proves its role at ``endpoint``; None at one where nobody asks.
+
+    Args:
+        certificates: the folder that holds them.
+
+    Raises:
+        InputError: ``endpoint`` is no address, or it and the certificates do not fit each other.
+    """
+    check_endpoint(endpoint)
+    if endpoint.startswith("tcp/"):
+        if certificates is not None:
+            raise InputError(f"--certificates are for tls: write {endpoint} as tls{endpoint[3:]}.")
+        return None
+    if certificates is None:
+        raise InputError(
+            f"{endpoint} needs --certificates FOLDER: make one with deploy/certificates.sh."
+        )
+    return Credentials.find(certificates, role)
+
+
+def _config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
     config = zenoh.Config()
     settings = {
         "mode": mode,
@@ -127,18 +95,24 @@ def _session_config(mode: str) -> zenoh.Config:
         "transport/link/tx/lease": LEASE_MS,
         # Of 64 KB each: a minibatch leaves in one go, not two at a time.
         "transport/link/tx/queue/size/data": 16,
+        **settings,
     }
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config
 
 
-def open_hub(endpoint: str) -> zenoh.Session:
+def open_hub(endpoint: str, certificates: Path | None = None) -> zenoh.Session:
     """Listen at ``endpoint`` for all processes of the run.
 
+    Args:
+        certificates: folder with the hub's, for a ``tls/`` endpoint.
+
     Raises:
-        InputError: the port is taken, or the address is not one of this machine's.
+        InputError: the port is taken, the address is not one of this machine's, or the
+            certificates cannot be used.
     """
+    credentials = check_certificates(endpoint, certificates, "hub")
     host, port = check_endpoint(endpoint)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
@@ -150,26 +124,34 @@ def open_hub(endpoint: str) -> zenoh.Session:
             f"cannot listen at {endpoint} ({error.strerror}): "
             "another learner or replay may be running there; choose another with --listen."
         ) from None
-    config = _session_config("router")
-    config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+    settings: dict[str, Any] = {"listen/endpoints": [endpoint]}
+    if credentials is not None:
+        settings |= {**credentials.settings("hub"), "access_control": access_control()}
     try:
-        return zenoh.open(config)
+        return zenoh.open(_config("router", settings))
     except zenoh.ZError as error:
         raise InputError(f"cannot listen at {endpoint}: {error}") from None
 
 
 def connect(
-    endpoint: str, patience: float, stopped: Callable[[], bool] = lambda: False
+    endpoint: str,
+    patience: float,
+    stopped: Callable[[], bool] = lambda: False,
+    *,
+    role: Role = "actor",
+    certificates: Path | None = None,
 ) -> zenoh.Session:
     """Join the hub at ``endpoint``, trying again for ``patience`` seconds.
 
+    Args:
+        certificates: folder with those of ``role``, for a ``tls/`` endpoint.
+
     Raises:
-        InputError: nobody answered in that time.
+        InputError: nobody answered in that time, or the certificates cannot be used.
         KeyboardInterrupt: ``stopped`` became true.
     """
-    check_endpoint(endpoint)
-    config = _session_config("client")
-    settings = {
+    credentials = check_certificates(endpoint, certificates, role)
+    settings: dict[str, Any] = {
         "connect/endpoints": [endpoint],
         "connect/timeout_ms": 1000,
         "connect/exit_on_failure": True,
@@ -179,8 +161,9 @@ def connect(
             "period_increase_factor": 2,
         },
     }
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
+    if credentials is not None:
+        settings |= credentials.settings(role)
+    config = _config("client", settings)
     began = time.monotonic()
     while True:
         try:
@@ -193,4 +176,5 @@ def connect(
                 raise InputError(
                     f"no hub answered at {endpoint} in {waited:.0f} s: start `python -m learner` "
                     "there, or name its address with --connect."
+                    + ("" if credentials is None else _NOT_TRUSTED)
                 ) from None

@@ -16,7 +16,7 @@ import zenoh
 from actors.envs import count_actions
 from common.allocator import keep_large_blocks
 from common.announcement import find_run
-from common.bus import DEFAULT_ENDPOINT, RunKeys, connect, open_hub
+from common.bus import DEFAULT_ENDPOINT, connect, from_here, open_hub
 from common.cli import RunFlags, parse_run
 from common.config import RunConfig, differences
 from common.errors import InputError, exit_on_input_error
@@ -24,6 +24,7 @@ from common.lifeline import on_signals
 from common.network import QNetwork, build_network
 from common.origin import origin_of
 from common.run_folder import RunFolder, write_atomically
+from common.run_keys import RunKeys
 from common.weights import encode_weights, load_weights_file
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
 from learner.display import open_display
@@ -87,6 +88,8 @@ class LearnerOptions:
     """Address of a `python -m replay` to use instead of a replay of one's own."""
     patience: float = 60.0
     """Seconds to wait for that replay."""
+    certificates: Path | None = None
+    """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
     gate_minutes: float = MINUTES
     """Minutes that a gate may be red before the run ends by itself, with exit code 3."""
     force: bool = False
@@ -150,7 +153,7 @@ def hosted_replay(
 ) -> Iterator[tuple[zenoh.Session, Replay, str]]:
     """Hub and replay in this process; also the address at which they are found."""
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
-    session = open_hub(options.listen)
+    session = open_hub(options.listen, options.certificates)
     try:
         memory = Memory(config, folder.replay, actions)
         try:
@@ -167,7 +170,13 @@ def remote_replay(
     options: LearnerOptions, endpoint: str, folder: RunFolder, stop: threading.Event
 ) -> Iterator[tuple[zenoh.Session, Replay, str]]:
     """Hub and replay of another process, which must serve this run."""
-    session = connect(endpoint, options.patience, stop.is_set)
+    session = connect(
+        endpoint,
+        options.patience,
+        stop.is_set,
+        role="learner",
+        certificates=options.certificates,
+    )
     try:
         keys, config = find_run(session, folder.name, options.patience, stop.is_set)
         if unequal := differences(config, options.config):
@@ -211,6 +220,12 @@ def clock_flags(options: LearnerOptions) -> list[str]:
     """How time passes for local mode's actors, in their own flags and the learner's."""
     flags = ["--sync"] if options.sync else ["--no-sync", "--speed", f"{options.speed:g}"]
     return [*flags, "--wait-action"] if options.wait_action else flags
+
+
+def certificate_flags(options: LearnerOptions) -> list[str]:
+    """By which local mode's actors find theirs."""
+    folder = options.certificates
+    return [] if folder is None else ["--certificates", str(folder)]
 
 
 def clock_mode(options: LearnerOptions) -> ClockMode | None:
@@ -294,13 +309,13 @@ def main() -> int:
         )
         crew = (
             Crew(
-                endpoint,
+                from_here(endpoint),
                 folder.name,
                 options.actors,
                 options.envs,
                 options.evaluators,
                 folder.path / "logs",
-                clock_flags(options),
+                [*clock_flags(options), *certificate_flags(options)],
                 give_way=options.sync,
             )
             if options.local

@@ -12,11 +12,11 @@ from typing import Any
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from common.bus import RunKeys
 from common.config import ProtocolConfig
 from common.errors import InputError, MessageError
 from common.examination import Task, decode_report, encode_task
 from common.run_folder import write_atomically
+from common.run_keys import RunKeys
 
 _NEWCOMER = 5.0
 """Seconds after its task in which an evaluator without a liveliness token is not yet given up."""

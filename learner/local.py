@@ -42,7 +42,7 @@ class Crew:
 
     Args:
         logs: folder for what they print.
-        clock: flags that say how time passes for them, such as ``["--sync"]``.
+        flags: for all of them: how time passes, such as ``["--sync"]``, and their certificates.
         give_way: run them at a lower priority than this process. Not for robots in real time, whose
             deadlines do not wait.
     """
@@ -55,14 +55,14 @@ class Crew:
         envs: int,
         evaluators: int,
         logs: Path,
-        clock: Sequence[str],
+        flags: Sequence[str],
         *,
         give_way: bool,
     ) -> None:
         logs.mkdir(parents=True, exist_ok=True)
         self._logs = logs
         self._give_way = give_way
-        common = ["--connect", endpoint, "--run", run, "--leash", *clock]
+        common = ["--connect", endpoint, "--run", run, "--leash", *flags]
         plans = [
             (f"actor-{index}", [*common, "--envs", str(envs)]) for index in range(1, actors + 1)
         ] + [(f"evaluator-{index}", [*common, "--evaluator"]) for index in range(1, evaluators + 1)]

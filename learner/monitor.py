@@ -4,8 +4,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from common.bus import RunKeys
 from common.config import RunConfig
+from common.run_keys import RunKeys
 from learner.bookkeeping import Bookkeeping
 from learner.device import Device
 from learner.examiner import Examiner

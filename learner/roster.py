@@ -9,8 +9,8 @@ import zenoh
 from zenoh.handlers import Callback
 
 from common.actor_stats import ActorStats, decode_stats
-from common.bus import RunKeys
 from common.errors import MessageError
+from common.run_keys import RunKeys
 from learner.status import ActorStatus, TimeCounts
 
 _LAST_WORDS = 1.0

@@ -9,10 +9,10 @@ from collections.abc import Callable
 import torch
 import zenoh
 
-from common.bus import RunKeys
 from common.config import RunConfig
 from common.errors import InputError
 from common.run_folder import RunFolder
+from common.run_keys import RunKeys
 from common.weights import encode_weights
 from learner.bookkeeping import Bookkeeping, PhaseEnd
 from learner.checkpoint import load_checkpoint, save_checkpoint

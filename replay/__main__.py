@@ -36,6 +36,8 @@ class ReplayOptions:
     """Folder that holds the runs; the memory lies in <runs>/<run>/replay."""
     listen: str = DEFAULT_ENDPOINT
     """Address where learner and actors find this process."""
+    certificates: Path | None = None
+    """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
     resume: bool = False
     """Go on with the run that is there."""
 
@@ -57,7 +59,7 @@ def main() -> None:
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     stop = threading.Event()
     on_signals(stop)
-    session = open_hub(options.listen)
+    session = open_hub(options.listen, options.certificates)
     try:
         memory = Memory(config, folder.replay, actions)
         try:

@@ -7,9 +7,9 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from common.bus import RunKeys
 from common.config import RunConfig
 from common.errors import InputError, MessageError
+from common.run_keys import RunKeys
 from replay import messages
 from replay.batch import Batch
 from replay.facts import Progress, decode_progress

@@ -18,10 +18,10 @@ from zenoh.handlers import FifoChannel
 
 from common.ack import encode_ack
 from common.announcement import encode_announcement
-from common.bus import RunKeys
 from common.chunk import decode_chunk
 from common.config import RunConfig
 from common.errors import MessageError
+from common.run_keys import RunKeys
 from common.wire import MAX_MESSAGE_BYTES
 from replay import messages
 from replay.facts import encode_progress

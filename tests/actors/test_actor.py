@@ -18,11 +18,11 @@ from actors import weights_inbox
 from actors.actor import Actor
 from actors.policy import Policy
 from common.actor_stats import ActorStats, decode_stats
-from common.bus import RunKeys
 from common.chunk import Chunk, decode_chunk
 from common.config import StreamConfig
 from common.network import QNetwork
 from common.presets import PRESETS
+from common.run_keys import RunKeys
 from common.weights import encode_weights
 from tests.patience import PATIENCE
 

@@ -14,11 +14,11 @@ from actors import evaluator as evaluator_module
 from actors.evaluator import Evaluator
 from actors.policy import Policy
 from common.actor_stats import ActorStats, decode_stats
-from common.bus import RunKeys
 from common.chunk import Game
 from common.errors import InputError
 from common.examination import Report, Task, decode_report, encode_task
 from common.network import QNetwork
+from common.run_keys import RunKeys
 from common.weights import encode_weights
 from tests.patience import PATIENCE
 

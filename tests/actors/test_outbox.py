@@ -20,8 +20,9 @@ from hub_stubs import (
 
 from actors import outbox as outbox_module
 from actors.outbox import Outbox
-from common.bus import RunKeys, connect, open_hub
+from common.bus import connect, open_hub
 from common.errors import InputError, MessageError
+from common.run_keys import RunKeys
 
 KEY = RunKeys("r").insert("a")
 WINDOW = 2

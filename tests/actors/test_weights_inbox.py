@@ -11,7 +11,7 @@ from zenoh.handlers import Callback
 
 from actors import weights_inbox
 from actors.weights_inbox import WeightsInbox
-from common.bus import RunKeys
+from common.run_keys import RunKeys
 from tests.patience import PATIENCE
 
 KEYS = RunKeys("r")

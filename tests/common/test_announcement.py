@@ -7,10 +7,10 @@ import zenoh
 from zenoh.handlers import Callback
 
 from common.announcement import decode_announcement, encode_announcement, find_run
-from common.bus import RunKeys
 from common.config import to_json
 from common.errors import InputError, MessageError
 from common.presets import PRESETS
+from common.run_keys import RunKeys
 from common.wire import SCHEMA, pack
 from tests.patience import PATIENCE
 

@@ -6,15 +6,9 @@ import time
 import pytest
 import zenoh
 
-from common.bus import (
-    DEFAULT_ENDPOINT,
-    RunKeys,
-    check_endpoint,
-    check_name,
-    connect,
-    open_hub,
-)
+from common.bus import DEFAULT_ENDPOINT, check_endpoint, check_name, connect, from_here, open_hub
 from common.errors import InputError
+from common.run_keys import RunKeys
 from tests.patience import PATIENCE
 
 
@@ -39,10 +33,24 @@ def test_a_name_that_could_be_a_path_or_a_pattern_is_refused(name: str) -> None:
         ("tcp/0.0.0.0:1", ("0.0.0.0", 1)),
         ("tcp/hub.example.org:65535", ("hub.example.org", 65_535)),
         ("tcp/[::1]:7447", ("::1", 7447)),
+        ("tls/192.0.2.7:7447", ("192.0.2.7", 7447)),
     ],
 )
 def test_an_address_has_a_host_and_a_port(endpoint: str, expected: tuple[str, int]) -> None:
     assert check_endpoint(endpoint) == expected
+
+
+@pytest.mark.parametrize(
+    ("listening", "found"),
+    [
+        ("tcp/0.0.0.0:7447", "tcp/127.0.0.1:7447"),
+        ("tls/[::]:1", "tls/[::1]:1"),
+        ("tcp/10.0.0.0:7447", "tcp/10.0.0.0:7447"),
+        ("tls/hub.example.org:7447", "tls/hub.example.org:7447"),
+    ],
+)
+def test_a_hub_is_found_from_its_own_machine(listening: str, found: str) -> None:
+    assert from_here(listening) == found
 
 
 @pytest.mark.parametrize(

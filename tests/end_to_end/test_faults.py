@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 from safetensors import safe_open
 
-from common.bus import RunKeys, connect
+from common.bus import connect
 from common.config import RunConfig
 from common.presets import PRESETS
 from common.run_folder import write_atomically
+from common.run_keys import RunKeys
 from replay.client import RemoteReplay
 from replay.facts import Progress
 from tests.end_to_end.conftest import ROOT, SMALL, Program, Stage, wait_until

@@ -3,7 +3,7 @@
 import pytest
 import zenoh
 
-from common.bus import RunKeys
+from common.run_keys import RunKeys
 
 KEYS = RunKeys("r")
 

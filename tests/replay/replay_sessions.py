@@ -4,9 +4,9 @@ import zenoh
 from replay_reference import RUN
 
 from common.ack import Ack, decode_ack
-from common.bus import RunKeys
 from common.chunk import Chunk, encode_chunk
 from common.errors import MessageError
+from common.run_keys import RunKeys
 
 KEYS = RunKeys(RUN)
 

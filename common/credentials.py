@@ -1,0 +1,64 @@
+"""`Credentials`: by what a process shows others on a network which role it has, and whom it trusts.
+
+They are files in a folder that `deploy/certificates.sh` writes, and are for addresses that begin
+with ``tls/``.
+"""
+
+import ssl
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from common.errors import InputError
+
+Role = Literal["hub", "learner", "actor"]
+"""As what a process joins a run; the common name in its certificate. Evaluators are actors."""
+
+
+@dataclass(frozen=True)
+class Credentials:
+    """One role's files in PEM."""
+
+    authority: Path
+    """Certificate of whoever signed all the others."""
+    certificate: Path
+    """Of this role."""
+    key: Path
+    """The certificate's private one."""
+
+    @classmethod
+    def find(cls, folder: Path, role: Role) -> "Credentials":
+        """Those of ``role`` in ``folder``.
+
+        Raises:
+            InputError: one is missing, is no certificate, or key and certificate do not fit.
+        """
+        found = cls(folder / "ca.pem", folder / f"{role}.pem", folder / f"{role}-key.pem")
+        for path in (found.authority, found.certificate, found.key):
+            if not path.is_file():
+                raise InputError(
+                    f"there is no {path}: make certificates with deploy/certificates.sh, and give "
+                    f"this machine ca.pem, {role}.pem and {role}-key.pem."
+                )
+        try:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+            context.load_verify_locations(found.authority)
+            context.load_cert_chain(found.certificate, found.key)
+        except (ssl.SSLError, OSError) as error:
+            raise InputError(
+                f"the certificates in {folder} cannot be used ({error}): make them anew with "
+                "deploy/certificates.sh."
+            ) from None
+        return found
+
+    def settings(self, role: Role) -> dict[str, object]:
+        """Of a Zenoh session that speaks TLS and nothing else, both sides showing certificates."""
+        side = "listen" if role == "hub" else "connect"
+        return {
+            "transport/link/protocols": ["tls"],
+            "transport/link/tls/root_ca_certificate": str(self.authority),
+            f"transport/link/tls/{side}_certificate": str(self.certificate),
+            f"transport/link/tls/{side}_private_key": str(self.key),
+            "transport/link/tls/enable_mtls": True,
+            "transport/link/tls/verify_name_on_connect": True,
+        }

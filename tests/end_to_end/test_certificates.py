@@ -1,0 +1,51 @@
+"""Whole runs whose processes show each other certificates."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.conftest import ROOT, SMALL, Stage
+
+
+@pytest.fixture
+def certificates(tmp_path: Path, stage: Stage) -> Path:
+    """Of an authority of the stage's own, whose addresses they are for from now on."""
+    folder = tmp_path / "certificates"
+    subprocess.run([ROOT / "deploy/certificates.sh", folder, "hub.example.org"], check=True)
+    stage.endpoint = stage.endpoint.replace("tcp/", "tls/")
+    return folder
+
+
+def balanced(stage: Stage) -> bool:
+    chunks = stage.summary()["chunks"]
+    return bool(chunks["made"] == chunks["acked"] > 0 == chunks["refused"])
+
+
+def test_local_mode(stage: Stage, certificates: Path) -> None:
+    learner = stage.learner(
+        *("--local", "--certificates", str(certificates), "--env=ale", "--steps=1300", *SMALL)
+    )
+    learner.ends()
+    assert balanced(stage)
+    assert {row["phase"] for row in stage.rows()} == {"random", "train", "test"}
+
+
+def test_a_replay_of_its_own_with_an_actor_and_an_evaluator(
+    stage: Stage, certificates: Path
+) -> None:
+    own = ("--certificates", str(certificates))
+    flags = ("--env=ale", *SMALL)
+    hub = stage.start("-m", "replay", "--listen", stage.endpoint, "--run=r", *own, *flags)
+    hub.says("replay of run r")
+    place = ("--run=r", "--connect", stage.endpoint, "--threads=1")
+    learner = stage.start("-m", "learner", *place, *own, "--steps=1300", *flags)
+    actor = stage.actor("a", *own)
+    evaluator = stage.actor("e", "--evaluator", *own)
+    stranger = stage.actor("s", "--patience=0")
+    assert "needs --certificates FOLDER" in stranger.ends(2)
+    learner.ends()
+    actor.ends()
+    evaluator.ends()
+    assert balanced(stage)
+    assert {row["phase"] for row in stage.rows()} == {"random", "train", "test"}
