@@ -60,11 +60,11 @@ class Program:
     def output(self) -> str:
         return self.log.read_text(errors="replace")
 
-    def says(self, text: str) -> None:
-        """Wait until it has printed ``text``."""
+    def says(self, text: str, times: int = 1) -> None:
+        """Wait until it has printed ``text``, so many times."""
 
         def said() -> bool:
-            if text in self.output:
+            if self.output.count(text) >= times:
                 return True
             assert self.process.poll() is None, f"it ended without {text!r}:\n{self.output}"
             return False

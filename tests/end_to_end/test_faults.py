@@ -17,6 +17,7 @@ from common.run_keys import RunKeys
 from replay.client import RemoteReplay
 from replay.facts import Progress
 from tests.end_to_end.conftest import ROOT, SMALL, Program, Stage, wait_until
+from tests.end_to_end.link import Link
 from tests.patience import PATIENCE
 
 
@@ -115,6 +116,33 @@ def test_a_learner_that_is_killed_goes_on_where_it_was(stage: Stage) -> None:
     assert seen["made"] == seen["acked"] == summary["chunks"]["acked"]
     phases = [(row["epoch"], row["phase"]) for row in stage.rows()]
     assert len(phases) == len(set(phases))
+
+
+def test_a_network_that_is_cut_costs_time_and_nothing_else(stage: Stage) -> None:
+    """Longer than both sides wait for each other, and again while they find each other anew."""
+    learner = stage.learner("--env", "ale", "--steps", "2000", *SMALL)
+    learner.says("actors find it at")
+    with Link(stage.endpoint) as link:
+        far = ("--sync", "--connect", link.endpoint)
+        evaluator = stage.start("-m", "actors", *far, "--name=e", "--evaluator")
+        learner.says("e joined")
+        actor = stage.start("-m", "actors", *far, "--name=a")
+        for cuts in (1, 2):
+            learner.says("a joined", cuts)
+            link.cut()
+            learner.says("a was lost", cuts)
+            learner.says("e was lost")
+            link.mend()
+        learner.ends()
+        actor.ends()
+        evaluator.ends()
+    summary = stage.summary()
+    chunks = summary["chunks"]
+    assert summary["agent_steps"] >= 2000
+    assert chunks["made"] == chunks["acked"] > 0 == chunks["refused"]
+    assert [seen["name"] for seen in summary["actors"]] == ["a", "e"]  # one process each
+    epochs = [row["epoch"] for row in stage.rows() if row["phase"] == "test"]
+    assert epochs == [row["epoch"] for row in stage.rows() if row["phase"] == "train"]
 
 
 def test_a_learner_without_the_steps_its_checkpoint_knows_of_says_so(stage: Stage) -> None:

@@ -1,0 +1,74 @@
+"""`Link`: a network between two processes that a test can cut without either being told."""
+
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Self
+
+from benchmarks.child import free_endpoint
+from common.bus import check_endpoint
+
+
+class Link:
+    """Carries bytes between an address of its own and a hub's; a context manager.
+
+    While it is cut nothing arrives, not even that somebody hung up; as in a network, what was on
+    its way arrives when it is mended, if there is still somebody to take it.
+    """
+
+    def __init__(self, hub: str) -> None:
+        self._hub = check_endpoint(hub)
+        self.endpoint = free_endpoint()
+        """Where the hub is found through this link."""
+        self._listener = socket.create_server(check_endpoint(self.endpoint))
+        self._whole = threading.Event()
+        self._whole.set()
+        self._sockets = [self._listener]
+
+    def __enter__(self) -> Self:
+        self._start(self._accept)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.mend()
+        for each in self._sockets:
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+            each.close()
+
+    def cut(self) -> None:
+        """Nothing arrives any more."""
+        self._whole.clear()
+
+    def mend(self) -> None:
+        """All arrives again."""
+        self._whole.set()
+
+    def _start(self, target: Callable[..., None], *args: socket.socket) -> None:
+        threading.Thread(target=target, args=args, daemon=True).start()
+
+    def _accept(self) -> None:
+        with suppress(OSError):  # closed
+            while True:
+                near, _ = self._listener.accept()
+                self._sockets.append(near)
+                self._start(self._join, near)
+
+    def _join(self, near: socket.socket) -> None:
+        self._whole.wait()
+        with suppress(OSError):  # no hub is there: hang up
+            far = socket.create_connection(self._hub)
+            self._sockets.append(far)
+            self._start(self._carry, far, near)
+            self._carry(near, far)
+        near.close()
+
+    def _carry(self, source: socket.socket, sink: socket.socket) -> None:
+        with suppress(OSError):
+            while content := source.recv(65_536):
+                self._whole.wait()
+                sink.sendall(content)
+        self._whole.wait()
+        with suppress(OSError):
+            sink.shutdown(socket.SHUT_RDWR)
