@@ -21,7 +21,7 @@ from common.errors import InputError, exit_on_input_error
 from learner.epochs import EpochRow, EpochTable
 
 PAGE = Path(__file__).with_name("RESULTS.md")
-CURVE = (100_000, 200_000, 300_000, 400_000, 500_000, 600_000, 800_000, 1_000_000)
+CURVE = (100_000, 200_000, 250_000, 300_000, 400_000, 500_000, 600_000, 800_000, 1_000_000)
 """Steps at which a run's training games are told."""
 _CLOSE = 25_000
 """Fewest steps by which the end of an epoch is too far from one of these."""

@@ -102,10 +102,10 @@ def test_how_fast_each_run_learned_is_told_by_its_epochs(tmp_path: Path) -> None
     second.append(row("train", 799_000, [20]))
     second.append(row("train", 802_000, [21]))
     expected = """<!-- ladder-*-pong-*.csv -->
-| run | 100K | 200K | 300K | 400K | 500K | 600K | 800K | 1,000K |
-| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
-| R1-pong-seed-1 | -18.3 | – | – | – | – | – | – | – |
-| R1-pong-seed-2 | – | – | 3.2 | – | – | – | 20.0 | – |
+| run | 100K | 200K | 250K | 300K | 400K | 500K | 600K | 800K | 1,000K |
+| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
+| R1-pong-seed-1 | -18.3 | – | – | – | – | – | – | – | – |
+| R1-pong-seed-2 | – | – | – | 3.2 | – | – | – | 20.0 | – |
 <!-- end -->
 """
     assert render("<!-- ladder-*-pong-*.csv -->\n<!-- end -->\n", tmp_path) == expected
