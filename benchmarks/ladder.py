@@ -2,7 +2,7 @@
 
 Each rung is the program's own configuration, and each adds one difficulty to another one, so that
 a rung that is missed says what holds learning back. An ablation is a rung with other settings and a
-name of its own: `--rung R5 --label pixels-only --learner="--play.no-vector"`.
+name of its own: `--rung R5 --label vector --learner="--play.vector"`.
 
 R0  sight and touch, no learning (`python -m actors --check`)
 R1  the emulator alone

@@ -56,7 +56,7 @@ class LearnerOptions:
     resume: bool = False
     """Go on with the run that is there, under its own settings."""
     initial: Path | None = None
-    """Begin with this network, such as policies/robot_pong.safetensors, instead of a fresh one;
+    """Begin with this network, such as policies/ale_pong.safetensors, instead of a fresh one;
     --exploration.start then says how much of its play is random at first."""
     steps: int | None = None
     """End by itself after so many agent steps, the warm-up included."""
@@ -207,11 +207,15 @@ def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
     if options.resume and not folder.checkpoint.exists() and folder.initial.exists():
         initial = folder.initial  # it ended before its first checkpoint
     if initial is not None:
+        trained = origin_of(initial)
+        unlike = [] if trained is None else differences(trained, options.config)
+        of_play = "; ".join(each for each in unlike if each.startswith("play."))
         load_weights_file(
             network,
             initial,
             "this run",
-            "give the run the settings of play under which the network was trained",
+            "give the run the settings of play under which the network was trained"
+            + (f" ({of_play})" if of_play else ""),
         )
     return network
 

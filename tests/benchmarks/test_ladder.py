@@ -42,7 +42,7 @@ def test_runs_have_names_of_their_own() -> None:
     names = {Options(rung).run_name(seed) for rung in FLAGS for seed in (1, 2)}
     assert len(names) == 2 * len(FLAGS)
     assert Options("R2", delay=4).run_name(1) not in names
-    assert Options("R5", label="pixels-only").run_name(1) not in names
+    assert Options("R5", label="vector").run_name(1) not in names
 
 
 def phase(phase: EpochPhase, epoch: int, mean: float | None) -> EpochRow:

@@ -1,5 +1,7 @@
 """The presets: `paper` against the report's section 4, number by number."""
 
+from dataclasses import replace
+
 import pytest
 
 from common.presets import PRESETS
@@ -66,7 +68,8 @@ def test_the_short_presets_offer_the_games_own_actions() -> None:
         assert PRESETS[name].play.minimal_actions
 
 
-def test_the_robot_is_told_of_its_own_body() -> None:
-    assert PRESETS["robot"].play.vector
-    assert PRESETS["robot"].vector_width == width_of("robot")
-    assert not PRESETS["fast"].vector_width
+def test_no_network_is_told_of_its_own_body_unless_asked_for() -> None:
+    for preset in PRESETS.values():
+        assert preset.vector_width == 0
+        told = replace(preset, play=replace(preset.play, vector=True))
+        assert told.vector_width == width_of(preset.env)
