@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 SMALL = (
     "--replay.warmup=600",
-    "--replay.capacity=10000",
+    "--replay.capacity=20000",
     "--replay.ratio-tolerance=256",
     "--protocol.epoch-steps=600",
     "--protocol.test-steps=300",

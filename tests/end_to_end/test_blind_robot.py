@@ -1,5 +1,7 @@
 """A robot whose camera shows nothing but noise: the run ends by itself, unless it is forced."""
 
+import shlex
+
 import pytest
 from safetensors.numpy import load_file
 
@@ -15,12 +17,13 @@ SOON = ("--stream.chunk-steps=2", "--replay.warmup=100")
 def test_a_blind_robot_stops_and_goes_on_only_by_force(stage: Stage) -> None:
     small = [flag for flag in SMALL if "warmup" not in flag]
     alone = ("--local", "--evaluators=0", "--gate-minutes=0.1")
-    output = stage.learner(*alone, "--env=robot", *small, *BLIND, *SOON).ends(3)
+    given = (*alone, "--env=robot", *small, *BLIND, *SOON)
+    output = stage.learner(*given).ends(3)
 
     (last,) = (line for line in output.splitlines() if line.startswith("stopped: "))
     assert "gate 'valid frames' has been red for 0.1 minutes and 320 steps: it is 0, " in last
     assert "the screen is not found in the camera's picture" in last
-    assert last.endswith("python -m learner --run r --resume --local --sync --force")
+    assert last.endswith(f"--run r --threads=1 {shlex.join(given)} --resume --force")
     assert not stage.strays()
     stopped = stage.summary()
     assert stopped["agent_steps"] >= 100 + 320
