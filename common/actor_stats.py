@@ -38,7 +38,7 @@ class ActorStats:
     decisions: int = 0
     """Of game time that its steps took."""
     missed_deadlines: int = 0
-    """In real time: decisions that passed before their command."""
+    """In real time: decisions for which no command of their own came in time."""
     late_frames: int = 0
     """In real time: emulator frames that began more than a frame too late."""
     waits_given_up: int = 0

@@ -43,7 +43,8 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
     slow; its reward is then their points discounted by the time that had passed, so that
     ``reward + discount ** info["elapsed"] * value`` is the return. ``info`` has these beside
     those of `AtariGame.info`: ``gave_up`` (the wait ended at its bound, without the keys),
-    ``missed_deadlines`` (decisions of this step that passed before its command),
+    ``missed_deadlines`` (decisions that passed before this step's command or, unless the agent
+    waits for its keys, after the one that the command was for),
     ``late_frames`` (emulator frames of this step that began more than a frame too late) and
     ``key_times`` (what `KeyWatch` measured since the last step, for `Tally`; a reset tells none).
     """
@@ -184,6 +185,8 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
                     self._photograph(len(decisions) - photographed)
                 photographed = len(decisions)
         last = decisions[-1]
+        if not self._wait_action:
+            missed = max(missed, len(decisions) - 1)
         with self._clock.still():
             self._photograph(len(decisions) - photographed)
             self._look()

@@ -113,7 +113,13 @@ def test_what_was_missed_counts_for_the_step_that_missed_it(hasty: RobotEnv) -> 
     passing = [decision(4.0, Keys.FIRE), decision(8.0, Keys.FIRE)]
     reward, _, _, info = step(hasty, missed, passing)
     assert reward == pytest.approx(1 + 2 * GAMMA + 4 * GAMMA**2 + 8 * GAMMA**3)
-    assert (info["elapsed"], info["missed_deadlines"]) == (4, 2)
+    assert (info["elapsed"], info["missed_deadlines"]) == (4, 3)  # the command was for one of them
+
+
+def test_what_passes_while_an_agent_waits_for_its_keys_is_not_missed(patient: RobotEnv) -> None:
+    passing = [decision(4.0), decision(8.0)], [decision(1.0, Keys.FIRE)]
+    *_, info = step(patient, [decision(2.0)], *passing)
+    assert (info["elapsed"], info["missed_deadlines"]) == (4, 1)
 
 
 def test_an_end_that_was_missed_ends_the_step_at_once(hasty: RobotEnv) -> None:

@@ -33,7 +33,9 @@ def test_a_robot_learns_in_every_mode_and_tells_how_its_time_went(
         assert (summary["missed_deadlines"], summary["late_frames"]) == (0, 0)
     if "--wait-action" not in mode:
         assert summary["waits_given_up"] == 0
-        assert decisions == steps + summary["missed_deadlines"]
+        # One that missed a game's end has no decision of its own.
+        games = sum(int(row["nr_games"]) for row in stage.rows())
+        assert 0 <= steps + summary["missed_deadlines"] - decisions <= games
     else:
         # The keys are as commanded unless the wait was given up, or the episode ended.
         assert summary["press_match_share"] > 0.95
