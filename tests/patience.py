@@ -1,4 +1,20 @@
 """How long tests wait for what should happen."""
 
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
 PATIENCE = 600.0
 """Seconds after which something that does not happen is a failure; many times a whole small run."""
+
+
+def wait_until(condition: Callable[[], Any], what: str) -> Any:
+    """The condition's first true value; fails when it never comes."""
+    deadline = time.monotonic() + PATIENCE
+    while not (value := condition()):
+        if time.monotonic() > deadline:
+            pytest.fail(f"waited {PATIENCE:.0f} s in vain until {what}")
+        time.sleep(0.005)
+    return value

@@ -1,9 +1,7 @@
 """A hub's side of a conversation, played by the test itself: it answers when the test says so."""
 
 import queue
-import time
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 import pytest
 import zenoh
@@ -13,16 +11,6 @@ from common.ack import Ack, encode_ack
 from tests.patience import PATIENCE
 
 STORED = Ack("stored", hold=False, finished=False, agent_steps=0, weights_version=0)
-
-
-def wait_until(condition: Callable[[], Any], what: str) -> Any:
-    """The condition's first true value; fails when it never comes."""
-    deadline = time.monotonic() + PATIENCE
-    while not (value := condition()):
-        if time.monotonic() > deadline:
-            pytest.fail(f"waited in vain until {what}")
-        time.sleep(0.005)
-    return value
 
 
 def payload_of(query: zenoh.Query) -> bytes:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
-from hub_stubs import STORED, acknowledge, payload_of, wait_until
+from hub_stubs import STORED, acknowledge, payload_of
 from numbered_env import CUT, GAME_OVER, GOES_ON, NumberedEnv
 from zenoh.handlers import Callback
 
@@ -24,7 +24,7 @@ from common.network import QNetwork
 from common.presets import PRESETS
 from common.run_keys import RunKeys
 from common.weights import encode_weights
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")
 CONFIG = replace(PRESETS["fast"], stream=StreamConfig(chunk_steps=8, window=2))

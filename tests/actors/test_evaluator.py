@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import zenoh
-from hub_stubs import Questions, answer, ignore, payload_of, refuse, wait_until
+from hub_stubs import Questions, answer, ignore, payload_of, refuse
 from numbered_env import GAME_OVER, GOES_ON, NumberedEnv
 from zenoh.handlers import Callback
 
@@ -20,7 +20,7 @@ from common.examination import Report, Task, decode_report, encode_task
 from common.network import QNetwork
 from common.run_keys import RunKeys
 from common.weights import encode_weights
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")
 WEIGHTS = encode_weights(QNetwork(6))

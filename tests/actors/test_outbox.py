@@ -15,7 +15,6 @@ from hub_stubs import (
     ignore,
     payload_of,
     refuse,
-    wait_until,
 )
 
 from actors import outbox as outbox_module
@@ -23,6 +22,7 @@ from actors.outbox import Outbox
 from common.bus import connect, open_hub
 from common.errors import InputError, MessageError
 from common.run_keys import RunKeys
+from tests.patience import wait_until
 
 KEY = RunKeys("r").insert("a")
 WINDOW = 2

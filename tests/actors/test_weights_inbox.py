@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 import zenoh
-from hub_stubs import Questions, refuse, wait_until
+from hub_stubs import Questions, refuse
 from zenoh.handlers import Callback
 
 from actors import weights_inbox
 from actors.weights_inbox import WeightsInbox
 from common.run_keys import RunKeys
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")
 

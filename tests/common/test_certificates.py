@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, cast
@@ -14,7 +13,7 @@ from common.bus import check_certificates, connect, open_hub
 from common.credentials import Role
 from common.errors import InputError
 from common.run_keys import RunKeys
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, wait_until
 
 SCRIPT = Path(__file__).resolve().parents[2] / "deploy" / "certificates.sh"
 KEYS = RunKeys("r")
@@ -120,11 +119,7 @@ def test_each_role_tells_what_it_may_tell(
 
 
 def _first(heard: "zenoh.Subscriber[Any]") -> zenoh.Sample:
-    ends = time.monotonic() + PATIENCE
-    while (sample := heard.try_recv()) is None:
-        assert time.monotonic() < ends
-        time.sleep(0.01)
-    return cast(zenoh.Sample, sample)
+    return cast(zenoh.Sample, wait_until(heard.try_recv, "something is heard"))
 
 
 def test_an_actor_lives_as_an_actor_alone(
@@ -148,13 +143,13 @@ def test_an_actor_hears_weights_and_not_others(
         session.declare_subscriber(key, zenoh.handlers.FifoChannel(999))
         for key in (KEYS.stats("*", "*"), KEYS.weights)
     ]
-    ends = time.monotonic() + PATIENCE
-    while (weights := heard[1].try_recv()) is None:
-        assert time.monotonic() < ends
+
+    def hear_weights() -> zenoh.Sample | None:
         hub.put(KEYS.stats("actor", "other"), b"")
         hub.put(KEYS.weights, b"")
-        time.sleep(0.01)
-    assert str(weights.key_expr) == KEYS.weights
+        return heard[1].try_recv()
+
+    assert str(wait_until(hear_weights, "weights are heard").key_expr) == KEYS.weights
     assert heard[0].try_recv() is None
 
 
@@ -183,10 +178,7 @@ def test_a_learner_is_heard_by_name(
             query.reply(query.key_expr, b"task")
 
     learner.declare_queryable(KEYS.task, answer)
-    ends = time.monotonic() + PATIENCE
-    while ask(actor, KEYS.task) != [b"task"]:
-        assert time.monotonic() < ends
-        time.sleep(0.01)
+    wait_until(lambda: ask(actor, KEYS.task) == [b"task"], "the actor has its task")
 
 
 # ---------------------------------------------------------------------- who is let in
@@ -207,26 +199,25 @@ def test_strangers_are_not_let_in(
     connect(address, PATIENCE, certificates=certificates).close()  # type: ignore[no-untyped-call]
 
 
-def test_a_hub_under_another_name_is_not_trusted(address: str, certificates: Path) -> None:
-    elsewhere = address.replace("127.0.0.1", "127.0.0.2")
-    hub = open_hub(elsewhere, certificates)
+def not_trusted(address: str, hubs: Path, actors: Path) -> None:
+    """An actor turns away from a hub with these certificates at this address."""
+    hub = open_hub(address, hubs)
     try:
         with pytest.raises(InputError, match=NOT_LET_IN):
-            connect(elsewhere, 0.0, certificates=certificates)
+            connect(address, 0.0, certificates=actors)
     finally:
         hub.close()  # type: ignore[no-untyped-call]
+
+
+def test_a_hub_under_another_name_is_not_trusted(address: str, certificates: Path) -> None:
+    not_trusted(address.replace("127.0.0.1", "127.0.0.2"), certificates, certificates)
 
 
 def test_an_actor_cannot_be_a_hub(address: str, certificates: Path, tmp_path: Path) -> None:
     stolen = shutil.copytree(certificates, tmp_path / "stolen")
     for end in (".pem", "-key.pem"):
         shutil.copy(certificates / f"actor{end}", stolen / f"hub{end}")
-    hub = open_hub(address, stolen)
-    try:
-        with pytest.raises(InputError, match=NOT_LET_IN):
-            connect(address, 0.0, certificates=certificates)
-    finally:
-        hub.close()  # type: ignore[no-untyped-call]
+    not_trusted(address, stolen, certificates)
 
 
 # ---------------------------------------------------------------------- folders of certificates

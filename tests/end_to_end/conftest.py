@@ -5,15 +5,14 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from benchmarks.child import free_endpoint
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -28,16 +27,6 @@ SMALL = (
     "--learning.publish-every=20",
 )
 """Settings of a run that is over in seconds."""
-
-
-def wait_until(condition: Callable[[], Any], what: str) -> Any:
-    """The condition's first true value; fails when it never comes."""
-    deadline = time.monotonic() + PATIENCE
-    while not (value := condition()):
-        if time.monotonic() > deadline:
-            pytest.fail(f"waited {PATIENCE:.0f} s in vain until {what}")
-        time.sleep(0.05)
-    return value
 
 
 class Program:

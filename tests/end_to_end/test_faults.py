@@ -16,9 +16,9 @@ from common.run_folder import write_atomically
 from common.run_keys import RunKeys
 from replay.client import RemoteReplay
 from replay.facts import Progress
-from tests.end_to_end.conftest import ROOT, SMALL, Program, Stage, wait_until
+from tests.end_to_end.conftest import ROOT, SMALL, Program, Stage
 from tests.end_to_end.link import Link
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, wait_until
 
 
 def test_three_actors_of_which_one_is_killed(stage: Stage) -> None:

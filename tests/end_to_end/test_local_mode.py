@@ -7,7 +7,8 @@ import pytest
 from safetensors.numpy import load_file
 
 from learner.epochs import COLUMNS
-from tests.end_to_end.conftest import ROOT, SMALL, Stage, wait_until
+from tests.end_to_end.conftest import ROOT, SMALL, Stage
+from tests.patience import wait_until
 
 POLICIES = ROOT / "policies"
 WARMUP = 3_000
