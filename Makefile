@@ -53,7 +53,7 @@ bench: setup  ## measure all speeds on this machine, half an hour; the tables of
 	$(BIN)/python -m benchmarks.scaling --env robot --json $(RESULTS)/scaling.json -o docs/scaling.png
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
 	$(BIN)/python -m benchmarks.peers --json $(RESULTS)/peers.json
-	$(BIN)/python -m benchmarks.results_page
+	$(BIN)/python -m benchmarks.figures.results_page
 
 check: setup  ## ruff and mypy
 	$(BIN)/ruff check .

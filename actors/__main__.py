@@ -17,16 +17,16 @@ import tyro
 from actors.actor import Actor
 from actors.envs import make_env
 from actors.evaluator import Evaluator
-from actors.looking.options import LookingOptions
 from actors.policy import Policy
-from common.allocator import keep_large_blocks
-from common.announcement import find_run
-from common.bus import DEFAULT_ENDPOINT, check_name, connect
-from common.cli import parse
-from common.config import MAX_SEED, EnvKind, RunConfig
 from common.errors import InputError, exit_on_input_error
-from common.lifeline import leave_with_parent, on_signals
 from common.network import build_network
+from common.process.allocator import keep_large_blocks
+from common.process.command_line import parse
+from common.process.lifeline import leave_with_parent, on_signals
+from common.protocol.announcement import find_run
+from common.run.config import MAX_SEED, EnvKind, RunConfig
+from common.transport.bus import DEFAULT_ENDPOINT, check_name, connect
+from viewer.options import LookingOptions
 
 
 @dataclass(frozen=True)
@@ -112,10 +112,10 @@ def default_name() -> str:
 def look(options: ActorOptions) -> int:
     """Check, play or hand over a robot, without any run; the exit status."""
     # Late, because an actor that trains needs none of it.
-    from actors.looking.check import check
-    from actors.looking.human import play_by_hand
-    from actors.looking.player import config_to_play
-    from actors.looking.show import show
+    from viewer.check import check
+    from viewer.human import play_by_hand
+    from viewer.player import config_to_play
+    from viewer.show import show
 
     looking = options.looking
     stop = threading.Event()

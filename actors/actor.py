@@ -9,20 +9,20 @@ from typing import Any
 import gymnasium
 import zenoh
 
-from actors.chunker import Chunker
-from actors.heartbeat import Heartbeat
+from actors.counters import ActorCounters
 from actors.loop import play
-from actors.outbox import Outbox
 from actors.policy import Policy
-from actors.tally import Tally
-from actors.weights_inbox import WeightsInbox
-from common.ack import Ack
-from common.actor_stats import ActorStats
-from common.chunk import encode_chunk
-from common.config import RunConfig
+from actors.stream.chunker import Chunker
+from actors.stream.heartbeat import Heartbeat
+from actors.stream.insert_client import InsertClient
+from actors.stream.weights_client import WeightsClient
 from common.errors import MessageError
-from common.run_keys import RunKeys
-from common.weights import load_weights
+from common.protocol.ack import Ack
+from common.protocol.actor_stats import ActorStats
+from common.protocol.chunk import encode_chunk
+from common.protocol.run_keys import RunKeys
+from common.protocol.weights import load_weights
+from common.run.config import RunConfig
 
 FAREWELL = 2.0
 """Seconds that a leaving actor waits for its last acknowledgements."""
@@ -58,12 +58,12 @@ class Actor:
         self._policy = policy
         self._stop = stop
         self._warn = warn
-        self._tally = Tally()
+        self._tally = ActorCounters()
         self._has_weights = False
         self._name = name
         self._incarnation = incarnation
-        self._inbox = WeightsInbox(session, keys)
-        self._outbox = Outbox(
+        self._inbox = WeightsClient(session, keys)
+        self._outbox = InsertClient(
             session,
             keys.insert(name),
             config.stream.window,
@@ -128,7 +128,7 @@ class Actor:
         The next one is on its way while the acknowledgement is; two away is a loss.
         """
         away = abs(ack.weights_version - self._policy.weights_version)
-        return away > 2 * self._config.learning.publish_every
+        return away > 2 * self._config.learning.publish_period
 
     def _rest(self) -> None:
         """Pause while the learner is behind."""

@@ -8,16 +8,16 @@ from typing import Any
 import gymnasium
 import zenoh
 
-from actors.heartbeat import Heartbeat
+from actors.counters import ActorCounters
 from actors.loop import play
 from actors.policy import Policy
-from actors.tally import Tally
-from common.actor_stats import ActorStats
-from common.chunk import Game
+from actors.stream.heartbeat import Heartbeat
 from common.errors import InputError, MessageError
-from common.examination import Report, Task, decode_task, encode_report
-from common.run_keys import RunKeys
-from common.weights import load_weights
+from common.protocol.actor_stats import ActorStats
+from common.protocol.chunk import Game
+from common.protocol.evaluation import Report, Task, decode_task, encode_report
+from common.protocol.run_keys import RunKeys
+from common.protocol.weights import load_weights
 
 _ASK_AGAIN = 0.5
 _TIMEOUT = 5.0
@@ -54,7 +54,7 @@ class Evaluator:
         self._patience = patience
         self._stop = stop
         self._warn = warn
-        self._tally = Tally()
+        self._tally = ActorCounters()
         self._tasks = session.declare_querier(keys.task, timeout=_TIMEOUT)
         self._reports = session.declare_querier(keys.report, timeout=_TIMEOUT)
         self._heartbeat = Heartbeat(session, keys, "evaluator", name, self._stats)

@@ -8,7 +8,7 @@ Ostrovski and Barreto 2021, "Temporally-extended ε-greedy exploration").
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import ExplorationConfig
+from common.run.config import ExplorationConfig
 
 LEAST, MOST = 4, 12
 """Decisions that a lasting action goes on: 3 + Zipf(2), cut at `MOST`."""
@@ -35,7 +35,7 @@ class Exploration:
     def __init__(
         self, config: ExplorationConfig, actions: int, envs: int, rng: np.random.Generator
     ) -> None:
-        self._lasting = config.lasting
+        self._lasting = config.ez_greedy
         self._actions = actions
         self._rng = rng
         self._powers = np.ones(envs)

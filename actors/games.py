@@ -16,13 +16,13 @@ import numpy as np
 import torch
 import tyro
 
+from actors.counters import ActorCounters
 from actors.envs import make_env
-from actors.looking.player import build_player
 from actors.loop import play
-from actors.tally import Tally
-from common.config import RunConfig, from_mapping
 from common.errors import exit_on_input_error
-from common.lifeline import leave_with_parent, on_signals
+from common.process.lifeline import leave_with_parent, on_signals
+from common.run.config import RunConfig, from_mapping
+from viewer.player import build_player
 
 
 @dataclass(frozen=True)
@@ -59,12 +59,12 @@ class GameResult:
     """Of game time that the steps took."""
     missed_deadlines: int
     late_frames: int
-    """As `Tally` has them; 0 unless in real time."""
+    """As `ActorCounters` has them; 0 unless in real time."""
     key_times: tuple[int, ...]
-    """How long the hands took, as counts (see `common.key_times`)."""
+    """How long the hands took, as counts (see `common.press_latency`)."""
 
     @classmethod
-    def of(cls, score: float, tally: Tally) -> Self:
+    def of(cls, score: float, tally: ActorCounters) -> Self:
         """The game that ``tally`` has counted."""
         return cls(
             score=score,
@@ -91,12 +91,12 @@ def games(config: RunConfig, options: GamesOptions, stop: threading.Event) -> It
         policy_seed, env_seed = map(int, np.random.SeedSequence(options.seed).generate_state(2))
         actions = int(env.action_space.n)  # type: ignore[attr-defined]
         policy = build_player(config, actions, options.weights, options.epsilon, policy_seed)
-        ended, tally = 0, Tally()
+        ended, tally = 0, ActorCounters()
         for steps, step in enumerate(play([env], policy, [env_seed]), start=1):
             tally.count(step)
             if step.info["game_over"]:
                 yield GameResult.of(float(step.info["game_score"]), tally)
-                ended, tally = ended + 1, Tally()
+                ended, tally = ended + 1, ActorCounters()
                 if ended >= options.games and steps >= options.steps:
                     return
             if stop.is_set():

@@ -23,7 +23,7 @@ class Step(NamedTuple):
     begins: bool
     """It is the first of its episode."""
     s_tm1: NDArray[np.uint8]
-    """State acted on, ``[history, 84, 84]``, newest frame last."""
+    """State acted on, ``[frame_stack, 84, 84]``, newest frame last."""
     valid: bool
     """The newest frame of ``s_tm1`` showed the screen."""
     a_tm1: int

@@ -5,8 +5,8 @@ import torch
 from numpy.typing import NDArray
 
 from actors.exploration import GREEDY, Exploration
-from common.config import ExplorationConfig
 from common.network import QNetwork
+from common.run.config import ExplorationConfig
 
 
 class Policy:
@@ -38,7 +38,7 @@ class Policy:
         """One action for each environment, ``[E]``.
 
         Args:
-            frames: states ``[E, history, 84, 84]``.
+            frames: states ``[E, frame_stack, 84, 84]``.
             vectors: vector observations ``[E, P]``.
         """
         chosen = self._exploration.draw(self.epsilon)

@@ -23,10 +23,10 @@ import tyro
 from benchmarks.child import end, end_as_by_ctrl_c, failure, free_endpoint, start
 from benchmarks.chunk_watch import ChunkWatch
 from benchmarks.report import publish
-from common.announcement import find_run
-from common.bus import connect
-from common.config import EnvKind
 from common.errors import InputError, exit_on_input_error
+from common.protocol.announcement import find_run
+from common.run.config import EnvKind
+from common.transport.bus import connect
 from replay.client import RemoteReplay
 
 _RUN = "bench"
@@ -80,7 +80,7 @@ class Hub:
             "replay",
             *("--env", env, "--game", game),
             *("--run", _RUN, "--runs", str(folder / env), "--listen", self._endpoint),
-            *("--replay.capacity", "20000", "--replay.warmup", str(_WARMUP)),
+            *("--replay.capacity", "20000", "--replay.learning-starts", str(_WARMUP)),
             *("--replay.ratio-tolerance", str(10**9)),
             # Past the warm-up ε is what it is for most of a run: the network chooses.
             *("--exploration.steps", "1"),

@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 from common.errors import InputError
-from learner.local import child_environment
+from learner.local_launcher import child_environment
 
 _STOP = 30.0
 """Seconds that a process has to leave before it is killed."""

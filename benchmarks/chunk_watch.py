@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable
 
+from replay.chunk_statistics import ChunkStatistics
 from replay.client import RemoteReplay
-from replay.facts import ChunkFacts
 
 _POLL = 0.02
 
@@ -16,7 +16,7 @@ class ChunkWatch:
         self._replay = replay
         self._seen = 0
 
-    def next(self, check: Callable[[], None]) -> tuple[float, tuple[ChunkFacts, ...]]:
+    def next(self, check: Callable[[], None]) -> tuple[float, tuple[ChunkStatistics, ...]]:
         """The moment at which chunks are first seen, and their facts; one chunk or more.
 
         Args:

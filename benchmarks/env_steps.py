@@ -20,14 +20,14 @@ import tyro
 
 from actors.envs import make_env
 from actors.envs.emulator import Emulator
-from actors.nao.room import Room
-from actors.nao.sensor import Sensor
-from actors.vision.eye import Eye
+from actors.robots.nao.room import Room
+from actors.robots.nao.sensor import Sensor
+from actors.vision.screen_detector import ScreenDetector
 from benchmarks.neighbour import neighbour
 from benchmarks.report import publish
-from common.config import CameraConfig
 from common.errors import InputError, exit_on_input_error
-from common.presets import PRESETS
+from common.run.config import CameraConfig
+from common.run.presets import PRESETS
 
 Kind = Literal["robot_sync", "robot_wait", "ale"]
 
@@ -41,7 +41,7 @@ _PARTS: dict[str, tuple[tuple[type, str], ...]] = {
     "physics": ((Room, "step_frame"), (Room, "command")),
     "emulator": ((Emulator, "act"), (Emulator, "screen_rgb")),
     "render": ((Room, "picture"), (Sensor, "take")),
-    "detection": ((Eye, "see"),),
+    "detection": ((ScreenDetector, "detect"),),
 }
 """What a decision is made of: methods, none of which calls another of them. Physics includes the
 hands' control and reading the keys; detection includes unwarping to 84×84."""

@@ -20,8 +20,8 @@ from benchmarks.child import end_as_by_ctrl_c
 from benchmarks.local_run import LocalRun, Pace, Setting
 from benchmarks.report import publish
 from common.errors import InputError, exit_on_input_error
-from common.presets import PRESETS
-from learner.summary import epochs_per_day
+from common.run.presets import PRESETS
+from learner.telemetry.sinks.summary import epochs_per_day
 
 _DAY = 86_400
 _REPORT = PRESETS["paper"].protocol

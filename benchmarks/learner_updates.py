@@ -27,10 +27,10 @@ from benchmarks.replay import draw
 from benchmarks.report import show, write
 from common.errors import InputError, exit_on_input_error
 from common.network import build_network
-from common.presets import PRESETS
+from common.run.presets import PRESETS
+from learner.algorithm.trainer import DeviceBatch, Trainer
 from learner.device import Device, DeviceChoice, choose_device
 from learner.prefetch import to_device
-from learner.trainer import DeviceBatch, Trainer
 
 _CONFIG = PRESETS["fast"]
 _ACTIONS = 6

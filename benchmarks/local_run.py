@@ -22,13 +22,13 @@ from zenoh.handlers import Callback
 
 from benchmarks.child import end, failure, free_endpoint, start
 from benchmarks.chunk_watch import ChunkWatch
-from common.actor_stats import ActorStats, decode_stats
-from common.announcement import find_run
-from common.bus import connect
-from common.config import EnvKind
 from common.errors import InputError
+from common.protocol.actor_stats import ActorStats, decode_stats
+from common.protocol.announcement import find_run
+from common.run.config import EnvKind
+from common.transport.bus import connect
+from replay.chunk_statistics import ChunkStatistics
 from replay.client import RemoteReplay
-from replay.facts import ChunkFacts
 from replay.limiter import RateLimiter
 
 ROLES = ("learner", "actors", "evaluator")
@@ -72,11 +72,11 @@ class Setting:
         return [
             *("--preset", "paper" if self.env == "ale" else "robot"),
             *("--env", self.env, "--game", self.game),
-            *("--learning.batch-size", "32", "--learning.train-every", "4"),
+            *("--learning.batch-size", "32", "--learning.train-period", "4"),
             *("--actors", str(self.actors), "--evaluators", str(self.evaluators)),
             "--sync" if self.sync else "--no-sync",
             *(["--wait-action"] if self.wait_action else []),
-            *("--replay.capacity", "100000", "--replay.warmup", str(_WARMUP)),
+            *("--replay.capacity", "100000", "--replay.learning-starts", str(_WARMUP)),
             # Past the warm-up ε is what it is for most of a run: the network chooses.
             *("--exploration.steps", "1", "--protocol.held-out-states", str(_WARMUP)),
             *shlex.split(self.learner),
@@ -87,7 +87,7 @@ class Mark(NamedTuple):
     """The run at one moment."""
 
     at: float
-    facts: ChunkFacts
+    facts: ChunkStatistics
     """Of the newest chunk."""
     cpu: dict[int, tuple[str, float]]
     """Role and seconds of processor time, by process."""
@@ -138,7 +138,7 @@ class LocalRun:
         self._steps = steps
         self._lock = threading.Lock()
         self._heard: list[tuple[float, ActorStats]] = []
-        self._facts: list[ChunkFacts] = []
+        self._facts: list[ChunkStatistics] = []
 
     def __enter__(self) -> Self:
         endpoint = free_endpoint()
@@ -173,7 +173,7 @@ class LocalRun:
         self._config = config
         self._limiter = RateLimiter(
             config.samples_per_insert,
-            config.replay.warmup,
+            config.replay.learning_starts,
             config.replay.ratio_tolerance,
             config.learning.batch_size,
         )

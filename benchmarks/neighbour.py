@@ -13,7 +13,7 @@ import torch
 
 from benchmarks.child import start
 from benchmarks.peer_update import ours
-from common.lifeline import leave_with_parent
+from common.process.lifeline import leave_with_parent
 
 _READY = "ready"
 

@@ -7,7 +7,7 @@ import ale_py
 import gymnasium
 import torch
 
-from common.presets import PRESETS
+from common.run.presets import PRESETS
 
 _WARM_UP = 256
 

@@ -20,7 +20,7 @@ from benchmarks.pace import slice_per_second
 from benchmarks.replay import BATCH, draw, draw_and_rate, fill, prioritised, unlimited
 from benchmarks.synthetic import Streams
 from common.errors import InputError
-from replay.memory import Memory
+from replay.replay_buffer import ReplayBuffer
 
 _CHUNK = 64
 _POOL = 64
@@ -41,14 +41,14 @@ class Filled(Protocol):
 
 
 class Ours:
-    """`Memory`, in files."""
+    """`ReplayBuffer`, in files."""
 
     steps = _CHUNK
 
     def __init__(self, size: int, folder: Path, *, prioritised: bool = False) -> None:
         config = unlimited(size)
-        self._memory = Memory(_prioritised(config) if prioritised else config, folder)
-        self._streams = Streams("bench", actors=("actor-1",), steps=_CHUNK, history=4)
+        self._memory = ReplayBuffer(_prioritised(config) if prioritised else config, folder)
+        self._streams = Streams("bench", actors=("actor-1",), steps=_CHUNK, frame_stack=4)
         fill(self._memory, self._streams, size)
         rated = draw_and_rate(self._memory, np.random.default_rng(1))
         self._draw = rated if prioritised else lambda: draw(self._memory)

@@ -9,10 +9,10 @@ from torch import nn
 from torch.nn.functional import smooth_l1_loss
 
 from common.network import build_network
-from common.presets import PRESETS
+from common.run.presets import PRESETS
+from learner.algorithm.trainer import DeviceBatch, Trainer
 from learner.device import choose_device
 from learner.prefetch import to_device
-from learner.trainer import DeviceBatch, Trainer
 from replay.batch import Batch
 
 _ACTIONS = 6

@@ -1,8 +1,8 @@
 """`python -m benchmarks.peers`: the same work by what one would pick instead, turn by turn.
 
 * training of ALE-Only Pong: stable-baselines3's DQN against local mode
-* the replay: cpprb's and stable-baselines3's against `replay.memory.Memory`
-* one Double DQN update: plain PyTorch in float32 against `learner.trainer.Trainer`
+* the replay: cpprb's and stable-baselines3's against `replay.replay_buffer.ReplayBuffer`
+* one Double DQN update: plain PyTorch in float32 against `learner.algorithm.trainer.Trainer`
 
 What is not installed is passed over with a sentence: ``pip install 'ale-robot[bench]'``.
 """

@@ -5,26 +5,27 @@ from pathlib import Path
 
 import numpy as np
 
-from actors.chunker import Chunker
 from actors.envs import make_env
 from actors.loop import play
 from actors.policy import Policy
-from common.config import RunConfig
+from actors.stream.chunker import Chunker
 from common.network import build_network
-from replay.memory import Memory
+from common.run.config import RunConfig
+from replay.replay_buffer import ReplayBuffer
 
 
-def random_play(config: RunConfig, steps: int, folder: Path) -> Memory:
+def random_play(config: RunConfig, steps: int, folder: Path) -> ReplayBuffer:
     """The run's replay after ``steps`` random decisions, with a limiter that never says wait."""
     config = replace(
-        config, replay=replace(config.replay, capacity=2 * steps, warmup=1, ratio_tolerance=10**9)
+        config,
+        replay=replace(config.replay, capacity=2 * steps, learning_starts=1, ratio_tolerance=10**9),
     )
     env = make_env(config, training=True)
     actions = int(env.action_space.n)  # type: ignore[attr-defined]
     rng = np.random.default_rng(config.seed)
     policy = Policy(build_network(config, actions), actions, rng)
     chunker = Chunker("random-play", "actor-1", 1, 0, config.stream.chunk_steps)
-    memory = Memory(config, folder)
+    memory = ReplayBuffer(config, folder)
     for number, step in enumerate(play([env], policy, [config.seed])):
         if (chunk := chunker.add(step, policy)) is not None:
             memory.insert(chunk)

@@ -20,12 +20,12 @@ from benchmarks.child import end_as_by_ctrl_c
 from benchmarks.pace import per_second
 from benchmarks.report import publish
 from benchmarks.synthetic import Streams
-from common.config import ReplayConfig, RunConfig
 from common.errors import InputError, exit_on_input_error
-from common.presets import PRESETS
+from common.run.config import ReplayConfig, RunConfig
+from common.run.presets import PRESETS
 from replay.batch import Batch
 from replay.footprint import footprint
-from replay.memory import Memory
+from replay.replay_buffer import ReplayBuffer
 
 BATCH = 32
 _NO_BOUND = 10**9
@@ -61,7 +61,7 @@ def unlimited(capacity: int) -> RunConfig:
     """The report's settings, with a limiter that never says wait."""
     config = PRESETS["paper"]
     return replace(
-        config, replay=ReplayConfig(capacity=capacity, warmup=1, ratio_tolerance=_NO_BOUND)
+        config, replay=ReplayConfig(capacity=capacity, learning_starts=1, ratio_tolerance=_NO_BOUND)
     )
 
 
@@ -70,7 +70,7 @@ def prioritised(config: RunConfig) -> RunConfig:
     return replace(config, replay=replace(config.replay, sampler="prioritised"))
 
 
-def fill(memory: Memory, streams: Streams, capacity: int) -> int:
+def fill(memory: ReplayBuffer, streams: Streams, capacity: int) -> int:
     """Insert until the ring has turned once; the steps that it took."""
     steps = 0
     while steps < capacity:
@@ -80,7 +80,7 @@ def fill(memory: Memory, streams: Streams, capacity: int) -> int:
     return steps
 
 
-def draw(memory: Memory) -> Batch:
+def draw(memory: ReplayBuffer) -> Batch:
     """One batch."""
     batch = memory.sample(0, 0.0)
     if batch is None:
@@ -88,7 +88,7 @@ def draw(memory: Memory) -> Batch:
     return batch
 
 
-def draw_and_rate(memory: Memory, rng: np.random.Generator) -> Callable[[], None]:
+def draw_and_rate(memory: ReplayBuffer, rng: np.random.Generator) -> Callable[[], None]:
     """One batch, and new priorities for it."""
 
     def action() -> None:
@@ -102,9 +102,11 @@ def measure(capacity: int, options: Options, folder: Path) -> dict[str, Any]:
     """All figures of one size."""
     config = unlimited(capacity)
     names = tuple(f"actor-{number}" for number in range(1, options.actors + 1))
-    streams = Streams("bench", actors=names, steps=options.chunk_steps, history=config.play.history)
+    streams = Streams(
+        "bench", actors=names, steps=options.chunk_steps, frame_stack=config.play.frame_stack
+    )
     before = footprint().private
-    memory = Memory(config, folder)
+    memory = ReplayBuffer(config, folder)
     began = time.perf_counter()
     filled = fill(memory, streams, capacity)
     fill_seconds = time.perf_counter() - began
@@ -113,7 +115,7 @@ def measure(capacity: int, options: Options, folder: Path) -> dict[str, Any]:
     told = memory.progress(_NO_BOUND)
     memory.close()
     began = time.perf_counter()
-    memory = Memory(prioritised(config), folder)
+    memory = ReplayBuffer(prioritised(config), folder)
     reopen_seconds = time.perf_counter() - began
     inserts_prioritised = per_second(lambda: memory.insert(streams.next()), options.seconds)
     rated = per_second(draw_and_rate(memory, np.random.default_rng(1)), options.seconds)

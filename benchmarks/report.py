@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from learner.provenance import Provenance
+from learner.telemetry.provenance import Provenance
 
 
 def publish(

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from common.chunk import FRAME_SHAPE, Chunk
+from common.protocol.chunk import FRAME_SHAPE, Chunk
 
 _GAME_STEPS = 500
 _POOL = 16
@@ -16,7 +16,7 @@ class Streams:
     Their frames come from a small pool, for what is measured copies pixels without looking at them.
     """
 
-    def __init__(self, run: str, *, actors: tuple[str, ...], steps: int, history: int) -> None:
+    def __init__(self, run: str, *, actors: tuple[str, ...], steps: int, frame_stack: int) -> None:
         rng = np.random.default_rng(1)
         self._actors = actors
         self._made = 0
@@ -29,8 +29,8 @@ class Streams:
                 sequence=0,
                 weights_version=0,
                 epsilon=0.1,
-                context=frames[: history - 1],
-                frames=frames[history - 1 :],
+                context=frames[: frame_stack - 1],
+                frames=frames[frame_stack - 1 :],
                 actions=rng.integers(6, size=steps, dtype=np.uint8),
                 rewards=rng.integers(-1, 2, size=steps).astype(np.float32),
                 terminated=rng.random(steps) < 1 / _GAME_STEPS,
@@ -44,7 +44,7 @@ class Streams:
                 final_vectors=np.zeros((0, 0), np.float32),
             )
             for frames in rng.integers(
-                256, size=(_POOL, history - 1 + steps, *FRAME_SHAPE), dtype=np.uint8
+                256, size=(_POOL, frame_stack - 1 + steps, *FRAME_SHAPE), dtype=np.uint8
             )
         ]
 

@@ -17,8 +17,8 @@ import tyro
 
 from benchmarks.child import end, end_as_by_ctrl_c, free_endpoint, start
 from benchmarks.report import publish
-from common.config import StreamConfig
 from common.errors import InputError, exit_on_input_error
+from common.run.config import StreamConfig
 
 _RUN = "bench"
 
@@ -62,7 +62,7 @@ class Exchange:
             "replay",
             *("--run", _RUN, "--runs", str(self._folder), "--listen", self._endpoint),
             *("--preset", "paper", "--replay.sampler", options.sampler),
-            *("--replay.capacity", str(options.capacity), "--replay.warmup", "64"),
+            *("--replay.capacity", str(options.capacity), "--replay.learning-starts", "64"),
             *("--replay.ratio-tolerance", str(10**9)),
             *("--stream.chunk-steps", str(options.chunk_steps)),
             stdout=subprocess.DEVNULL,

@@ -17,15 +17,15 @@ import numpy as np
 import tyro
 import zenoh
 
-from actors.outbox import Outbox
+from actors.stream.insert_client import InsertClient
 from benchmarks.synthetic import Streams
-from common.allocator import keep_large_blocks
-from common.announcement import find_run
-from common.bus import connect
-from common.chunk import encode_chunk
-from common.config import RunConfig
 from common.errors import exit_on_input_error
-from common.run_keys import RunKeys
+from common.process.allocator import keep_large_blocks
+from common.protocol.announcement import find_run
+from common.protocol.chunk import encode_chunk
+from common.protocol.run_keys import RunKeys
+from common.run.config import RunConfig
+from common.transport.bus import connect
 from replay.client import RemoteReplay
 
 _PATIENCE = 60.0
@@ -48,7 +48,7 @@ class Options:
     """Chunks that the sender may have unacknowledged."""
 
 
-class TimedOutbox(Outbox):
+class TimedOutbox(InsertClient):
     """An outbox that notes how long each chunk was on its way."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -100,7 +100,7 @@ def send(
         keys.run,
         actors=(options.name,),
         steps=config.stream.chunk_steps,
-        history=config.play.history,
+        frame_stack=config.play.frame_stack,
     )
     size = 0
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, relu
 
-from common.config import RunConfig
+from common.run.config import RunConfig
 
 HIDDEN = 512
 """Units of the first dense layer."""
@@ -33,7 +33,7 @@ class QNetwork(nn.Module):
     def __init__(
         self,
         actions: int,
-        history: int = 4,
+        frame_stack: int = 4,
         vector_width: int = 0,
         *,
         scale_pixels: bool = True,
@@ -46,7 +46,7 @@ class QNetwork(nn.Module):
         self.pixel_scale = 1 / 255 if scale_pixels else 1.0
         self.vector_scale = vector_scale
         self.convolutions = nn.Sequential(
-            nn.Conv2d(history, 32, 8, stride=4),
+            nn.Conv2d(frame_stack, 32, 8, stride=4),
             nn.ReLU(),
             nn.Conv2d(32, 64, 4, stride=2),
             nn.ReLU(),
@@ -69,7 +69,7 @@ class QNetwork(nn.Module):
         """Q-values ``float32 [batch, actions]``.
 
         Args:
-            frames: ``uint8 [batch, history, 84, 84]``, newest last; or those `as_pixels`, whose
+            frames: ``uint8 [batch, frame_stack, 84, 84]``, newest last; or those `as_pixels`, whose
                 precision is then that of all layers.
             vectors: ``float32 [batch, P]``; P may be 0.
         """
@@ -103,7 +103,7 @@ def build_network(config: RunConfig, actions: int) -> QNetwork:
         torch.manual_seed(config.seed)
         return QNetwork(
             actions,
-            config.play.history,
+            config.play.frame_stack,
             config.vector_width,
             scale_pixels=config.learning.scale_pixels,
             vector_scale=config.learning.vector_scale,

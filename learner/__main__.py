@@ -14,29 +14,29 @@ import tyro
 import zenoh
 
 from actors.envs import count_actions
-from common.allocator import keep_large_blocks
-from common.announcement import find_run
-from common.bus import DEFAULT_ENDPOINT, connect, from_here, open_hub
-from common.cli import RunFlags, parse_run
-from common.config import RunConfig, differences
 from common.errors import InputError, exit_on_input_error
-from common.lifeline import on_signals
 from common.network import QNetwork, build_network
-from common.origin import origin_of
-from common.run_folder import RunFolder, write_atomically
-from common.run_keys import RunKeys
-from common.weights import encode_weights, load_weights_file
+from common.process.allocator import keep_large_blocks
+from common.process.command_line import RunFlags, parse_run
+from common.process.lifeline import on_signals
+from common.protocol.announcement import find_run
+from common.protocol.run_keys import RunKeys
+from common.protocol.weights import encode_weights, load_weights_file
+from common.run.config import RunConfig, differences
+from common.run.folder import RunFolder, write_atomically
+from common.run.origin import origin_of
+from common.transport.bus import DEFAULT_ENDPOINT, connect, from_here, open_hub
+from learner.algorithm.trainer import Trainer
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
-from learner.display import open_display
-from learner.evaluation import EvaluationOptions, evaluate
-from learner.gate_watch import EXIT_CODE, MINUTES
-from learner.local import Crew
-from learner.status import ClockMode
-from learner.trainer import Trainer
+from learner.evaluation.offline import EvaluationOptions, evaluate
+from learner.local_launcher import LocalLauncher
+from learner.telemetry.gate import EXIT_CODE, MINUTES
+from learner.telemetry.sinks.display import open_display
+from learner.telemetry.status import ClockMode
 from learner.training import Learner
 from replay.client import RemoteReplay
 from replay.interface import Replay
-from replay.memory import Memory
+from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 
 
@@ -126,10 +126,11 @@ class LearnerOptions:
                 raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
             if self.config.env == "ale":
                 raise InputError(f"{flag} is for the robot: leave it away with --env ale.")
-        if self.steps is not None and self.steps <= self.config.replay.warmup:
+        if self.steps is not None and self.steps <= self.config.replay.learning_starts:
             raise InputError(
                 f"--steps is {self.steps}, all of which the warm-up of "
-                f"{self.config.replay.warmup} takes: choose more, or lower --replay.warmup."
+                f"{self.config.replay.learning_starts} takes: choose more, or lower "
+                "--replay.learning-starts."
             )
 
 
@@ -155,7 +156,7 @@ def hosted_replay(
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     session = open_hub(options.listen, options.certificates)
     try:
-        memory = Memory(config, folder.replay, actions)
+        memory = ReplayBuffer(config, folder.replay, actions)
         try:
             with ReplayServer(session, memory, config, folder.name):
                 yield session, memory, options.listen
@@ -312,7 +313,7 @@ def main() -> int:
             stop=stop,
         )
         crew = (
-            Crew(
+            LocalLauncher(
                 from_here(endpoint),
                 folder.name,
                 options.actors,

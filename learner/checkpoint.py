@@ -17,8 +17,8 @@ from safetensors.torch import save
 from torch import Tensor
 
 from common.errors import InputError
-from common.run_folder import write_atomically
-from learner.trainer import Trainer
+from common.run.folder import write_atomically
+from learner.algorithm.trainer import Trainer
 
 
 def previous_of(path: Path) -> Path:

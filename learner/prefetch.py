@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from learner.trainer import DeviceBatch, Prepared
+from learner.algorithm.trainer import DeviceBatch, Prepared
 from replay.batch import Batch
 from replay.interface import Replay
 

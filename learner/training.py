@@ -9,28 +9,28 @@ from collections.abc import Callable
 import torch
 import zenoh
 
-from common.config import RunConfig
 from common.errors import InputError
-from common.run_folder import RunFolder
-from common.run_keys import RunKeys
-from common.weights import encode_weights
-from learner.bookkeeping import Bookkeeping, PhaseEnd
+from common.protocol.run_keys import RunKeys
+from common.protocol.weights import encode_weights
+from common.run.config import RunConfig
+from common.run.folder import RunFolder
+from learner.algorithm.trainer import Trainer
 from learner.checkpoint import load_checkpoint, save_checkpoint
 from learner.device import Device
-from learner.display import Display
-from learner.epochs import EpochRow
-from learner.examiner import EpochTest, Examiner
-from learner.gate_watch import GateWatch, least_steps, verdict
-from learner.gauges import Gauges
-from learner.held_out import HeldOut
-from learner.local import Crew
-from learner.monitor import Monitor
+from learner.evaluation.coordinator import EpochTest, EvaluationCoordinator
+from learner.local_launcher import LocalLauncher
 from learner.prefetch import Prefetched, Prefetcher, to_device
-from learner.records import Records
-from learner.roster import Roster
-from learner.status import ClockMode, Phase, Status
-from learner.trainer import Trainer
-from replay.facts import MOST_FACTS
+from learner.telemetry.actor_registry import ActorRegistry
+from learner.telemetry.gate import GateWatch, least_steps, verdict
+from learner.telemetry.held_out import HeldOut
+from learner.telemetry.monitor import Monitor
+from learner.telemetry.records import Records
+from learner.telemetry.run_progress import PhaseEnd, RunProgress
+from learner.telemetry.running_means import RunningMeans
+from learner.telemetry.sinks.display import Display
+from learner.telemetry.sinks.epochs_csv import EpochRow
+from learner.telemetry.status import ClockMode, Phase, Status
+from replay.chunk_statistics import MOST_FACTS
 from replay.interface import Replay
 
 _TICK = 0.1
@@ -85,7 +85,7 @@ class Learner:
         self._display = display
         self._steps_goal = steps_goal
         self._stop = stop
-        self._crew: Crew | None = None
+        self._crew: LocalLauncher | None = None
         self.failed: str | None = None
         """Why the run ended by itself before its goal: the gate that stayed red."""
         self._red_seconds = 60 * gate_minutes
@@ -103,10 +103,10 @@ class Learner:
         self._due: dict[str, float] = {}
         self._started = time.monotonic()
 
-        self._books = Bookkeeping(config)
-        self._gauges = Gauges()
-        self._roster = Roster(session, keys)
-        self._examiner = Examiner(
+        self._books = RunProgress(config)
+        self._gauges = RunningMeans()
+        self._roster = ActorRegistry(session, keys)
+        self._examiner = EvaluationCoordinator(
             session,
             keys,
             folder.snapshots,
@@ -144,7 +144,7 @@ class Learner:
             self._updates,
         )
 
-    def run(self, crew: Crew | None = None) -> None:
+    def run(self, crew: LocalLauncher | None = None) -> None:
         """Train until the goal is reached or ``stop`` is set, and leave everything on disk.
 
         Args:
@@ -160,7 +160,7 @@ class Learner:
         finally:
             self._examiner.close()
 
-    def _work(self, crew: Crew | None) -> None:
+    def _work(self, crew: LocalLauncher | None) -> None:
         """All from the first update to the last line of the summary."""
         try:
             self._check_replay()
@@ -188,7 +188,7 @@ class Learner:
         The few steps that a power failure may have cost are played again.
         """
         known, found = self._books.agent_steps, self._progress.agent_steps
-        if known - found > self._config.replay.warmup:
+        if known - found > self._config.replay.learning_starts:
             raise InputError(
                 f"the replay has seen {found:,} steps and the checkpoint {known:,}: put the "
                 "replay's folder back, or begin another run with this one's network (--run "
@@ -215,11 +215,11 @@ class Learner:
         if self._config.replay.sampler == "prioritised":
             self._check_loss()
             self._replay.update_priorities(batch.ids, result.td_errors.abs().cpu().numpy())
-        if self._updates % schedule.target_every == 0:
+        if self._updates % schedule.target_update_period == 0:
             self._trainer.copy_to_target()
-        if self._updates % schedule.publish_every == 0:
+        if self._updates % schedule.publish_period == 0:
             self._publish()
-        if self._updates % schedule.checkpoint_every == 0:
+        if self._updates % schedule.checkpoint_period == 0:
             self._checkpoint()
 
     def _is_finite(self) -> bool:
@@ -399,8 +399,8 @@ class Learner:
         """Whether all steps it was asked for are there, and all updates that they call for."""
         if self._steps_goal is None or not self._finished:
             return False
-        steps = self._steps_goal - self._config.replay.warmup
-        return self._updates >= steps // self._config.learning.train_every
+        steps = self._steps_goal - self._config.replay.learning_starts
+        return self._updates >= steps // self._config.learning.train_period
 
     def _conclude(self) -> None:
         """Let the actors hand in their last chunks, and have the last epoch tested."""

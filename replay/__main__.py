@@ -11,15 +11,15 @@ from pathlib import Path
 import tyro
 
 from actors.envs import count_actions
-from common.allocator import keep_large_blocks
-from common.bus import DEFAULT_ENDPOINT, open_hub
-from common.cli import RunFlags, parse_run
 from common.errors import exit_on_input_error
-from common.lifeline import on_signals
-from common.output import silence
-from common.run_folder import RunFolder
-from replay.facts import Progress
-from replay.memory import Memory
+from common.process.allocator import keep_large_blocks
+from common.process.command_line import RunFlags, parse_run
+from common.process.lifeline import on_signals
+from common.process.output import silence
+from common.run.folder import RunFolder
+from common.transport.bus import DEFAULT_ENDPOINT, open_hub
+from replay.chunk_statistics import Progress
+from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 
 _REPORT_EVERY = 5.0
@@ -61,7 +61,7 @@ def main() -> None:
     on_signals(stop)
     session = open_hub(options.listen, options.certificates)
     try:
-        memory = Memory(config, folder.replay, actions)
+        memory = ReplayBuffer(config, folder.replay, actions)
         try:
             with ReplayServer(session, memory, config, folder.name):
                 _say(f"replay of run {folder.name} in {folder.replay}, at {options.listen}.")

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.chunk import FRAME_SHAPE
 from common.errors import MessageError
-from common.wire import MAX_MESSAGE_BYTES, pack, pack_array, take_array, unpack
+from common.protocol.chunk import FRAME_SHAPE
+from common.protocol.wire import MAX_MESSAGE_BYTES, pack, pack_array, take_array, unpack
 
 
 class Batch(NamedTuple):

@@ -7,13 +7,13 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from common.config import RunConfig
 from common.errors import InputError, MessageError
-from common.run_keys import RunKeys
+from common.protocol.run_keys import RunKeys
+from common.run.config import RunConfig
 from replay import messages
 from replay.batch import Batch
-from replay.facts import Progress, decode_progress
-from replay.questions import Questions
+from replay.chunk_statistics import Progress, decode_progress
+from replay.questions import PendingQueries
 
 AHEAD = 3
 """Minibatches that are asked for before they are wanted: enough to keep both sides at work, few
@@ -38,13 +38,13 @@ class RemoteReplay:
     ) -> None:
         self._session = session
         self._keys = keys
-        self._history = config.play.history
+        self._frame_stack = config.play.frame_stack
         self._batch_size = config.learning.batch_size
         self._ahead = ahead
         self._going_well = False
         self._drawing = threading.Lock()
-        self._draws = Questions(session, keys.sample)
-        self._advice = Questions(session, keys.priorities)
+        self._draws = PendingQueries(session, keys.sample)
+        self._advice = PendingQueries(session, keys.priorities)
         self._closed = threading.Event()
 
     def sample(self, drawn: int, timeout: float) -> Batch | None:
@@ -69,7 +69,7 @@ class RemoteReplay:
                 batch = messages.decode_sample_reply(answer) if answer else None
                 self._going_well = batch is not None
                 if batch is not None:
-                    if batch.stacks.shape[2] != self._history:
+                    if batch.stacks.shape[2] != self._frame_stack:
                         raise MessageError(f"states of {batch.stacks.shape[2]} frames")
                     return batch.whole()
                 if answer is None:
@@ -132,6 +132,6 @@ class RemoteReplay:
 
     def _ask(self, key: str, request: bytes) -> bytes | None:
         """The answer; None if there is no server, or none that answers in time."""
-        question = Questions(self._session, key)
+        question = PendingQueries(self._session, key)
         question.ask(request)
         return question.take()

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.chunk import FRAME_SHAPE
 from common.errors import InputError
+from common.protocol.chunk import FRAME_SHAPE
 
 
 def _size(dtype: Any, shape: tuple[int, ...]) -> int:

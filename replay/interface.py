@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay.batch import Batch
-from replay.facts import Progress
+from replay.chunk_statistics import Progress
 
 
 class Replay(Protocol):

@@ -11,10 +11,11 @@ from common.errors import InputError
 
 @dataclass(frozen=True)
 class RateLimiter:
-    """Keeps draws near ``samples_per_insert`` for each step after the first ``warmup`` ones."""
+    """Keeps draws near ``samples_per_insert`` for each step after the first ``learning_starts``
+    ones."""
 
     samples_per_insert: float
-    warmup: int
+    learning_starts: int
     """Steps that come before the first draw, and that the ratio does not count."""
     tolerance: float
     """Steps by which either side may be ahead."""
@@ -24,10 +25,13 @@ class RateLimiter:
         if not 0 < self.samples_per_insert < float("inf"):
             raise InputError(
                 f"samples per insert is {self.samples_per_insert}: choose a positive number "
-                "(it is batch_size / train_every)."
+                "(it is batch_size / train_period)."
             )
-        if self.warmup < 1:
-            raise InputError(f"replay.warmup is {self.warmup}: nothing could be drawn; choose ≥ 1.")
+        if self.learning_starts < 1:
+            raise InputError(
+                f"replay.learning_starts is {self.learning_starts}: nothing could be drawn; "
+                "choose 1 or more."
+            )
         if not self.tolerance * self.samples_per_insert >= self.batch_size:
             raise InputError(
                 f"replay.ratio_tolerance is {self.tolerance} steps, less than the "
@@ -37,12 +41,15 @@ class RateLimiter:
 
     def deficit(self, inserted: int, drawn: int) -> float:
         """Draws that are due; negative when the learner is ahead."""
-        return (inserted - self.warmup) * self.samples_per_insert - drawn
+        return (inserted - self.learning_starts) * self.samples_per_insert - drawn
 
     def may_sample(self, inserted: int, drawn: int) -> bool:
         """Whether the learner may draw one more minibatch."""
         least = -self.tolerance * self.samples_per_insert
-        return inserted >= self.warmup and self.deficit(inserted, drawn) - self.batch_size >= least
+        return (
+            inserted >= self.learning_starts
+            and self.deficit(inserted, drawn) - self.batch_size >= least
+        )
 
     def should_hold(self, inserted: int, drawn: int) -> bool:
         """Whether actors should pause."""

@@ -6,8 +6,8 @@ Every decoder raises `MessageError` for anything that its encoder would not writ
 import numpy as np
 from numpy.typing import NDArray
 
-from common.chunk import FRAME_SHAPE
-from common.wire import pack, pack_array, take, take_array, unpack
+from common.protocol.chunk import FRAME_SHAPE
+from common.protocol.wire import pack, pack_array, take, take_array, unpack
 from replay.batch import SharedBatch, decode_batch, encode_batch
 
 NO_BATCH = b""

@@ -1,4 +1,5 @@
-"""`Questions`: queries of one kind that are under way, for those who do not wait for each answer.
+"""`PendingQueries`: queries of one kind that are under way, for those who do not wait for each
+answer.
 
 A queryable answers in the order in which it is asked, so a client that has several questions under
 way is neither held up by the way there and back, nor by what the other side is doing meanwhile.
@@ -17,7 +18,7 @@ PATIENCE = 5.0
 """Seconds for an answer, before the server counts as away."""
 
 
-class Questions:
+class PendingQueries:
     """Asks at ``key``, and keeps the answers until they are taken. Safe for several threads."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
@@ -30,7 +31,7 @@ class Questions:
 
     @property
     def open(self) -> int:
-        """Questions whose answers were not taken yet."""
+        """PendingQueries whose answers were not taken yet."""
         with self._changed:
             return self._under_way + len(self._answers)
 

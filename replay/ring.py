@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.chunk import Chunk
+from common.protocol.chunk import Chunk
 from replay.batch import Batch, SharedBatch
 from replay.columns import Columns
 
@@ -64,11 +64,11 @@ class Ring:
         self,
         columns: Columns,
         *,
-        history: int,
+        frame_stack: int,
         n_step: int,
         discount: float,
         clip_rewards: bool,
-        cut_random: bool = False,
+        watkins_cut: bool = False,
     ) -> None:
         self.head = 0
         """The next id."""
@@ -76,10 +76,10 @@ class Ring:
         """The oldest id alive."""
         self._columns = columns
         self._capacity = columns.capacity
-        self._history = history
+        self._frame_stack = frame_stack
         self._n_step = n_step
         self._clip_rewards = clip_rewards
-        self._cut_random = cut_random
+        self._cut_random = watkins_cut
         self._previous = np.zeros(columns.capacity, np.int64)
         self._next = np.full(columns.capacity, -1, np.int64)
         self._discounts = discount ** np.arange(256, dtype=np.float64)
@@ -145,7 +145,7 @@ class Ring:
     def can_lend(self, last: int) -> bool:
         """Whether the step after ``last`` could be stacked from the frames before it."""
         frame = last
-        for _ in range(self._history - 2):
+        for _ in range(self._frame_stack - 2):
             if frame < self.tail:
                 return False
             frame = int(self._previous[frame % self._capacity])
@@ -159,7 +159,9 @@ class Ring:
             path = self._path(ids[block])
             stacks = self._stacks(np.concatenate([path[0], path[-1]]))
             complete[block] &= (path >= self.tail).all(axis=0)
-            complete[block] &= (stacks.reshape(2, -1, self._history) >= self.tail).all(axis=(0, 2))
+            complete[block] &= (stacks.reshape(2, -1, self._frame_stack) >= self.tail).all(
+                axis=(0, 2)
+            )
         return complete
 
     def all_seen(self, ids: Ids) -> NDArray[np.bool_]:
@@ -189,7 +191,7 @@ class Ring:
         once, places = np.unique(stacks, return_inverse=True)
         batch = SharedBatch(
             frames=self._frames(once),
-            stacks=places.astype(np.int32).reshape(2, len(ids), self._history),
+            stacks=places.astype(np.int32).reshape(2, len(ids), self._frame_stack),
             **self._rest(path, weights),
         )
         return batch if self._are_alive(path, stacks) else None
@@ -245,9 +247,9 @@ class Ring:
 
     def _stacks(self, ids: Ids) -> Ids:
         """Ids of the frames that make the states at ``ids``, oldest first, ``[B, H]``."""
-        stacks = np.empty((len(ids), self._history), np.int64)
+        stacks = np.empty((len(ids), self._frame_stack), np.int64)
         stacks[:, -1] = ids
-        for place in range(self._history - 1, 0, -1):
+        for place in range(self._frame_stack - 1, 0, -1):
             stacks[:, place - 1] = self._previous[stacks[:, place] % self._capacity]
         return stacks
 

@@ -1,4 +1,4 @@
-"""`ReplayServer`: a run's `Memory` for the processes that reach it over Zenoh.
+"""`ReplayServer`: a run's `ReplayBuffer` for the processes that reach it over Zenoh.
 
 Each kind of question has a queue and a thread of its own, so a draw that waits for actors holds
 up no insert. The queues hold far more than the actors' windows together, because a full one
@@ -16,16 +16,16 @@ from typing import Any
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from common.ack import encode_ack
-from common.announcement import encode_announcement
-from common.chunk import decode_chunk
-from common.config import RunConfig
 from common.errors import MessageError
-from common.run_keys import RunKeys
-from common.wire import MAX_MESSAGE_BYTES
+from common.protocol.ack import encode_ack
+from common.protocol.announcement import encode_announcement
+from common.protocol.chunk import decode_chunk
+from common.protocol.run_keys import RunKeys
+from common.protocol.wire import MAX_MESSAGE_BYTES
+from common.run.config import RunConfig
 from replay import messages
-from replay.facts import encode_progress
-from replay.memory import Memory
+from replay.chunk_statistics import encode_progress
+from replay.replay_buffer import ReplayBuffer
 
 LONGEST_WAIT = 1.0
 """Seconds that a draw or a knock may wait at the server."""
@@ -40,7 +40,9 @@ Answer = Callable[[zenoh.Query], None]
 class ReplayServer:
     """Answers for ``memory`` until it is closed; a context manager."""
 
-    def __init__(self, session: zenoh.Session, memory: Memory, config: RunConfig, run: str) -> None:
+    def __init__(
+        self, session: zenoh.Session, memory: ReplayBuffer, config: RunConfig, run: str
+    ) -> None:
         self._closed = False
         self._memory = memory
         self._config = config

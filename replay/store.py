@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from common.chunk import Chunk
-from common.config import RunConfig
 from common.errors import InputError, MessageError
+from common.protocol.chunk import Chunk
+from common.run.config import RunConfig
+from replay.chunk_index import ChunkIndex, ChunkKey, ChunkRecord, chunk_entry, tail_entry
+from replay.chunk_statistics import ChunkStatistics
 from replay.columns import Columns
-from replay.facts import ChunkFacts
 from replay.journal import Entry, Journal, damaged, read_journal
-from replay.ledger import ChunkKey, ChunkRecord, Ledger, chunk_entry, tail_entry
 from replay.ring import Placement, Ring
 from replay.samplers import PrioritisedSampler, Sampler, UniformSampler
 from replay.sum_tree import padded
@@ -64,11 +64,11 @@ class Store:
         )
         self.ring = Ring(
             self._columns,
-            history=config.play.history,
+            frame_stack=config.play.frame_stack,
             n_step=config.learning.n_step,
             discount=config.learning.discount,
             clip_rewards=config.learning.clip_rewards,
-            cut_random=config.learning.cut_random,
+            watkins_cut=config.learning.watkins_cut,
         )
         self.sampler = self._new_sampler()
         self._rebuild()
@@ -81,12 +81,12 @@ class Store:
             "kind": "ring",
             "format": FORMAT,
             "capacity": self._config.replay.capacity,
-            "history": self._config.play.history,
+            "history": self._config.play.frame_stack,  # its name in journals since format 1
             "vector_width": self._config.vector_width,
         }
 
-    def _read(self, path: Path) -> Ledger:
-        ledger, entries = Ledger(), read_journal(path)
+    def _read(self, path: Path) -> ChunkIndex:
+        ledger, entries = ChunkIndex(), read_journal(path)
         if path.exists() and not entries:
             raise damaged(path, 1)
         for number, entry in enumerate(entries, start=1):
@@ -183,7 +183,7 @@ class Store:
 
     def _check(self, chunk: Chunk) -> None:
         width = chunk.vectors.shape[1]
-        most = self._config.play.history - 1
+        most = self._config.play.frame_stack - 1
         slots = len(chunk.context) + len(chunk) + len(chunk.final_frames)
         if width != self._config.vector_width:
             raise MessageError(
@@ -235,11 +235,11 @@ class Store:
 
     def _steps_beside(self, key: ChunkKey) -> set[int]:
         """Steps whose return, or whose stack, may reach into the chunk."""
-        n_step, history = self._config.learning.n_step, self._config.play.history
-        return self.ledger.steps_beside(key, n_step, history - 1)
+        n_step, frame_stack = self._config.learning.n_step, self._config.play.frame_stack
+        return self.ledger.steps_beside(key, n_step, frame_stack - 1)
 
-    def _facts(self, chunk: Chunk, staleness: int) -> ChunkFacts:
-        return ChunkFacts(
+    def _facts(self, chunk: Chunk, staleness: int) -> ChunkStatistics:
+        return ChunkStatistics(
             index=self.ledger.accepted,
             agent_steps=self.ledger.agent_steps + len(chunk),
             steps=len(chunk),
@@ -252,7 +252,7 @@ class Store:
             games=chunk.games,
         )
 
-    def _admit(self, record: ChunkRecord, facts: ChunkFacts) -> None:
+    def _admit(self, record: ChunkRecord, facts: ChunkStatistics) -> None:
         ring, ledger, place = self.ring, self.ledger, record.placement
         ledger.accept(record, facts)
         ring.head = place.end
@@ -272,5 +272,5 @@ class Store:
             return
         place = after.placement
         # States of one frame need no context, so its absence says nothing.
-        if place.context or place.previous >= 0 or self._config.play.history == 1:
+        if place.context or place.previous >= 0 or self._config.play.frame_stack == 1:
             self.ring.join(record.placement.last, place.first)

@@ -10,8 +10,8 @@ import zenoh
 from hypothesis import HealthCheck, settings
 
 from benchmarks.child import free_endpoint
-from common import bus
-from common.bus import connect, open_hub
+from common.transport import bus
+from common.transport.bus import connect, open_hub
 
 # A busy machine may take its time over an example.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -11,7 +11,7 @@ import gymnasium
 
 from actors.envs.emulator import GAMES, Emulator
 from common.actions import KEYS_OF_ACTION
-from common.config import RunConfig
+from common.run.config import RunConfig
 
 
 def env_id(game: str, *, robot: bool) -> str:

@@ -6,24 +6,24 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.body_sense import BodySense
+from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.emulator import Emulator
 from actors.envs.game import REPORT_PLAY, AtariGame
-from actors.envs.late_keys import LateKeys
-from actors.envs.observation import FrameHistory, Observation, observation_space, shrink
-from actors.terminal.window import TerminalWindow, render_modes
+from actors.envs.observation import FrameStack, Observation, observation_space, shrink
+from actors.envs.proprioception import Proprioception
 from actors.vision.layout import ASPECT
 from common.actions import KEYS_OF_ACTION, action_of_keys
-from common.config import PlayConfig
-from common.vector_layout import KEY_FRAMES
+from common.proprioception import KEY_FRAMES
+from common.run.config import PlayConfig
+from viewer.terminal.window import TerminalWindow, render_modes
 
 
 class AtariEnv(gymnasium.Env[Observation, np.int64]):
     """One step is one decision of ``play.frame_skip`` emulator frames.
 
-    Observation: ``uint8 [history, 84, 84]``, newest frame last; with ``play.vector`` in a
+    Observation: ``uint8 [frame_stack, 84, 84]``, newest frame last; with ``play.vector`` in a
     dictionary beside the last commands and keys. The keys are the commanded ones, unless
-    ``play.delay``, ``release`` or ``press`` let them come late (`LateKeys`).
+    ``play.command_latency``, ``release`` or ``press`` let them come late (`ActuationDelay`).
     Action: an index into all 18 actions, or into the game's own with ``play.minimal_actions``.
     Reward: points, not clipped.
     With ``training`` an episode also ends at a lost life, and the next ``reset()`` carries the
@@ -49,15 +49,15 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         self.render_mode = render_mode
         self._window = TerminalWindow(rate) if render_mode == "human" else None
         # An action that is held through all frames of a decision the emulator can repeat itself.
-        self._prompt = not (play.delay or play.release or play.press)
+        self._prompt = not (play.command_latency or play.release_latency or play.press_latency)
         skip = play.frame_skip if self._prompt else 1
         self._game = AtariGame(game, play, training=training, emulator_skip=skip)
         self._frame_skip = play.frame_skip
-        self._keys = LateKeys(play)
-        self._frames = FrameHistory(play.history)
+        self._keys = ActuationDelay(play)
+        self._frames = FrameStack(play.frame_stack)
         self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
         self.observation_space = observation_space(play, "ale")
-        self._sense = BodySense("ale") if play.vector else None
+        self._sense = Proprioception("ale") if play.vector else None
 
     @property
     def emulator(self) -> Emulator:

@@ -9,7 +9,7 @@ from typing import Any
 from numpy.random import Generator
 
 from actors.envs.emulator import Emulator
-from common.config import PlayConfig
+from common.run.config import PlayConfig
 
 REPORT_PLAY = PlayConfig()
 """The report's settings, the default of both environments."""

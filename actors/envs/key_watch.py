@@ -1,12 +1,12 @@
 """Times the hands while they play: from each command to its keys, frame by frame.
 
-`common.key_times` says what is measured, and what becomes of it.
+`common.press_latency` says what is measured, and what becomes of it.
 """
 
 from collections import deque
 
 from common.actions import Keys
-from common.key_times import MOST_FRAMES, Goal, place_of
+from common.press_latency import MOST_FRAMES, Goal, place_of
 
 _KEPT = 1_024
 """Outcomes kept for those who ask. A step has two for each command at most; a person who plays

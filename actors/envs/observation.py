@@ -1,6 +1,6 @@
 """The state both environments show: the newest grey 84×84 frames, as in Mnih et al. (2015).
 
-With ``play.vector`` a vector (`common.vector_layout`) stands beside them, in a dictionary.
+With ``play.vector`` a vector (`common.proprioception`) stands beside them, in a dictionary.
 """
 
 from typing import Any, TypeAlias
@@ -10,17 +10,17 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from common.chunk import FRAME_SHAPE
-from common.config import EnvKind, PlayConfig
-from common.vector_layout import width_of
+from common.proprioception import width_of
+from common.protocol.chunk import FRAME_SHAPE
+from common.run.config import EnvKind, PlayConfig
 
 Observation: TypeAlias = NDArray[np.uint8] | dict[str, Any]
-"""Frames ``uint8 [history, 84, 84]``; or these as ``frames`` and ``vector float32 [P]``."""
+"""Frames ``uint8 [frame_stack, 84, 84]``; or these as ``frames`` and ``vector float32 [P]``."""
 
 
 def observation_space(play: PlayConfig, env: EnvKind) -> gymnasium.Space[Any]:
     """The space of an environment's observations."""
-    frames = gymnasium.spaces.Box(0, 255, (play.history, *FRAME_SHAPE), np.uint8)
+    frames = gymnasium.spaces.Box(0, 255, (play.frame_stack, *FRAME_SHAPE), np.uint8)
     if not play.vector:
         return frames
     vector = gymnasium.spaces.Box(-1.0, 1.0, (width_of(env),), np.float32)
@@ -36,12 +36,12 @@ def shrink(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(frame, np.uint8)
 
 
-class FrameHistory:
-    """The last ``history`` frames. States it gave out never change afterwards."""
+class FrameStack:
+    """The last ``frame_stack`` frames. States it gave out never change afterwards."""
 
-    def __init__(self, history: int) -> None:
-        self.state: NDArray[np.uint8] = np.zeros((history, *FRAME_SHAPE), np.uint8)
-        """``uint8 [history, 84, 84]``, newest last."""
+    def __init__(self, frame_stack: int) -> None:
+        self.state: NDArray[np.uint8] = np.zeros((frame_stack, *FRAME_SHAPE), np.uint8)
+        """``uint8 [frame_stack, 84, 84]``, newest last."""
 
     def restart(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The first state of an episode: its first frame, repeated."""

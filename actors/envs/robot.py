@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from actors.envs.clock import Clock, Lockstep, RealTime
 from actors.envs.emulator import Emulator
 from actors.envs.game import REPORT_PLAY, AtariGame
-from actors.envs.observation import FrameHistory, Observation, observation_space, shrink
+from actors.envs.observation import FrameStack, Observation, observation_space, shrink
 from actors.envs.world import Decision, World
-from actors.nao.room import Room
-from actors.nao.sensor import PERFECT_CAMERA
-from actors.terminal.window import TerminalWindow, render_modes
-from actors.vision.eye import Eye, Sight
+from actors.robots.nao.room import Room
+from actors.robots.nao.sensor import PERFECT_CAMERA
+from actors.vision.screen_detector import Detection, ScreenDetector
 from common.actions import Keys
-from common.config import CameraConfig, PlayConfig
+from common.run.config import CameraConfig, PlayConfig
+from viewer.terminal.window import TerminalWindow, render_modes
 
 ROOM_EVERY = 4
 """Steps between renderings of the room for people, which take as long as a decision; the game on
@@ -46,7 +46,8 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
     ``missed_deadlines`` (decisions that passed before this step's command or, unless the agent
     waits for its keys, after the one that the command was for),
     ``late_frames`` (emulator frames of this step that began more than a frame too late) and
-    ``key_times`` (what `KeyWatch` measured since the last step, for `Tally`; a reset tells none).
+    ``key_times`` (what `KeyWatch` measured since the last step, for `ActorCounters`; a reset tells
+    none).
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 15}  # noqa: RUF012
@@ -92,15 +93,15 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         self._camera = camera
         self.room = Room(self._game.emulator.screen_shape, camera)
         """The robot and all around it."""
-        self.eye = Eye(camera.distortion)
+        self.eye = ScreenDetector(camera.distortion)
         """Replaced at each new game: do not keep it."""
         # Drawing takes a tenth of a decision: not where only a person might look at the picture.
         # A late camera has to be asked each time, or it has no earlier picture to give.
-        self._looks = play.eye == "camera" or camera.delay > 0
+        self._looks = play.eye == "camera" or camera.latency > 0
         self._seen: NDArray[np.uint8] | None = None
         self._unseen = 0
         """Decisions since the last picture was taken."""
-        self.sight: Sight
+        self.detection: Detection
         """What the eye made of it."""
         self._world = World(self.room, self._game, play)
         self._clock: Clock = Lockstep(self._world) if sync else RealTime(self._world, speed)
@@ -109,7 +110,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         self._discount = discount
         self._clip_rewards = clip_rewards
         self._late_frames = 0
-        self._frames = FrameHistory(play.history)
+        self._frames = FrameStack(play.frame_stack)
         self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
         self.observation_space = observation_space(play, "robot")
 
@@ -160,11 +161,11 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             self._world.restart()
             self.room.begin_game(self.np_random)
             # Nothing of an earlier game may show in a seeded one, not even where the screen was.
-            self.eye = Eye(self._camera.distortion)
+            self.eye = ScreenDetector(self._camera.distortion)
             self._play_random_start()
         self._photograph(0)
         self._look()
-        self._frames.restart(self.sight.frame)
+        self._frames.restart(self.detection.frame)
         self._shown = 0
         self._show()
         observation, info = self._observation(), self._info([], 0, (), gave_up=False)
@@ -180,7 +181,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             decisions += self._clock.pass_decision()
             if self._obeyed(decisions[-1]) or len(decisions) - missed >= self._most_decisions:
                 break
-            if self._camera.delay > 0:  # a late picture may be one from the middle of a step
+            if self._camera.latency > 0:  # a late picture may be one from the middle of a step
                 with self._clock.still():
                     self._photograph(len(decisions) - photographed)
                 photographed = len(decisions)
@@ -190,7 +191,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         with self._clock.still():
             self._photograph(len(decisions) - photographed)
             self._look()
-            self._frames.push(self.sight.frame)
+            self._frames.push(self.detection.frame)
             self._show()
             gave_up = self._wait_action and not (last.ended or self._obeyed(last))
             info = self._info(decisions, missed, self._world.key_watch.take(), gave_up=gave_up)
@@ -239,7 +240,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         )
         return {
             **self._game.info(
-                valid_frame=self.sight.valid,
+                valid_frame=self.detection.valid,
                 keys_match=not decisions or self._obeyed(decisions[-1]),
                 elapsed=len(decisions),
             ),
@@ -269,9 +270,9 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
 
     def _look(self) -> None:
         if self._play.eye == "camera":
-            self.sight = self.eye.see(self.seen)
+            self.detection = self.eye.detect(self.seen)
         else:
-            self.sight = Sight(shrink(self._game.emulator.screen_grey()), True, None)
+            self.detection = Detection(shrink(self._game.emulator.screen_grey()), True, None)
 
     def _observation(self) -> Observation:
         vector = self._world.vector()

@@ -9,14 +9,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.body_sense import BodySense
+from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.game import AtariGame
 from actors.envs.key_watch import KeyWatch
-from actors.envs.late_keys import LateKeys
-from actors.nao.room import Room
+from actors.envs.proprioception import Proprioception
+from actors.robots.nao.room import Room
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
-from common.config import PlayConfig
-from common.vector_layout import KEYS
+from common.proprioception import KEYS
+from common.run.config import PlayConfig
 
 _ACTION_OF_KEYS = tuple(action_of_keys(Keys(bits)) for bits in range(2 ** len(KEYS)))
 
@@ -70,10 +70,10 @@ class World:
         self.key_watch = KeyWatch()
         """Times the hands, whenever the controller is read."""
         self._room = room
-        self._hand: Hand = room if play.hand == "arm" else LateKeys(play)
+        self._hand: Hand = room if play.hand == "arm" else ActuationDelay(play)
         self._game = game
         self._play = play
-        self._sense = BodySense("robot") if play.vector else None
+        self._sense = Proprioception("robot") if play.vector else None
         self._frames = 0  # of the present decision
         self._points = 0.0
 

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.vision.layout import GAME_IN_PICTURE
-from common.chunk import FRAME_SHAPE
+from common.protocol.chunk import FRAME_SHAPE
 
 _FINER = 2
 """The game is unwarped this much finer than its frame and then averaged, which keeps a ball of

@@ -7,7 +7,7 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from common.ack import Ack, encode_ack
+from common.protocol.ack import Ack, encode_ack
 from tests.patience import PATIENCE
 
 STORED = Ack("stored", hold=False, finished=False, agent_steps=0, weights_version=0)
@@ -17,7 +17,7 @@ def payload_of(query: zenoh.Query) -> bytes:
     return query.payload.to_bytes() if query.payload is not None else b""
 
 
-class Questions:
+class PendingQueries:
     """Queries to ``key``, in order of arrival, for the test to answer one by one."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:

@@ -39,14 +39,14 @@ class NumberedEnv(gymnasium.Env[Any, np.int64]):
     """
 
     def __init__(
-        self, endings: Sequence[str], history: int = 4, first: int = 0, width: int = 0
+        self, endings: Sequence[str], frame_stack: int = 4, first: int = 0, width: int = 0
     ) -> None:
-        self.observation_space = gymnasium.spaces.Box(0, 255, (history, 84, 84), np.uint8)
+        self.observation_space = gymnasium.spaces.Box(0, 255, (frame_stack, 84, 84), np.uint8)
         self.action_space = gymnasium.spaces.Discrete(6)
         self.moments: list[Moment] = []
         self.seeds: list[int | None] = []
         self._endings = endings
-        self._history = history
+        self._frame_stack = frame_stack
         self._number = first
         self._width = width
         self._score = 0.0
@@ -57,7 +57,7 @@ class NumberedEnv(gymnasium.Env[Any, np.int64]):
     ) -> tuple[Any, dict[str, Any]]:
         self.seeds.append(seed)
         self._begins = True
-        self._state = np.stack([self._next_frame()] * self._history)
+        self._state = np.stack([self._next_frame()] * self._frame_stack)
         self._valid = self._number % 5 != 0
         return self._observation(), self._info(over=False, elapsed=0)
 

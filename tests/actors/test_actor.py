@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
-from hub_stubs import STORED, acknowledge, payload_of
-from numbered_env import CUT, GAME_OVER, GOES_ON, NumberedEnv
 from zenoh.handlers import Callback
 
 from actors import actor as actor_module
-from actors import outbox as outbox_module
-from actors import weights_inbox
 from actors.actor import Actor
 from actors.policy import Policy
-from common.actor_stats import ActorStats, decode_stats
-from common.chunk import Chunk, decode_chunk
-from common.config import StreamConfig
+from actors.stream import insert_client as outbox_module
+from actors.stream import weights_client as weights_inbox
 from common.network import QNetwork
-from common.presets import PRESETS
-from common.run_keys import RunKeys
-from common.weights import encode_weights
+from common.protocol.actor_stats import ActorStats, decode_stats
+from common.protocol.chunk import Chunk, decode_chunk
+from common.protocol.run_keys import RunKeys
+from common.protocol.weights import encode_weights
+from common.run.config import StreamConfig
+from common.run.presets import PRESETS
+from tests.actors.hub_stubs import STORED, acknowledge, payload_of
+from tests.actors.numbered_env import CUT, GAME_OVER, GOES_ON, NumberedEnv
 from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")
@@ -170,7 +170,7 @@ def test_a_wish_to_stop_in_the_middle_of_a_chunk_loses_no_step(stage: Stage) -> 
 
 
 def test_epsilon_follows_the_runs_steps(stage: Stage) -> None:
-    half_way = CONFIG.replay.warmup + CONFIG.exploration.steps // 2
+    half_way = CONFIG.replay.learning_starts + CONFIG.exploration.steps // 2
     stage.replay.ack = STORED._replace(agent_steps=half_way)
     stage.replay.limit = 1
     stage.start(NumberedEnv([GOES_ON]))
@@ -238,7 +238,7 @@ def test_weights_before_the_first_update_are_played_by_as_well(stage: Stage) -> 
 def test_weights_that_are_only_a_broadcast_behind_are_not_fetched(stage: Stage) -> None:
     mine = encode_weights(QNetwork(6))
     stage.serve_weights(100, mine)
-    slack = 2 * CONFIG.learning.publish_every
+    slack = 2 * CONFIG.learning.publish_period
     stage.replay.ack = STORED._replace(weights_version=100 + slack)
     stage.start(NumberedEnv([GOES_ON]))
     stage.has(1)

@@ -6,20 +6,20 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import zenoh
-from hub_stubs import Questions, answer, ignore, payload_of, refuse
-from numbered_env import GAME_OVER, GOES_ON, NumberedEnv
 from zenoh.handlers import Callback
 
 from actors import evaluator as evaluator_module
 from actors.evaluator import Evaluator
 from actors.policy import Policy
-from common.actor_stats import ActorStats, decode_stats
-from common.chunk import Game
 from common.errors import InputError
-from common.examination import Report, Task, decode_report, encode_task
 from common.network import QNetwork
-from common.run_keys import RunKeys
-from common.weights import encode_weights
+from common.protocol.actor_stats import ActorStats, decode_stats
+from common.protocol.chunk import Game
+from common.protocol.evaluation import Report, Task, decode_report, encode_task
+from common.protocol.run_keys import RunKeys
+from common.protocol.weights import encode_weights
+from tests.actors.hub_stubs import PendingQueries, answer, ignore, payload_of, refuse
+from tests.actors.numbered_env import GAME_OVER, GOES_ON, NumberedEnv
 from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")
@@ -31,8 +31,8 @@ class Stage:
     """An evaluator at work in a thread, and the learner's side of its keys."""
 
     def __init__(self, hub: zenoh.Session, session: zenoh.Session) -> None:
-        self.tasks = Questions(hub, KEYS.task)
-        self.reports = Questions(hub, KEYS.report)
+        self.tasks = PendingQueries(hub, KEYS.task)
+        self.reports = PendingQueries(hub, KEYS.report)
         self.warnings: list[str] = []
         self.stop = threading.Event()
         self.failure: Exception | None = None

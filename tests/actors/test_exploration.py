@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from actors.exploration import DURATION_LAW, GREEDY, LEAST, MEAN_DURATION, MOST, Exploration
-from common.config import ExplorationConfig
+from common.run.config import ExplorationConfig
 
 
 def exploration(envs: int = 1, actions: int = 6, seed: int = 1, **config: bool) -> Exploration:
@@ -32,7 +32,7 @@ def test_the_law_is_three_more_than_zipf_cut_at_twelve() -> None:
 
 def test_a_random_action_lasts_by_that_law() -> None:
     # With a thousand actions, two runs next to each other hardly ever have the same.
-    chance = exploration(actions=1_000, lasting=True)
+    chance = exploration(actions=1_000, ez_greedy=True)
     drawn = [int(chance.draw(0.5)[0]) for _ in range(60_000)]
     lengths = [length for action, length in runs(drawn)[1:-1] if action != GREEDY]
     assert min(lengths) == LEAST
@@ -41,20 +41,20 @@ def test_a_random_action_lasts_by_that_law() -> None:
     assert ((counts - expected) ** 2 / expected).sum() < 26.1
 
 
-@pytest.mark.parametrize("lasting", [False, True])
+@pytest.mark.parametrize("ez_greedy", [False, True])
 @pytest.mark.parametrize("epsilon", [0.0, 0.05, 0.4, 1.0])
-def test_the_share_of_random_decisions_is_epsilon(epsilon: float, lasting: bool) -> None:
-    chance = exploration(envs=8, lasting=lasting)
+def test_the_share_of_random_decisions_is_epsilon(epsilon: float, ez_greedy: bool) -> None:
+    chance = exploration(envs=8, ez_greedy=ez_greedy)
     drawn = np.array([chance.draw(epsilon) for _ in range(10_000)])
     share = (drawn != GREEDY).mean()
     # Runs of up to 12 make 80,000 decisions worth some 80,000 / 12 independent ones at least.
-    deviation = np.sqrt(epsilon * (1 - epsilon) / (80_000 / (MOST if lasting else 1)))
+    deviation = np.sqrt(epsilon * (1 - epsilon) / (80_000 / (MOST if ez_greedy else 1)))
     assert abs(share - epsilon) <= 4 * deviation
     assert set(np.unique(drawn)) <= {GREEDY, *range(6)}
 
 
 def test_environments_do_not_explore_together() -> None:
-    chance = exploration(envs=2, actions=1_000, lasting=True)
+    chance = exploration(envs=2, actions=1_000, ez_greedy=True)
     drawn = np.array([chance.draw(0.5) for _ in range(4_000)])
     both = (drawn != GREEDY).all(axis=1)
     assert both.mean() == pytest.approx(0.25, abs=0.05)

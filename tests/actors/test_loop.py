@@ -3,12 +3,12 @@
 from itertools import islice
 
 import numpy as np
-from numbered_env import CUT, GAME_OVER, GOES_ON, LOSES_A_LIFE, NumberedEnv
 from numpy.typing import NDArray
 
 from actors.loop import Step, play
 from actors.policy import Policy
 from common.network import QNetwork
+from tests.actors.numbered_env import CUT, GAME_OVER, GOES_ON, LOSES_A_LIFE, NumberedEnv
 
 
 class Recorder(Policy):

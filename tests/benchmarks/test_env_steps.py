@@ -6,7 +6,7 @@ from unittest.mock import patch
 
 import pytest
 
-from actors.nao.room import Room
+from actors.robots.nao.room import Room
 from benchmarks import env_steps
 
 

@@ -18,8 +18,8 @@ from benchmarks.local_run import (
     deadlines_kept,
     rate_of_tests,
 )
-from common.actor_stats import ActorStats, Role
 from common.errors import InputError
+from common.protocol.actor_stats import ActorStats, Role
 
 
 def stats(

@@ -10,8 +10,8 @@ import pytest
 from benchmarks import replay
 from benchmarks.pace import slice_per_second
 from benchmarks.synthetic import Streams
-from common.chunk import decode_chunk, encode_chunk
 from common.errors import InputError
+from common.protocol.chunk import decode_chunk, encode_chunk
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *flags: str) -> None:
@@ -63,7 +63,7 @@ def test_settings_that_cannot_work(
 
 
 def test_chunks_of_noise_are_chunks() -> None:
-    streams = Streams("r", actors=("a", "b"), steps=8, history=4)
+    streams = Streams("r", actors=("a", "b"), steps=8, frame_stack=4)
     chunks = [decode_chunk(encode_chunk(streams.next())) for _ in range(5)]
     assert [(each.actor, each.sequence) for each in chunks] == [
         ("a", 0),

@@ -8,14 +8,14 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d, linear, relu
 
-from common.config import PlayConfig
 from common.network import QNetwork, as_pixels, build_network
-from common.presets import PRESETS
+from common.run.config import PlayConfig
+from common.run.presets import PRESETS
 
 
-def frames_of(batch: int, history: int = 4, seed: int = 0) -> Tensor:
+def frames_of(batch: int, frame_stack: int = 4, seed: int = 0) -> Tensor:
     rng = torch.Generator().manual_seed(seed)
-    return torch.randint(256, (batch, history, 84, 84), dtype=torch.uint8, generator=rng)
+    return torch.randint(256, (batch, frame_stack, 84, 84), dtype=torch.uint8, generator=rng)
 
 
 def network_of(seed: int = 0, actions: int = 6, **settings: float | bool) -> QNetwork:
@@ -59,14 +59,14 @@ def test_the_number_of_weights_is_that_of_the_paper() -> None:
 
 
 @pytest.mark.parametrize(("scale_pixels", "scale"), [(True, 1 / 255), (False, 1.0)])
-@pytest.mark.parametrize(("history", "width", "share"), [(4, 0, 1.0), (4, 7, 0.1), (2, 0, 1.0)])
+@pytest.mark.parametrize(("frame_stack", "width", "share"), [(4, 0, 1.0), (4, 7, 0.1), (2, 0, 1.0)])
 def test_it_computes_what_the_plain_network_computes(
-    scale_pixels: bool, scale: float, history: int, width: int, share: float
+    scale_pixels: bool, scale: float, frame_stack: int, width: int, share: float
 ) -> None:
     network = network_of(
-        history=history, vector_width=width, scale_pixels=scale_pixels, vector_scale=share
+        frame_stack=frame_stack, vector_width=width, scale_pixels=scale_pixels, vector_scale=share
     )
-    frames = frames_of(5, history)
+    frames = frames_of(5, frame_stack)
     vectors = torch.randn(5, width, generator=torch.Generator().manual_seed(1))
     expected = plain(network, frames, share * vectors, scale)
     with torch.no_grad():
@@ -199,7 +199,7 @@ def test_a_dueling_network_is_no_larger() -> None:
 
 def test_the_configuration_shapes_the_network() -> None:
     assert build_network(PRESETS["fast"], 6).pixel_scale == 1 / 255
-    paper = build_network(replace(PRESETS["paper"], play=PlayConfig(history=3)), 4)
+    paper = build_network(replace(PRESETS["paper"], play=PlayConfig(frame_stack=3)), 4)
     assert paper.pixel_scale == 1
     shapes = [tuple(weight.shape) for weight in paper.parameters()]
     assert shapes[0] == (32, 3, 8, 8)

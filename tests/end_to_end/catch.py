@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from actors.actor import Actor
 from actors.evaluator import Evaluator
 from actors.policy import Policy
-from common.announcement import find_run
-from common.bus import connect
-from common.lifeline import on_signals
 from common.network import build_network
+from common.process.lifeline import on_signals
+from common.protocol.announcement import find_run
+from common.transport.bus import connect
 
 CELLS = 7
 CELL = 84 // CELLS

@@ -12,19 +12,18 @@ from typing import Any
 import pytest
 
 from benchmarks.child import free_endpoint
+from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
 
-ROOT = Path(__file__).resolve().parents[2]
-
 SMALL = (
-    "--replay.warmup=600",
+    "--replay.learning-starts=600",
     "--replay.capacity=20000",
     "--replay.ratio-tolerance=256",
     "--protocol.epoch-steps=600",
     "--protocol.test-steps=300",
     "--protocol.held-out-states=64",
-    "--learning.checkpoint-every=50",
-    "--learning.publish-every=20",
+    "--learning.checkpoint-period=50",
+    "--learning.publish-period=20",
 )
 """Settings of a run that is over in seconds."""
 

@@ -22,7 +22,10 @@ def _sentence(output: str) -> str:
     [
         (["--env", "ale", "--game", "pomg"], "pong"),
         (["--env", "ale", "--replay.ratio-tolerance", "1"], "ratio_tolerance"),
-        (["--env", "ale", "--replay.capacity", "20000", "--replay.warmup", "30000"], "capacity"),
+        (
+            ["--env", "ale", "--replay.capacity", "20000", "--replay.learning-starts", "30000"],
+            "capacity",
+        ),
         (["--preset", "papper"], "preset"),
         (["--env", "ale", "--resume"], "no run"),
         (["--env", "ale", "--steps", "500", *SMALL], "--steps"),

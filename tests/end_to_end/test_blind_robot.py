@@ -9,13 +9,13 @@ from tests.end_to_end.conftest import SMALL, Stage
 
 BLIND = ("--camera.noise=255", "--camera.blur=3")
 """Of a camera in whose pictures no screen can be found."""
-SOON = ("--stream.chunk-steps=2", "--replay.warmup=100")
+SOON = ("--stream.chunk-steps=2", "--replay.learning-starts=100")
 """With 0.1 minutes, a gate may be red for 6 seconds and 320 steps."""
 
 
 @pytest.mark.slow
 def test_a_blind_robot_stops_and_goes_on_only_by_force(stage: Stage) -> None:
-    small = [flag for flag in SMALL if "warmup" not in flag]
+    small = [flag for flag in SMALL if "learning-starts" not in flag]
     alone = ("--local", "--evaluators=0", "--gate-minutes=0.1")
     given = (*alone, "--env=robot", *small, *BLIND, *SOON)
     output = stage.learner(*given).ends(3)

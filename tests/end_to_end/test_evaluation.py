@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from common.network import build_network
-from common.presets import PRESETS
-from common.run_folder import RunFolder
-from common.weights import encode_weights
+from common.protocol.weights import encode_weights
+from common.run.folder import RunFolder
+from common.run.presets import PRESETS
 from tests.patience import PATIENCE
 
 
@@ -62,7 +62,7 @@ def test_games_are_played_to_their_ends_and_summed_up(run: Path, tmp_path: Path)
 def test_settings_other_than_the_runs_are_played_under_and_told(run: Path, tmp_path: Path) -> None:
     weights = run / "snapshots" / "best.safetensors"
     short = ("--play.max-game-frames", 400, "--play.random-starts", 0)
-    late = ("--play.delay", 1, "--play.press", 3)
+    late = ("--play.command-latency", 1, "--play.press_latency-latency", 3)
     random = ("--games", 2, "--epsilon", 1)  # a fresh network may press nothing at all
     ended = _evaluate(weights, *random, *short, *late, "--json", tmp_path / "late.json")
     assert ended.returncode == 0, ended.stderr
@@ -71,8 +71,8 @@ def test_settings_other_than_the_runs_are_played_under_and_told(run: Path, tmp_p
     changes = [
         "play.random_starts 30 → 0",
         "play.max_game_frames 108000 → 400",
-        "play.delay 0 → 1",
-        "play.press 0 → 3",
+        "play.command_latency 0 → 1",
+        "play.press_latency 0 → 3",
     ]
     assert content["changed"] == changes
     told = " ".join(ended.stdout.split())

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from safetensors import safe_open
 
-from common.bus import connect
-from common.config import RunConfig
-from common.presets import PRESETS
-from common.run_folder import write_atomically
-from common.run_keys import RunKeys
+from common.protocol.run_keys import RunKeys
+from common.run.config import RunConfig
+from common.run.folder import write_atomically
+from common.run.presets import PRESETS
+from common.transport.bus import connect
+from replay.chunk_statistics import Progress
 from replay.client import RemoteReplay
-from replay.facts import Progress
 from tests.end_to_end.conftest import ROOT, SMALL, Program, Stage
 from tests.end_to_end.link import Link
 from tests.patience import PATIENCE, wait_until
@@ -166,7 +166,7 @@ def test_a_learner_without_the_steps_its_checkpoint_knows_of_says_so(stage: Stag
 @pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
 def test_nothing_of_a_network_that_diverged_is_kept(stage: Stage, sampler: str) -> None:
     learner = stage.learner(
-        *("--local", "--evaluators=0", "--env=ale", *SMALL, "--learning.checkpoint-every=1"),
+        *("--local", "--evaluators=0", "--env=ale", *SMALL, "--learning.checkpoint-period=1"),
         *(f"--replay.sampler={sampler}", "--learning.learning-rate=1e30"),
     )
     said = learner.ends(2)

@@ -6,7 +6,7 @@ import signal
 import pytest
 from safetensors.numpy import load_file
 
-from learner.epochs import COLUMNS
+from learner.telemetry.sinks.epochs_csv import COLUMNS
 from tests.end_to_end.conftest import ROOT, SMALL, Stage
 from tests.patience import wait_until
 
@@ -58,7 +58,10 @@ def test_learns_a_little_and_leaves_its_files_with_balanced_counts(stage: Stage,
 def test_a_run_that_begins_with_a_given_network_plays_by_it_at_once(stage: Stage) -> None:
     policy = ("--initial", str(POLICIES / "ale_pong.safetensors"), "--env", "ale")
     skilled = ("--exploration.start=0", "--exploration.end=0")
-    long = [f"--replay.warmup={WARMUP}" if "warmup" in flag else flag for flag in SMALL]
+    long = [
+        f"--replay.learning-starts={WARMUP}" if "learning-starts" in flag else flag
+        for flag in SMALL
+    ]
     stage.learner("--local", *policy, *skilled, *long, f"--steps={WARMUP + 400}").ends()
     # Before the first update, it had won.
     before, after = stage.rows()[:2]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from common.vector_layout import width_of
+from common.proprioception import width_of
 from tests.end_to_end.conftest import SMALL, Stage
 
 

@@ -3,7 +3,7 @@
 import pytest
 import zenoh
 
-from common.run_keys import RunKeys
+from common.protocol.run_keys import RunKeys
 
 KEYS = RunKeys("r")
 

@@ -2,7 +2,7 @@
 
 import torch
 
-from learner.trainer import DeviceBatch
+from learner.algorithm.trainer import DeviceBatch
 
 
 def random_batch(size: int = 8, actions: int = 6, seed: int = 0) -> DeviceBatch:

@@ -7,12 +7,12 @@ from typing import Literal
 import pytest
 import torch
 
-from common.config import LearningConfig
 from common.errors import InputError
 from common.network import QNetwork
+from common.run.config import LearningConfig
+from learner.algorithm.trainer import Trainer
 from learner.checkpoint import load_checkpoint, previous_of, save_checkpoint
 from learner.device import Device
-from learner.trainer import Trainer
 from tests.learner.small_batches import random_batch
 
 

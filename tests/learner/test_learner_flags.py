@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from actors.__main__ import ActorOptions
-from common.cli import parse, parse_run
 from common.errors import InputError
-from common.presets import PRESETS
-from common.run_folder import RunFolder
-from common.weights import encode_weights
+from common.process.command_line import parse, parse_run
+from common.protocol.weights import encode_weights
+from common.run.folder import RunFolder
+from common.run.presets import PRESETS
 from learner.__main__ import (
     LearnerOptions,
     clock_flags,
@@ -21,7 +21,7 @@ from learner.__main__ import (
     going_on,
     stored_config,
 )
-from learner.status import ClockMode
+from learner.telemetry.status import ClockMode
 
 
 def learner(*arguments: str) -> LearnerOptions:
@@ -101,8 +101,8 @@ def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path)
     assert found(*here, "--resume") == trained
     network = ("--evaluate", str(folder.checkpoint))
     assert found(*network) == trained
-    delayed = replace(trained, env="robot", play=replace(trained.play, delay=2))
-    assert found(*network, "--env", "robot", "--play.delay", "2") == delayed
+    delayed = replace(trained, env="robot", play=replace(trained.play, command_latency=2))
+    assert found(*network, "--env", "robot", "--play.command-latency", "2") == delayed
 
 
 @pytest.mark.parametrize(

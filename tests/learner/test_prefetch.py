@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
+from learner.algorithm.trainer import Prepared
 from learner.prefetch import DEPTH, Prefetcher, to_device
-from learner.trainer import Prepared
 from replay.batch import Batch
 from replay.interface import Replay
 

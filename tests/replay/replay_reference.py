@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.chunk import Chunk, Game
-from common.config import LearningConfig, PlayConfig, ReplayConfig, RunConfig, StreamConfig
+from common.protocol.chunk import Chunk, Game
+from common.run.config import LearningConfig, PlayConfig, ReplayConfig, RunConfig, StreamConfig
 
 RUN = "test"
 GOES_ON, TERMINATES, TRUNCATES = 0, 1, 2
@@ -31,7 +31,7 @@ def make_config(kind: type[RunConfig] = RunConfig, **settings: object) -> RunCon
     """A small configuration; ``settings`` go to whichever group has them."""
     defaults: dict[str, object] = {
         "capacity": 64,
-        "warmup": 1,
+        "learning_starts": 1,
         "ratio_tolerance": 1_000_000,
         "batch_size": 16,
         "n_step": 3,
@@ -87,7 +87,7 @@ class Actor:
     """Lives numbered moments, and cuts them into chunks."""
 
     name: str
-    history: int
+    frame_stack: int
     width: int = 0
     first_number: int = 0
     moments: list[Moment] = field(default_factory=list)
@@ -96,14 +96,14 @@ class Actor:
 
     def live(self, endings: list[int], rng: np.random.Generator) -> Chunk:
         """The next chunk, one step for each of ``endings``."""
-        context = self._episode[-(self.history - 1) :] if self.history > 1 else []
+        context = self._episode[-(self.frame_stack - 1) :] if self.frame_stack > 1 else []
         new: list[Moment] = []
         for ending in endings:
             self.first_number += 1
             self._episode.append(self.first_number)
-            padded = [self._episode[0]] * self.history + self._episode
+            padded = [self._episode[0]] * self.frame_stack + self._episode
             moment = Moment(
-                stack=padded[-self.history :],
+                stack=padded[-self.frame_stack :],
                 action=int(rng.integers(18)),
                 reward=float(rng.integers(-3, 4)),
                 elapsed=int(rng.integers(1, 4)),
@@ -181,7 +181,7 @@ def expected_transition(actor: Actor, number: int, config: RunConfig) -> Expecte
     reward, discount = 0.0, 1.0
     for step in range(config.learning.n_step):
         moment = actor.moments[at + step]
-        if step and moment.explored and config.learning.cut_random:
+        if step and moment.explored and config.learning.watkins_cut:
             return Expected(begin.stack, begin.action, reward, discount, moment.stack)
         gain = moment.reward
         if config.learning.clip_rewards:
@@ -207,13 +207,13 @@ class _Stored:
 
 
 class ListReplay:
-    """What can be drawn after a history of inserts, by lists and searching."""
+    """What can be drawn after a frame_stack of inserts, by lists and searching."""
 
     def __init__(self, config: RunConfig) -> None:
         self._capacity = config.replay.capacity
-        self._history = config.play.history
+        self._frame_stack = config.play.frame_stack
         self._n_step = config.learning.n_step
-        self._cut_random = config.learning.cut_random
+        self._cut_random = config.learning.watkins_cut
         self._chunks: list[_Stored] = []
         self._known: set[tuple[str, int]] = set()
         self._serial = 0
@@ -240,9 +240,9 @@ class ListReplay:
         ended = len(chunk.context) == 0
         for step in range(len(chunk)):
             if ended:
-                sources.append([own] * self._history)
+                sources.append([own] * self._frame_stack)
             elif step == 0:
-                sources.append([*(borrowed or [own] * (self._history - 1)), own])
+                sources.append([*(borrowed or [own] * (self._frame_stack - 1)), own])
             else:
                 sources.append([*sources[-1][1:], own])
             ended = bool(chunk.terminated[step] or chunk.truncated[step])
@@ -289,7 +289,7 @@ class ListReplay:
             step += 1
             if step == len(stored.chunk):
                 after = self._find(stored.chunk.actor, stored.chunk.sequence + 1)
-                if after is None or (self._history > 1 and len(after.chunk.context) == 0):
+                if after is None or (self._frame_stack > 1 and len(after.chunk.context) == 0):
                     return False
                 stored, step = after, 0
         return self._alive(stored.sources[step])

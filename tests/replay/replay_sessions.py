@@ -1,12 +1,12 @@
 """Talking to a replay server over Zenoh."""
 
 import zenoh
-from replay_reference import RUN
 
-from common.ack import Ack, decode_ack
-from common.chunk import Chunk, encode_chunk
 from common.errors import MessageError
-from common.run_keys import RunKeys
+from common.protocol.ack import Ack, decode_ack
+from common.protocol.chunk import Chunk, encode_chunk
+from common.protocol.run_keys import RunKeys
+from tests.replay.replay_reference import RUN
 
 KEYS = RunKeys(RUN)
 

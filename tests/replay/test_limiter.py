@@ -6,7 +6,7 @@ from replay.limiter import RateLimiter
 
 @pytest.fixture
 def limiter() -> RateLimiter:
-    return RateLimiter(samples_per_insert=8.0, warmup=100, tolerance=10, batch_size=32)
+    return RateLimiter(samples_per_insert=8.0, learning_starts=100, tolerance=10, batch_size=32)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_actors_are_held_beyond_the_tolerance(limiter: RateLimiter) -> None:
 
 
 def test_there_is_no_state_in_which_both_wait() -> None:
-    limiter = RateLimiter(samples_per_insert=8.0, warmup=10, tolerance=4, batch_size=32)
+    limiter = RateLimiter(samples_per_insert=8.0, learning_starts=10, tolerance=4, batch_size=32)
     for inserted in range(10, 60):
         for drawn in range(0, 500, 4):
             assert limiter.may_sample(inserted, drawn) or not limiter.should_hold(inserted, drawn)
@@ -50,7 +50,7 @@ def test_there_is_no_state_in_which_both_wait() -> None:
     ("settings", "complaint"),
     [
         ((0.0, 100, 10, 32), "samples per insert"),
-        ((8.0, 0, 10, 32), "warmup"),
+        ((8.0, 0, 10, 32), "learning_starts"),
         ((8.0, 100, 3, 32), "wait for each other"),
         ((8.0, 100, float("nan"), 32), "wait for each other"),
     ],

@@ -5,7 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from replay_reference import (
+
+from common.protocol.chunk import Chunk
+from replay.columns import Columns
+from replay.ring import Placement, Ring
+from tests.replay.replay_reference import (
     GOES_ON,
     TERMINATES,
     TRUNCATES,
@@ -14,24 +18,20 @@ from replay_reference import (
     number_of,
 )
 
-from common.chunk import Chunk
-from replay.columns import Columns
-from replay.ring import Placement, Ring
-
 RNG = np.random.default_rng(0)
 
 
 def make_ring(
-    folder: Path, n_step: int = 1, clip: bool = False, history: int = 4, cut: bool = False
+    folder: Path, n_step: int = 1, clip: bool = False, frame_stack: int = 4, cut: bool = False
 ) -> Ring:
     columns = Columns(folder, 40, 0)
     return Ring(
         columns,
-        history=history,
+        frame_stack=frame_stack,
         n_step=n_step,
         discount=0.5,
         clip_rewards=clip,
-        cut_random=cut,
+        watkins_cut=cut,
     )
 
 

@@ -1,0 +1,68 @@
+"""The vector observation: what the agent told its hands, and what it feels of them.
+
+A picture alone tells neither which command is still on its way nor where the hands are; with both
+the state is complete although the arms are slow. `common.proprioception` says what stands where.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.actions import Keys
+from common.proprioception import (
+    ACTIONS,
+    ANGLES_PART,
+    COMMANDS_PART,
+    KEYS,
+    KEYS_PART,
+    SPEEDS_PART,
+    width_of,
+)
+from common.run.config import EnvKind
+
+_FLAGS = np.array(
+    [[bool(number & key) for key in KEYS] for number in range(2 ** len(KEYS))], np.float32
+)
+"""Of each set of keys, ``[32, 5]``."""
+
+
+class Proprioception:
+    """Remembers commands and keys. Vectors it gave out never change afterwards."""
+
+    def __init__(self, env: EnvKind) -> None:
+        self._now = np.zeros(width_of(env), np.float32)
+        self._commands = self._now[COMMANDS_PART]
+        self._keys = self._now[KEYS_PART]
+
+    def forget(self) -> None:
+        """As before the first command, with no key pressed."""
+        self._now[:] = 0.0
+
+    def command(self, action: int) -> None:
+        """Remember a command, one of ALE's 18 actions."""
+        self._commands[:-ACTIONS] = self._commands[ACTIONS:].copy()
+        self._commands[-ACTIONS:] = 0.0
+        self._commands[action - ACTIONS] = 1.0
+
+    def feel(self, pressed: Keys) -> None:
+        """Remember the keys pressed at the end of one emulator frame."""
+        self._keys[: -len(KEYS)] = self._keys[len(KEYS) :].copy()
+        self._keys[-len(KEYS) :] = _FLAGS[pressed]
+
+    def vector(
+        self,
+        angles: NDArray[np.float64] | None = None,
+        speeds: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float32]:
+        """The observation ``float32 [width]``.
+
+        Args:
+            angles: the robot's joints between their limits, -1 to 1, ``[8]``.
+            speeds: of the same joints, as shares of their greatest, ``[8]``.
+        """
+        vector = self._now.copy()
+        if angles is not None:
+            vector[ANGLES_PART] = np.clip(angles, -1.0, 1.0)
+        if speeds is not None:
+            # The engine keeps a joint's greatest speed only nearly, and not against a push.
+            vector[SPEEDS_PART] = np.clip(speeds, -1.0, 1.0)
+        return vector

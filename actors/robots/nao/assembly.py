@@ -1,0 +1,87 @@
+"""The body as it is played with: parts between held joints joined into one rigid piece.
+
+PyBullet can merge fixed links itself, but (3.2.7) puts the merged centre of mass wrongly, and
+prints a line per link. Here masses, centres and inertias are joined by the parallel axis
+theorem, so that the moving arms weigh exactly what the published parts weigh.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.robots.nao.anatomy import JOINT_NAMED, JOINTS, LINK_NAMED, Joint, Link
+from actors.robots.nao.posture import HELD_ANGLES
+from actors.robots.nao.rotation import about, from_roll_pitch_yaw, to_roll_pitch_yaw
+from actors.robots.nao.shapes import SHAPES, Shape
+
+
+@dataclass
+class Piece:
+    """Links that move as one, in the frame of the first of them.
+
+    ``inertia`` is ``float64 [3, 3]`` about the centre of mass.
+    """
+
+    name: str
+    mass: float = 0.0
+    centre: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    inertia: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
+    shapes: list[Shape] = field(default_factory=list)
+
+    def add(self, link: Link, turn: NDArray[np.float64], origin: NDArray[np.float64]) -> None:
+        """Join ``link``, whose frame lies turned by ``turn`` at ``origin`` in this piece's."""
+        centre = origin + turn @ np.array(link.centre)
+        inertia = turn @ np.diag(link.inertia) @ turn.T
+        mass = self.mass + link.mass
+        common = (self.mass * self.centre + link.mass * centre) / mass
+        self.inertia = (
+            self.inertia
+            + _shifted(self.mass, common - self.centre)
+            + inertia
+            + _shifted(link.mass, common - centre)
+        )
+        self.mass, self.centre = mass, common
+        for shape in SHAPES[link.name]:
+            x, y, z = origin + turn @ np.array(shape.origin)
+            self.shapes.append(
+                replace(
+                    shape,
+                    origin=(float(x), float(y), float(z)),
+                    turn=to_roll_pitch_yaw(turn @ from_roll_pitch_yaw(shape.turn)),
+                )
+            )
+
+
+def _shifted(mass: float, offset: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What moving the axis by ``offset`` from the centre of mass adds to an inertia."""
+    added: NDArray[np.float64] = mass * (
+        float(offset @ offset) * np.eye(3) - np.outer(offset, offset)
+    )
+    return added
+
+
+def place_in_piece(link_name: str) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
+    """The piece that a link belongs to, and the link's turn and origin in that piece's frame."""
+    turn, origin = np.eye(3), np.zeros(3)
+    while (joint := _joint_above(link_name)) is not None and joint.name in HELD_ANGLES:
+        held = about(joint.axis, HELD_ANGLES[joint.name])
+        turn, origin = held @ turn, np.array(joint.origin) + held @ origin
+        link_name = joint.parent
+    return link_name, turn, origin
+
+
+def _joint_above(link_name: str) -> Joint | None:
+    return next((joint for joint in JOINTS if joint.child == link_name), None)
+
+
+def assemble() -> tuple[dict[str, Piece], list[Joint]]:
+    """Pieces by name, the torso's first, and the joints that move between them."""
+    pieces: dict[str, Piece] = {}
+    for link in LINK_NAMED.values():
+        name, turn, origin = place_in_piece(link.name)
+        pieces.setdefault(name, Piece(name)).add(link, turn, origin)
+    moving = [joint for joint in JOINT_NAMED.values() if joint.name not in HELD_ANGLES]
+    # Joints hang on the pieces' first links; none of NAO's hangs on a later one.
+    assert all(joint.parent in pieces for joint in moving)
+    return pieces, moving

@@ -1,0 +1,156 @@
+"""What stands in the room and never moves: floor, wall, chair, desk, projector and its screen."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.robots.nao.anatomy import Vector
+from actors.robots.nao.posture import HIP_HEIGHT
+
+Colour = tuple[float, float, float, float]
+
+_FLOOR: Colour = (0.62, 0.52, 0.42, 1.0)
+_WALL: Colour = (0.84, 0.87, 0.90, 1.0)
+_SCREEN: Colour = (0.98, 0.98, 0.98, 1.0)
+_WOOD: Colour = (0.72, 0.56, 0.38, 1.0)
+_METAL: Colour = (0.34, 0.36, 0.40, 1.0)
+_SEAT: Colour = (0.20, 0.38, 0.52, 1.0)
+_GLASS: Colour = (0.65, 0.85, 1.0, 1.0)
+
+DESK_TOP = 0.204
+"""Height of the desk, m; just over the thighs."""
+_DESK_THICKNESS = 0.010
+_DESK_NEAR, _DESK_FAR, _DESK_WIDTH = 0.105, 0.400, 0.560
+
+_SCREEN_X = 1.15
+_PICTURE_CENTRE = (0.0, 0.545)
+PICTURE_WIDTH, PICTURE_HEIGHT = 0.520, 0.390
+"""m, of the projected picture with its border: as big as can be wholly in view of a head that is
+turned by 10° in yaw and pitch, 15 % nearer."""
+_SCREEN_MARGIN = 0.030
+_SCREEN_THICKNESS = 0.006
+
+_half_width, _half_height = PICTURE_WIDTH / 2, PICTURE_HEIGHT / 2
+PICTURE_CORNERS: NDArray[np.float64] = np.array(
+    [
+        [_SCREEN_X, side * _half_width, _PICTURE_CENTRE[1] + rise * _half_height]
+        for side, rise in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ]
+)
+"""``[4, 3]``: from the top left, as the robot sees it, clockwise; the screen at its usual place."""
+
+
+Box = tuple[Vector, Vector, Colour]
+"""Middle, edges, colour."""
+
+
+class Furniture:
+    """The furniture in a physics client."""
+
+    def __init__(self, engine: Any) -> None:
+        self._engine = engine
+        # Every body, even one that only stands there, costs the engine time at every step.
+        _stand(engine, [*_ROOM, *_chair(), *_PROJECTOR])
+        _stand(engine, _desk(), touchable=True)
+        self._screen_stand = _stand(engine, _screen_stand())
+        self.screen = _stand(engine, [_SCREEN_SHEET])
+        """The body that the picture falls on."""
+        self.picture_corners = PICTURE_CORNERS
+        """Of the projected picture, with its border, where the screen stands now."""
+
+    def push_screen(self, away: float) -> None:
+        """Put the screen ``away`` m farther from the robot than usual."""
+        shift = np.array([away, 0.0, 0.0])
+        for body in (self._screen_stand, self.screen):
+            self._engine.resetBasePositionAndOrientation(body, shift.tolist(), (0.0, 0.0, 0.0, 1.0))
+        self.picture_corners = PICTURE_CORNERS + shift
+
+
+_ROOM: list[Box] = [
+    ((0.3, 1.5, -0.05), (5.0, 9.0, 0.1), _FLOOR),
+    ((_SCREEN_X + 0.27, 1.5, 1.2), (0.04, 9.0, 2.5), _WALL),
+]
+
+_PROJECTOR: list[Box] = [
+    # Over the robot, out of its view; it only looks the part.
+    ((0.10, 0.0, 1.02), (0.20, 0.17, 0.065), _METAL),
+    ((0.205, 0.035, 1.02), (0.014, 0.045, 0.045), _GLASS),
+    ((0.10, 0.0, 1.20), (0.020, 0.020, 0.30), _METAL),
+]
+
+_SHEET_WIDTH = PICTURE_WIDTH + 2 * _SCREEN_MARGIN
+_SHEET_HEIGHT = PICTURE_HEIGHT + 2 * _SCREEN_MARGIN
+_SCREEN_SHEET: Box = (
+    (_SCREEN_X + _SCREEN_THICKNESS / 2, 0.0, _PICTURE_CENTRE[1]),
+    (_SCREEN_THICKNESS, _SHEET_WIDTH, _SHEET_HEIGHT),
+    _SCREEN,
+)
+
+
+def _desk() -> list[Box]:
+    """Its top first."""
+    middle, length = (_DESK_NEAR + _DESK_FAR) / 2, _DESK_FAR - _DESK_NEAR
+    top: Box = (
+        (middle, 0.0, DESK_TOP - _DESK_THICKNESS / 2),
+        (length, _DESK_WIDTH, _DESK_THICKNESS),
+        _WOOD,
+    )
+    leg = DESK_TOP - _DESK_THICKNESS
+    legs: list[Box] = [
+        ((x, y, leg / 2), (0.018, 0.018, leg), _METAL)
+        for x in (_DESK_NEAR + 0.02, _DESK_FAR - 0.02)
+        for y in (-_DESK_WIDTH / 2 + 0.02, _DESK_WIDTH / 2 - 0.02)
+    ]
+    return [top, *legs]
+
+
+def _chair() -> list[Box]:
+    seat = HIP_HEIGHT - 0.037
+    leg = seat - 0.024
+    return [
+        ((-0.015, 0.0, seat - 0.012), (0.170, 0.200, 0.024), _SEAT),
+        ((-0.095, 0.0, seat + 0.135), (0.018, 0.180, 0.130), _SEAT),
+        *(((-0.095, y, seat + 0.035), (0.012, 0.014, 0.090), _METAL) for y in (-0.07, 0.07)),
+        *(
+            ((x, y, leg / 2), (0.014, 0.014, leg), _METAL)
+            for x in (-0.090, 0.060)
+            for y in (-0.090, 0.090)
+        ),
+    ]
+
+
+def _screen_stand() -> list[Box]:
+    """The case that the screen rolls out of, a pole behind it and four feet."""
+    back, z = _SCREEN_X + _SCREEN_THICKNESS, _PICTURE_CENTRE[1]
+    return [
+        (
+            (back + 0.01, 0.0, z + _SHEET_HEIGHT / 2 + 0.02),
+            (0.045, _SHEET_WIDTH + 0.06, 0.04),
+            _METAL,
+        ),
+        ((back + 0.03, 0.0, z / 2 + 0.2), (0.025, 0.025, z + 0.4), _METAL),
+        *(((back, y, 0.012), (0.30, 0.022, 0.024), _METAL) for y in (-0.18, 0.18)),
+        ((back + 0.03, 0.0, 0.012), (0.022, 0.36, 0.024), _METAL),
+    ]
+
+
+def _stand(engine: Any, boxes: list[Box], *, touchable: bool = False) -> int:
+    """Put boxes into the room as one body; of a touchable one the first box can be touched."""
+    halves = [[edge / 2 for edge in edges] for _, edges, _ in boxes]
+    visual = engine.createVisualShapeArray(
+        shapeTypes=[engine.GEOM_BOX] * len(boxes),
+        halfExtents=halves,
+        rgbaColors=[colour for _, _, colour in boxes],
+        visualFramePositions=[middle for middle, _, _ in boxes],
+    )
+    touched = -1
+    if touchable:
+        touched = engine.createCollisionShape(
+            engine.GEOM_BOX, halfExtents=halves[0], collisionFramePosition=boxes[0][0]
+        )
+    return int(
+        engine.createMultiBody(
+            baseMass=0.0, baseCollisionShapeIndex=touched, baseVisualShapeIndex=visual
+        )
+    )

@@ -1,0 +1,121 @@
+"""How long the hands take from a command to its keys, for every way from one action to another.
+
+Measured in emulator frames, because that is how often the controller is read. A change is over
+with the frame from which the keys are, and stay, the commanded ones.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.robots.nao.room import Room
+from common.actions import KEYS_OF_ACTION, Keys
+from common.press_latency import ms_of
+
+FRAME_MS = ms_of(1)
+DECISION = 4
+"""Frames."""
+DECISION_MS = DECISION * FRAME_MS
+"""The time of one decision: what the median latency should not exceed, and p99 not twice."""
+MOST_STRAYS = 0.05
+"""Share of changes that may touch, on the way, a key of neither action."""
+_SETTLED = 3 * DECISION
+_WATCHED = 30
+"""Frames after which keys that are still not right count as not reached."""
+_ACTIONS = len(KEYS_OF_ACTION)
+
+
+@dataclass(frozen=True)
+class Change:
+    """One command after another."""
+
+    old: int
+    new: int
+    settled: bool
+    """The old command's keys were held for some time; else it was one decision old, as in play."""
+    frames: int | None
+    """From the command until the keys are and stay right; None if they were not in time."""
+    strayed: bool
+    """A key was pressed on the way that belongs to neither and was not pressed before."""
+
+
+def changes(room: Room, repetitions: int, seed: int) -> Iterator[Change]:
+    """Every ordered pair of different actions, each so often settled and so often not.
+
+    The order is random, so that the hands come to each pair from many places.
+    """
+    rng = np.random.default_rng(seed)
+    pairs = [(a, b) for a in range(_ACTIONS) for b in range(_ACTIONS) if a != b]
+    room.reset()
+    for _ in range(repetitions):
+        for settled in (True, False):
+            for index in rng.permutation(len(pairs)):
+                old, new = pairs[index]
+                if not settled:
+                    for action in rng.integers(_ACTIONS, size=2):
+                        _hold(room, KEYS_OF_ACTION[action], DECISION)
+                before = _hold(room, KEYS_OF_ACTION[old], _SETTLED if settled else DECISION)[-1]
+                wanted = KEYS_OF_ACTION[new]
+                way = _hold(room, wanted, _WATCHED)
+                allowed = KEYS_OF_ACTION[old] | wanted | before
+                wrong = [number for number, keys in enumerate(way, start=1) if keys != wanted]
+                frames = max(wrong, default=0) + 1
+                yield Change(
+                    old,
+                    new,
+                    settled,
+                    frames if frames <= _WATCHED else None,
+                    any(keys & ~allowed for keys in way),
+                )
+
+
+def _hold(room: Room, keys: Keys, frames: int) -> list[Keys]:
+    room.command(keys)
+    return [room.step_frame() for _ in range(frames)]
+
+
+@dataclass(frozen=True)
+class Latency:
+    """What many changes came to; times in ms, those that were not reached left out."""
+
+    count: int
+    p50_ms: float
+    p99_ms: float
+    unreached: int
+    stray_share: float
+    table_ms: NDArray[np.float64]
+    """Median from old (row) to new (column), ``[18, 18]``; NaN on the diagonal."""
+    worst_ms: NDArray[np.float64]
+    """The same of the slowest."""
+
+    @classmethod
+    def of(cls, found: list[Change]) -> "Latency":
+        """Sum up at least one change; times are NaN if none was ever reached."""
+        times = np.array([change.frames for change in found if change.frames]) * FRAME_MS
+        p50 = p99 = np.nan
+        if times.size:
+            p50, p99 = np.percentile(times, (50, 99), method="inverted_cdf")
+        by_pair: dict[tuple[int, int], list[float]] = {}
+        for change in found:
+            if change.frames is not None:
+                ms = change.frames * FRAME_MS
+                by_pair.setdefault((change.old, change.new), []).append(ms)
+        table, worst = np.full((2, _ACTIONS, _ACTIONS), np.nan)
+        for pair, each in by_pair.items():
+            table[pair], worst[pair] = np.median(each), max(each)
+        return cls(
+            count=len(found),
+            p50_ms=float(p50),
+            p99_ms=float(p99),
+            unreached=sum(change.frames is None for change in found),
+            stray_share=sum(change.strayed for change in found) / len(found),
+            table_ms=table,
+            worst_ms=worst,
+        )
+
+
+def short_name(action: int) -> str:
+    """An action's keys in a few letters, such as "UR" or "DLF"; a dot for none."""
+    return "".join(key.name[0] for key in KEYS_OF_ACTION[action] if key.name) or "·"

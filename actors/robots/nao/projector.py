@@ -1,0 +1,140 @@
+"""The projector: the game's picture, with its black border, on the screen before the robot.
+
+TinyRenderer ignores a texture that changes, so the picture is drawn into a camera's image
+afterwards: by the homography of the screen's corners, and only on pixels where the screen is
+what the camera sees, so that whatever stands in front hides it.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.robots.nao.camera import Camera, Rendering
+from actors.vision.layout import BORDER, GAME_IN_PICTURE
+
+_FINER = 8
+"""Samples per pixel and axis for how much of a pixel the picture's outer edge covers."""
+
+_UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+
+
+class Projection:
+    """The picture on the screen as one camera sees it, for games of one size.
+
+    The border does not change, so it is drawn once for each rendering; what is left for every
+    frame is the game in the middle. Other light in the room, ``ambient`` as a share of white,
+    falls on the screen too, and the camera exposes so that white stays what it is.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        corners: NDArray[np.float64],
+        screen_body: int,
+        game_size: tuple[int, int],
+        ambient: float = 0.0,
+    ) -> None:
+        """``corners [4, 3]`` are the picture's in the room, from the top left clockwise as the
+        audience sees it; ``game_size`` is rows and columns."""
+        self._screen_body = screen_body
+        self._black = 255.0 * ambient
+        shades = self._black + (1 - ambient) * np.arange(256)
+        self._shades = np.rint(shades).astype(np.uint8) if ambient > 0 else None
+        seen = camera.project(corners).astype(np.float32)
+        from_picture = cv2.getPerspectiveTransform(_UNIT_SQUARE, seen)
+        self._shadow = 1.0 - _coverage(camera, seen)
+
+        game_seen = cv2.perspectiveTransform(GAME_IN_PICTURE[None], from_picture)[0]
+        self._coarse = _coarse_size(game_size, game_seen)
+        columns, rows = self._coarse
+        self._shrinks = (rows, columns) != game_size
+        to_game = _game_in_picture(columns, rows) @ np.linalg.inv(from_picture)
+        left, top = np.maximum(np.floor(game_seen.min(axis=0)).astype(int) - 1, 0)
+        right, bottom = np.ceil(game_seen.max(axis=0)).astype(int) + 2
+        right, bottom = min(right, camera.width), min(bottom, camera.height)
+        self._window = (slice(top, bottom), slice(left, right))
+        x, y = np.meshgrid(np.arange(left, right), np.arange(top, bottom))
+        in_game = cv2.perspectiveTransform(np.stack([x, y], axis=2).astype(np.float64), to_game)
+        # Within a pixel of the game, for its outermost pixels fade into the border.
+        self._in_game = ((in_game > -1) & (in_game < (columns, rows))).all(axis=2)
+        to_x, to_y = np.moveaxis(in_game.astype(np.float32), 2, 0)
+        self._map, self._fraction = cv2.convertMaps(to_x, to_y, cv2.CV_16SC2)
+        self._drawn: Rendering | None = None
+        self._dark = np.zeros((0, 0, 3), np.uint8)
+        self._lit = np.zeros((0, 0), np.uint8)
+
+    def draw(self, rendering: Rendering, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """``rendering`` with ``game uint8 [rows, columns, 3]`` on its screen, a new image."""
+        # The same rendering comes again as long as nothing has moved in view.
+        if rendering is not self._drawn:
+            self._draw_border(rendering)
+        image = self._dark.copy()
+        if self._shrinks:
+            game = _averaged(game, self._coarse)
+        light = cv2.remap(
+            game, self._map, self._fraction, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+        )
+        if self._shades is not None:
+            light = cv2.LUT(light, self._shades)
+        cv2.copyTo(light, self._lit, image[self._window])
+        return image
+
+    def _draw_border(self, rendering: Rendering) -> None:
+        """Darken the whole picture, its edge by how much of each pixel it covers."""
+        on_screen = rendering.bodies == self._screen_body
+        left = np.where(on_screen, self._shadow, 1.0)[:, :, None]
+        self._dark = np.rint(rendering.rgb * left + self._black * (1 - left)).astype(np.uint8)
+        self._lit = (on_screen[self._window] & self._in_game).astype(np.uint8)
+        self._drawn = rendering
+
+
+def _game_in_picture(columns: int, rows: int) -> NDArray[np.float64]:
+    """From a place in the projected picture, (0, 0) to (1, 1), to one in the game: pixels, whose
+    middles lie at whole numbers."""
+    span = 1 + 2 * BORDER
+    return np.array(
+        [
+            [span * columns, 0, -BORDER * columns - 0.5],
+            [0, span * rows, -BORDER * rows - 0.5],
+            [0, 0, 1],
+        ]
+    )
+
+
+def _coarse_size(game_size: tuple[int, int], game_seen: NDArray[np.float32]) -> tuple[int, int]:
+    """Columns and rows to which the game is averaged before it is drawn, a whole fraction of its
+    own: a camera's pixel gathers the light of all of the game's pixels that fall on it."""
+    sides = np.linalg.norm(np.roll(game_seen, -1, axis=0) - game_seen, axis=1)
+    across, down = (sides[0] + sides[2]) / 2, (sides[1] + sides[3]) / 2
+    rows, columns = game_size
+    return columns // max(1, int(columns / across)), rows // max(1, int(rows / down))
+
+
+def _averaged(game: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """``game`` averaged to ``size``, columns and rows."""
+    if game.shape[:2] == (2 * size[1], size[0]):  # ten times faster than resizing
+        coarse = cv2.addWeighted(game[::2], 0.5, game[1::2], 0.5, 0.0)
+    else:
+        coarse = cv2.resize(game, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(coarse, np.uint8)
+
+
+def _coverage(camera: Camera, seen: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Share of each of the camera's pixels that the picture covers, ``float64 [H, W]``.
+
+    A camera's pixel gathers light over its area. Without this the picture's edges, nearly level
+    as they are, would stand up to half a pixel off.
+    """
+    share = np.zeros((camera.height, camera.width))
+    left, top = np.maximum(np.floor(seen.min(axis=0)).astype(int), 0)
+    right, bottom = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 1, share.shape[::-1])
+    # Samples at the middles of _FINER × _FINER parts of each pixel.
+    x = left - 0.5 + (np.arange((right - left) * _FINER) + 0.5) / _FINER
+    y = top - 0.5 + (np.arange((bottom - top) * _FINER) + 0.5) / _FINER
+    h = cv2.getPerspectiveTransform(seen, _UNIT_SQUARE)
+    across, down, scale = (row[0] * x[None, :] + row[1] * y[:, None] + row[2] for row in h)
+    u, v = across / scale, down / scale
+    inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+    parts = inside.reshape(bottom - top, _FINER, right - left, _FINER)
+    share[top:bottom, left:right] = parts.mean(axis=(1, 3))
+    return share

@@ -1,0 +1,92 @@
+"""Places in a room from which pictures for people are taken, and those pictures."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.robots.nao.anatomy import Vector
+from actors.robots.nao.camera import Camera, Rendering
+from actors.robots.nao.furniture import PICTURE_CORNERS
+from actors.robots.nao.projector import Projection
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where a visitor stands and looks; lengths in m, in the room."""
+
+    eye: Vector
+    looks_at: Vector
+    angle: float
+    """Of the view's height, degrees."""
+    shadow: bool = True
+    """Draw shadows; near things have coarse ones."""
+
+    def camera(self, engine: Any, width: int, height: int) -> Camera:
+        """A camera there; a wider picture shows more to the sides."""
+        wide = 2 * math.atan(math.tan(math.radians(self.angle) / 2) * width / height)
+        eye = np.array(self.eye)
+        return Camera(
+            engine,
+            eye,
+            np.array(self.looks_at) - eye,
+            np.array([0.0, 0.0, 1.0]),
+            size=(width, height),
+            angles=(math.degrees(wide), self.angle),
+        )
+
+
+VISITOR = Viewpoint((-0.60, -1.05, 0.85), (0.50, 0.0, 0.335), 40.0)
+"""The whole room: robot, desk and screen."""
+CLOSE_UP = Viewpoint((0.46, -0.12, 0.46), (0.185, 0.0, 0.222), 30.0, shadow=False)
+"""Both hands on the controller, from the desk's far side."""
+
+
+class Views:
+    """Pictures of one room with the game on its screen, from any viewpoint."""
+
+    def __init__(
+        self,
+        engine: Any,
+        screen_body: int,
+        game_size: tuple[int, int],
+        picture_corners: NDArray[np.float64] = PICTURE_CORNERS,
+    ) -> None:
+        """``screen_body`` is what the game, of ``game_size`` rows and columns, falls on, between
+        ``picture_corners``."""
+        self._engine = engine
+        self._screen_body = screen_body
+        self._game_size = game_size
+        self._corners = picture_corners
+        self._cameras: dict[tuple[Viewpoint, int, int], tuple[Camera, Projection | None]] = {}
+        self._renderings: dict[tuple[Viewpoint, int, int], Rendering] = {}
+
+    def picture(
+        self,
+        viewpoint: Viewpoint,
+        game: NDArray[np.uint8],
+        width: int,
+        height: int,
+        *,
+        moved: bool = True,
+    ) -> NDArray[np.uint8]:
+        """The room as it is now, ``uint8 [height, width, 3]``.
+
+        Without ``moved`` only the game is new, and the rest is drawn as it was the last time.
+        """
+        key = (viewpoint, width, height)
+        if key not in self._cameras:
+            self._cameras[key] = self._prepare(viewpoint.camera(self._engine, width, height))
+        camera, projection = self._cameras[key]
+        if moved or key not in self._renderings:
+            self._renderings[key] = camera.render(shadow=viewpoint.shadow)
+        rendering = self._renderings[key]
+        return rendering.rgb if projection is None else projection.draw(rendering, game)
+
+    def _prepare(self, camera: Camera) -> tuple[Camera, Projection | None]:
+        # Nothing can be projected where the screen is behind the viewer.
+        if not camera.may_see(self._corners.tolist(), [0.0] * len(self._corners)):
+            return camera, None
+        return camera, Projection(camera, self._corners, self._screen_body, self._game_size)

@@ -1,0 +1,78 @@
+"""Cuts one environment's steps into chunks."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.loop import Step
+from actors.policy import Policy
+from common.protocol.chunk import Chunk, Game
+
+
+class Chunker:
+    """Gathers the steps of one stream and hands out a chunk whenever ``length`` are together.
+
+    The chunk's frames are the newest of each state; its ``context`` holds the older frames that
+    its first state was stacked from, as far as they belong to the same episode.
+    """
+
+    def __init__(self, run: str, actor: str, incarnation: int, stream: int, length: int) -> None:
+        self._identity = (run, actor, incarnation, stream)
+        self._length = length
+        self._sequence = 0
+        self._age = 0  # steps that the present episode had before the next one
+        self._steps: list[Step] = []
+        self._context: NDArray[np.uint8]
+
+    def add(self, step: Step, policy: Policy) -> Chunk | None:
+        """The chunk that ``step`` completes, if any."""
+        if step.begins:
+            self._age = 0
+        if not self._steps:
+            older = min(self._age, len(step.s_tm1) - 1)
+            self._context = step.s_tm1[-1 - older : -1].copy()
+        self._age += 1
+        # The loop overwrites its states in place: keep only what the chunk needs, and own it.
+        self._steps.append(
+            step._replace(
+                s_tm1=step.s_tm1[-1].copy(), s_t=step.s_t[-1].copy(), x_tm1=step.x_tm1.copy()
+            )
+        )
+        return self.cut(policy) if len(self._steps) == self._length else None
+
+    def cut(self, policy: Policy) -> Chunk | None:
+        """What is together so far as a chunk; None if that is nothing."""
+        if not self._steps:
+            return None
+        steps, self._steps = self._steps, []
+        run, actor, incarnation, stream = self._identity
+        cut = [step for step in steps if step.truncated]
+        frame, width = steps[0].s_tm1.shape, len(steps[0].x_tm1)
+        chunk = Chunk(
+            run=run,
+            actor=actor,
+            incarnation=incarnation,
+            stream=stream,
+            sequence=self._sequence,
+            weights_version=policy.weights_version,
+            epsilon=float(policy.epsilon),
+            context=self._context,
+            frames=np.stack([step.s_tm1 for step in steps]),
+            actions=np.array([step.a_tm1 for step in steps], np.uint8),
+            rewards=np.array([step.r_t for step in steps], np.float32),
+            terminated=np.array([step.terminated for step in steps], np.bool_),
+            truncated=np.array([step.truncated for step in steps], np.bool_),
+            elapsed=np.array([step.info["elapsed"] for step in steps], np.uint8),
+            valid=np.array([step.valid for step in steps], np.bool_),
+            matched=np.array([step.info["keys_match"] for step in steps], np.bool_),
+            explored=np.array([step.explored for step in steps], np.bool_),
+            vectors=np.stack([step.x_tm1 for step in steps]),
+            final_frames=np.array([step.s_t for step in cut], np.uint8).reshape(len(cut), *frame),
+            final_vectors=np.array([step.x_t for step in cut], np.float32).reshape(len(cut), width),
+            games=tuple(
+                Game(float(step.info["game_score"]), int(step.info["game_steps"]))
+                for step in steps
+                if step.info["game_over"]
+            ),
+        )
+        self._sequence += 1
+        return chunk

@@ -1,0 +1,203 @@
+"""What the robot sees of its game: the camera picture in, a frame of the state out.
+
+As in the report: the biggest black quadrilateral is the projected picture, in it lies the game.
+Where in it is not looked for but known (`layout`): a game like Asteroids is black to its very
+edge, so that its own outline cannot be seen, while the border's outer edge always can. That the
+border is dark all round then confirms that the quadrilateral is a projected picture.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.vision.edges import in_place, refine
+from actors.vision.layout import ASPECT, GAME_IN_PICTURE
+from actors.vision.lens import Lens
+from actors.vision.optics import WIDTH_ANGLE
+from actors.vision.quad import dark_quads
+from actors.vision.screen import Screen, homography_to
+from common.protocol.chunk import FRAME_SHAPE
+
+_DARK = 0.4
+"""A pixel is dark below this share of the way from black to light."""
+_DARKS = (_DARK, 0.6, 0.75)
+"""Shares tried in the whole picture: light from elsewhere makes the picture's black a grey between
+the black and the light of other things."""
+_MIN_CONTRAST = 30.0
+"""Grey levels between black and light below which there is nothing to see."""
+_BESIDE_RIGHT = 0.7
+_SIDE_RIGHT = 0.4
+"""Least share of the whole edge, and of each of its sides, that is dark within and light without;
+arms may hide the rest."""
+_ASPECT_ERROR = 0.012
+"""Most by which the screen's width to height may differ from the projector's, as a share."""
+_SKEW = 0.012
+"""Most that the cosine between the screen's sides may be. Screens that are well found, noise, blur
+and all, stay within half of both; one whose hidden corner is guessed wrong by 2 pixels does not."""
+_UNMOVED = 0.9
+"""Share of the screen's outline that has to be in place for it not to be searched anew."""
+_EDGE = 0.25
+"""Least fall of light at an edge, as a share of the whole picture's contrast."""
+
+
+class Detection(NamedTuple):
+    """The game as seen in one camera picture."""
+
+    frame: NDArray[np.uint8]
+    """Grey game picture, ``uint8 [84, 84]``; zeros before the screen was ever found."""
+    valid: bool
+    """The screen was found in this very picture."""
+    corners: NDArray[np.float32] | None
+    """Pixel corners of the game picture used, ``float32 [4, 2]`` (x, y), from the top left
+    clockwise; pixel centres lie at whole numbers. None before the first screen was found."""
+
+
+class ScreenDetector:
+    """Finds the projector screen and unwarps the game.
+
+    While the screen stands still and nothing comes before its edges, it is not searched again.
+    When it is neither found nor seen to be where it was, the last good homography is kept and the
+    frame is marked invalid.
+    """
+
+    def __init__(self, distortion: float = 0.0) -> None:
+        """``distortion`` is k₁ of the camera's lens, known from calibration."""
+        self._distortion = distortion
+        self._lens: Lens | None = None
+        self._screen: Screen | None = None
+        self._corners: NDArray[np.float32] | None = None
+
+    def detect(self, image: NDArray[np.uint8]) -> Detection:
+        """Look at a camera picture, ``uint8 [height, width, 3]`` RGB, always of the same size."""
+        if self._distortion > 0:
+            if self._lens is None:
+                self._lens = Lens(self._distortion, (image.shape[1], image.shape[0]))
+            image = self._lens.straighten(image)
+        if self._screen is not None:
+            windowed = _grey(image[self._screen.window])
+            if self._screen.is_still_in(windowed):
+                return Detection(self._screen.unwarp(windowed), True, self._corners)
+        grey = _grey(image)
+        found = self._search(grey)
+        if self._screen is None:
+            return Detection(np.zeros(FRAME_SHAPE, np.uint8), False, None)
+        return Detection(self._screen.unwarp(grey[self._screen.window]), found, self._corners)
+
+    def _search(self, grey: NDArray[np.uint8]) -> bool:
+        """Find the screen anew, or else see that it is still where it was."""
+        black, light = _levels(grey)
+        if light - black < _MIN_CONTRAST:
+            return False
+        last, shares = None, np.zeros(4)
+        if self._screen is not None:
+            last = self._screen.outer
+            shares = in_place(grey, last, _EDGE * (light - black))
+            if shares.mean() >= _UNMOVED:
+                return True
+        outer = _find(grey, last, black, light)
+        if outer is None:
+            # Too much may be hidden to find it. But nothing that moves keeps three sides in place.
+            return bool((shares >= _SIDE_RIGHT).sum() >= 3)
+        self._screen = Screen(outer, grey)
+        self._corners = self._as_shown(self._screen.corners)
+        return True
+
+    def _as_shown(self, corners: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Where in the camera's own picture places of the straightened one are."""
+        if self._lens is None:
+            return corners
+        return self._lens.bend(corners.astype(np.float64)).astype(np.float32)
+
+
+def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+
+
+def _levels(grey: NDArray[np.uint8]) -> tuple[float, float]:
+    """Grey levels of black and of light in a picture."""
+    sample = np.sort(grey[::4, ::4], axis=None)
+    return float(sample[len(sample) // 50]), float(sample[len(sample) * 9 // 10])
+
+
+def _find(
+    grey: NDArray[np.uint8], last: NDArray[np.float32] | None, black: float, light: float
+) -> NDArray[np.float32] | None:
+    """Corners of the projected picture, border included, or None.
+
+    Near the last place first: something before the screen can spoil its outline, not all of its
+    edges.
+    """
+    contrast = _EDGE * (light - black)
+    if last is not None and (outer := _confirm(grey, last, contrast)) is not None:
+        return outer
+    smooth = cv2.blur(grey, (3, 3))
+    for share in _DARKS:
+        limit = black + share * (light - black)
+        dark = cv2.threshold(smooth, limit, 255, cv2.THRESH_BINARY_INV)[1]
+        quads = dark_quads(np.asarray(dark, np.uint8))
+        found = [outer for quad in quads if (outer := _confirm(grey, quad, contrast)) is not None]
+        if found:
+            # A hand's edge beside the game can make a smaller one, but nothing a bigger one.
+            return max(found, key=lambda outer: float(cv2.contourArea(outer)))
+    return None
+
+
+def _confirm(
+    grey: NDArray[np.uint8], quad: NDArray[np.float32], contrast: float
+) -> NDArray[np.float32] | None:
+    """The quadrilateral to a fraction of a pixel, if it is a projected picture."""
+    outer = refine(grey, quad, contrast)
+    if outer is None:
+        return None
+    height, width = grey.shape
+    if outer.min() < 0 or (outer > (width - 1, height - 1)).any():
+        return None
+    homography = homography_to(outer)
+    if not _is_picture_shaped(homography, width, height):
+        return None
+    places = cv2.perspectiveTransform(_BESIDE_EDGE, homography).round().astype(int)
+    x, y = np.clip(places, 0, (width - 1, height - 1)).transpose(2, 0, 1)
+    border, around = grey[y, x].astype(np.float64)
+    black, light = np.percentile(border, 25), np.median(around)
+    if light - black < _MIN_CONTRAST:
+        return None
+    # Both: a dark hand before a side has no light behind its own edge.
+    for right in (
+        border < black + _DARK * (light - black),
+        around > light - _DARK * (light - black),
+    ):
+        sides = right.reshape(4, -1).mean(axis=1)
+        if sides.mean() < _BESIDE_RIGHT or sides.min() < _SIDE_RIGHT:
+            return None
+    return outer
+
+
+def _is_picture_shaped(homography: NDArray[np.float64], width: int, height: int) -> bool:
+    """Whether a rectangle of the projector's shape, somewhere in space, looks like that to NAO's
+    camera (Zhang 2000: a homography's columns are the plane's axes, seen)."""
+    focal = width / 2 / np.tan(np.radians(WIDTH_ANGLE) / 2)
+    across, down = homography[:, 0].copy(), homography[:, 1].copy()
+    for axis in (across, down):
+        axis[0] = (axis[0] - (width - 1) / 2 * axis[2]) / focal
+        axis[1] = (axis[1] - (height - 1) / 2 * axis[2]) / focal
+    wide, tall = np.linalg.norm(across), np.linalg.norm(down)
+    skew = abs(float(across @ down)) / (wide * tall)
+    return bool(abs(wide / tall / ASPECT - 1) < _ASPECT_ERROR and skew < _SKEW)
+
+
+def _beside_edge(count: int = 32) -> NDArray[np.float32]:
+    """Places all along the middle of the black border, and as many just outside of it, in the
+    projected picture: ``[2, places, 2]``."""
+    middle = float(GAME_IN_PICTURE[0, 0]) / 2
+    rings = []
+    for low in (middle, -middle / 2):
+        along = np.linspace(low, 1 - low, count)
+        fixed = np.full(count, low)
+        sides = [(along, fixed), (fixed, along), (along, 1 - fixed), (1 - fixed, along)]
+        rings.append(np.concatenate([np.stack(side, axis=1) for side in sides]))
+    return np.asarray(rings, np.float32)
+
+
+_BESIDE_EDGE = _beside_edge()

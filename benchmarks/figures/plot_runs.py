@@ -1,0 +1,193 @@
+"""Figures of runs: what was reached by epoch, by agent steps and by wall clock."""
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from benchmarks.figures.plot_style import (
+    Points,
+    Series,
+    draw_random,
+    draw_series,
+    label,
+    legend,
+    panels,
+)
+from common.errors import InputError
+from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
+
+Phase = Literal["test", "train"]
+_SEED = re.compile(r"[-_]?(seed)?[-_]?\d+$")
+_MODE = ("sync", "wait_action", "speed")
+"""Of a run, but not in its configuration: how time passed in local mode."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run's rows."""
+
+    name: str
+    rows: list[EpochRow]
+    settings: str | None
+    """All but the seed; None for a table alone, whose settings nobody knows."""
+    phase: Phase
+    """Whose rewards are drawn."""
+
+    @property
+    def random(self) -> float | None:
+        """The random policy's mean reward, of the warm-up."""
+        return next((r.average_reward for r in self.rows if r.phase == "random"), None)
+
+    def rewards(self, x: Callable[[EpochRow], float]) -> Points:
+        """Mean reward of each epoch's games, by ``x``."""
+        return self._points(self.phase, x, lambda row: row.average_reward)
+
+    def max_q(self, x: Callable[[EpochRow], float]) -> Points:
+        """Mean max-Q over the held-out states after each epoch of training, by ``x``."""
+        return self._points("train", x, lambda row: row.meanq)
+
+    def _points(
+        self, phase: str, x: Callable[[EpochRow], float], y: Callable[[EpochRow], float | None]
+    ) -> Points:
+        found = [(x(row), y(row)) for row in self.rows if row.phase == phase]
+        points = np.array([pair for pair in found if pair[1] is not None], np.float64)
+        points = points.reshape(-1, 2)
+        return points[np.argsort(points[:, 0], kind="stable")]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs that are the same but for the seed."""
+
+    name: str
+    runs: list[Run]
+
+
+def read_groups(paths: Sequence[Path], phase: Phase = "test") -> list[Group]:
+    """The runs at ``paths``, folders or CSV files, put together by their settings.
+
+    Tables alone belong together when their names are the same but for the number of a seed at the
+    end. Where nothing was tested, it is the training that is drawn.
+
+    Raises:
+        InputError: a table is missing or damaged, or has no epoch yet.
+    """
+    groups: dict[str, list[Run]] = {}
+    for path in paths:
+        run = _read(path, phase)
+        alone = _SEED.sub("", run.name) if "seed" in run.name else str(path.resolve())
+        groups.setdefault(run.settings or f"table {alone}", []).append(run)
+    return [Group(_name([run.name for run in runs]), runs) for runs in groups.values()]
+
+
+def _read(path: Path, phase: Phase) -> Run:
+    table = path / "epochs.csv" if path.is_dir() else path
+    rows = EpochTable(table).rows()
+    if not any(row.phase != "random" for row in rows):
+        raise InputError(f"there is no epoch in {table}: let the run finish one first.")
+    name = path.resolve().name if path.is_dir() else path.stem
+    tested = any(row.phase == "test" for row in rows)
+    settings = _settings(path) if path.is_dir() else None
+    return Run(name, rows, settings, phase if tested else "train")
+
+
+def _settings(folder: Path) -> str | None:
+    config = _json(folder / "config.json")
+    if config is None:
+        return None
+    config.pop("seed", None)
+    summary = _json(folder / "summary.json") or {}
+    given = (folder / "initial.safetensors").exists()
+    return json.dumps([config, given, *(summary.get(name) for name in _MODE)], sort_keys=True)
+
+
+def _json(path: Path) -> dict[str, Any] | None:
+    try:
+        found = json.loads(path.read_text())
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} cannot be read: {error}.") from None
+    if not isinstance(found, dict):
+        raise InputError(f"{path} cannot be read: it holds no settings.")
+    return found
+
+
+def _name(names: Sequence[str]) -> str:
+    """One name for runs that differ in their seed: without the number at the end."""
+    return names[0] if len(names) == 1 else _SEED.sub("", names[0]) or names[0]
+
+
+def epochs_figure(groups: Sequence[Group]) -> Figure:
+    """Average reward and mean max-Q by epoch, as in the report's Figures 6 to 9."""
+    figure, (rewards, values) = panels(2)
+    draw_series(rewards, _series(groups, lambda run: run.rewards(_epoch)))
+    draw_series(values, _series(groups, lambda run: run.max_q(_epoch)))
+    draw_random(rewards, _random(groups))
+    label(rewards, "epoch", _reward_name(groups))
+    label(values, "epoch", "mean max-Q over held-out states")
+    for axes in (rewards, values):
+        axes.set_xlim(left=0)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    legend(figure, rewards)
+    return figure
+
+
+def progress_figure(groups: Sequence[Group]) -> Figure:
+    """Average reward by agent steps and by wall clock, the tests' own time included; a mean of
+    seeds by steps only."""
+    rows = [row for group in groups for run in group.runs for row in run.rows]
+    steps, steps_name = _scale(
+        max(row.total_train_steps for row in rows),
+        ((1e6, "millions"), (1e3, "thousands"), (1, "single")),
+    )
+    seconds, time_name = _scale(
+        max(row.total_time for row in rows) / 3,
+        ((86_400, "days"), (3_600, "hours"), (60, "minutes"), (1, "seconds")),
+    )
+    figure, (by_steps, by_time) = panels(2)
+    by_steps.sharey(by_time)
+    draw_series(
+        by_steps, _series(groups, lambda run: run.rewards(lambda r: r.total_train_steps / steps))
+    )
+    by_clock = _series(groups, lambda run: run.rewards(lambda row: row.total_time / seconds))
+    # How long each run's machine did other things differs, so a mean at a time means nothing.
+    draw_series(by_time, by_clock, means=False)
+    for axes in (by_steps, by_time):
+        draw_random(axes, _random(groups))
+        axes.set_xlim(left=0)
+    label(by_steps, f"agent steps of training ({steps_name})", _reward_name(groups))
+    label(by_time, f"wall clock ({time_name})", "")
+    legend(figure, by_steps)
+    return figure
+
+
+def _epoch(row: EpochRow) -> float:
+    return row.epoch
+
+
+def _series(groups: Sequence[Group], line: Callable[[Run], Points]) -> list[Series]:
+    return [Series(group.name, [line(run) for run in group.runs]) for group in groups]
+
+
+def _random(groups: Sequence[Group]) -> list[float]:
+    return [run.random for group in groups for run in group.runs if run.random is not None]
+
+
+def _reward_name(groups: Sequence[Group]) -> str:
+    """Of the axis; a run without tests may stand beside others."""
+    phases = {run.phase for group in groups for run in group.runs}
+    kind = " or ".join({"test": "tests", "train": "training"}[phase] for phase in sorted(phases))
+    return f"average reward of a game ({kind})"
+
+
+def _scale(largest: float, units: Sequence[tuple[float, str]]) -> tuple[float, str]:
+    """The largest unit of which there is at least one."""
+    return next((unit for unit in units if largest >= unit[0]), units[-1])

@@ -1,0 +1,154 @@
+"""`python -m benchmarks.figures.results_page`: sets the tables of RESULTS.md from the
+measurements' files.
+
+The page's text is written by hand; between ``<!-- NAME.json -->`` and ``<!-- end -->`` stands what
+``benchmarks/results/NAME.json`` says, so that no figure is copied by hand. A file of several tables
+has them under names of their own: ``<!-- NAME.json kinds -->``. What was learned, rung by rung, is
+``<!-- ladder.csv -->``, how fast by each run ``<!-- ladder-*-pong-*.csv -->``: the files that have
+such names.
+"""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.lab.ladder import MILESTONES
+from benchmarks.report import cell
+from common.errors import InputError, exit_on_input_error
+from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
+
+PAGE = Path(__file__).resolve().parents[1] / "RESULTS.md"
+CURVE = (100_000, 200_000, 250_000, 300_000, 400_000, 500_000, 600_000, 800_000, 1_000_000)
+"""Steps at which a run's training games are told."""
+_CLOSE = 25_000
+"""Fewest steps by which the end of an epoch is too far from one of these."""
+_TABLE = re.compile(
+    r"<!-- (?P<name>[\w*-]+\.(?:json|csv))(?: (?P<rows>\w+))? -->\n(?:.*?\n)??<!-- end -->",
+    re.DOTALL,
+)
+
+
+def render(page: str, folder: Path) -> str:
+    """``page`` with the tables of the files in ``folder``.
+
+    Raises:
+        InputError: a file that the page names is not there.
+    """
+
+    def table(found: re.Match[str]) -> str:
+        if "*" in found["name"]:
+            return _between(found["name"], curves(sorted(folder.glob(found["name"]))))
+        file = folder / found["name"]
+        if not file.exists():
+            raise InputError(f"{file} is not there: run the benchmark that makes it, with --json.")
+        rows = found["rows"]
+        mark = f"{file.name} {rows}" if rows else file.name
+        text = file.read_text(encoding="utf-8")
+        if file.suffix == ".csv":
+            body = learned(csv.DictReader(io.StringIO(text)))
+        else:
+            body = markdown(json.loads(text), rows)
+        return _between(mark, body)
+
+    return _TABLE.sub(table, page)
+
+
+def _between(mark: str, body: str) -> str:
+    return f"<!-- {mark} -->\n{body}\n<!-- end -->"
+
+
+def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
+    """A measurement, as `benchmarks.report` wrote it, as a table over machine and commit.
+
+    Args:
+        which: of its tables; None for the one that its title is of.
+    """
+    rows = measurement[which or "rows"]
+    names = list(rows[0])
+    machine = measurement["machine"]
+    commit = commit_of(measurement["git_commit"], measurement.get("git_dirty"))
+    aligned = ["---" if isinstance(rows[0][name], str) else "---:" for name in names]
+    cells = [[cell(row[name]) for name in names] for row in rows]
+    return "\n".join(
+        (
+            *(() if which else (measurement["title"], "")),
+            *_lines(names, aligned, cells),
+            "",
+            f"{machine['cpu']}, {machine['cores']} cores, "
+            f"torch {measurement['versions']['torch']}, commit {commit}.",
+        )
+    )
+
+
+def commit_of(commit: str | None, dirty: bool | None) -> str:
+    """Shortened, with a + where tracked files differed from it."""
+    return f"{commit[:7]}{'+' if dirty else ''}" if commit else "?"
+
+
+def learned(rows: Iterable[Mapping[str, str]]) -> str:
+    """The ladder's rows, as `benchmarks.lab.ladder` wrote them: what was reached, and when."""
+    names = ["rung", "game", "seed", "random", "score of a game", "IQM (95 %)"]
+    names += [f"≥ {score:g}" for score in MILESTONES.values()]
+    names += ["steps", "hours", "commit"]
+    cells = [
+        [
+            ", ".join(filter(None, (row["rung"], row["label"]))),
+            row["game"],
+            row["seed"],
+            f"{float(row['random_reward']):.1f}" if row["random_reward"] else "–",
+            f"{float(row['mean']):.2f} ± {float(row['deviation']):.2f}",
+            "{:.2f} ({:.2f} to {:.2f})".format(
+                *(float(row[name]) for name in ("iqm", "iqm_low", "iqm_high"))
+            ),
+            *(_thousands(row[f"steps_to_{name}"]) for name in MILESTONES),
+            _thousands(row["agent_steps"]),
+            f"{float(row['wall_seconds']) / 3600:.1f}",
+            commit_of(row["git_commit"], row["git_dirty"] == "True"),
+        ]
+        for row in sorted(rows, key=lambda row: (row["rung"], row["label"], int(row["seed"])))
+    ]
+    return "\n".join(_lines(names, ["---"] * 2 + ["---:"] * (len(names) - 3) + ["---"], cells))
+
+
+def curves(files: Iterable[Path]) -> str:
+    """Run by run, the mean score of the training games around so many steps."""
+    cells = []
+    for file in files:
+        trained = [row for row in EpochTable(file).rows() if row.phase == "train"]
+        means = (_mean_near(steps, trained) for steps in CURVE)
+        told = ("–" if mean is None else f"{mean:.1f}" for mean in means)
+        cells.append([file.stem.removeprefix("ladder-"), *told])
+    names = ["run", *(_thousands(f"{steps}") for steps in CURVE)]
+    return "\n".join(_lines(names, ["---"] + ["---:"] * len(CURVE), cells))
+
+
+def _mean_near(steps: int, rows: Sequence[EpochRow]) -> float | None:
+    gap, mean = min(
+        ((abs(row.total_train_steps - steps), row.average_reward) for row in rows),
+        key=lambda found: found[0],
+        default=(_CLOSE, None),
+    )
+    return mean if gap < _CLOSE else None
+
+
+def _thousands(steps: str) -> str:
+    return f"{round(float(steps) / 1000):,}K" if steps else "–"
+
+
+def _lines(
+    names: Sequence[str], aligned: Sequence[str], cells: Sequence[Sequence[str]]
+) -> list[str]:
+    return [f"| {' | '.join(line)} |" for line in (names, aligned, *cells)]
+
+
+def main() -> None:
+    PAGE.write_text(render(PAGE.read_text(), PAGE.parent / "results"))
+    print(f"wrote {PAGE}")
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

@@ -1,0 +1,106 @@
+"""`python -m benchmarks.lab.actuation_latency policies/ale_pong.safetensors`: what lateness costs
+a network.
+
+Each network plays whole games while a new command's keys are down later and later, as a robot's
+are; the old command's are let go at once. Nothing is learned: compare networks that were trained
+under other latenesses. `python -m benchmarks.figures.plot --figure delay` draws the table.
+"""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from benchmarks.lab.evaluation import evaluate, lateness
+from common.errors import InputError, exit_on_input_error
+from common.press_latency import ms_of
+from common.run.config import MAX_DELAY
+from common.run.origin import origin_of, run_of
+
+COLUMNS = (
+    "network", "press", "late_ms", "games", "epsilon", "seed", "mean", "deviation",
+    "iqm", "iqm_low", "iqm_high", "cpu", "git_commit",
+)  # fmt: skip
+"""``press``: frames of 60 Hz that the game plays without a new command's keys."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Play games by trained networks under keys that come late."""
+
+    networks: tyro.conf.Positional[tuple[Path, ...]]
+    """Published policies, or checkpoints in their runs' folders."""
+    press: tuple[int, ...] = (0, 1, 2, 3, 4, 6, 8)
+    """Frames until a new command's keys are down, each of them played."""
+    games: int = 10
+    """For each network and lateness."""
+    epsilon: float = 0.001
+    """Share of random decisions."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("late_keys.csv")
+    """Table to write."""
+
+    def check(self) -> None:
+        """Refuse what cannot be played.
+
+        Raises:
+            InputError: naming the flag.
+        """
+        if not self.networks or not self.press:
+            raise InputError(
+                "name networks, as in policies/ale_pong.safetensors, and some --press."
+            )
+        for press in self.press:
+            if not 0 <= press <= MAX_DELAY:
+                raise InputError(f"--press is {press}: choose numbers from 0 to {MAX_DELAY}.")
+        if not self.output.parent.is_dir():
+            raise InputError(f"there is no folder {self.output.parent}: make it, or name another.")
+
+
+def name_of(network: Path) -> str:
+    """``ale_pong`` of a published policy, the run's name of a file in a run's folder."""
+    run = run_of(network)
+    return run.name if run else network.stem
+
+
+def hand_flags(network: Path, press: int) -> list[str]:
+    """So that keys are pressed by a model of a hand, the robot's arms or not.
+
+    Raises:
+        InputError: nobody knows under which settings the network was trained.
+    """
+    trained = origin_of(network)
+    if trained is None:
+        raise InputError(f"{network} has neither a card nor a run's folder beside it: get them.")
+    late = lateness(press)
+    return [*late, "--play.hand", "model"] if trained.env == "robot" else late
+
+
+def play(network: Path, press: int, options: Options) -> dict[str, Any]:
+    """One row of the table."""
+    told = evaluate(network, options.games, options.epsilon, hand_flags(network, press))
+    told |= {
+        "network": name_of(network),
+        "press": press,
+        "late_ms": ms_of(press),
+        "cpu": told["machine"]["cpu"],
+    }
+    return {name: told[name] for name in COLUMNS}
+
+
+def main() -> None:
+    options = tyro.cli(Options, prog="python -m benchmarks.lab.actuation_latency")
+    options.check()
+    with options.output.open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        for press in options.press:
+            for network in options.networks:
+                writer.writerow(play(network, press, options))
+                file.flush()
+    print(f"wrote {options.output}")
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

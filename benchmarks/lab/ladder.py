@@ -1,0 +1,199 @@
+"""`python -m benchmarks.lab.ladder --rung R3`: the way from the emulator to the robot, rung by
+rung.
+
+Each rung is the program's own configuration, and each adds one difficulty to another one, so that
+a rung that is missed says what holds learning back. An ablation is a rung with other settings and a
+name of its own: `--rung R5 --label vector --learner="--play.vector"`.
+
+R0  sight and touch, no learning (`python -m actors --check`)
+R1  the emulator alone
+R2  the emulator under keys as late as the robot's: none at all for two frames, then the new ones;
+    and `--delay` decisions more
+R3  the camera's pixels, keys as commanded: an eye without a hand
+R4  the emulator's pixels, keys pressed by the arms: a hand without an eye
+R5  the robot
+"""
+
+import csv
+import io
+import json
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+
+from benchmarks.child import free_endpoint
+from benchmarks.lab.evaluation import evaluate
+from common.errors import InputError, exit_on_input_error
+from common.run.folder import RunFolder, write_atomically
+from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
+
+Rung = Literal["R0", "R1", "R2", "R3", "R4", "R5"]
+
+PRESS = 2
+"""Frames that the game plays without a new command's keys: the robot's median, 50 ms by `python -m
+benchmarks.lab.press_latency`, has them in the third. The old command's keys are let go at once."""
+FLAGS: dict[Rung, list[str]] = {
+    "R1": ["--env", "ale"],
+    "R2": ["--env", "ale", "--play.press_latency-latency", f"{PRESS}"],
+    "R3": ["--env", "robot", "--play.hand", "model"],
+    "R4": ["--env", "robot", "--play.eye", "emulator"],
+    "R5": ["--env", "robot"],
+}
+HUMAN = 9.3
+"""Mean of Mnih et al.'s professional tester in Pong (2015, extended data table 2)."""
+MILESTONES = {"0": 0.0, "human": HUMAN, "18": 18.0}
+"""Scores in Pong whose first time is told, by their names in the columns."""
+COLUMNS = (
+    "rung", "label", "game", "seed", "flags", "agent_steps", "updates", "wall_seconds",
+    "random_reward", "best_test_reward",
+    *(f"{what}_to_{name}" for name in MILESTONES for what in ("steps", "seconds")),
+    "games", "epsilon", "mean", "deviation", "iqm", "iqm_low", "iqm_high",
+    "press_match_share", "valid_frame_share", "cpu", "cores", "device", "git_commit", "git_dirty",
+)  # fmt: skip
+"""``steps_to_0`` and the like: agent steps and wall-clock seconds at the end of the first epoch
+whose training games had that mean; empty if there was none."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Train one rung of the ladder and evaluate what it learned; a row of results for each seed."""
+
+    rung: Rung
+    steps: int = 1_000_000
+    """Agent steps of each run; one that was stopped goes on when it is asked for again."""
+    seeds: int = 1
+    """Runs, each with a seed of its own:"""
+    seed: int = 1
+    """that of the first; the others' follow."""
+    game: str = "pong"
+    """Any game that ale-py bundles."""
+    preset: Literal["fast", "robot"] = "robot"
+    """Of all rungs the same, or they could not be compared."""
+    label: str = ""
+    """Name of an ablation, where --learner has other settings than the rung."""
+    delay: int = 0
+    """Of R2: decisions by which commands come late, beside the keys' own time."""
+    games: int = 30
+    """Games of each evaluation."""
+    epsilon: float = 0.001
+    """Share of random decisions in it."""
+    learner: str = ""
+    """More flags for `python -m learner`, as in --learner="--threads 2"."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs."""
+    output: Path = Path("benchmarks/results/ladder.csv")
+    """Table to which the rows are added; beside it go each run's epochs and a JSON of its games."""
+
+    def flags(self, seed: int) -> list[str]:
+        """Of the learner, but for those of its folder."""
+        late = ["--play.command-latency", f"{self.delay}"] if self.delay else []
+        run = ["--preset", self.preset, "--game", self.game, "--seed", f"{seed}"]
+        return [*run, *FLAGS[self.rung], *late, *shlex.split(self.learner)]
+
+    def run_name(self, seed: int) -> str:
+        """Of the run's folder."""
+        parts = [self.label] if self.label else []
+        parts += [f"late-{self.delay}"] if self.delay else []
+        parts = ["ladder", self.rung, *parts, self.game, self.preset, f"seed-{seed}"]
+        return "-".join(parts).replace("_", "-")
+
+
+def climb(options: Options, seed: int) -> dict[str, Any]:
+    """Train and evaluate one run; its row."""
+    folder = RunFolder(options.runs, options.run_name(seed))
+    known = ["--resume"] if folder.checkpoint.exists() else []
+    place = ["--run", folder.name, "--runs", str(options.runs)]
+    flags = ["--listen", free_endpoint(), *options.flags(seed)]
+    _python("learner", "--local", *place, "--steps", f"{options.steps}", *known, *flags)
+    results = options.output.parent
+    results.mkdir(parents=True, exist_ok=True)
+    evaluation = results / f"{folder.name}.json"
+    told = evaluate(folder.checkpoint, options.games, options.epsilon)
+    evaluation.write_text(json.dumps(told, indent=2) + "\n")
+    shutil.copyfile(folder.epochs, results / f"{folder.name}.csv")
+    return row_of(
+        options,
+        seed,
+        json.loads(folder.summary.read_text()),
+        told,
+        EpochTable(folder.epochs).rows(),
+    )
+
+
+def row_of(
+    options: Options,
+    seed: int,
+    summary: dict[str, Any],
+    evaluation: dict[str, Any],
+    epochs: Sequence[EpochRow],
+) -> dict[str, Any]:
+    """What the run's files tell, by `COLUMNS`."""
+    found = {
+        **summary,
+        **evaluation,
+        **_milestones(epochs if options.game == "pong" else []),
+        "rung": options.rung,
+        "label": options.label,
+        "game": options.game,
+        "seed": seed,
+        "flags": shlex.join(options.flags(seed)),
+        "cpu": summary["machine"]["cpu"],
+        "cores": summary["machine"]["cores"],
+    }
+    return {name: found[name] for name in COLUMNS}
+
+
+def _milestones(epochs: Sequence[EpochRow]) -> dict[str, float | None]:
+    trained = [
+        (row.average_reward, row)
+        for row in epochs
+        if row.phase == "train" and row.average_reward is not None
+    ]
+    found: dict[str, float | None] = {}
+    for name, score in MILESTONES.items():
+        first = next((row for mean, row in trained if mean >= score), None)
+        found[f"steps_to_{name}"] = first.total_train_steps if first else None
+        found[f"seconds_to_{name}"] = first.total_time if first else None
+    return found
+
+
+def add_row(path: Path, row: dict[str, Any]) -> None:
+    """Add ``row`` to the table at ``path``, in place of what it had of the same run."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = list(csv.DictReader(path.read_text().splitlines())) if path.exists() else []
+    same = {name: str(row[name]) for name in ("rung", "label", "flags")}
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, COLUMNS)
+    writer.writeheader()
+    writer.writerows(old for old in rows if not same.items() <= old.items())
+    writer.writerow(row)
+    write_atomically(path, text.getvalue().encode())
+
+
+def _python(module: str, *arguments: str) -> None:
+    ended = subprocess.run([sys.executable, "-m", module, *arguments], check=False)
+    if ended.returncode:
+        raise InputError(f"python -m {module} ended with exit code {ended.returncode}, see above.")
+
+
+def main() -> None:
+    options = tyro.cli(Options, prog="python -m benchmarks.lab.ladder")
+    if options.delay and options.rung != "R2":
+        raise InputError("--delay is for --rung R2.")
+    if options.rung == "R0":
+        _python("actors", "--check", "--game", options.game)
+        return
+    for seed in range(options.seed, options.seed + options.seeds):
+        add_row(options.output, climb(options, seed))
+        print(f"added a row to {options.output}", flush=True)
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

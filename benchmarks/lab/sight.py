@@ -1,0 +1,208 @@
+"""`python -m benchmarks.lab.sight`: does the robot see, and how well.
+
+Three measurements: the corners of the screen against where they really are, from random poses of
+the camera; the unwarped frame against the emulator's own; and whether a linear probe reads ball
+and paddles off the frames.
+"""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from actors.envs.emulator import check_game
+from actors.robots.nao.sensor import PERFECT_CAMERA
+from benchmarks.lab.sight_poses import (
+    FAULTS,
+    MOST_AWAY,
+    MOST_TURN,
+    ActorCounters,
+    Look,
+    cases,
+    measure,
+)
+from benchmarks.lab.sight_probe import QUANTITIES, collect, probe
+from benchmarks.report import show, write
+from common.errors import InputError, exit_on_input_error
+
+MOST_PIXELS = 1.5
+MOST_DIFFERENCE = 8.0
+LEAST_EXPLAINED = (0.98, 0.98, 0.95, 0.95)
+"""Goals: corners' p95; grey levels on Pong; R² of `QUANTITIES`."""
+
+_COLUMNS = 4
+_FOUND, _LOST = (255, 0, 255), (255, 160, 0)
+
+
+@dataclass(frozen=True)
+class Options:
+    """Measure what the robot's eye makes of its camera's pictures."""
+
+    games: tuple[str, ...] = ("pong", "breakout", "space_invaders", "asteroids")
+    """Games on the screen."""
+    poses: int = 40
+    """Poses for each of the cameras; every game is looked at from each."""
+    frames: int = 7_000
+    """Pictures of Pong for the probe; fewer than two thirds have the ball in play."""
+    seed: int = 1
+    """Of poses, play and faults."""
+    json: Path | None = None
+    """File for the results."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """PNG of samples with the corners found."""
+
+
+class Album:
+    """The first look of each case, at another game each time."""
+
+    def __init__(self, games: tuple[str, ...]) -> None:
+        self._games = games
+        self._looks: dict[str, Look] = {}
+
+    def keep(self, look: Look) -> None:
+        """Paste a look in if its case has none and it is its game's turn."""
+        name = look.case.name
+        if (
+            name not in self._looks
+            and look.game == self._games[len(self._looks) % len(self._games)]
+        ):
+            self._looks[name] = look
+
+    def page(self) -> NDArray[np.uint8]:
+        """All of them with the found corners drawn, ``uint8 [rows, columns, 3]``."""
+        pictures = [_drawn(look) for look in self._looks.values()]
+        pictures += [np.zeros_like(pictures[0])] * (-len(pictures) % _COLUMNS)
+        rows = [pictures[i : i + _COLUMNS] for i in range(0, len(pictures), _COLUMNS)]
+        return np.vstack([np.hstack(row) for row in rows])
+
+
+def _drawn(look: Look) -> NDArray[np.uint8]:
+    picture = cv2.resize(look.picture, None, fx=1.5, fy=1.5, interpolation=cv2.INTER_NEAREST)
+    label = f"{look.case.name} - {look.game}"
+    if look.sight.corners is not None:
+        # Corners count pixels' middles.
+        corners = np.round((look.sight.corners + 0.5) * 1.5 * 16 - 8).astype(np.int32)
+        cv2.polylines(picture, [corners], True, _FOUND, 1, cv2.LINE_AA, 4)
+    frame = cv2.cvtColor(look.sight.frame, cv2.COLOR_GRAY2RGB)
+    picture[-len(frame) :, : frame.shape[1]] = frame
+    colour = _FOUND if look.sight.valid else _LOST
+    cv2.putText(picture, label, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
+    return np.asarray(picture, np.uint8)
+
+
+def look_around(options: Options, album: Album) -> dict[str, dict[str, ActorCounters]]:
+    """Tallies by case and game."""
+    rng = np.random.default_rng(options.seed)
+    return {
+        case.name: measure(case, options.games, options.poses, rng, album.keep) for case in cases()
+    }
+
+
+def read_off(options: Options) -> list[dict[str, Any]]:
+    """The probe's R² by where the frames come from."""
+    rows = []
+    for title, camera in (("perfect camera", PERFECT_CAMERA), ("all faults", FAULTS)):
+        frames = collect(options.frames, camera, options.seed)
+        if camera is PERFECT_CAMERA:
+            rows.append(_explained("the emulator itself", frames.own, frames.truth))
+        rows.append(_explained(title, frames.seen, frames.truth))
+    return rows
+
+
+def _explained(title: str, frames: NDArray[np.uint8], truth: NDArray[np.float64]) -> dict[str, Any]:
+    found = probe(frames, truth).tolist()
+    return {
+        "frames from": title,
+        "frames": len(frames),
+        **dict(zip(QUANTITIES, found, strict=True)),
+    }
+
+
+def goals(
+    by_case: dict[str, Any], by_game: list[dict[str, Any]], read: list[dict[str, Any]]
+) -> dict[str, bool]:
+    """Which goals are kept."""
+    worst = [row["p95_px"] for row in by_case.values()]
+    kept = {"corners": all(p95 is not None and p95 <= MOST_PIXELS for p95 in worst)}
+    for row in by_game:
+        if row["game"] == "pong":
+            found = row["difference"]
+            kept["difference"] = found is not None and found <= MOST_DIFFERENCE
+    camera = next(row for row in read if row["frames from"] == "perfect camera")
+    kept["probe"] = all(
+        camera[name] >= least for name, least in zip(QUANTITIES, LEAST_EXPLAINED, strict=True)
+    )
+    return kept
+
+
+def main() -> None:
+    options = tyro.cli(Options, prog="python -m benchmarks.lab.sight")
+    if not options.games or options.poses < 1 or options.frames < 200:
+        raise InputError("choose one game or more, 1 pose or more, and 200 frames or more.")
+    for game in options.games:
+        check_game(game)
+    cv2.setNumThreads(1)
+    album = Album(options.games)
+    tallies = look_around(options, album)
+    by_case = {
+        name: sum(found.values(), ActorCounters()).figures() for name, found in tallies.items()
+    }
+    by_game = [
+        {
+            "game": game,
+            **tallies["perfect"][game].figures(),
+            "all faults": tallies["all faults"][game].figures()["difference"],
+        }
+        for game in options.games
+    ]
+    show(
+        f"Worst corner of each picture, pixels at 320×240; ±{MOST_TURN:.0f}° yaw and pitch, "
+        f"±{MOST_AWAY:.0%} distance",
+        [_row({"camera": name, **figures}, "difference") for name, figures in by_case.items()],
+    )
+    show(
+        "84×84 frame against the emulator's own, mean absolute difference in grey levels",
+        [_row(row, "p50_px", "p95_px", "max_px") for row in by_game],
+    )
+    read = read_off(options)
+    show("Linear probe from single frames of Pong, R² on later play", [_row(r) for r in read])
+    kept = goals(by_case, by_game, read)
+    print(
+        f"goals: corners p95 ≤ {MOST_PIXELS} px, Pong ≤ {MOST_DIFFERENCE:.0f} of 255, "
+        "R² ≥ 0.98 for paddles and ≥ 0.95 for the ball: "
+        + ", ".join(f"{name} {'kept' if well else 'MISSED'}" for name, well in kept.items())
+    )
+    if options.json is not None:
+        content = {
+            "title": "Sight",
+            "poses": options.poses,
+            "faults": asdict(FAULTS),
+            "corners": by_case,
+            "games": by_game,
+            "probe": read,
+            "goals": kept,
+        }
+        write(options.json, content)
+    if options.output is not None:
+        options.output.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(options.output), album.page()[:, :, ::-1])
+        print(f"wrote {options.output}")
+
+
+def _row(figures: dict[str, Any], *without: str) -> dict[str, Any]:
+    """Without some columns, and numbers as they should be read."""
+
+    def cell(name: str, value: Any) -> Any:
+        if name == "found":
+            return f"{value:.1%}"
+        return f"{value:.4f}" if name in QUANTITIES else value
+
+    return {name: cell(name, value) for name, value in figures.items() if name not in without}
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

@@ -1,0 +1,180 @@
+"""Looking at the screen from many poses: how well its corners are found, and what is then seen.
+
+Every picture is looked at by a new eye, which knows nothing of an earlier place, unless the case
+is that arms rise before a screen that it had seen.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from actors.envs.emulator import Emulator
+from actors.envs.observation import shrink
+from actors.robots.nao.room import Room
+from actors.robots.nao.sensor import PERFECT_CAMERA
+from actors.vision.layout import GAME_IN_PICTURE
+from actors.vision.screen_detector import Detection, ScreenDetector
+from common.run.config import CameraConfig
+
+MOST_TURN = 10.0
+"""Degrees of yaw and pitch."""
+MOST_AWAY = 0.15
+"""Share of the screen's distance."""
+
+_HIDDEN = (0.01, 0.25)
+"""Share of the projected picture, border included, that raised arms hide."""
+_POSE_LOW, _POSE_HIGH = (-0.9, -0.31, -1.2, -1.2), (-0.1, 0.0, 0.6, -0.1)
+"""Joint angles of a raised left arm, among which some are in view."""
+
+FAULTS = CameraConfig(
+    noise=8.0, blur=1.0, exposure=0.3, colour_gain=0.2, distortion=0.06, ambient=0.15
+)
+"""All faults at once that a single picture can have."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A camera, and when an arm is raised before the screen, if at all."""
+
+    name: str
+    camera: CameraConfig = PERFECT_CAMERA
+    arm: Literal["never", "later", "before"] = "never"
+
+
+def cases() -> list[Case]:
+    """A perfect camera, each fault alone, all of them, and these two with an arm in front."""
+    alone = [
+        Case(name.replace("_", " "), replace(PERFECT_CAMERA, **{name: value}))
+        for name, value in vars(FAULTS).items()
+        if value
+    ]
+    return [
+        Case("perfect"),
+        *alone,
+        Case("all faults", FAULTS),
+        Case("perfect, an arm rises", arm="later"),
+        Case("all faults, an arm rises", FAULTS, "later"),
+        Case("perfect, arm before first look", arm="before"),
+        Case("all faults, arm before first look", FAULTS, "before"),
+    ]
+
+
+@dataclass
+class ActorCounters:
+    """What came of one case and game."""
+
+    pictures: int = 0
+    errors: list[float] = field(default_factory=list)
+    """Of the worst corner of each picture in which the screen was found, pixels."""
+    differences: list[float] = field(default_factory=list)
+    """Mean absolute differences to the emulator's own 84×84 frames, grey levels."""
+
+    def __add__(self, other: "ActorCounters") -> "ActorCounters":
+        return ActorCounters(
+            self.pictures + other.pictures,
+            self.errors + other.errors,
+            self.differences + other.differences,
+        )
+
+    def figures(self) -> dict[str, Any]:
+        """Counts and percentiles; None where nothing was found."""
+        p50, p95 = np.percentile(self.errors, [50, 95]).tolist() if self.errors else (None, None)
+        return {
+            "pictures": self.pictures,
+            "found": len(self.errors) / self.pictures,
+            "p50_px": p50,
+            "p95_px": p95,
+            "max_px": max(self.errors, default=None),
+            "difference": float(np.mean(self.differences)) if self.differences else None,
+        }
+
+
+@dataclass(frozen=True)
+class Look:
+    """One picture, what the eye made of it, and where the corners really are."""
+
+    case: Case
+    game: str
+    picture: NDArray[np.uint8]
+    sight: Detection
+    truth: NDArray[np.float64]
+    """``[4, 2]``, as `Detection.corners`."""
+
+
+def measure(
+    case: Case,
+    games: tuple[str, ...],
+    poses: int,
+    rng: Generator,
+    keep: Callable[[Look], object] = lambda look: None,
+) -> dict[str, ActorCounters]:
+    """Look from so many poses at each game; ``keep`` gets every look."""
+    room = Room(camera=case.camera)
+    emulators = {game: Emulator(game, int(rng.integers(2**31)), frame_skip=4) for game in games}
+    tallies = {game: ActorCounters() for game in games}
+    for _ in range(poses):
+        _stand_somewhere(room, rng)
+        room.sensor.begin_game(rng)
+        eyes = {game: ScreenDetector(case.camera.distortion) for game in games}
+        if case.arm != "never":
+            if case.arm == "later":
+                for game, emulator in emulators.items():
+                    eyes[game].detect(room.sensor.take(room.picture(emulator.screen_rgb())))
+            _raise_arm(room, rng)
+        for game, emulator in emulators.items():
+            _play_on(emulator, rng)
+            picture = room.sensor.take(room.picture(emulator.screen_rgb()))
+            look = Look(case, game, picture, eyes[game].detect(picture), corners_in(room))
+            tally = tallies[game]
+            tally.pictures += 1
+            if look.sight.valid and look.sight.corners is not None:
+                away = np.linalg.norm(look.sight.corners - look.truth, axis=1)
+                tally.errors.append(float(away.max()))
+                own = shrink(emulator.screen_grey()).astype(int)
+                tally.differences.append(float(np.abs(look.sight.frame - own).mean()))
+            keep(look)
+    room.close()
+    return tallies
+
+
+def corners_in(room: Room) -> NDArray[np.float64]:
+    """Where the game's corners are in the robot's picture, by the room's geometry: ``[4, 2]``."""
+    left_top, right_top, _, left_bottom = room.furniture.picture_corners
+    across, down = right_top - left_top, left_bottom - left_top
+    return room.seen_at(
+        np.array([left_top + u * across + v * down for u, v in GAME_IN_PICTURE.astype(float)])
+    )
+
+
+def _stand_somewhere(room: Room, rng: Generator) -> None:
+    yaw, pitch = rng.uniform(-MOST_TURN, MOST_TURN, 2)
+    room.arms.settle()
+    room.pose(yaw=yaw, pitch=pitch, distance=1 + rng.uniform(-MOST_AWAY, MOST_AWAY))
+
+
+def _raise_arm(room: Room, rng: Generator) -> None:
+    """Somewhere before the projected picture, hiding as much of it as `_HIDDEN` says."""
+    while not _HIDDEN[0] < _hidden_share(room) < _HIDDEN[1]:
+        room.arms.left.place(rng.uniform(_POSE_LOW, _POSE_HIGH))
+
+
+def _hidden_share(room: Room) -> float:
+    """Share of the projected picture's pixels before which the robot's body is."""
+    rendering = room.view_of_robot.rendering()
+    outline = room.view_of_robot.camera.project(room.furniture.picture_corners)
+    inside = np.zeros(rendering.bodies.shape, np.uint8)
+    cv2.fillConvexPoly(inside, np.rint(outline).astype(np.int32), 1)
+    return float((rendering.bodies == room.body)[inside == 1].mean())
+
+
+def _play_on(emulator: Emulator, rng: Generator) -> None:
+    """Some random play, so that each picture is another one."""
+    for action in rng.integers(18, size=rng.integers(5, 30)):
+        emulator.act(int(action))
+    if emulator.game_over:
+        emulator.reset()

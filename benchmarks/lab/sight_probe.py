@@ -1,0 +1,136 @@
+"""Whether ball and paddles are in the frames: a linear probe from pixels to the console's memory.
+
+The probe is ridge regression from all 7,056 pixels of a single frame and two blurs of them, so that
+neighbouring pixels count alike: the ball is two pixels wide, and where it was never seen while
+learning, plain pixels know nothing. It stays linear in the pixels. Its strength is chosen on the
+last fifth of what it learns from, and it is judged on later play than all of that.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.envs.emulator import Emulator
+from actors.envs.observation import shrink
+from actors.robots.nao.room import Room
+from actors.vision.screen_detector import ScreenDetector
+from common.run.config import CameraConfig
+
+QUANTITIES = {"own paddle's y": 51, "other paddle's y": 50, "ball's x": 49, "ball's y": 54}
+"""Where Pong keeps them (Anand et al. 2019, AtariARI)."""
+_STRENGTHS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+"""Of the ridge, for pixels from 0 to 1."""
+_FOLLOWS = ("own paddle's y", "ball's y")
+_MIDDLE = 8
+"""Of the paddle, in the console's rows below its upper end."""
+_UP, _DOWN = 2, 5
+_BLURS = (3.0, 8.0)
+"""Standard deviations, pixels."""
+_MOST_FRAMES = 7
+"""From one picture to the next; with always 4 the ball would be seen at few places only."""
+_WHIMS = 0.1
+"""Chance of a random action, at each decision, that is then held for a while."""
+_MOST_HELD = 8
+"""Decisions, at most, for which it is held."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames of Pong with the ball in play, in the order they were played."""
+
+    own: NDArray[np.uint8]
+    """The emulator's, ``uint8 [N, 84, 84]``."""
+    seen: NDArray[np.uint8]
+    """Through the robot's camera, likewise."""
+    truth: NDArray[np.float64]
+    """`QUANTITIES`, ``float64 [N, 4]``."""
+
+
+def collect(count: int, camera: CameraConfig, seed: int) -> Frames:
+    """Take ``count`` pictures of play; those with the ball in play and a valid frame are kept.
+
+    The paddle follows the ball, with random actions in between: random play alone would lose
+    nearly every ball at once, and always the same way.
+    """
+    rng = np.random.default_rng(seed)
+    emulator, room, eye = Emulator("pong", seed), Room(camera=camera), None
+    own, seen, truth = [], [], []
+    held, left = 0, 0
+    for _ in range(count):
+        if eye is None or emulator.game_over:
+            emulator.reset()
+            room.begin_game(rng)
+            eye = ScreenDetector(camera.distortion)
+        if left == 0 and rng.random() < _WHIMS:
+            held, left = int(rng.integers(18)), int(rng.integers(1, _MOST_HELD))
+        if left:
+            action, left = held, left - 1
+        else:
+            paddle, ball = (int(emulator.ram()[QUANTITIES[name]]) for name in _FOLLOWS)
+            action = _UP if ball < paddle + _MIDDLE else _DOWN
+        for _ in range(rng.integers(1, _MOST_FRAMES + 1)):
+            emulator.act(action)
+        memory = emulator.ram()
+        detection = eye.detect(room.sensor.take(room.picture(emulator.screen_rgb())))
+        where = [int(memory[place]) for place in QUANTITIES.values()]
+        if detection.valid and all(where[2:]):  # the ball's are 0 while it is not in play
+            own.append(shrink(emulator.screen_grey()))
+            seen.append(detection.frame)
+            truth.append(where)
+    room.close()
+    return Frames(np.array(own), np.array(seen), np.array(truth, np.float64))
+
+
+def probe(frames: NDArray[np.uint8], truth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """R² of each quantity, ``float64 [4]``, on the last quarter of the frames."""
+    pixels = _features(frames)
+    learned = len(frames) * 3 // 4
+    chosen_on = learned * 4 // 5
+    chosen = [
+        _explained(found, truth[chosen_on:learned])
+        for found in _predict(pixels[:chosen_on], truth[:chosen_on], pixels[chosen_on:learned])
+    ]
+    best = np.argmax(chosen, axis=0)
+    judged = _predict(pixels[:learned], truth[:learned], pixels[learned:])
+    explained = np.array([_explained(found, truth[learned:]) for found in judged])
+    result: NDArray[np.float64] = explained[best, np.arange(truth.shape[1])]
+    return result
+
+
+def _features(frames: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Pixels from 0 to 1 and their blurs, each frame in a row; linear in the pixels."""
+    light = np.divide(frames, 255, dtype=np.float32)
+    blurs = [
+        # Scaled so that a small thing weighs as much as it does unblurred.
+        np.stack([cv2.GaussianBlur(frame, (0, 0), width) for frame in light])
+        * np.float32(2 * width * np.sqrt(np.pi))
+        for width in _BLURS
+    ]
+    return np.concatenate([part.reshape(len(frames), -1) for part in (light, *blurs)], axis=1)
+
+
+def _predict(
+    known: NDArray[np.float32], truth: NDArray[np.float64], asked: NDArray[np.float32]
+) -> list[NDArray[np.float64]]:
+    """What ridge regressions of all `_STRENGTHS` say for ``asked``, after ``known`` frames.
+
+    Solved in the space of frames, which are fewer than pixels.
+    """
+    mean, usual = known.mean(axis=0), truth.mean(axis=0)
+    known, asked = known - mean, asked - mean
+    values, vectors = np.linalg.eigh((known @ known.T).astype(np.float64))
+    onto = vectors.T @ (truth - usual)
+    alike = (asked @ known.T) @ vectors
+    return [
+        usual + alike @ (onto / (np.maximum(values, 0)[:, None] + strength))
+        for strength in _STRENGTHS
+    ]
+
+
+def _explained(found: NDArray[np.float64], truth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """R², quantity by quantity."""
+    missed = ((found - truth) ** 2).sum(axis=0)
+    result: NDArray[np.float64] = 1 - missed / ((truth - truth.mean(axis=0)) ** 2).sum(axis=0)
+    return result

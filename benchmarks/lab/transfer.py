@@ -1,0 +1,76 @@
+"""`python -m benchmarks.lab.transfer policies/ale_pong.safetensors`: one network on every rung.
+
+What a network that was trained on one rung of the ladder (`benchmarks.lab.ladder`) scores on the
+others without learning anew tells which difficulty it cannot bear: an eye, a hand, or late keys.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from benchmarks.lab.evaluation import evaluate, lateness
+from benchmarks.lab.ladder import FLAGS, Rung
+from benchmarks.report import publish
+from common.errors import InputError, exit_on_input_error
+
+_TITLES: dict[Rung, str] = {
+    "R1": "the emulator alone",
+    "R2": "keys that come late",
+    "R3": "the camera's pixels",
+    "R4": "keys pressed by the arms",
+    "R5": "the robot: both",
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """Play games by a trained network on each rung of the ladder."""
+
+    network: tyro.conf.Positional[Path]
+    """A published policy, or a checkpoint in its run's folder; without the body's feedback, which
+    is not the same on all rungs."""
+    games: int = 10
+    """On each rung."""
+    epsilon: float = 0.001
+    """Share of random decisions."""
+    json: Path | None = None
+    """File for the results."""
+
+
+def rung_flags(rung: Rung) -> list[str]:
+    """All that a rung is, so that nothing is left of the one on which the network was trained."""
+    every = ["--play.hand", "arm", "--play.eye", "camera", *lateness(0), *FLAGS[rung]]
+    flags = dict(zip(every[::2], every[1::2], strict=True))  # of two values of a flag the last
+    return [part for pair in flags.items() for part in pair]
+
+
+def main() -> None:
+    options = tyro.cli(Options, prog="python -m benchmarks.lab.transfer")
+    if options.games < 1:
+        raise InputError(f"--games is {options.games}: choose 1 or more.")
+    found = {
+        rung: evaluate(options.network, options.games, options.epsilon, rung_flags(rung))
+        for rung in _TITLES
+    }
+    publish(
+        f"{options.network.stem} on every rung, not trained anew; {options.games} games each, "
+        f"ε = {options.epsilon:g}",
+        [
+            {
+                "rung": f"{rung}, {_TITLES[rung]}",
+                "mean": each["mean"],
+                "deviation": each["deviation"],
+                "least": each["least"],
+                "most": each["most"],
+                "press p50 ms": each["press_ms"]["p50"],
+            }
+            for rung, each in found.items()
+        ],
+        options.json,
+        {"rungs": found},
+    )
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

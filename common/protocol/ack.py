@@ -1,0 +1,44 @@
+"""What the replay answers to an insert: it is stored, and what the actor should do next."""
+
+from typing import Literal, NamedTuple
+
+from common.errors import MessageError
+from common.protocol.wire import pack, take, unpack
+
+
+class Ack(NamedTuple):
+    """The chunk needs no care any more; the rest steers the actor."""
+
+    status: Literal["stored", "duplicate", "knock"]
+    """'knock' answers an empty insert, by which a held actor asks whether to go on."""
+    hold: bool
+    """Pause: the learner is behind."""
+    finished: bool
+    """The run is over, leave."""
+    agent_steps: int
+    """Of the run, over all actors; ε follows from it."""
+    weights_version: int
+    """Newest weights there are."""
+
+
+def encode_ack(ack: Ack) -> bytes:
+    return pack(ack._asdict())
+
+
+def decode_ack(payload: bytes) -> Ack:
+    """The answer inside ``payload``.
+
+    Raises:
+        MessageError: it is none.
+    """
+    message = unpack(payload)
+    status = take(message, "status", str)
+    if status not in ("stored", "duplicate", "knock"):
+        raise MessageError(f"status is {status!r}")
+    return Ack(
+        status,
+        take(message, "hold", bool),
+        take(message, "finished", bool),
+        take(message, "agent_steps", int, 0),
+        take(message, "weights_version", int, 0),
+    )

@@ -1,0 +1,151 @@
+"""The folder ``runs/<name>/``: what a run leaves behind, and whose it is.
+
+config.json             the RunConfig, written once
+initial.safetensors     the weights it began with, where they were not fresh ones
+checkpoint.safetensors  the learner's whole state (and .previous, the one before)
+snapshots/              weights of epochs that are being tested, and the best so far
+epochs.csv, gates.csv, summary.json, tensorboard/
+replay/                 the ring, where the replay runs on this machine
+"""
+
+import fcntl
+import json
+import os
+from pathlib import Path
+from typing import IO, Literal, get_args
+
+from common.errors import InputError
+from common.run.config import RunConfig, differences, from_mapping, to_json
+from common.transport.bus import check_name
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Replace ``path`` by ``content``: whoever reads sees the old or the new, never a half."""
+    fresh = path.with_name(path.name + ".tmp")
+    try:
+        with fresh.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError:
+        fresh.unlink(missing_ok=True)  # half a file, on a disk that is full of it
+        raise
+    fresh.replace(path)
+
+
+Part = Literal["learner", "replay"]
+
+
+class RunFolder:
+    """One run's folder, locked by one process per part (learner, replay) while it works."""
+
+    def __init__(self, runs: Path, name: str) -> None:
+        self.name = check_name("run", name)
+        self.path = runs / name
+        self._locks: list[IO[str]] = []
+
+    @property
+    def config_file(self) -> Path:
+        return self.path / "config.json"
+
+    @property
+    def initial(self) -> Path:
+        return self.path / "initial.safetensors"
+
+    @property
+    def checkpoint(self) -> Path:
+        return self.path / "checkpoint.safetensors"
+
+    @property
+    def snapshots(self) -> Path:
+        return self.path / "snapshots"
+
+    @property
+    def epochs(self) -> Path:
+        return self.path / "epochs.csv"
+
+    @property
+    def gates(self) -> Path:
+        return self.path / "gates.csv"
+
+    @property
+    def summary(self) -> Path:
+        return self.path / "summary.json"
+
+    @property
+    def tensorboard(self) -> Path:
+        return self.path / "tensorboard"
+
+    @property
+    def held_out(self) -> Path:
+        return self.path / "held_out.safetensors"
+
+    @property
+    def replay(self) -> Path:
+        return self.path / "replay"
+
+    def stored_config(self) -> RunConfig | None:
+        """The configuration the run was started with; None for a new run."""
+        try:
+            told = json.loads(self.config_file.read_text())
+            return from_mapping(RunConfig, told, str(self.config_file), fill=True)
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, RecursionError) as error:
+            raise InputError(f"{self.config_file} cannot be read: {error}.") from None
+
+    def claim(self, part: Part, config: RunConfig, *, begun: Path, resume: bool) -> None:
+        """Take ``part`` of the run for this process, and settle its configuration.
+
+        Args:
+            config: what this process is about to run with.
+            begun: the file or folder that exists once this part has been started.
+            resume: whether to go on with what is there.
+
+        Raises:
+            InputError: another process holds the part; there is something to resume but
+                ``resume`` is false, or the reverse; the run has another configuration.
+        """
+        stored = self.stored_config()
+        if resume and stored is None:
+            raise InputError(
+                f"there is no run in {self.path} to resume: start it without --resume."
+            )
+        if not resume and begun.exists():
+            raise InputError(
+                f"{self.path} already holds a run: go on with it by --resume, "
+                "or name another with --run."
+            )
+        # A start that failed, for want of space or by a setting, binds nobody to its settings.
+        bound = resume or self.checkpoint.exists() or self.replay.exists() or self._is_at_work()
+        if bound and stored is not None and (unequal := differences(stored, config)):
+            raise InputError(
+                f"the run in {self.path} has another configuration ({'; '.join(unequal[:5])}): "
+                "leave those flags away, or name another run."
+            )
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            lock = self._lock(part).open("w")
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"another {part} is at work in {self.path}.") from None
+        except OSError as error:
+            raise InputError(f"{self.path} cannot be written: {error.strerror}.") from None
+        self._locks.append(lock)  # held until the process ends, however it ends
+        if stored != config:
+            write_atomically(self.config_file, to_json(config).encode())
+
+    def _lock(self, part: Part) -> Path:
+        return self.path / f".{part}.lock"
+
+    def _is_at_work(self) -> bool:
+        """Whether a process, this one or another, holds any part."""
+        for part in get_args(Part):
+            try:
+                with self._lock(part).open() as lock:
+                    fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except FileNotFoundError:
+                continue
+            except BlockingIOError:
+                return True
+        return False

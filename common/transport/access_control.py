@@ -1,0 +1,76 @@
+"""What each role may do at a hub that knows roles by their certificates.
+
+What comes in is checked; what goes out goes only to who was let ask for it. All else is denied, and
+nobody is told: to a denied query there is no answer, and a denied publication is dropped.
+"""
+
+from typing import Any
+
+from common.protocol.run_keys import RunKeys
+
+_ANY = RunKeys("*")
+_WORKERS = ("actor", "evaluator")
+_ALLOWED: dict[str, dict[str, list[str]]] = {
+    "actor": {
+        "query": [
+            _ANY.config,
+            _ANY.insert("*"),
+            _ANY.latest_weights,
+            _ANY.task,
+            _ANY.report,
+        ],
+        "put": [_ANY.stats(role, "*") for role in _WORKERS],
+        "liveliness_token": [_ANY.live(role, "*") for role in _WORKERS],
+        "declare_subscriber": [_ANY.weights],
+    },
+    "learner": {
+        "query": [_ANY.config, _ANY.sample, _ANY.priorities, _ANY.held_out, _ANY.progress],
+        "put": [_ANY.weights],
+        "declare_subscriber": [_ANY.stats("*", "*")],
+        "declare_liveliness_subscriber": [_ANY.live("*", "*")],
+        "declare_queryable": [_ANY.task, _ANY.report],
+        "reply": [_ANY.task, _ANY.report],
+    },
+}
+"""By role and Zenoh's name of a message, the keys to which it may be sent."""
+
+
+def access_control() -> dict[str, Any]:
+    """Zenoh's setting of that name for a hub."""
+    rules = [
+        {
+            "id": f"{role}-{message}",
+            "permission": "allow",
+            "flows": ["ingress"],
+            "messages": [message],
+            "key_exprs": keys,
+        }
+        for role, messages in _ALLOWED.items()
+        for message, keys in messages.items()
+    ]
+    rules.append(
+        {
+            "id": "answers",
+            "permission": "allow",
+            "flows": ["egress"],
+            "messages": [
+                *("put", "delete", "query", "reply"),
+                *("declare_subscriber", "declare_queryable"),
+                *("liveliness_token", "liveliness_query", "declare_liveliness_subscriber"),
+            ],
+            "key_exprs": [_ANY.all],
+        }
+    )
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": role, "cert_common_names": [role]} for role in _ALLOWED],
+        "policies": [
+            {
+                "subjects": [role],
+                "rules": [*(f"{role}-{message}" for message in messages), "answers"],
+            }
+            for role, messages in _ALLOWED.items()
+        ],
+    }

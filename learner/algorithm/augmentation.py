@@ -1,0 +1,46 @@
+"""Random shift of drawn states (DrQ: Yarats, Kostrikov and Fergus 2021): cheap regularisation.
+
+A picture moved by a few pixels means the same to a player; a network that is told so does not
+learn single pixels by heart. All frames of a state move together, or the ball would jump.
+"""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+
+class RandomShift:
+    """Shifts states by up to ``most`` pixels, up or down and left or right."""
+
+    def __init__(self, most: int, seed: int) -> None:
+        self._most = most
+        self._seed = seed
+        self.go_on(0)
+
+    def go_on(self, updates: int) -> None:
+        """Draw anew, and otherwise than at the start of the run, after so many updates."""
+        (seed,) = np.random.SeedSequence([self._seed, updates]).generate_state(1, np.uint64)
+        self._generator = torch.Generator().manual_seed(int(seed))
+
+    def __call__(self, frames: Tensor) -> Tensor:
+        """``uint8 [batch, frame_stack, height, width]``, each state by its own shift; what moves in
+        repeats the edge."""
+        batch, _, height, width = frames.shape
+        down, across = torch.randint(2 * self._most + 1, (2, batch), generator=self._generator)
+        # All shifts of all states, as views; those that are drawn are copied.
+        windows = self._padded(frames).unfold(2, height, 1).unfold(3, width, 1)
+        which = torch.arange(batch, device=frames.device)
+        return windows[which, :, down.to(frames.device), across.to(frames.device)]
+
+    def _padded(self, frames: Tensor) -> Tensor:
+        """``frames`` with their edges repeated `most` times; PyTorch has it for floats only."""
+        most = self._most
+        batch, frame_stack, height, width = frames.shape
+        padded = frames.new_empty(batch, frame_stack, height + 2 * most, width + 2 * most)
+        bottom, right = most + height, most + width
+        padded[:, :, most:bottom, most:right] = frames
+        padded[:, :, :most, most:right] = frames[:, :, :1]
+        padded[:, :, bottom:, most:right] = frames[:, :, -1:]
+        padded[..., :most] = padded[..., most : most + 1]
+        padded[..., right:] = padded[..., right - 1 : right]
+        return padded

@@ -1,0 +1,177 @@
+"""`ReplayBuffer`: the replay of a run, in one process and for many threads.
+
+It adds to the `Store` who may go on when: the limiter, and those that wait for it. A draw holds
+the lock only to choose ids; its frames are gathered while others draw and insert.
+"""
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.actions import KEYS_OF_ACTION
+from common.errors import MessageError
+from common.protocol.ack import Ack
+from common.protocol.chunk import Chunk
+from common.run.config import RunConfig
+from replay.batch import Batch, SharedBatch
+from replay.chunk_statistics import Progress
+from replay.footprint import footprint
+from replay.limiter import RateLimiter
+from replay.store import Store
+
+_HURRIED_READS = 3
+_Read = TypeVar("_Read", Batch, SharedBatch)
+
+
+class ReplayBuffer:
+    """Everything remembered of one run; implements `replay.interface.Replay`."""
+
+    def __init__(self, config: RunConfig, folder: Path, actions: int = len(KEYS_OF_ACTION)) -> None:
+        """Open the replay in ``folder``, or create it where there is none.
+
+        Args:
+            actions: that the run's environment offers; chunks with others are refused.
+
+        Raises:
+            InputError: no space, a replay of other sizes, a damaged one, or one in use.
+        """
+        self.weights_version = 0
+        """Newest weights there are; told to actors with each acknowledgement."""
+        self._batch_size = config.learning.batch_size
+        self._limiter = RateLimiter(
+            config.samples_per_insert,
+            config.replay.learning_starts,
+            config.replay.ratio_tolerance,
+            config.learning.batch_size,
+        )
+        self._state = threading.Condition()
+        self._store = Store(config, folder, self._state, actions)
+        # Another sequence after each start, or a resumed run would draw the same places again.
+        self._rng = np.random.default_rng([config.seed, self._store.ledger.accepted])
+        self._closed = False
+        self._finished = False
+        self._drawn = 0
+
+    def insert(self, chunk: Chunk) -> Ack:
+        """Store ``chunk``, unless it came before; never waits for the learner.
+
+        Raises:
+            MessageError: it does not fit this run; it is counted as refused.
+            OSError: the files could not be written; it may be sent again.
+        """
+        begun = self._drawn // self._batch_size
+        new = self._store.insert(chunk, staleness=max(begun - chunk.weights_version, 0))
+        return self._ack("stored" if new else "duplicate")
+
+    def refuse(self) -> None:
+        """Count a chunk that could not even be read."""
+        self._store.count_refused()
+
+    def _ack(self, status: Literal["stored", "duplicate", "knock"]) -> Ack:
+        return Ack(
+            status,
+            hold=self._should_hold(),
+            finished=self._finished,
+            agent_steps=self._store.ledger.agent_steps,
+            weights_version=self.weights_version,
+        )
+
+    def _should_hold(self) -> bool:
+        return self._limiter.should_hold(self._store.ledger.agent_steps, self._drawn)
+
+    def await_release(self, timeout: float) -> Ack:
+        """Answer a held actor: when it may go on or leave, or after ``timeout`` seconds."""
+        with self._state:
+            self._state.wait_for(
+                lambda: self._closed or self._finished or not self._should_hold(), timeout
+            )
+            return self._ack("knock")
+
+    def sample(self, drawn: int, timeout: float) -> Batch | None:
+        """See `Replay.sample`."""
+        return self._sample(drawn, timeout, self._store.ring.read)
+
+    def sample_shared(self, drawn: int, timeout: float) -> SharedBatch | None:
+        """The same, with each frame once, for the way to another process."""
+        return self._sample(drawn, timeout, self._store.ring.read_shared)
+
+    def _sample(
+        self,
+        drawn: int,
+        timeout: float,
+        read: Callable[[NDArray[np.int64], NDArray[np.float32]], _Read | None],
+    ) -> _Read | None:
+        with self._state:
+            released = drawn > self._drawn and self._should_hold()
+            self._drawn = drawn
+            if released and not self._should_hold():
+                self._state.notify_all()
+            self._state.wait_for(lambda: self._closed or self._may_sample(drawn), timeout)
+            if self._closed or not self._may_sample(drawn):
+                return None
+        for _ in range(_HURRIED_READS):
+            with self._state:
+                ids, weights = self._draw()
+            batch = read(ids, weights)
+            if batch is not None:
+                return batch
+        with self._state:  # the ring turns faster than it is read: let it wait this once
+            return read(*self._draw())
+
+    def _draw(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        return self._store.sampler.draw(self._rng, self._batch_size)
+
+    def _may_sample(self, drawn: int) -> bool:
+        inserted = self._store.ledger.agent_steps
+        return len(self._store.sampler.admitted) > 0 and self._limiter.may_sample(inserted, drawn)
+
+    def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
+        """See `Replay.update_priorities`.
+
+        Raises:
+            MessageError: a priority is negative or not finite, as after a diverged update.
+        """
+        if not (np.isfinite(priorities).all() and (priorities >= 0).all() and (ids >= 0).all()):
+            raise MessageError("priorities should be finite and not negative, ids too")
+        with self._state:
+            self._store.sampler.update(ids, priorities.astype(np.float64))
+
+    def held_out(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """See `Replay.held_out`."""
+        with self._state:
+            ids = self._rng.permutation(self._store.sampler.admitted.ids)
+            ids = ids[self._store.ring.all_seen(ids)][:count]
+            return self._store.ring.states(ids)
+
+    def progress(self, since: int, *, finished: bool | None = None) -> Progress:
+        """See `Replay.progress`."""
+        resident, private = footprint()
+        with self._state:
+            if finished is not None and finished != self._finished:
+                self._finished = finished
+                self._state.notify_all()
+            ledger = self._store.ledger
+            return Progress(
+                agent_steps=ledger.agent_steps,
+                stored=ledger.stored,
+                samplable=len(self._store.sampler.admitted),
+                accepted=ledger.accepted,
+                duplicates=ledger.duplicates,
+                refused=ledger.refused,
+                hold=self._should_hold(),
+                resident_bytes=resident,
+                private_bytes=private,
+                file_bytes=self._store.file_bytes,
+                facts=ledger.facts_since(since),
+            )
+
+    def close(self) -> None:
+        """Let waiting calls return, and close the files; what was stored stays."""
+        with self._state:
+            self._closed = True
+            self._state.notify_all()
+        self._store.close()

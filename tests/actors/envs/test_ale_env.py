@@ -1,0 +1,171 @@
+"""ALE-Only against a plain loop over ALE, and Gymnasium's rules."""
+
+import subprocess
+import sys
+
+import cv2
+import gymnasium
+import numpy as np
+import pytest
+from ale_py import ALEInterface, roms
+from gymnasium.utils.env_checker import check_env
+
+from actors.envs import GAMES, env_id, make_env
+from actors.envs.ale import AtariEnv
+from common.errors import InputError
+from common.run.config import PlayConfig, RunConfig
+
+_INFO = {"game_over", "game_score", "game_steps", "valid_frame", "keys_match", "elapsed"}
+
+
+def test_an_episode_is_what_bare_ale_shows() -> None:
+    ale = ALEInterface()
+    ale.setInt("frame_skip", 1)
+    ale.setFloat("repeat_action_probability", 0.0)
+    ale.setBool("color_averaging", True)
+    ale.loadROM(roms.get_rom_path("breakout"))
+
+    def look():
+        return cv2.resize(ale.getScreenGrayscale(), (84, 84), interpolation=cv2.INTER_AREA)
+
+    env = AtariEnv("breakout", play=PlayConfig(random_starts=0), training=True)
+    state, info = env.reset(seed=1)
+    seen = [look()] * 4
+    score, steps, lives, episodes, points = 0.0, 0, 5, 0, 0.0
+    rng = np.random.default_rng(2)
+    for _ in range(400):
+        assert np.array_equal(state, seen[-4:])
+        assert (info["game_score"], info["game_steps"]) == (score, steps)
+        assert set(info) == _INFO
+        assert info["valid_frame"]
+        assert info["keys_match"]
+        action = int(rng.integers(18))
+        reward = sum(ale.act(action) for _ in range(4))
+        seen.append(look())
+        score, steps, points = score + reward, steps + 1, points + reward
+        state, got, terminated, truncated, info = env.step(action)
+        assert got == reward
+        assert not truncated
+        assert info["elapsed"] == 1
+        assert info["game_over"] == ale.game_over()
+        assert terminated == (ale.lives() < lives)
+        lives = ale.lives()
+        if terminated:
+            episodes += 1
+            if ale.game_over():
+                assert info["game_score"] == score
+                ale.reset_game()
+                score, steps, lives = 0.0, 0, 5
+            state, info = env.reset()
+            assert not info["game_over"]
+            assert info["elapsed"] == 0
+            seen = [look()] * 4
+    assert episodes > 5
+    assert points > 0
+
+
+def test_states_given_out_do_not_change_later() -> None:
+    env = AtariEnv("pong")
+    states = [env.reset(seed=1)[0]]
+    copies = [states[0].copy()]
+    for step in range(20):
+        states.append(env.step(step % 18)[0])
+        copies.append(states[-1].copy())
+    assert all(np.array_equal(*pair) for pair in zip(states, copies, strict=True))
+    assert not np.array_equal(states[1], states[-1])
+
+
+def _trace(env: AtariEnv, seed: int) -> list[bytes]:
+    state, info = env.reset(seed=seed)
+    trace = [state.tobytes() + repr(sorted(info.items())).encode()]
+    for step in range(250):
+        state, reward, terminated, truncated, info = env.step((7 * step) % 18)
+        trace.append(state.tobytes() + repr((reward, sorted(info.items()))).encode())
+        if terminated or truncated:
+            env.reset()
+    return trace
+
+
+def test_a_seed_makes_everything_repeat() -> None:
+    env = AtariEnv("breakout", training=True)
+    first = _trace(env, 5)
+    assert _trace(env, 5) == first
+    assert _trace(AtariEnv("breakout", training=True), 5) == first
+    assert _trace(env, 6) != first
+
+
+def test_actions_are_the_games_own_or_all() -> None:
+    own = AtariEnv("breakout", play=PlayConfig(minimal_actions=True, random_starts=0))
+    every = AtariEnv("breakout", play=PlayConfig(random_starts=0))
+    assert (own.action_space.n, every.action_space.n) == (4, 18)
+    own.reset(seed=0)
+    every.reset(seed=0)
+    for step in range(100):
+        index = step // 5 % 4
+        assert np.array_equal(own.step(index)[0], every.step((0, 1, 3, 4)[index])[0])
+
+
+def test_options_force_a_new_game() -> None:
+    env = AtariEnv("breakout", training=True)
+    env.reset(seed=1)
+    while not env.step(1)[2]:
+        pass
+    _, info = env.reset()
+    assert info["game_steps"] > 30
+    while not env.step(1)[2]:
+        pass
+    _, info = env.reset(options={"new_game": True})
+    assert info["game_steps"] <= 30
+
+
+@pytest.mark.filterwarnings("error::UserWarning")
+def test_gymnasium_finds_nothing_to_complain_about() -> None:
+    for game, settings in (
+        ("pong", {}),
+        ("space_invaders", {"training": True, "play": PlayConfig(minimal_actions=True)}),
+        ("journey_escape", {"play": PlayConfig(frame_stack=1, frame_skip=1)}),
+    ):
+        name = env_id(game, robot=False)
+        env = gymnasium.make(name, render_mode="rgb_array", **settings)
+        check_env(env.unwrapped)
+        env.reset(seed=0)
+        for _ in range(3):
+            env.step(env.action_space.sample())
+        rows = 230 if game == "journey_escape" else 210
+        assert env.render().shape == (rows, 160, 3)
+
+
+def test_all_games_are_registered_under_both_names() -> None:
+    assert env_id("space_invaders", robot=True) == "ALERobot/SpaceInvaders-v0"
+    assert env_id("tic_tac_toe_3d", robot=False) == "ALERobot/TicTacToe3D-Emulator-v0"
+    for game in GAMES:
+        for robot in (True, False):
+            spec = gymnasium.spec(env_id(game, robot=robot))
+            assert spec.kwargs == {"game": game}
+            kind = "robot:RobotEnv" if robot else "ale:AtariEnv"
+            assert spec.entry_point == f"actors.envs.{kind}"
+
+
+def test_make_env_follows_the_configuration() -> None:
+    play = PlayConfig(minimal_actions=True, frame_stack=2, random_starts=0)
+    config = RunConfig(env="ale", game="breakout", play=play)
+    for training in (True, False):
+        env = make_env(config, training=training)
+        assert isinstance(env, AtariEnv)
+        assert env.action_space.n == 4
+        assert env.observation_space.shape == (2, 84, 84)
+        env.reset(seed=0)
+        while not env.step(1)[2]:
+            pass
+        assert (env.reset()[1]["game_steps"] > 0) == training  # carried on, or anew
+    with pytest.raises(InputError, match="did you mean"):
+        make_env(RunConfig(env="ale", game="breakuot"), training=True)
+
+
+def test_importing_the_package_loads_no_physics_and_no_vision() -> None:
+    code = (
+        "import sys, actors.envs\n"
+        "loaded = {'pybullet', 'cv2', 'torch'} & set(sys.modules)\n"
+        "assert not loaded, loaded\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

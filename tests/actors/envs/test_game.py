@@ -1,0 +1,178 @@
+"""The rules of games and episodes, which emulator and robot share."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from actors.envs.emulator import Emulator
+from actors.envs.game import AtariGame
+from common.run.config import PlayConfig
+
+_NO_START = PlayConfig(random_starts=0)
+
+
+def _begin(game: AtariGame, seed: int = 0, **how: bool) -> bool:
+    return game.begin_episode(
+        np.random.default_rng(seed), **{"seeded": False, "new_game": False, **how}
+    )
+
+
+def _decide(game: AtariGame, action: int, holds: int = 1) -> tuple[float, bool, bool]:
+    points = sum(game.hold(action) for _ in range(holds))
+    return points, *game.end_decision()
+
+
+def _until_end(game: AtariGame, action: int = 1) -> tuple[bool, bool]:
+    while True:
+        _, terminated, truncated = _decide(game, action)
+        if terminated or truncated:
+            return terminated, truncated
+
+
+def test_frame_by_frame_and_by_decision_are_the_same_game() -> None:
+    play = PlayConfig(random_starts=10)
+    by_frame = AtariGame("breakout", play, training=True, emulator_skip=1)
+    by_decision = AtariGame("breakout", play, training=True, emulator_skip=4)
+    for game in (by_frame, by_decision):
+        _begin(game, seed=3, seeded=True)
+    episodes = 0
+    for action in np.random.default_rng(1).integers(18, size=600).tolist():
+        ended = _decide(by_decision, action)
+        assert _decide(by_frame, action, holds=4) == ended
+        assert (by_frame.score, by_frame.steps, by_frame.over) == (
+            by_decision.score,
+            by_decision.steps,
+            by_decision.over,
+        )
+        if any(ended[1:]):
+            assert _begin(by_frame, 5) == _begin(by_decision, 5)
+            episodes += 1
+    assert episodes > 5
+
+
+def test_a_lost_life_ends_the_episode_in_training_and_the_game_goes_on() -> None:
+    game = AtariGame("breakout", _NO_START, training=True, emulator_skip=4)
+    assert _begin(game)
+    for lives_left in (4, 3, 2, 1):
+        assert _until_end(game) == (True, False)
+        assert game.emulator.lives == lives_left
+        assert not game.over
+        score, steps, ram = game.score, game.steps, game.emulator.ram()
+        assert not _begin(game)
+        assert (game.score, game.steps) == (score, steps)
+        assert np.array_equal(game.emulator.ram(), ram)
+    assert _until_end(game) == (True, False)
+    assert game.over
+    assert _begin(game)
+    assert (game.score, game.steps, game.emulator.lives, game.over) == (0, 0, 5, False)
+
+
+def test_in_evaluation_only_game_over_ends_the_episode() -> None:
+    game = AtariGame("breakout", _NO_START, training=False, emulator_skip=4)
+    _begin(game)
+    assert _until_end(game) == (True, False)
+    assert game.emulator.game_over
+    assert game.over
+
+
+def test_a_new_game_is_forced_by_seed_option_or_a_reset_in_between() -> None:
+    for how in ({"seeded": True}, {"new_game": True}):
+        game = AtariGame("breakout", _NO_START, training=True, emulator_skip=4)
+        _begin(game)
+        _until_end(game)
+        assert _begin(game, **how)
+        assert game.emulator.lives == 5
+    _decide(game, 1)
+    assert _begin(game)  # in the middle of an episode
+    _until_end(game)
+    assert not _begin(game)
+    assert _begin(game)  # an episode that was carried on, but not played
+
+
+def test_a_long_game_is_cut_and_then_starts_anew() -> None:
+    game = AtariGame("pong", PlayConfig(random_starts=0, max_game_frames=100), training=True)
+    _begin(game)
+    for decision in range(1, 26):
+        _, terminated, truncated = _decide(game, 0, holds=4)
+        assert (terminated, truncated, game.over) == (False, decision == 25, decision == 25)
+    assert _begin(game)
+    assert game.steps == game.emulator.frames == 0
+    endless = AtariGame("pong", PlayConfig(random_starts=0, max_game_frames=0), training=True)
+    _begin(endless)
+    assert not any(any(_decide(endless, 0)[1:]) for _ in range(200))
+
+
+def test_a_life_lost_as_the_game_is_cut_is_terminated_and_over() -> None:
+    probe = AtariGame("breakout", _NO_START, training=True, emulator_skip=4)
+    _begin(probe)
+    _until_end(probe)
+    play = PlayConfig(random_starts=0, max_game_frames=probe.emulator.frames)
+    training = AtariGame("breakout", play, training=True, emulator_skip=4)
+    _begin(training)
+    assert _until_end(training) == (True, False)
+    assert training.over
+    assert _begin(training)
+    evaluation = AtariGame("breakout", play, training=False, emulator_skip=4)
+    _begin(evaluation)
+    assert _until_end(evaluation) == (False, True)
+
+
+def test_random_starts_are_uniform_from_none_to_the_most() -> None:
+    game = AtariGame("breakout", PlayConfig(random_starts=3), training=True, emulator_skip=4)
+    rng = np.random.default_rng(0)
+    lengths = Counter()
+    for _ in range(200):
+        game.begin_episode(rng, seeded=False, new_game=True)
+        assert game.emulator.frames == 4 * game.steps
+        lengths[game.steps] += 1
+    assert set(lengths) == {0, 1, 2, 3}
+    assert min(lengths.values()) > 25  # 50 expected
+
+
+def test_points_of_the_random_start_count() -> None:
+    # Long enough for Pong's computer to score; the same draws by hand on another emulator.
+    play = PlayConfig(random_starts=200, minimal_actions=True)
+    game = AtariGame("pong", play, training=True, emulator_skip=4)
+    scored = 0
+    for seed in range(4):
+        _begin(game, seed, seeded=True)
+        rng = np.random.default_rng(seed)
+        actions = rng.choice((0, 1, 3, 4, 11, 12), rng.integers(201))
+        emulator = Emulator("pong", 0, frame_skip=4)
+        assert game.steps == len(actions)
+        assert game.score == sum(emulator.act(int(action)) for action in actions)
+        scored += game.score != 0
+    assert scored
+
+
+def test_a_random_start_that_ends_the_game_begins_again_from_the_beginning() -> None:
+    play = PlayConfig(random_starts=2_000, minimal_actions=True)
+    game = AtariGame("breakout", play, training=True, emulator_skip=4)
+    _begin(game)
+    assert (game.steps, game.score, game.emulator.frames, game.emulator.lives) == (0, 0, 0, 5)
+    assert not game.emulator.game_over
+
+
+def test_nothing_is_scored_after_game_over() -> None:
+    game = AtariGame("breakout", _NO_START, training=False)
+    _begin(game)
+    _until_end(game)
+    frames = game.emulator.frames
+    assert game.hold(1) == 0
+    assert game.emulator.frames == frames
+
+
+@pytest.mark.parametrize("name", ["freeway", "kaboom"])
+def test_a_seed_starts_the_same_game_whatever_was_played_before(name: str) -> None:
+    # These games keep memory across ALE's reset; only power-on clears it.
+    game = AtariGame(name, PlayConfig(), training=True, emulator_skip=4)
+    traces = []
+    for _ in range(2):
+        _begin(game, 7, seeded=True)
+        trace = []
+        for step in range(60):
+            _decide(game, step % 18)
+            trace.append(game.emulator.ram().tobytes())
+        traces.append(trace)
+    assert traces[0] == traces[1]

@@ -1,0 +1,116 @@
+"""The vector observation, against a naive reading of its documented layout."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from actors.envs.ale import AtariEnv
+from actors.envs.proprioception import Proprioception
+from actors.envs.robot import RobotEnv
+from common.actions import KEYS_OF_ACTION, Keys
+from common.proprioception import width_of
+from common.run.config import PlayConfig, RunConfig
+
+PLAY = PlayConfig(vector=True, random_starts=0)
+
+
+def expected(commands: list[int], keys: list[Keys]) -> list[float]:
+    """Commands and key flags, one number after the other."""
+    numbers: list[float] = []
+    for action in ([None] * 6 + commands)[-6:]:
+        numbers += [float(action == each) for each in range(18)]
+    for held in ([Keys.NONE] * 4 + keys)[-4:]:
+        numbers += [
+            float(key in held) for key in (Keys.UP, Keys.DOWN, Keys.LEFT, Keys.RIGHT, Keys.FIRE)
+        ]
+    return numbers
+
+
+@given(
+    st.lists(st.integers(0, 17), max_size=12),
+    st.lists(st.integers(0, 31).map(Keys), max_size=9),
+)
+def test_commands_and_keys(commands: list[int], keys: list[Keys]) -> None:
+    sense = Proprioception("ale")
+    for action in commands:
+        sense.command(action)
+    for held in keys:
+        sense.feel(held)
+    assert sense.vector().tolist() == expected(commands, keys)
+    sense.forget()
+    assert not sense.vector().any()
+
+
+def test_what_was_given_out_does_not_change() -> None:
+    sense = Proprioception("ale")
+    before = sense.vector()
+    sense.command(3)
+    sense.feel(Keys.FIRE)
+    assert not before.any()
+
+
+def test_joints_come_last_and_stay_within_bounds() -> None:
+    sense = Proprioception("robot")
+    angles, speeds = np.linspace(-1.1, 1.0, 8), np.linspace(0.0, 1.4, 8)
+    vector = sense.vector(angles, speeds)
+    assert vector.dtype == np.float32
+    assert vector[128:136] == pytest.approx(angles.clip(-1, 1))
+    assert vector[136:] == pytest.approx(speeds.clip(-1, 1))
+
+
+@pytest.mark.parametrize("env", ["ale", "robot"])
+def test_the_configuration_knows_the_width(env: Any) -> None:
+    assert RunConfig(env=env).vector_width == 0
+    config = RunConfig(env=env, play=PLAY)
+    assert config.vector_width == width_of(env) == {"ale": 128, "robot": 144}[env]
+
+
+def test_the_emulators_vector() -> None:
+    env = AtariEnv(play=PLAY)
+    observation, _ = env.reset(seed=1)
+    assert isinstance(observation, dict)
+    assert not observation["vector"].any()
+    commands, keys = [], []
+    for action in (3, 0, 17, 1, 5, 5, 10, 2):
+        observation, *_ = env.step(action)
+        commands.append(action)
+        keys += [KEYS_OF_ACTION[action]] * 4
+        assert env.observation_space.contains(observation)
+        assert isinstance(observation, dict)
+        assert observation["vector"].tolist() == expected(commands, keys)
+    observation, _ = env.reset(options={"new_game": True})
+    assert isinstance(observation, dict)
+    assert not observation["vector"].any()
+
+
+def test_the_robots_vector() -> None:
+    env = RobotEnv(play=PLAY)
+    observation, _ = env.reset(seed=1)
+    assert env.observation_space.contains(observation)
+    commands = []
+    for action in (3, 0, 17, 17, 17):
+        observation, *_ = env.step(action)
+        commands.append(action)
+        assert env.observation_space.contains(observation)
+    assert isinstance(observation, dict)
+    vector = observation["vector"]
+    assert vector[:108].tolist() == expected(commands, [])[:108]
+    assert vector[108:128].tolist() == expected([], [KEYS_OF_ACTION[17]] * 4)[108:]
+    at = 128
+    engine = env.room._engine
+    names = {
+        engine.getJointInfo(env.room.body, joint)[1].decode(): joint
+        for joint in range(engine.getNumJoints(env.room.body))
+    }
+    for side in "LR":
+        for name in ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll"):
+            info = engine.getJointInfo(env.room.body, names[side + name])
+            angle, speed, *_ = engine.getJointState(env.room.body, names[side + name])
+            share = (angle - info[8]) / (info[9] - info[8])
+            assert vector[at] == pytest.approx(2 * share - 1, abs=1e-6)
+            assert vector[at + 8] == pytest.approx(speed / info[11], abs=1e-6)
+            at += 1
+    env.close()

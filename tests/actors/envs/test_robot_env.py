@@ -1,0 +1,197 @@
+"""ALE-Robot as a Gymnasium environment: it sees, it touches, it obeys, it repeats itself."""
+
+import ctypes
+import warnings
+from collections.abc import Iterator
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import actors.envs
+from actors.envs.observation import shrink
+from actors.envs.robot import RobotEnv
+from common.actions import KEYS_OF_ACTION, Keys
+from common.errors import InputError
+from common.run.config import PlayConfig
+
+
+@pytest.fixture(scope="module")
+def env() -> Iterator[RobotEnv]:
+    env = RobotEnv()
+    yield env
+    env.close()
+
+
+def play(env: RobotEnv, seed: int, steps: int) -> list[object]:
+    state, info = env.reset(seed=seed)
+    seen: list[object] = [state.tobytes(), info]
+    rng = np.random.default_rng(seed)
+    for action in rng.integers(18, size=steps):
+        state, reward, terminated, truncated, info = env.step(int(action))
+        seen += [state.tobytes(), reward, terminated, truncated, info]
+    return seen
+
+
+def test_gymnasium_finds_nothing_wrong() -> None:
+    env = gymnasium.make(actors.envs.env_id("pong", robot=True), render_mode="rgb_array")
+    assert isinstance(env.unwrapped, RobotEnv)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped)
+    env.close()
+
+
+def test_the_same_seed_gives_the_same_game(env: RobotEnv) -> None:
+    first = play(env, 7, 40)
+    other = play(env, 8, 40)
+    assert play(env, 7, 40) == first != other
+    fresh = RobotEnv()
+    assert play(fresh, 7, 40) == first
+    fresh.close()
+
+
+def test_without_an_eye_pictures_are_taken_only_for_who_looks() -> None:
+    emulator = PlayConfig(eye="emulator")
+    unseen, watched, seeing = (RobotEnv(play=each) for each in (emulator, emulator, PlayConfig()))
+    drawn: list[RobotEnv] = []
+    for env in (unseen, watched, seeing):
+
+        def draw(  # type: ignore[no-untyped-def]
+            game, env=env, draw=env.room.picture
+        ):
+            drawn.append(env)
+            return draw(game)
+
+        env.room.picture = draw  # type: ignore[method-assign]
+    for env in (unseen, watched, seeing):
+        env.reset(seed=3)
+    for action in np.random.default_rng(3).integers(18, size=12):
+        (state, *rest), (other, *same), (_, *third) = (
+            env.step(int(action)) for env in (unseen, watched, seeing)
+        )
+        assert state.tobytes() == other.tobytes()
+        assert rest == same == third
+        assert (watched.seen == seeing.seen).all()
+        assert (watched.seen == watched.seen).all()
+    assert [drawn.count(env) for env in (unseen, watched, seeing)] == [0, 12, 13]
+    for env in (unseen, watched, seeing):
+        env.close()
+
+
+def test_the_eye_sees_what_the_emulator_shows(env: RobotEnv) -> None:
+    env.reset(seed=1)
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        state, _, _, _, info = env.step(int(rng.integers(18)))
+        assert info["valid_frame"]
+        truth = shrink(env.emulator.screen_grey())
+        assert np.abs(state[-1].astype(int) - truth).mean() <= 2.0
+    assert state[-1].std() > 10
+
+
+def test_pressed_keys_play_the_game(env: RobotEnv) -> None:
+    """Pong's right paddle goes up for as long as the hand holds the stick to the right."""
+    env.reset(seed=2, options={"new_game": True})
+    paddle = 51  # where Pong keeps the right paddle's place in its memory
+    heights = []
+    for action in (3, 4):
+        for _ in range(12):
+            *_, info = env.step(action)
+        assert info["keys_match"]
+        heights.append(int(env.emulator.ram()[paddle]))
+    assert abs(heights[0] - heights[1]) > 50
+
+
+@pytest.mark.parametrize("action", range(18))
+def test_all_actions_are_pressed(env: RobotEnv, action: int) -> None:
+    env.reset(seed=3)
+    matches = [env.step(action)[4]["keys_match"] for _ in range(3)]
+    assert matches[1:] == [True, True]
+    assert env.room.controller.held == KEYS_OF_ACTION[action]
+
+
+def test_keys_match_tells_of_a_hand_that_does_not_obey(
+    env: RobotEnv, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    env.reset(seed=3)
+    for _ in range(3):
+        env.step(0)
+    with monkeypatch.context() as broken:
+        broken.setattr(env.room.arms.right, "advance", lambda: None)
+        for _ in range(3):
+            *_, info = env.step(1)
+        assert not info["keys_match"]
+    for _ in range(3):
+        *_, info = env.step(1)
+    assert info["keys_match"]
+
+
+def test_a_random_start_goes_through_the_hands() -> None:
+    """Without one the hands are at rest at the start; with one they seldom are."""
+    still = RobotEnv(play=PlayConfig(random_starts=0))
+    _, info = still.reset(seed=0)
+    assert info["game_steps"] == 0
+    assert still.room.controller.held == Keys.NONE
+    still.close()
+    moved = RobotEnv(play=PlayConfig(random_starts=5))
+    steps, held = [], []
+    for seed in range(6):
+        _, info = moved.reset(seed=seed)
+        steps.append(info["game_steps"])
+        held.append(moved.room.controller.held)
+    assert len(set(steps)) > 1
+    assert max(steps) <= 5
+    assert set(held) != {Keys.NONE}
+    moved.close()
+
+
+def test_a_game_can_be_cut(env: RobotEnv) -> None:
+    short = RobotEnv(play=PlayConfig(random_starts=0, max_game_frames=20))
+    short.reset(seed=0)
+    ends = [short.step(0)[2:4] for _ in range(5)]
+    assert ends == [(False, False)] * 4 + [(False, True)]
+    short.close()
+
+
+def test_a_lost_life_ends_a_training_episode_and_the_game_goes_on() -> None:
+    env = RobotEnv("breakout", play=PlayConfig(random_starts=0), training=True)
+    env.reset(seed=0)
+    terminated = False
+    for _ in range(400):
+        *_, terminated, _, info = env.step(1)
+        if terminated:
+            break
+    assert terminated
+    assert not info["game_over"]
+    steps = info["game_steps"]
+    _, info = env.reset()
+    assert info["game_steps"] == steps
+    assert info["elapsed"] == 0
+    env.close()
+
+
+def test_minimal_actions() -> None:
+    env = RobotEnv(play=PlayConfig(minimal_actions=True, random_starts=0))
+    assert env.action_space == gymnasium.spaces.Discrete(6)
+    env.reset(seed=0)
+    for _ in range(2):
+        env.step(1)
+    assert env.room.controller.held == Keys.FIRE
+    env.close()
+
+
+def test_an_unknown_game_is_refused() -> None:
+    with pytest.raises(InputError, match="pongg"):
+        RobotEnv("pongg")
+
+
+def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    env = RobotEnv(render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(6)
+    env.render()
+    env.close()
+    ctypes.CDLL(None).fflush(None)
+    assert capfd.readouterr() == ("", "")

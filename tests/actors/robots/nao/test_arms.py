@@ -1,0 +1,157 @@
+"""The hands press exactly the keys they are told to, all 18 actions, promptly, within limits."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from actors.robots.nao.arms import HOVER, PUSH
+from actors.robots.nao.controller import CENTRE, KEY_PLACES, KEY_TOP, TRAVEL, place_of
+from actors.robots.nao.furniture import DESK_TOP
+from actors.robots.nao.kinematics import ArmChain
+from actors.robots.nao.posture import FINGERTIP_RADIUS
+from actors.robots.nao.room import FRAME_SUBSTEPS, Room
+from common.actions import KEYS_OF_ACTION, Keys
+
+DECISION = 4
+HALF_SECOND = 30
+DIRECTIONS = Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT
+
+
+@pytest.fixture(scope="module")
+def room() -> Iterator[Room]:
+    room = Room()
+    yield room
+    room.close()
+
+
+def hold(room: Room, keys: Keys, frames: int) -> list[Keys]:
+    room.command(keys)
+    return [room.step_frame() for _ in range(frames)]
+
+
+@pytest.mark.parametrize("action", range(18))
+def test_every_action_holds_exactly_its_keys_and_lets_them_go(room: Room, action: int) -> None:
+    room.reset()
+    keys = KEYS_OF_ACTION[action]
+    assert set(hold(room, keys, HALF_SECOND)[DECISION - 1 :]) == {keys}
+    assert set(hold(room, Keys.NONE, HALF_SECOND)[DECISION - 1 :]) == {Keys.NONE}
+
+
+def test_from_any_action_to_any_other_within_two_decisions(room: Room) -> None:
+    """And seldom over a key that belongs to neither."""
+    room.reset()
+    frames, strays = [], 0
+    for old in KEYS_OF_ACTION:
+        for new in KEYS_OF_ACTION:
+            if old == new:
+                continue
+            assert hold(room, old, 3 * DECISION)[-1] == old
+            way = hold(room, new, 3 * DECISION)
+            wrong = [number for number, keys in enumerate(way) if keys != new]
+            frames.append(max(wrong, default=-1) + 2)
+            strays += any(keys & ~(old | new) for keys in way)
+    assert len(frames) == 18 * 17
+    assert np.percentile(frames, 50) <= DECISION
+    assert max(frames) <= 2 * DECISION
+    assert strays / len(frames) <= 0.05
+
+
+def test_random_play_pushes_no_key_through_its_stop(room: Room) -> None:
+    room.reset()
+    rng = np.random.default_rng(0)
+    for action in rng.integers(18, size=200):
+        keys = KEYS_OF_ACTION[action]
+        assert hold(room, keys, DECISION)[-1] == keys
+        assert room.controller.depths().max() < TRAVEL
+
+
+def test_no_hurry_leaves_a_finger_caught(room: Room) -> None:
+    """Commands that change before they are carried out, then a second to get it right."""
+    room.reset()
+    rng = np.random.default_rng(2)
+    for _ in range(60):
+        for action in rng.integers(18, size=4):
+            hold(room, KEYS_OF_ACTION[action], int(rng.integers(1, DECISION)))
+        last = KEYS_OF_ACTION[rng.integers(18)]
+        assert hold(room, last, 2 * HALF_SECOND)[-1] == last
+
+
+def test_a_finger_that_is_caught_frees_itself(room: Room) -> None:
+    """The fingertip is put between two keys' sides, below their tops."""
+    room.reset()
+    arm = room.arms.left
+    chain = ArmChain("L")
+    room.command(Keys.UP)
+    for _ in range(2 * DECISION):
+        room.step_frame()
+    caught = chain.reach(
+        room.controller.point(place_of(Keys.DOWN), FINGERTIP_RADIUS - 0.003),
+        arm.poses.over[Keys.DOWN],
+    )
+    for joint, angle in zip(arm.joints, caught, strict=True):
+        room._engine.resetJointState(room.body, joint, angle, 0.0)
+    assert hold(room, Keys.UP, 2 * HALF_SECOND)[-1] == Keys.UP
+
+
+@pytest.mark.parametrize("side", ["L", "R"])
+def test_poses_are_within_limits_and_put_the_fingertip_where_it_belongs(
+    room: Room, side: str
+) -> None:
+    arm = room.arms.left if side == "L" else room.arms.right
+    chain = ArmChain(side)
+    served = (
+        [k for k in KEYS_OF_ACTION if k and k & DIRECTIONS == k] if side == "L" else [Keys.FIRE]
+    )
+    assert set(arm.poses.on) == set(served)
+    assert set(arm.poses.over) == {Keys.NONE, *served}
+    for keys in served:
+        x, y = place_of(keys)
+        for pose, above in ((arm.poses.over[keys], HOVER), (arm.poses.on[keys], -PUSH)):
+            top = DESK_TOP + KEY_TOP + above
+            expected = (CENTRE[0] + x, CENTRE[1] + y, top + FINGERTIP_RADIUS)
+            assert np.linalg.norm(chain.fingertip(pose) - expected) < 0.001
+            assert (pose >= chain.lower).all()
+            assert (pose <= chain.upper).all()
+
+
+def test_speeds_and_torques_stay_within_what_is_published(room: Room) -> None:
+    room.reset()
+    engine = room._engine
+    rng = np.random.default_rng(1)
+    fastest, strongest = np.zeros(8), np.zeros(8)
+    chains = (room.arms.left, room.arms.right)
+    joints = [joint for arm in chains for joint in arm.joints]
+    limits = [engine.getJointInfo(room.body, joint) for joint in joints]
+    for _ in range(100):
+        room.command(KEYS_OF_ACTION[rng.integers(18)])
+        for _ in range(DECISION):
+            room.step_frame()
+            states = engine.getJointStates(room.body, joints)
+            fastest = np.maximum(fastest, [abs(state[1]) for state in states])
+            strongest = np.maximum(strongest, [abs(state[3]) for state in states])
+    # The engine's solver keeps limits of speed only nearly, and only for the motor's own pull.
+    assert (fastest <= [1.05 * info[11] for info in limits]).all()
+    assert (strongest <= [1.001 * info[10] for info in limits]).all()
+    assert strongest.max() > 0.1
+
+
+def test_keys_go_down_by_a_fingertips_touch_and_by_nothing_else(room: Room) -> None:
+    room.reset()
+    engine, controller = room._engine, room.controller
+    link_of = dict(zip(KEY_PLACES, controller.links, strict=True))
+    rng = np.random.default_rng(3)
+    pressings = 0
+    for frame in range(400):
+        if frame % DECISION == 0:
+            room.command(KEYS_OF_ACTION[rng.integers(18)])
+        before, touched = controller.held, set()
+        room.arms.advance()
+        for _ in range(FRAME_SUBSTEPS):
+            room._step()
+            contacts = engine.getContactPoints(room.body, controller.body)
+            touched |= {contact[4] for contact in contacts if contact[9] > 0.0}
+        for key in controller.pressed() & ~before:
+            assert link_of[key] in touched
+            pressings += 1
+    assert pressings > 50

@@ -1,0 +1,152 @@
+"""What hands in a hurry, and hands in the way of something, can do to the physics: nothing."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.robots.nao.arms import Arm
+from actors.robots.nao.controller import BOX, CENTRE, CROSS_MIDDLE, KEY_TOP, TRAVEL
+from actors.robots.nao.furniture import DESK_TOP
+from actors.robots.nao.kinematics import ArmChain
+from actors.robots.nao.posture import FINGERTIP_RADIUS
+from actors.robots.nao.room import FRAME_SUBSTEPS, Room
+from common.actions import KEYS_OF_ACTION, Keys
+
+SECOND = 60
+BOX_TOP = DESK_TOP + BOX[2]
+
+
+@pytest.fixture
+def room() -> Iterator[Room]:
+    room = Room()
+    yield room
+    room.close()
+
+
+def lowest_point(room: Room, arm: Arm) -> float:
+    """Height of the fingertip's underside in the room, m."""
+    states = room._engine.getJointStates(room.body, arm.joints)
+    tip = arm.chain.fingertip(np.array([state[0] for state in states]))
+    return float(tip[2]) - FINGERTIP_RADIUS
+
+
+def speeds(room: Room) -> NDArray[np.float64]:
+    """Of all joints that move, as shares of their published greatest."""
+    return np.abs(room.arms.posture()[1])
+
+
+def motion_energy(room: Room) -> float:
+    """Kinetic energy of the robot's links, J, their spin left out."""
+    engine = room._engine
+    links = range(engine.getNumJoints(room.body))
+    states = engine.getLinkStates(room.body, list(links), computeLinkVelocity=1)
+    masses = [engine.getDynamicsInfo(room.body, link)[0] for link in links]
+    return sum(
+        mass * float(np.square(state[6]).sum()) / 2
+        for mass, state in zip(masses, states, strict=True)
+    )
+
+
+@pytest.mark.parametrize("most_frames", [1, 2, 3, 6])
+def test_no_hurry_sends_a_finger_through_a_key_or_a_key_through_its_stop(
+    room: Room, most_frames: int
+) -> None:
+    """Random commands every frame, or after up to so many: far more often than in play."""
+    room.reset()
+    rng = np.random.default_rng(most_frames)
+    left = 0
+    for _ in range(10 * SECOND):
+        if not left:
+            room.command(KEYS_OF_ACTION[rng.integers(18)])
+            left = int(rng.integers(1, most_frames + 1))
+        left -= 1
+        room.arms.advance()
+        for _ in range(FRAME_SUBSTEPS):
+            room._step()
+            # A finger that slides against a neighbour's side can knock it beyond for one step.
+            assert room.controller.depths().max() < TRAVEL + 0.002
+            # A key at its stop is level with the box.
+            for arm in (room.arms.left, room.arms.right):
+                assert lowest_point(room, arm) > BOX_TOP - 0.0002
+        room.controller.pressed()
+        assert room.controller.depths().max() < TRAVEL + 0.0003
+
+
+def hold_back(room: Room, frames: int, seed: int, above: float = 0.0) -> float:
+    """Random play with bounds that hold whatever is in the way; the greatest energy, J.
+
+    The left fingertip stays ``above``, m; if that is over the keys, they stay released.
+    """
+    rng = np.random.default_rng(seed)
+    most = 0.0
+    for frame in range(frames):
+        if frame % 4 == 0:
+            room.command(KEYS_OF_ACTION[rng.integers(18)])
+        pressed = room.step_frame()
+        assert speeds(room).max() < 1.2
+        assert lowest_point(room, room.arms.left) > above
+        assert above < DESK_TOP + KEY_TOP or pressed & ~Keys.FIRE == Keys.NONE
+        most = max(most, motion_energy(room))
+    return most
+
+
+def recovers(room: Room) -> bool:
+    """Whether, after a second to get free, all is as if nothing had been."""
+    for keys in (Keys.NONE, Keys.UP | Keys.LEFT | Keys.FIRE, Keys.DOWN, Keys.NONE):
+        room.command(keys)
+        if [room.step_frame() for _ in range(SECOND)][-1] != keys:
+            return False
+    return bool(speeds(room).max() < 0.01)
+
+
+def plate(room: Room, middle: tuple[float, float, float], half: tuple[float, float, float]) -> int:
+    """A box that nothing moves."""
+    engine = room._engine
+    shape = engine.createCollisionShape(engine.GEOM_BOX, halfExtents=half)
+    return int(engine.createMultiBody(0.0, shape, basePosition=middle))
+
+
+def test_a_plate_over_the_keys_is_not_passed_and_does_no_harm(room: Room) -> None:
+    room.reset()
+    free = hold_back(room, 2 * SECOND, 0)
+    room.reset()
+    under = DESK_TOP + KEY_TOP + 0.0002
+    x, y = CENTRE[0] + CROSS_MIDDLE[0], CENTRE[1] + CROSS_MIDDLE[1]
+    body = plate(room, (x, y, under + 0.0005), (0.02, 0.02, 0.0005))
+    assert hold_back(room, 5 * SECOND, 1, above=under + 0.0005) < 4 * free
+    room._engine.removeBody(body)
+    assert recovers(room)
+
+
+def test_a_box_that_stands_in_a_fingertip_pushes_it_out_gently(room: Room) -> None:
+    """Worse than anything in play: 3 mm of overlap from one moment to the next."""
+    room.reset()
+    free = hold_back(room, 2 * SECOND, 0)
+    room.reset()
+    chain = ArmChain("L")
+    tip = chain.fingertip(room.arms.left.poses.over[Keys.NONE])
+    top = float(tip[2]) - FINGERTIP_RADIUS + 0.003
+    body = plate(room, (float(tip[0]), float(tip[1]), top - 0.001), (0.02, 0.02, 0.001))
+    assert hold_back(room, 5 * SECOND, 2) < 4 * free
+    room._engine.removeBody(body)
+    assert recovers(room)
+
+
+def test_a_hand_that_is_held_fast_pulls_and_lets_go(room: Room) -> None:
+    room.reset()
+    free = hold_back(room, 2 * SECOND, 0)
+    room.reset()
+    engine, arm = room._engine, room.arms.left
+    position, turn = engine.getLinkState(room.body, arm.joints[-1], computeForwardKinematics=1)[:2]
+    hold = engine.createConstraint(
+        room.body, arm.joints[-1], -1, -1, engine.JOINT_FIXED, (0, 0, 0), (0, 0, 0), position,
+        (0, 0, 0, 1), turn,
+    )  # fmt: skip
+    engine.changeConstraint(hold, maxForce=500)
+    before = lowest_point(room, arm)
+    assert hold_back(room, 5 * SECOND, 3) < 4 * free
+    assert abs(lowest_point(room, arm) - before) < 0.005
+    engine.removeConstraint(hold)
+    assert recovers(room)

@@ -1,0 +1,51 @@
+"""The arms' kinematics agree with the engine's, and the inverse with the forward ones."""
+
+import numpy as np
+import pytest
+
+from actors.robots.nao.kinematics import ArmChain, Unreachable
+from actors.robots.nao.posture import FINGERTIP_IN_HAND, HELD_ANGLES
+from actors.robots.nao.room import Room
+
+START = {"L": np.array([1.15, 0.1, -1.25, -1.2]), "R": np.array([1.15, -0.1, 1.25, 1.2])}
+
+
+@pytest.mark.parametrize("side", ["L", "R"])
+def test_fingertip_is_where_the_engine_has_it(side: str) -> None:
+    room = Room()
+    engine = room._engine
+    chain = ArmChain(side)
+    arm = room.arms.left if side == "L" else room.arms.right
+    wrist = engine.getQuaternionFromEuler([HELD_ANGLES[side + "WristYaw"], 0, 0])
+    x, y, z = FINGERTIP_IN_HAND
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        angles = rng.uniform(chain.lower, chain.upper)
+        for joint, value in zip(arm.joints, angles, strict=True):
+            engine.resetJointState(room.body, joint, value)
+        state = engine.getLinkState(room.body, arm.joints[-1], computeForwardKinematics=1)
+        in_forearm, _ = engine.multiplyTransforms(
+            (0.05595, 0, 0), wrist, (x, y if side == "L" else -y, z), (0, 0, 0, 1)
+        )
+        expected, _ = engine.multiplyTransforms(state[4], state[5], in_forearm, (0, 0, 0, 1))
+        # The engine computes in single precision where it reports.
+        assert chain.fingertip(angles) == pytest.approx(expected, abs=1e-6)
+    room.close()
+
+
+@pytest.mark.parametrize("side", ["L", "R"])
+def test_reach_finds_angles_within_the_limits(side: str) -> None:
+    chain = ArmChain(side)
+    home = chain.fingertip(START[side])
+    rng = np.random.default_rng(4)
+    for _ in range(10):
+        point = home + rng.uniform(-0.02, 0.02, 3)
+        angles = chain.reach(point, START[side])
+        assert np.linalg.norm(chain.fingertip(angles) - point) < 1e-5
+        assert (angles >= chain.lower).all()
+        assert (angles <= chain.upper).all()
+
+
+def test_what_is_too_far_is_said_to_be() -> None:
+    with pytest.raises(Unreachable, match="mm"):
+        ArmChain("L").reach(np.array([0.6, 0.1, 0.3]), START["L"])

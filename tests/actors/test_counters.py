@@ -1,0 +1,95 @@
+"""The counters, on a clock that the test turns."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from actors import counters as tally
+from actors.counters import ActorCounters
+from actors.loop import Step
+
+STATE = np.zeros((4, 84, 84), np.uint8)
+
+
+def step(*, valid: bool = True, match: bool = True, **info: Any) -> Step:
+    told = {"keys_match": match, "elapsed": 1, **info}
+    return Step(0, False, STATE, valid, 0, False, 0.0, False, False, STATE, told)
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(tally, "time", clock)
+    return clock
+
+
+def test_before_the_first_step_there_is_nothing(clock: Clock) -> None:
+    found = ActorCounters()
+    assert (found.steps, found.valid_share, found.match_share) == (0, 0.0, 0.0)
+    clock.now += 1
+    assert found.rates() == (0.0, 0.0)
+
+
+def test_shares_are_over_all_steps() -> None:
+    found = ActorCounters()
+    for valid, match in ((True, True), (False, True), (True, False), (False, True)):
+        found.count(step(valid=valid, match=match))
+    assert (found.steps, found.valid_share, found.match_share) == (4, 0.5, 0.75)
+
+
+def test_what_the_clock_tells_is_added_up() -> None:
+    found = ActorCounters()
+    found.count(step())  # an emulator, which tells nothing
+    found.count(step(elapsed=5, missed_deadlines=3, late_frames=7, gave_up=False))
+    found.count(step(elapsed=8, missed_deadlines=0, late_frames=1, gave_up=True))
+    found.count(step(elapsed=1, missed_deadlines=0, late_frames=0, gave_up=False))
+    assert (found.steps, found.decisions) == (4, 15)
+    assert (found.missed_deadlines, found.late_frames, found.waits_given_up) == (3, 8, 1)
+
+
+def test_what_the_hands_took_is_counted_by_its_place() -> None:
+    found = ActorCounters()
+    found.count(step())
+    assert not any(found.key_times)
+    for places in ((), (2, 61), (2,)):
+        found.count(step(key_times=places))
+    assert {place: n for place, n in enumerate(found.key_times) if n} == {2: 2, 61: 1}
+    policy = SimpleNamespace(random_share=0.5, weights_version=3)
+    told = found.stats("a", "actor", 1, policy, leaving=False)  # type: ignore[arg-type]
+    assert told.key_times == tuple(found.key_times)
+
+
+def test_rates_are_since_the_last_look(clock: Clock) -> None:
+    found = ActorCounters()
+    for _ in range(30):
+        found.count(step())
+    found.held_seconds += 0.5
+    clock.now += 2.0
+    assert found.rates() == (15.0, 0.25)
+    for _ in range(3):
+        found.count(step())
+    clock.now += 1.0
+    assert found.rates() == (3.0, 0.0)
+
+
+def test_a_pause_that_began_before_the_last_look_fills_the_time_at_most(clock: Clock) -> None:
+    found = ActorCounters()
+    clock.now += 1.0
+    found.held_seconds += 5.0
+    assert found.rates() == (0.0, 1.0)
+
+
+def test_two_looks_at_the_same_moment_do_not_divide_by_zero(clock: Clock) -> None:
+    found = ActorCounters()
+    found.rates()
+    assert found.rates() == (0.0, 0.0)

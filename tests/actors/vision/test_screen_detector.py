@@ -1,0 +1,268 @@
+"""The eye against camera pictures whose geometry is known.
+
+They are made by another path than the product's: rays are cast from a pinhole camera at a wall in
+space, in plain numpy, without homographies or OpenCV's warping.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.envs.emulator import Emulator
+from actors.envs.observation import shrink
+from actors.vision.layout import ASPECT, BORDER
+from actors.vision.screen_detector import ScreenDetector
+
+_WIDTH, _HEIGHT = 320, 240
+_FOCAL = _WIDTH / 2 / np.tan(np.radians(60.97 / 2))  # NAO's camera
+_GAME_WIDTH = 1.0
+_GAME_HEIGHT = _GAME_WIDTH / ASPECT
+_GAME_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * (_GAME_WIDTH / 2, _GAME_HEIGHT / 2)
+
+
+class Pose(NamedTuple):
+    """Where the camera stands before the wall at z = 0 (x right, y down), turned how."""
+
+    position: tuple[float, float, float] = (0.0, 0.0, -1.6)
+    yaw: float = 0.0
+    pitch: float = 0.0
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        (cy, sy), (cp, sp) = ((np.cos(a), np.sin(a)) for a in np.radians((self.yaw, self.pitch)))
+        turn = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+        return turn @ np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
+
+    def project(self, on_wall: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pixels of points (x, y) on the wall."""
+        points = np.column_stack([on_wall, np.zeros(len(on_wall))]) - self.position
+        x, y, z = (points @ self.rotation).T
+        return np.column_stack([_FOCAL * x / z, _FOCAL * y / z]) + _CENTRE
+
+
+_CENTRE = ((_WIDTH - 1) / 2, (_HEIGHT - 1) / 2)
+
+
+def _random_pose(rng: np.random.Generator) -> Pose:
+    """Within ±10° of yaw and pitch and ±15 % of distance, a little to one side."""
+    x, y = rng.uniform(-0.08, 0.08, 2)
+    distance = 1.7 * rng.uniform(0.85, 1.15)
+    # Turned so that the middle of the view stays near the picture, whatever the angle.
+    yaw, pitch = rng.uniform(-10, 10, 2)
+    lean = -distance * np.tan(np.radians(yaw)) * 0.9, distance * np.tan(np.radians(pitch)) * 0.9
+    return Pose((x + lean[0], y + lean[1], -distance), yaw, pitch)
+
+
+def _photograph(
+    pose: Pose, game: NDArray[np.uint8], *, samples: int = 3, wall: float = 190.0
+) -> NDArray[np.float64]:
+    """Camera picture of ``game`` projected on the wall; ``samples``² rays per pixel."""
+    total = np.zeros((_HEIGHT, _WIDTH, 3))
+    for dy in range(samples):
+        for dx in range(samples):
+            u = np.arange(_WIDTH) + (dx + 0.5) / samples - 0.5 - _CENTRE[0]
+            v = np.arange(_HEIGHT) + (dy + 0.5) / samples - 0.5 - _CENTRE[1]
+            u, v = np.meshgrid(u, v)
+            rays = np.stack([u, v, np.full_like(u, _FOCAL)], axis=-1) @ pose.rotation.T
+            far = -pose.position[2] / rays[..., 2]
+            x = (pose.position[0] + far * rays[..., 0]) / _GAME_WIDTH + 0.5
+            y = (pose.position[1] + far * rays[..., 1]) / _GAME_HEIGHT + 0.5
+            colour = np.broadcast_to(wall + 10 * np.sin(3 * x), (3, *x.shape)).transpose(1, 2, 0)
+            colour = colour * (1.0, 0.97, 0.9)
+            colour[np.maximum(abs(x - 0.5), abs(y - 0.5)) < 0.5 + BORDER] = 0
+            rows, columns = np.floor(y * len(game)), np.floor(x * game.shape[1])
+            on = (rows >= 0) & (rows < len(game)) & (columns >= 0) & (columns < game.shape[1])
+            colour[on] = game[rows[on].astype(int), columns[on].astype(int)]
+            total += colour
+    return total / samples**2
+
+
+def _digital(
+    picture: NDArray[np.float64], rng: np.random.Generator, noise: float = 0.0
+) -> NDArray[np.uint8]:
+    noisy = picture + noise * rng.standard_normal(picture.shape)
+    return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def screens() -> dict[str, NDArray[np.uint8]]:
+    found = {"white": np.full((210, 160, 3), 255, np.uint8), "black": np.zeros((210, 160, 3), "u1")}
+    for game in ("pong", "space_invaders", "asteroids", "breakout"):
+        emulator = Emulator(game, 0, frame_skip=4)
+        for step in range(60):
+            emulator.act(step % 18)
+        found[game] = emulator.screen_rgb()
+    return found
+
+
+def _error(corners: NDArray[np.float32] | None, pose: Pose) -> float:
+    """Distance of the worst corner, pixels."""
+    assert corners is not None
+    return float(np.linalg.norm(corners - pose.project(_GAME_CORNERS), axis=1).max())
+
+
+@pytest.mark.parametrize("game", ["white", "black", "pong", "space_invaders", "asteroids"])
+@pytest.mark.parametrize(("samples", "noise"), [(3, 4.0), (1, 0.0), (1, 8.0)])
+def test_corners_are_within_a_pixel_and_a_half(screens, game, samples, noise) -> None:
+    rng = np.random.default_rng([samples, int(noise), len(game)])
+    errors = []
+    for _ in range(8):
+        pose = _random_pose(rng)
+        picture = _photograph(pose, screens[game], samples=samples, wall=rng.uniform(110, 240))
+        detection = ScreenDetector().detect(_digital(picture, rng, noise))
+        assert detection.valid
+        assert detection.corners.dtype == np.float32
+        errors.append(_error(detection.corners, pose))
+    assert np.percentile(errors, 95) <= 1.5
+
+
+def test_hands_before_the_lower_edge_do_not_move_the_corners(screens) -> None:
+    rng = np.random.default_rng(3)
+    for colour in (235, 20):
+        for _ in range(6):
+            pose = _random_pose(rng)
+            picture = _photograph(pose, screens["pong"])
+            bottom = pose.project(_GAME_CORNERS * (1 + 2 * BORDER))[2:]
+            left, right = sorted(bottom[:, 0])
+            top = int(bottom[:, 1].min()) - 12
+            eye = ScreenDetector()
+            eye.detect(_digital(picture, rng))  # the arms come into view later
+            for share in rng.uniform(0.05, 0.75, 2):
+                start = int(left + share * (right - left))
+                picture[top:, start : start + int(0.2 * (right - left))] = colour
+            detection = eye.detect(_digital(picture, rng, 3.0))
+            assert detection.valid
+            assert _error(detection.corners, pose) <= 1.5
+
+
+def test_a_corner_hidden_at_first_sight_is_where_its_sides_meet(screens) -> None:
+    rng = np.random.default_rng(4)
+    pose = Pose()
+    picture = _photograph(pose, screens["pong"])
+    x, y = pose.project(_GAME_CORNERS * (1 + 2 * BORDER))[3]
+    picture[int(y) - 20 :, : int(x) + 25] = 240
+    detection = ScreenDetector().detect(_digital(picture, rng))
+    assert detection.valid
+    assert _error(detection.corners, pose) <= 1.5
+
+
+def test_a_dark_hand_along_a_whole_side_is_not_taken_for_the_side(screens) -> None:
+    """Nothing can be known of a hidden side: then no screen is found, rather than a wrong one."""
+    rng = np.random.default_rng(11)
+    refused = 0
+    for game in ("pong", "breakout", "asteroids", "white"):
+        for share in (-0.01, 0.02, 0.05, 0.1):
+            pose = _random_pose(rng)
+            picture = _photograph(pose, screens[game])
+            x, y = pose.project(_GAME_CORNERS * (1 + 2 * BORDER)).T
+            edge = min(x[0], x[3]) + share * (x[1] - x[0])
+            picture[int(y.min()) - 15 : int(y.max()) + 15, : int(edge) + 4] = 45
+            detection = ScreenDetector().detect(_digital(picture, rng, 3.0))
+            refused += not detection.valid
+            assert not detection.valid or _error(detection.corners, pose) <= 1.5
+    assert refused >= 12
+
+
+def test_a_hidden_side_does_not_matter_once_the_screen_is_known(screens) -> None:
+    """Three sides in place are the same screen; but a screen that moved meanwhile is not."""
+    rng = np.random.default_rng(12)
+    for noise in (0.0, 6.0):
+        for _ in range(4):
+            pose = _random_pose(rng)
+            eye = ScreenDetector()
+            known = eye.detect(_digital(_photograph(pose, screens["pong"]), rng, noise))
+            x, y, z = pose.position
+            for nudge, moved in ((0.0, False), (0.03, True)):
+                now = pose._replace(position=(x + nudge, y + nudge, z))
+                picture = _photograph(now, screens["pong"])
+                corners = pose.project(_GAME_CORNERS * (1 + 2 * BORDER))
+                picture[:, : int(max(corners[[0, 3], 0])) + 6] = 45
+                detection = eye.detect(_digital(picture, rng, noise))
+                assert detection.valid != moved
+                assert np.array_equal(detection.corners, known.corners)
+
+
+def test_the_frame_is_the_emulators_own(screens) -> None:
+    rng = np.random.default_rng(5)
+    for game in ("pong", "space_invaders"):
+        for _ in range(4):
+            picture = _photograph(_random_pose(rng), screens[game], samples=4)
+            seen = ScreenDetector().detect(_digital(picture, rng)).frame
+            grey = screens[game] @ (0.299, 0.587, 0.114)
+            own = shrink(grey.round().astype(np.uint8))
+            assert seen.shape == (84, 84)
+            assert seen.dtype == np.uint8
+            assert np.abs(seen.astype(int) - own).mean() <= 8
+            assert np.corrcoef(seen.ravel(), own.ravel())[0, 1] > 0.9
+
+
+def test_a_frame_is_not_mirrored_or_shifted() -> None:
+    game = np.zeros((210, 160, 3), np.uint8)
+    game[:105, :80] = 255  # top left quarter
+    seen = (
+        ScreenDetector().detect(_digital(_photograph(Pose(), game), np.random.default_rng(0))).frame
+    )
+    assert (seen[:40, :40] > 245).mean() > 0.97
+    assert (seen[44:] < 10).all()
+    assert (seen[:, 44:] < 10).all()
+    middle = seen[20].astype(float)
+    assert middle.sum() / 255 == pytest.approx(42, abs=0.5)
+
+
+def test_before_any_screen_the_frame_is_empty_and_invalid() -> None:
+    for grey in (0, 128, 255):
+        detection = ScreenDetector().detect(np.full((_HEIGHT, _WIDTH, 3), grey, np.uint8))
+        assert not detection.valid
+        assert detection.corners is None
+        assert not detection.frame.any()
+        assert detection.frame.shape == (84, 84)
+
+
+def test_without_a_screen_the_last_homography_is_kept(screens) -> None:
+    rng = np.random.default_rng(6)
+    pose = _random_pose(rng)
+    picture = _digital(_photograph(pose, screens["pong"]), rng)
+    eye = ScreenDetector()
+    good = eye.detect(picture)
+    for blank in (np.zeros_like(picture), np.full_like(picture, 130)):
+        detection = eye.detect(blank)
+        assert not detection.valid
+        assert np.array_equal(detection.corners, good.corners)
+        assert (detection.frame == blank[0, 0, 0]).all()
+    again = eye.detect(picture)
+    assert again.valid
+    assert np.array_equal(again.frame, good.frame)
+
+
+def test_dark_things_without_a_black_border_are_no_screen() -> None:
+    rng = np.random.default_rng(7)
+    for trial in range(20):
+        picture = np.full((_HEIGHT, _WIDTH, 3), 200.0)
+        ys, xs = np.mgrid[:_HEIGHT, :_WIDTH]
+        if trial % 2:  # a dark disk
+            x, y, radius = rng.uniform((100, 90, 40), (220, 150, 90))
+            picture[(xs - x) ** 2 + (ys - y) ** 2 < radius**2] = 0
+        else:  # a dark frame, far thinner than the border
+            x, y = rng.integers((20, 20), (90, 60))
+            picture[y : y + 150, x : x + 200] = 0
+            picture[y + 4 : y + 146, x + 4 : x + 196] = 200
+        assert not ScreenDetector().detect(_digital(picture, rng, 3.0)).valid
+
+
+def test_a_screen_cut_off_by_the_pictures_edge_is_not_seen(screens) -> None:
+    pose = Pose(position=(0.75, 0.0, -1.6))
+    picture = _photograph(pose, screens["pong"])
+    assert pose.project(_GAME_CORNERS)[0, 0] < 0
+    assert not ScreenDetector().detect(_digital(picture, np.random.default_rng(8))).valid
+
+
+def test_a_moved_camera_is_followed(screens) -> None:
+    rng = np.random.default_rng(9)
+    eye = ScreenDetector()
+    for _ in range(6):
+        pose = _random_pose(rng)
+        detection = eye.detect(_digital(_photograph(pose, screens["space_invaders"]), rng, 2.0))
+        assert detection.valid
+        assert _error(detection.corners, pose) <= 1.5

@@ -1,0 +1,334 @@
+"""What the figures show, read back from their axes."""
+
+import csv
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from benchmarks.figures.plot import Options, draw
+from benchmarks.figures.plot_style import RANDOM, mean_line
+from benchmarks.lab import actuation_latency as late_keys
+from benchmarks.lab.ladder import COLUMNS, Rung, add_row
+from benchmarks.lab.ladder import Options as LadderOptions
+from common.errors import InputError
+from common.run.presets import PRESETS
+from learner.telemetry.sinks.epochs_csv import EpochTable
+from tests.epoch_rows import epoch_row
+
+ROW = epoch_row()
+
+
+@pytest.fixture(autouse=True)
+def nothing_stays_open() -> Iterator[None]:
+    yield
+    plt.close("all")
+
+
+def table(path: Path, rewards: Sequence[float], random: float = -20.5, hour: float = 1.0) -> Path:
+    """A table of 1,000,000 steps and one hour an epoch; max-Q is a hundredth of the reward."""
+    rows = EpochTable(path)
+    rows.append(replace(ROW, average_reward=random, meanq=9.0))
+    for epoch, reward in enumerate(rewards, 1):
+        done = replace(
+            ROW,
+            epoch=epoch,
+            phase="train",
+            total_train_steps=epoch * 1_000_000,
+            average_reward=-99.0,
+            meanq=reward / 100,
+            total_time=3_600 * hour * (epoch - 0.25),
+        )
+        rows.append(done)
+        tested = replace(done, phase="test", average_reward=reward, total_time=3_600 * hour * epoch)
+        rows.append(tested)
+    return path
+
+
+def run(folder: Path, seed: int, rewards: Sequence[float], n_step: int = 3, **more: float) -> Path:
+    folder.mkdir()
+    config = replace(
+        PRESETS["fast"], seed=seed, learning=replace(PRESETS["fast"].learning, n_step=n_step)
+    )
+    (folder / "config.json").write_text(json.dumps(asdict(config)))
+    table(folder / "epochs.csv", rewards, **more)
+    return folder
+
+
+def lines(axes: Axes) -> list[list[tuple[float, float]]]:
+    """Points of each line but the random policy's."""
+    found = [line for line in axes.get_lines() if to_hex(str(line.get_color())) != RANDOM]
+    return [[(x, y) for x, y in np.asarray(line.get_xydata()).tolist()] for line in found]
+
+
+def reds(axes: Axes) -> list[float]:
+    """Heights of the lines of the random policy."""
+    return [
+        float(np.asarray(line.get_ydata())[0])
+        for line in axes.get_lines()
+        if to_hex(str(line.get_color())) == RANDOM
+    ]
+
+
+def names(figure: Figure) -> list[str]:
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_epochs_have_reward_random_policy_and_max_q(tmp_path: Path) -> None:
+    figure = draw(Options((table(tmp_path / "pong.csv", [-20.0, -10.0, 18.5]),)))
+    rewards, values = figure.axes
+    assert lines(rewards) == [[(1, -20.0), (2, -10.0), (3, 18.5)]]
+    assert reds(rewards) == [-20.5]
+    assert lines(values) == [[(1, -0.2), (2, -0.1), (3, 0.185)]]
+    assert reds(values) == []
+    assert names(figure) == ["pong", "random policy, −20.5"]
+
+
+@pytest.mark.parametrize("parts", [0, 2, 5, 9])
+def test_a_legend_has_room(tmp_path: Path, parts: int) -> None:
+    paths = (tmp_path / f"{name}{'-R5-pong' * parts}.csv" for name in "abcd")
+    tables = tuple(table(path, [-20.0]) for path in paths)
+    figure = draw(Options(tables, figure="progress"))
+    figure.canvas.draw()
+    found = figure.legends[0].get_window_extent()
+    assert 0 <= found.x0 < found.x1 <= figure.bbox.width
+
+
+def test_rewards_can_be_those_of_the_training(tmp_path: Path) -> None:
+    path = table(tmp_path / "pong.csv", [-20.0, 18.5])
+    figure = draw(Options((path,), phase="train"))
+    assert lines(figure.axes[0]) == [[(1, -99.0), (2, -99.0)]]
+    assert "training" in figure.axes[0].get_ylabel()
+    assert "tests" in draw(Options((path,))).axes[0].get_ylabel()
+
+
+def test_the_tables_of_2017_are_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "pong_sync.csv"
+    header = ",".join(ROW.__dataclass_fields__)
+    path.write_bytes(
+        "\r\n".join(
+            (
+                header,
+                "0,random,50000,54,-20.185185,-21,-17,1,0,50000,0.0,0,0,2336.5,2336.5,21.3",
+                "1,train,250000,277,-20.2563,-21,-17,0.8875,250000,300000,-0.406506,0.0038,"
+                "62500,15505.6,13168.2,18.9",
+                "1,test,125000,167,-21.0,-21,-21,0.05,250000,300000,-0.406506,0,62500,20895.4,"
+                "5389.7,23.1",
+                "",
+            )
+        ).encode()
+    )
+    rewards, values = draw(Options((path,))).axes
+    assert (lines(rewards), lines(values)) == ([[(1, -21.0)]], [[(1, -0.406506)]])
+    assert reds(rewards) == [-20.185185]
+
+
+def test_progress_is_over_steps_and_wall_clock(tmp_path: Path) -> None:
+    path = table(tmp_path / "a.csv", [-20.0, -10.0, 5.0, 18.0])
+    by_steps, by_time = draw(Options((path,), figure="progress")).axes
+    assert lines(by_steps) == [[(1, -20.0), (2, -10.0), (3, 5.0), (4, 18.0)]]
+    assert lines(by_time) == [[(1, -20.0), (2, -10.0), (3, 5.0), (4, 18.0)]]
+    assert by_steps.get_xlabel() == "agent steps of training (millions)"
+    assert by_time.get_xlabel() == "wall clock (hours)"
+    assert (reds(by_steps), reds(by_time)) == ([-20.5], [-20.5])
+
+
+def test_seeds_are_thin_lines_and_their_mean_a_thick_one(tmp_path: Path) -> None:
+    first = run(tmp_path / "pong-1", 1, [-20.0, -10.0, 0.0], random=-20.5)
+    second = run(tmp_path / "pong-2", 2, [-18.0, -6.0], random=-20.1)
+    other = run(tmp_path / "other", 1, [-21.0], n_step=5, random=-20.3)
+    figure = draw(Options((first, other, second)))
+    rewards = figure.axes[0]
+    assert lines(rewards) == [
+        [(1, -20.0), (2, -10.0), (3, 0.0)],
+        [(1, -18.0), (2, -6.0)],
+        [(1, -19.0), (2, -8.0)],  # where both are
+        [(1, -21.0)],
+    ]
+    widths = [line.get_linewidth() for line in rewards.get_lines()[:4]]
+    assert widths[0] == widths[1] < widths[2] == widths[3]
+    assert reds(rewards) == [pytest.approx(-20.3)]
+    assert names(figure) == ["pong, mean of 2 seeds", "other", "random policy, −20.5 to −20.1"]
+
+
+def test_other_modes_are_other_runs(tmp_path: Path) -> None:
+    paths = tuple(run(tmp_path / f"pong-{seed}", seed, [-20.0]) for seed in (1, 2))
+    for path, sync in zip(paths, (True, False), strict=True):
+        (path / "summary.json").write_text(json.dumps({"sync": sync}))
+    assert names(draw(Options(paths)))[:2] == ["pong-1", "pong-2"]
+
+
+def test_a_run_that_was_given_a_network_is_no_seed_of_a_fresh_one(tmp_path: Path) -> None:
+    paths = tuple(run(tmp_path / f"pong-{seed}", seed, [-20.0]) for seed in (1, 2))
+    (paths[1] / "initial.safetensors").touch()
+    assert names(draw(Options(paths)))[:2] == ["pong-1", "pong-2"]
+
+
+def test_tables_belong_together_by_their_names(tmp_path: Path) -> None:
+    stems = ("r5_seed1", "r5_seed2", "r6_1", "r6_2")
+    paths = tuple(table(tmp_path / f"{stem}.csv", [-20.0]) for stem in stems)
+    assert names(draw(Options(paths)))[:-1] == ["r5, mean of 2 seeds", "r6_1", "r6_2"]
+
+
+def test_tables_of_one_name_in_two_folders_are_two_runs(tmp_path: Path) -> None:
+    for name in ("pong", "breakout"):
+        (tmp_path / name).mkdir()
+    paths = tuple(table(tmp_path / f"{name}/epochs.csv", [1.0]) for name in ("pong", "breakout"))
+    assert len(lines(draw(Options(paths)).axes[0])) == 2
+
+
+def test_seeds_have_no_mean_by_the_clock(tmp_path: Path) -> None:
+    paths = tuple(run(tmp_path / f"pong-{seed}", seed, [-20.0, -10.0]) for seed in (1, 2))
+    by_steps, by_time = draw(Options(paths, figure="progress")).axes
+    assert [len(lines(axes)) for axes in (by_steps, by_time)] == [3, 2]
+
+
+def test_without_tests_training_is_drawn_and_said(tmp_path: Path) -> None:
+    rows = EpochTable(tmp_path / "a.csv")
+    rows.append(replace(ROW, epoch=1, phase="train", average_reward=-19.0))
+    rows.append(replace(ROW, epoch=2, phase="train", average_reward=None))
+    rewards, _ = draw(Options((tmp_path / "a.csv",))).axes
+    assert lines(rewards) == [[(1, -19.0)]]
+    assert rewards.get_ylabel() == "average reward of a game (training)"
+
+
+def test_means_are_straight_between_points() -> None:
+    found = mean_line([np.array([[0.0, 0.0], [4.0, 8.0]]), np.array([[1.0, 2.0], [6.0, 2.0]])])
+    assert found.tolist() == [[1.0, 2.0], [4.0, 5.0]]
+
+
+def climb(path: Path, rung: Rung, seed: int, mean: float, delay: int = 0, **more: str) -> None:
+    options = LadderOptions(rung, delay=delay, learner=more.pop("learner", ""))
+    row = dict.fromkeys(COLUMNS, "") | {
+        "rung": rung,
+        "game": "pong",
+        "seed": seed,
+        "flags": " ".join(options.flags(seed)),
+        "agent_steps": 1_000_064,
+        "random_reward": -20.4,
+        "mean": mean,
+        **more,
+    }
+    add_row(path, row)
+
+
+def test_delay_is_from_the_flags_of_the_ladder(tmp_path: Path) -> None:
+    path = tmp_path / "ladder.csv"
+    for seed, lost in ((1, 0.0), (2, 2.0)):
+        climb(path, "R1", seed, 20.0 - lost)
+        climb(path, "R2", seed, 18.0 - lost)
+        climb(path, "R2", seed, 1.0 - lost, delay=4)
+        climb(path, "R5", seed, 7.0)
+    climb(path, "R2", 1, 12.0, delay=2, learner="--learning.n-step 1")
+    climb(path, "R2", 1, 14.0, delay=2, learner="--learning.n-step 1")  # evaluated again
+    figure = draw(Options((path,), figure="delay"))
+    (axes,) = figure.axes
+    times = [0.0, 2 * 1000 / 60, 18 * 1000 / 60]  # four decisions of four frames, and two frames
+    expected = [[20.0, 18.0, 1.0], [18.0, 16.0, -1.0], [19.0, 17.0, 0.0], [14.0]]
+    found = lines(axes)
+    assert [[y for _, y in line] for line in found] == expected
+    for line in found[:3]:
+        assert [x for x, _ in line] == pytest.approx(times)
+    assert found[3][0][0] == pytest.approx(10 * 1000 / 60)
+    assert reds(axes) == [pytest.approx(-20.4)]
+    assert names(figure) == [
+        "pong, robot, 1 M steps, mean of 2 seeds",
+        "pong, robot, 1 M steps, --learning.n-step 1",
+        "random policy, −20.4",
+    ]
+
+
+def test_networks_under_later_keys_are_a_line_each(tmp_path: Path) -> None:
+    path = tmp_path / "late_keys.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, late_keys.COLUMNS)
+        writer.writeheader()
+        for network, press, mean in (("a", 0, 20.0), ("b", 0, 19.0), ("a", 3, -5.0)):
+            writer.writerow({"network": network, "press": press, "mean": mean})
+    figure = draw(Options((path,), figure="delay"))
+    found = lines(figure.axes[0])
+    assert [[y for _, y in line] for line in found] == [[20.0, -5.0], [19.0]]
+    assert [x for x, _ in found[0]] == pytest.approx([0.0, 50.0])
+    assert names(figure) == ["a", "b"]
+
+
+def test_runs_of_other_lengths_are_other_lines(tmp_path: Path) -> None:
+    path = tmp_path / "ladder.csv"
+    climb(path, "R1", 1, 20.0)
+    climb(path, "R1", 2, 18.0, agent_steps="2000128")
+    assert len(lines(draw(Options((path,), figure="delay")).axes[0])) == 2
+
+
+def evaluation(path: Path, scores: list[float]) -> Path:
+    found = {"scores": scores, "mean": 17.5, "deviation": 2.0, "iqm": 18.25}
+    path.write_text(json.dumps(found))
+    return path
+
+
+def test_each_score_has_a_bar(tmp_path: Path) -> None:
+    first = evaluation(tmp_path / "a.json", [-21.0, 18.0, 18.0, 21.0])
+    second = evaluation(tmp_path / "b.json", [20.0])
+    above, below = draw(Options((first, second), figure="histogram")).axes
+
+    def bars(axes: Axes) -> dict[float, float]:
+        return {
+            bar.get_x() + bar.get_width() / 2: bar.get_height()  # type: ignore[attr-defined]
+            for bar in axes.patches
+            if bar.get_height()  # type: ignore[attr-defined]
+        }
+
+    assert bars(above) == {-21.0: 1, 18.0: 2, 21.0: 1}
+    assert bars(below) == {20.0: 1}
+    assert lines(above)[0][0][0] == 17.5
+    assert above.get_title(loc="left") == (
+        "a\n4 games, mean 17.50 ± 2.00 (line), interquartile mean 18.25"
+    )
+
+
+def test_wide_ranges_have_fewer_bars(tmp_path: Path) -> None:
+    (axes,) = draw(
+        Options((evaluation(tmp_path / "a.json", [0.0, 5_000.0]),), figure="histogram")
+    ).axes
+    assert len(axes.patches) == 30
+    assert sum(bar.get_height() for bar in axes.patches) == 2  # type: ignore[attr-defined]
+
+
+def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
+    here = tmp_path / "a.csv"
+    for paths, output, words in (
+        ((), "a.png", "nothing to draw"),
+        ((here,), "a.png", "is not there"),
+        ((tmp_path,), "a.bmp", "choose one of these"),
+    ):
+        with pytest.raises(InputError, match=words):
+            Options(paths, tmp_path / output).check()
+
+
+def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
+    text = tmp_path / "a.txt"
+    text.write_text("epoch\n")
+    empty = tmp_path / "empty.csv"
+    EpochTable(empty).append(ROW)
+    robots = tmp_path / "ladder.csv"
+    climb(robots, "R5", 1, 20.0)
+    broken = tmp_path / "broken.csv"
+    climb(broken, "R1", 1, float("nan"))
+    for figure, path, words in (
+        ("epochs", text, "is damaged"),
+        ("progress", empty, "no epoch"),
+        ("epochs", tmp_path, "no epoch"),
+        ("delay", text, "is no table of"),
+        ("delay", robots, "no row of R1 or R2"),
+        ("delay", broken, "damaged in row 1"),
+        ("histogram", text, "holds no evaluation"),
+        ("histogram", evaluation(tmp_path / "none.json", []), "has no scores"),
+    ):
+        with pytest.raises(InputError, match=words):
+            draw(Options((path,), figure=figure))  # type: ignore[arg-type]

@@ -1,0 +1,70 @@
+"""`benchmarks.lab.actuation_latency`: the published policy under keys that come late."""
+
+import csv
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.lab import actuation_latency as late_keys
+from benchmarks.lab.actuation_latency import Options, hand_flags, name_of
+from common.errors import InputError
+from tests.paths import ROOT
+
+ALE = ROOT / "policies" / "ale_pong.safetensors"
+ROBOT = ALE.with_name("robot_pong.safetensors")
+
+
+def test_a_row_for_each_network_and_lateness(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    output = tmp_path / "late_keys.csv"
+    # Wholly random games, which are short.
+    random = ["--games", "1", "--epsilon", "1"]
+    command = ["late_keys", str(ALE), *random, "--press", "0", "60", "-o", str(output)]
+    monkeypatch.setattr(sys, "argv", command)
+    late_keys.main()
+    with output.open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["network"], row["press"]) for row in rows] == [
+        ("ale_pong", "0"),
+        ("ale_pong", "60"),
+    ]
+    assert [float(row["late_ms"]) for row in rows] == [0.0, 1000.0]
+    # The same random commands play other games by late keys.
+    assert rows[0]["seed"] == rows[1]["seed"]
+    assert all(-21 <= float(row["mean"]) < 0 for row in rows)
+
+
+def test_a_robots_keys_are_those_of_a_modelled_hand() -> None:
+    late = [
+        "--play.command-latency",
+        "0",
+        "--play.release_latency-latency",
+        "0",
+        "--play.press_latency-latency",
+        "3",
+    ]
+    assert hand_flags(ALE, 3) == late
+    assert hand_flags(ROBOT, 3) == [*late, "--play.hand", "model"]
+
+
+def test_networks_in_runs_have_the_runs_name(tmp_path: Path) -> None:
+    network = tmp_path / "run" / "checkpoint.safetensors"
+    assert name_of(network) == "checkpoint"
+    network.parent.mkdir()
+    network.with_name("config.json").touch()
+    assert name_of(network) == name_of(network.parent / "snapshots/best.safetensors") == "run"
+    assert name_of(ALE) == "ale_pong"
+
+
+def test_what_cannot_be_played_is_refused(tmp_path: Path) -> None:
+    for options, words in (
+        (Options(()), "name networks"),
+        (Options((ALE,), press=(61,)), "--press is 61"),
+        (Options((ALE,), output=tmp_path / "none" / "x.csv"), "there is no folder"),
+    ):
+        with pytest.raises(InputError, match=words):
+            options.check()
+    with pytest.raises(InputError, match="neither a card nor a run's folder"):
+        hand_flags(tmp_path / "weights.safetensors", 0)

@@ -1,0 +1,84 @@
+"""`python -m benchmarks.lab.press_latency` on hands that always take two frames."""
+
+import json
+import sys
+from pathlib import Path
+
+import cv2
+import pytest
+
+from benchmarks.lab import press_latency
+from common.actions import KEYS_OF_ACTION, Keys
+from common.errors import InputError
+
+
+class TwoFrames:
+    """A room whose hands need two frames, and for "up left fire" for ever."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        self._wanted, self._pressed, self._since = Keys.NONE, Keys.NONE, 0
+
+    def command(self, keys: Keys) -> None:
+        if keys != self._wanted:
+            self._wanted, self._since = keys, 0
+
+    def step_frame(self) -> Keys:
+        self._since += 1
+        if self._since >= 2 and self._wanted != KEYS_OF_ACTION[15]:
+            self._pressed = self._wanted
+        return self._pressed
+
+    def close(self) -> None:
+        pass
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *flags: str) -> int:
+    monkeypatch.setattr(press_latency, "Room", TwoFrames)
+    monkeypatch.setattr(sys, "argv", ["press_latency", "--repetitions", "1", *flags])
+    return press_latency.main()
+
+
+def test_table_picture_and_json(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    results, picture = tmp_path / "latency.json", tmp_path / "latency.png"
+    assert run(monkeypatch, "--json", str(results), "-o", str(picture)) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("│ 33") + printed.count("│33") > 200
+    assert "34 not reached" in printed
+    assert "missed" in printed
+    found = json.loads(results.read_text())
+    assert found["p50_ms"] == found["p99_ms"] == pytest.approx(1000 / 30)
+    assert found["unreached"] == 34  # from 17 actions, settled and not
+    assert found["stray_share"] == 0.0
+    assert found["frame_ms"] == pytest.approx(1000 / 60)
+    assert found["changes"] == 612
+    assert found["from_held_keys"]["changes"] == found["in_play"]["changes"] == 306
+    table = found["table_ms"]
+    assert [len(row) for row in table] == [18] * 18
+    assert all(table[action][action] is None for action in range(18))
+    assert table[3][4] == pytest.approx(1000 / 30)
+    assert table[3][15] is None
+    assert found["versions"]["pybullet"]
+    drawn = cv2.imread(str(picture))
+    assert drawn is not None
+    assert min(drawn.shape[:2]) > 500
+
+
+@pytest.mark.parametrize(
+    ("flags", "complaint"),
+    [
+        (["--repetitions", "0"], "repetitions"),
+        (["--seed", "-1"], "seed"),
+        (["--json", "no/such/folder/latency.json"], "no folder"),
+        (["-o", "latency.txt"], "png"),
+    ],
+)
+def test_settings_that_cannot_work(
+    monkeypatch: pytest.MonkeyPatch, flags: list[str], complaint: str
+) -> None:
+    with pytest.raises(InputError, match=complaint):
+        run(monkeypatch, *flags)

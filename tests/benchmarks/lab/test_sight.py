@@ -1,0 +1,127 @@
+"""The sight benchmark: its goals on small samples, and its yardsticks against known truth."""
+
+import json
+from pathlib import Path
+from unittest.mock import patch
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.robots.nao.room import Room
+from actors.robots.nao.sensor import PERFECT_CAMERA
+from benchmarks.lab import sight
+from benchmarks.lab.sight_poses import FAULTS, ActorCounters, Case, Look, cases, corners_in, measure
+from benchmarks.lab.sight_probe import collect, probe
+from common.run.config import CameraConfig
+
+GAMES = ("pong", "space_invaders", "asteroids")
+
+
+def test_cases_hold_every_fault_alone_and_all_together() -> None:
+    found = cases()
+    assert found[0].camera == PERFECT_CAMERA
+    assert sum(case.camera == FAULTS for case in found) == 3
+    alone = [case.camera for case in found if case.camera not in (PERFECT_CAMERA, FAULTS)]
+    changed = [[name for name, value in vars(camera).items() if value] for camera in alone]
+    assert all(len(names) == 1 for names in changed)
+    assert {names[0] for names in changed} == {
+        name for name, value in vars(FAULTS).items() if value
+    }
+
+
+@pytest.mark.parametrize(
+    "case", [Case("perfect"), Case("all faults", FAULTS)], ids=lambda case: case.name
+)
+def test_corners_and_frames_from_random_poses(case: Case) -> None:
+    looks: list[Look] = []
+    tallies = measure(case, GAMES, 5, np.random.default_rng(3), looks.append)
+    together = tallies["pong"] + tallies["space_invaders"] + tallies["asteroids"]
+    figures = together.figures()
+    assert figures["pictures"] == len(looks) == 15
+    assert figures["found"] == 1.0
+    assert figures["p50_px"] <= figures["p95_px"] <= figures["max_px"] <= sight.MOST_PIXELS
+    if case.camera == PERFECT_CAMERA:
+        assert tallies["pong"].figures()["difference"] <= sight.MOST_DIFFERENCE
+
+
+@pytest.mark.parametrize("camera", [PERFECT_CAMERA, FAULTS], ids=["perfect", "all faults"])
+def test_a_screen_behind_an_arm_is_where_it_was(camera: CameraConfig) -> None:
+    case = Case("an arm rises", camera, "later")
+    tallies = measure(case, ("pong", "breakout"), 3, np.random.default_rng(4))
+    figures = sum(tallies.values(), ActorCounters()).figures()
+    assert figures["found"] == 1.0
+    assert figures["max_px"] <= sight.MOST_PIXELS
+
+
+def test_corners_of_the_room_are_where_a_white_game_ends() -> None:
+    """The truth itself, against the outline of the light that is really projected."""
+    room = Room()
+    room.pose(yaw=5.0, pitch=-4.0, distance=1.1)
+    dark, light = (
+        room.picture(np.full((210, 160, 3), level, np.uint8))[:, :, 0].astype(float)
+        for level in (0, 255)
+    )
+    lit = (light - dark) / 255
+    # A polygon's area and middle (the shoelace formula), against those of the light.
+    x, y = corners_in(room).T
+    cross = x * np.roll(y, -1) - np.roll(x, -1) * y
+    area = cross.sum() / 2
+    rows, columns = np.mgrid[: lit.shape[0], : lit.shape[1]]
+    assert lit.sum() == pytest.approx(area, rel=0.01)
+    assert (lit * columns).sum() / lit.sum() == pytest.approx(
+        ((x + np.roll(x, -1)) * cross).sum() / (6 * area), abs=0.1
+    )
+    assert (lit * rows).sum() / lit.sum() == pytest.approx(
+        ((y + np.roll(y, -1)) * cross).sum() / (6 * area), abs=0.1
+    )
+    room.close()
+
+
+def dots(count: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """Frames with one bright block somewhere, and where."""
+    rng = np.random.default_rng(0)
+    frames = np.full((count, 84, 84), 90, np.uint8)
+    places = rng.integers(20, 40, (count, 2))
+    for frame, (x, y) in zip(frames, places, strict=True):
+        frame[y : y + 3, x : x + 3] = 200
+    return frames, places.astype(float)
+
+
+def test_the_probe_reads_off_what_is_there_and_nothing_else() -> None:
+    frames, places = dots(600)
+    assert (probe(frames, places) > 0.98).all()
+    assert (probe(frames, np.random.default_rng(1).permutation(places)) < 0.1).all()
+
+
+def test_paddles_and_ball_can_be_read_off_few_frames() -> None:
+    frames = collect(2600, PERFECT_CAMERA, 1)
+    assert len(frames.seen) > 1200
+    for found in (probe(frames.own, frames.truth), probe(frames.seen, frames.truth)):
+        assert (found[:2] >= 0.97).all()
+        assert (found[2:] >= (0.75, 0.95)).all()  # x needs more frames
+
+
+@pytest.mark.slow
+def test_paddles_and_ball_can_be_read_off() -> None:
+    frames = collect(7000, PERFECT_CAMERA, 1)
+    assert (probe(frames.seen, frames.truth) >= sight.LEAST_EXPLAINED).all()
+
+
+def test_the_command_writes_results_and_a_picture(tmp_path: Path) -> None:
+    results, picture = tmp_path / "sight.json", tmp_path / "made" / "sight.png"
+    words = ["--games", "pong", "--poses", "1", "--frames", "400"]
+    words += ["--json", str(results), "-o", str(picture)]
+    few = [Case("perfect"), Case("all faults", FAULTS)]
+    with patch("sys.argv", ["sight", *words]), patch.object(sight, "cases", lambda: few):
+        sight.main()
+    content = json.loads(results.read_text())
+    assert set(content["corners"]) == {case.name for case in few}
+    assert content["corners"]["perfect"]["pictures"] == 1
+    assert content["probe"][0]["frames from"] == "the emulator itself"
+    assert set(content["goals"]) == {"corners", "difference", "probe"}
+    assert "machine" in content
+    page = cv2.imread(str(picture))
+    assert page.shape == (360, 4 * 480, 3)
+    assert page.std() > 20

@@ -1,0 +1,179 @@
+"""How processes learn that they should end: real ones, with a real parent and real signals."""
+
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from tests.paths import ROOT
+from tests.patience import PATIENCE
+
+ON_A_LEASH = f"""
+import sys, threading
+from common.process import lifeline
+
+lifeline.GRACE = {PATIENCE}
+stop = threading.Event()
+lifeline.leave_with_parent(stop)
+print("ready", flush=True)
+stop.wait()
+print("left", flush=True)
+"""
+
+DEAF = """
+import threading
+from common.process import lifeline
+
+lifeline.GRACE = 0.1
+lifeline.leave_with_parent(threading.Event())
+print("ready", flush=True)
+threading.Event().wait()
+"""
+
+ON_SIGNALS = """
+import signal, sys, threading
+from common.process import lifeline
+
+signal.signal(signal.SIGHUP, signal.{hangup})  # these tests may themselves run under nohup
+lifeline._TOGETHER = {together}
+stop = threading.Event()
+lifeline.on_signals(stop)
+print("ready", flush=True)
+stop.wait()
+print("stopping", flush=True)
+sys.stdin.read()
+"""
+
+
+def on_signals(together: float, hangup: str = "SIG_DFL") -> str:
+    return ON_SIGNALS.format(together=together, hangup=hangup)
+
+
+def line(process: "subprocess.Popen[str]") -> str:
+    """The next one; none of a process that says nothing for too long, which is then killed."""
+    assert process.stdout is not None
+    end = threading.Timer(PATIENCE, process.kill)
+    end.start()
+    try:
+        return process.stdout.readline()
+    finally:
+        end.cancel()
+
+
+def start(script: str) -> "subprocess.Popen[str]":
+    process = subprocess.Popen(
+        [sys.executable, "-c", script],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert line(process) == "ready\n"
+    return process
+
+
+def test_a_process_leaves_when_its_standard_input_ends() -> None:
+    process = start(ON_A_LEASH)
+    assert process.poll() is None
+    output, _ = process.communicate(timeout=PATIENCE)
+    assert output == "left\n"
+    assert process.returncode == 0
+
+
+def test_what_arrives_at_standard_input_does_not_end_it() -> None:
+    process = start(ON_A_LEASH)
+    assert process.stdin is not None
+    process.stdin.write("text\n" * 1_000)
+    process.stdin.flush()
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(0.2)
+    output, _ = process.communicate(timeout=PATIENCE)
+    assert output == "left\n"
+
+
+def test_a_process_that_does_not_leave_is_ended() -> None:
+    process = start(DEAF)
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+
+
+def test_a_process_leaves_with_a_parent_that_was_killed() -> None:
+    grandchild = (
+        "import subprocess, sys\n"
+        f"child = subprocess.Popen([sys.executable, '-c', {ON_A_LEASH!r}], stdin=subprocess.PIPE)\n"
+        "child.wait()\n"
+    )
+    parent = start(grandchild)  # the grandchild says that it is ready, to the same pipe
+    parent.kill()
+    assert parent.stdout is not None
+    assert parent.stdout.read() == "left\n"  # ends when the grandchild's end of it is closed
+    parent.communicate(timeout=PATIENCE)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_the_first_signal_asks_it_to_stop(number: signal.Signals) -> None:
+    process = start(on_signals(together=0.0))
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=PATIENCE)
+    assert output == "stopping\n"
+    assert process.returncode == 0
+
+
+def test_a_signal_may_come_while_the_event_is_locked() -> None:
+    """As it is for a moment at the start of each wait, in the thread that handles signals."""
+    process = start(
+        "import signal, threading\n"
+        "from common.process import lifeline\n"
+        "stop = threading.Event()\n"
+        "lifeline.on_signals(stop)\n"
+        "print('ready', flush=True)\n"
+        "with stop._cond:\n"
+        "    signal.raise_signal(signal.SIGTERM)\n"
+        "stop.wait()\n"
+        "print('stopping', flush=True)\n"
+    )
+    assert line(process) == "stopping\n"
+    process.communicate(timeout=PATIENCE)
+
+
+def stopping(together: float) -> "subprocess.Popen[str]":
+    """A process that got a signal, and is about to stop once its standard input ends."""
+    process = start(on_signals(together=together))
+    process.send_signal(signal.SIGTERM)
+    assert line(process) == "stopping\n"
+    return process
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_later_signal_ends_it_at_once(number: signal.Signals, status: int) -> None:
+    process = stopping(together=0.0)
+    process.send_signal(number)
+    assert process.wait(PATIENCE) == status
+    process.communicate()
+
+
+def test_a_terminal_that_closes_hurries_nobody() -> None:
+    process = stopping(together=0.0)
+    process.send_signal(signal.SIGHUP)
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
+
+
+def test_under_nohup_a_terminal_that_closes_is_nothing() -> None:
+    process = start(on_signals(together=0.0, hangup="SIG_IGN"))
+    process.send_signal(signal.SIGHUP)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(0.2)
+    process.send_signal(signal.SIGTERM)
+    output, _ = process.communicate(timeout=PATIENCE)
+    assert output == "stopping\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_that_come_together_are_one(number: signal.Signals) -> None:
+    process = stopping(together=1e9)
+    process.send_signal(number)
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0

@@ -1,0 +1,232 @@
+"""Messages: what goes in comes out, and nothing that arrives can do more than be refused."""
+
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from common.errors import MessageError
+from common.protocol import wire
+from common.protocol.wire import SCHEMA, pack, pack_array, take, take_array, unpack
+
+SCALARS = (
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**64 - 1)
+    | st.floats(allow_nan=False)
+    | st.text(max_size=20)
+    | st.binary(max_size=20)
+)
+MESSAGES = st.dictionaries(
+    st.text(max_size=10).filter(lambda key: key != "schema"),
+    SCALARS | st.lists(SCALARS, max_size=5),
+    max_size=6,
+)
+
+
+@given(MESSAGES)
+def test_a_message_comes_out_as_it_went_in(message: dict[str, Any]) -> None:
+    assert unpack(pack(message)) == {"schema": SCHEMA, **message}
+
+
+@given(st.binary(max_size=200))
+def test_random_bytes_are_only_ever_refused(payload: bytes) -> None:
+    with pytest.raises(MessageError):
+        unpack(payload)
+
+
+@given(MESSAGES, st.data())
+def test_a_truncated_message_is_refused(message: dict[str, Any], data: st.DataObject) -> None:
+    payload = pack(message)
+    with pytest.raises(MessageError, match="not msgpack"):
+        unpack(payload[: data.draw(st.integers(0, len(payload) - 1))])
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"\xdf\xff\xff\xff\xff",
+        b"\xdd\xff\xff\xff\xff\x00",
+        b"\xc6\xff\xff\xff\xff\x00",
+        b"\xdb\xff\xff\xff\xff\x00",
+        b"\xc9\xff\xff\xff\xff\x01",
+        b"\x91" * 100_000,
+        b"\x81\xa1a" * 100_000,
+        b"\x81\xa1\xff\x00",
+        b"\x80\x80",
+    ],
+    ids=[
+        "map of 4 G",
+        "list of 4 G",
+        "4 GB of bytes",
+        "4 GB of text",
+        "extension of 4 GB",
+        "100,000 lists deep",
+        "100,000 maps deep",
+        "no UTF-8",
+        "two messages",
+    ],
+)
+def test_lying_lengths_and_depths_are_refused(payload: bytes) -> None:
+    with pytest.raises(MessageError, match="not msgpack"):
+        unpack(payload)
+
+
+@pytest.mark.parametrize("content", [[], 5, "text", None, {b"schema": SCHEMA}])
+def test_what_is_no_map_with_text_keys_is_refused(content: Any) -> None:
+    with pytest.raises(MessageError, match="not a map with text keys"):
+        unpack(msgpack.packb(content))
+
+
+@pytest.mark.parametrize("schema", [None, SCHEMA - 1, SCHEMA + 1, str(SCHEMA), [SCHEMA]])
+def test_another_schema_is_refused(schema: Any) -> None:
+    with pytest.raises(MessageError, match="is spoken"):
+        unpack(msgpack.packb({"schema": schema}))
+
+
+def test_no_schema_is_refused() -> None:
+    with pytest.raises(MessageError, match="schema None"):
+        unpack(msgpack.packb({"run": "r"}))
+
+
+def test_the_bound_on_size_holds_at_both_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    payload = pack({"data": b"x" * 100})
+    monkeypatch.setattr(wire, "MAX_MESSAGE_BYTES", len(payload))
+    assert unpack(pack({"data": b"x" * 100}))["data"] == b"x" * 100
+    monkeypatch.setattr(wire, "MAX_MESSAGE_BYTES", len(payload) - 1)
+    with pytest.raises(MessageError, match="over the bound"):
+        pack({"data": b"x" * 100})
+    with pytest.raises(MessageError, match="over the bound"):
+        unpack(payload)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        (int, 0),
+        (int, 2**63 - 1),
+        (float, 0.0),
+        (float, 1e300),
+        (str, ""),
+        (str, "x" * 200),
+        (bool, False),
+        (bytes, b"\x00"),
+    ],
+)
+def test_a_field_of_its_type_is_taken(kind: type, value: Any) -> None:
+    assert take({"field": value}, "field", kind, 0) == value
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        (int, None),
+        (int, True),
+        (int, 1.0),
+        (int, "1"),
+        (int, -1),
+        (int, 2**63),
+        (float, 1),
+        (float, -0.1),
+        (float, float("nan")),
+        (float, float("inf")),
+        (float, float("-inf")),
+        (str, b"text"),
+        (str, "x" * 201),
+        (bool, 1),
+        (bytes, "text"),
+        (bytes, None),
+    ],
+)
+def test_a_field_of_another_type_or_out_of_range_is_refused(kind: type, value: Any) -> None:
+    with pytest.raises(MessageError, match="field"):
+        take({"field": value}, "field", kind, 0)
+
+
+def test_an_integer_without_a_least_value_may_be_negative_but_fits_64_bits() -> None:
+    assert take({"field": -(2**63 - 1)}, "field", int) == -(2**63 - 1)
+    with pytest.raises(MessageError, match="63 bits"):
+        take({"field": 2**64 - 1}, "field", int)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.bool_, np.int64, np.float32])
+@pytest.mark.parametrize("shape", [(0,), (5,), (2, 0), (3, 4), (2, 3, 4)])
+def test_arrays_keep_values_dtype_and_shape(dtype: Any, shape: tuple[int, ...]) -> None:
+    array = np.arange(np.prod(shape)).reshape(shape).astype(dtype)
+    found = take_array(unpack(pack({"a": pack_array(array)})), "a", dtype, shape)
+    assert found.dtype == dtype
+    assert found.shape == shape
+    assert (found == array).all()
+    assert not found.flags.writeable
+
+
+@pytest.mark.parametrize("size", [0, 1, 255, 256, 65_535, 65_536, 300_001])
+def test_the_bytes_are_those_that_msgpack_itself_would_write(size: int) -> None:
+    rng = np.random.default_rng(size)
+    message: dict[str, Any] = {
+        "first": pack_array(rng.integers(0, 256, size, np.uint8)),
+        "between": [1, "two", None, b"3" * 300],
+        "wide": pack_array(rng.normal(size=(size, 3)).astype(np.float32)),
+        "last": 2**40,
+    }
+    assert pack(message) == msgpack.packb({"schema": SCHEMA, **message})
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.arange(24, dtype=np.int32).reshape(4, 6)[::2, ::-3],
+        np.arange(24, dtype=np.int32).reshape(4, 6).T,
+    ],
+    ids=["slices", "transposed"],
+)
+def test_strided_arrays_travel_by_value(array: NDArray[np.int32]) -> None:
+    message = unpack(pack({"a": pack_array(array)}))
+    assert (take_array(message, "a", np.int32, array.shape) == array).all()
+
+
+GOOD: dict[str, Any] = {"dtype": "<f4", "shape": [2, 3], "data": bytes(24)}
+
+
+@pytest.mark.parametrize(
+    "packed",
+    [
+        None,
+        [],
+        bytes(24),
+        {},
+        {**GOOD, "dtype": ">f4"},
+        {**GOOD, "dtype": "<f8"},
+        {**GOOD, "dtype": "O"},
+        {**GOOD, "dtype": ["<f4"]},
+        {**GOOD, "shape": [3, 2]},
+        {**GOOD, "shape": [2]},
+        {**GOOD, "shape": [2, 3, 1]},
+        {**GOOD, "shape": [2, -3]},
+        {**GOOD, "shape": [2, 3.0]},
+        {**GOOD, "shape": [2, True]},
+        {**GOOD, "shape": [2**31, 3], "data": b""},
+        {**GOOD, "shape": [2**62, 2**62], "data": b""},
+        {**GOOD, "shape": "23"},
+        {**GOOD, "shape": None},
+        {**GOOD, "data": bytes(23)},
+        {**GOOD, "data": bytes(25)},
+        {**GOOD, "data": b""},
+        {**GOOD, "data": "x" * 24},
+        {**GOOD, "data": [0.0] * 6},
+        {**GOOD, "data": None},
+    ],
+)
+def test_an_array_that_is_not_what_it_should_be_is_refused(packed: Any) -> None:
+    with pytest.raises(MessageError, match="field"):
+        take_array({"field": packed}, "field", np.float32, (None, 3))
+
+
+def test_a_free_dimension_admits_any_length() -> None:
+    assert take_array({"field": GOOD}, "field", np.float32, (None, None)).shape == (2, 3)
+    empty = {"dtype": "<f4", "shape": [0, 3], "data": b""}
+    assert take_array({"field": empty}, "field", np.float32, (None, 3)).shape == (0, 3)

@@ -1,0 +1,375 @@
+"""RunConfig: each rule with its sentence, the schedules by hand, and JSON there and back."""
+
+import dataclasses
+import json
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.errors import InputError, MessageError
+from common.proprioception import width_of
+from common.protocol.chunk import FRAME_SHAPE
+from common.run.config import (
+    MAX_WAIT,
+    ExplorationConfig,
+    LearningConfig,
+    PlayConfig,
+    ReplayConfig,
+    RunConfig,
+    StreamConfig,
+    differences,
+    from_mapping,
+    to_json,
+)
+from common.run.presets import PRESETS
+from replay.batch import SharedBatch, encode_batch
+from replay.messages import encode_held_out_reply
+
+GOOD = PRESETS["fast"]
+
+
+def changed(field: str, value: Any, config: RunConfig = GOOD) -> RunConfig:
+    """``config`` with ``group.name`` or ``name`` set to ``value``."""
+    group, _, name = field.rpartition(".")
+    changes: dict[str, Any] = {name: value}
+    if not group:
+        return replace(config, **changes)
+    changes = {group: replace(getattr(config, group), **changes)}
+    return replace(config, **changes)
+
+
+def test_the_defaults_pass() -> None:
+    RunConfig().check()
+
+
+AT_LEAST_1 = [
+    "play.frame_skip",
+    "stream.chunk_steps",
+    "stream.window",
+    "learning.batch_size",
+    "learning.train_period",
+    "learning.n_step",
+    "learning.target_update_period",
+    "learning.publish_period",
+    "learning.checkpoint_period",
+    "protocol.epoch_steps",
+    "protocol.test_steps",
+]
+SHARES = [
+    "exploration.start",
+    "exploration.end",
+    "protocol.test_epsilon",
+    "learning.discount",
+]
+NUMBERS = [
+    f"{group}.{name}"
+    for group, values in dataclasses.asdict(GOOD).items()
+    if isinstance(values, dict)
+    for name, value in values.items()
+    if type(value) in (int, float)
+]
+
+
+@pytest.mark.parametrize("field", NUMBERS)
+@pytest.mark.parametrize("value", [-1, float("nan"), float("inf"), float("-inf")])
+def test_no_number_is_negative_or_endless(field: str, value: float) -> None:
+    name = field.split(".")[1]
+    with pytest.raises(InputError, match=f"^{name} is {value}: choose a number that is not neg"):
+        changed(field, value).check()
+
+
+@pytest.mark.parametrize("field", AT_LEAST_1)
+def test_what_must_be_1_or_more(field: str) -> None:
+    with pytest.raises(InputError, match=f"^{field} is 0: choose 1 or more.$"):
+        changed(field, 0).check()
+
+
+@pytest.mark.parametrize("field", SHARES)
+def test_shares_end_at_1(field: str) -> None:
+    changed(field, 1.0).check()
+    changed(field, 0.0).check()
+    with pytest.raises(InputError, match=f"^{field} is 1.01: choose a number from 0 to 1.$"):
+        changed(field, 1.01).check()
+
+
+@pytest.mark.parametrize(
+    ("field", "least", "most", "sentence"),
+    [
+        ("play.frame_stack", 2, 16, "choose a number from 2 to 16."),
+        ("play.wait_bound", 1, MAX_WAIT, f"choose a number from 1 to {MAX_WAIT}."),
+    ],
+)
+def test_ranges(field: str, least: int, most: int, sentence: str) -> None:
+    few = changed("protocol.held_out_states", 512)  # as many as long states allow
+    for value in (least, most):
+        changed(field, value, few).check()
+    for value in (least - 1, most + 1):
+        with pytest.raises(InputError, match=f"^{field} is {value}: {sentence}$"):
+            changed(field, value, few).check()
+
+
+def test_states_that_travel_together_fit_a_message() -> None:
+    def held(states: int, frame_stack: int) -> bytes:
+        frames = np.zeros((states, frame_stack, *FRAME_SHAPE), np.uint8)
+        return encode_held_out_reply((frames, np.zeros((states, width_of("robot")), np.float32)))
+
+    def minibatch(steps: int, frame_stack: int) -> bytes:
+        vectors = np.zeros((steps, width_of("robot")), np.float32)
+        return encode_batch(
+            SharedBatch(
+                frames=np.zeros((2 * steps * frame_stack, *FRAME_SHAPE), np.uint8),
+                stacks=np.zeros((2, steps, frame_stack), np.int32),
+                ids=np.zeros(steps, np.int64),
+                a_tm1=np.zeros(steps, np.uint8),
+                **{name: np.zeros(steps, np.float32) for name in ("r_t", "discount_t", "weights")},
+                x_tm1=vectors,
+                x_t=vectors,
+            )
+        )
+
+    for frame_stack in (2, 4, 16):
+        config = changed("play.vector", True, changed("play.frame_stack", frame_stack))
+        config = replace(changed("protocol.held_out_states", 1, config), env="robot")
+        for field, message in (
+            ("protocol.held_out_states", held),
+            ("learning.batch_size", minibatch),
+        ):
+            with pytest.raises(InputError, match=f"^{field} is 99999: choose a number") as caught:
+                changed(field, 99_999, config).check()
+            most = int(re.findall(r"from 1 to (\d+)", str(caught.value))[0])
+            message(most, frame_stack)
+            with pytest.raises(MessageError, match="over the bound"):
+                message(round(1.01 * most), frame_stack)
+            with pytest.raises(InputError, match=f"^{field} is {most + 1}: choose a number"):
+                changed(field, most + 1, config).check()
+            with pytest.raises(InputError, match=f"^{field} is 0: choose"):
+                changed(field, 0, config).check()
+
+
+def test_a_mean_over_squares_must_forget() -> None:
+    with pytest.raises(InputError, match=r"^learning.rmsprop_decay is 1.0: choose less than 1\.$"):
+        changed("learning.rmsprop_decay", 1.0).check()
+    changed("learning.rmsprop_decay", 0.99).check()
+
+
+@pytest.mark.parametrize(
+    ("field", "most", "beyond"),
+    [
+        ("camera.noise", 255.0, 256.0),
+        ("camera.blur", 20.0, 20.5),
+        ("camera.exposure", 0.9, 1.0),
+        ("camera.colour_gain", 0.9, 1.0),
+        ("camera.distortion", 0.3, 0.31),
+        ("camera.latency", 3, 4),
+        ("camera.camera_jitter", 45.0, 46.0),
+        ("camera.screen_jitter", 0.5, 0.6),
+        ("camera.ambient", 0.9, 1.0),
+        ("learning.random_shift", 20, 21),
+    ],
+)
+def test_upper_bounds(field: str, most: float, beyond: float) -> None:
+    changed(field, most).check()
+    with pytest.raises(InputError, match=f"^{field} is {beyond}: choose at most"):
+        changed(field, beyond).check()
+
+
+def test_a_chunk_has_at_most_1024_steps() -> None:
+    config = changed("replay.ratio_tolerance", 10_000)
+    changed("stream.chunk_steps", 1_024, config).check()
+    with pytest.raises(InputError, match=r"^stream.chunk_steps is 1025: choose at most 1024\.$"):
+        changed("stream.chunk_steps", 1_025, config).check()
+
+
+def test_the_warm_up_fills_a_minibatch() -> None:
+    # 32 transitions of 5 steps each.
+    changed("replay.learning_starts", 37).check()
+    with pytest.raises(InputError, match=r"^replay.learning_starts is 36: .* at least 37 steps"):
+        changed("replay.learning_starts", 36).check()
+
+
+def test_the_ring_holds_the_warm_up_and_two_chunks() -> None:
+    # 10,000 + 2 × 64.
+    changed("replay.capacity", 10_128).check()
+    with pytest.raises(InputError, match=r"^replay.capacity is 10127, .* needs 10128 slots"):
+        changed("replay.capacity", 10_127).check()
+
+
+def test_the_tolerance_holds_an_actors_window() -> None:
+    # 64 steps × 4 chunks.
+    changed("replay.ratio_tolerance", 256).check()
+    with pytest.raises(InputError, match=r"^replay.ratio_tolerance is 255, .* at least 256"):
+        changed("replay.ratio_tolerance", 255).check()
+
+
+def test_the_tolerance_holds_the_steps_of_one_update() -> None:
+    config = changed("learning.train_period", 2_000)
+    changed("replay.ratio_tolerance", 2_000, config).check()
+    with pytest.raises(InputError, match=r"^replay.ratio_tolerance is 1999, .* at least 2000"):
+        changed("replay.ratio_tolerance", 1_999, config).check()
+
+
+@pytest.mark.parametrize(
+    ("agent_steps", "epsilon"),
+    [
+        (0, 1.0),
+        (50, 1.0),
+        (100, 1.0),
+        (101, 0.996),
+        (150, 0.8),
+        (200, 0.6),
+        (300, 0.2),
+        (301, 0.2),
+        (10**12, 0.2),
+    ],
+)
+def test_epsilon_falls_in_a_line_after_the_warm_up(agent_steps: int, epsilon: float) -> None:
+    config = replace(
+        GOOD,
+        replay=ReplayConfig(learning_starts=100),
+        exploration=ExplorationConfig(start=1.0, end=0.2, steps=200),
+    )
+    assert config.epsilon_at(agent_steps) == pytest.approx(epsilon, abs=1e-12)
+
+
+def test_epsilon_of_a_schedule_without_length_jumps() -> None:
+    config = replace(
+        GOOD,
+        replay=ReplayConfig(learning_starts=100),
+        exploration=ExplorationConfig(start=0.9, end=0.1, steps=0),
+    )
+    assert config.epsilon_at(100) == pytest.approx(0.9)
+    assert config.epsilon_at(101) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("batch", "every", "ratio"), [(32, 4, 8.0), (32, 1, 32.0), (1, 4, 0.25)])
+def test_samples_per_insert(batch: int, every: int, ratio: float) -> None:
+    config = replace(GOOD, learning=LearningConfig(batch_size=batch, train_period=every))
+    assert config.samples_per_insert == ratio
+
+
+@pytest.mark.parametrize("name", list(PRESETS))
+def test_a_preset_survives_json(name: str) -> None:
+    config = PRESETS[name]  # type: ignore[index]
+    assert from_mapping(RunConfig, json.loads(to_json(config))) == config
+
+
+@given(
+    st.integers(),
+    st.builds(PlayConfig, st.integers(), st.integers(), st.integers(), st.booleans()),
+    st.builds(
+        LearningConfig,
+        target=st.sampled_from(["dqn", "double"]),
+        learning_rate=st.floats(allow_nan=False),
+        scale_pixels=st.booleans(),
+    ),
+    st.builds(StreamConfig, st.integers(), st.integers()),
+)
+def test_any_configuration_survives_json(
+    seed: int, play: PlayConfig, learning: LearningConfig, stream: StreamConfig
+) -> None:
+    config = RunConfig(seed=seed, play=play, learning=learning, stream=stream)
+    assert from_mapping(RunConfig, json.loads(to_json(config))) == config
+
+
+def mapping(**changes: Any) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(to_json(GOOD))
+    return found | changes
+
+
+def test_a_missing_field_is_named() -> None:
+    data = mapping()
+    del data["replay"]["learning_starts"]
+    with pytest.raises(
+        InputError, match=r"^here.replay has a missing or unknown field: learning_starts\.$"
+    ):
+        from_mapping(RunConfig, data, "here")
+
+
+def test_a_file_may_be_older_than_a_field_and_has_its_default() -> None:
+    data = mapping()
+    del data["learning"]["vector_scale"]
+    data["play"] = {}
+    assert from_mapping(RunConfig, data, fill=True) == replace(GOOD, play=PlayConfig())
+    data["learning"]["newer"] = 1
+    with pytest.raises(InputError, match=r"^config.learning has a missing or unknown field: newer"):
+        from_mapping(RunConfig, data, fill=True)
+    del data["play"]
+    with pytest.raises(InputError, match=r"^config has a missing or unknown field: play"):
+        from_mapping(RunConfig, data, fill=True)
+
+
+def test_unknown_fields_are_named() -> None:
+    with pytest.raises(InputError, match=r"^here has a missing or unknown field: aa, zz\.$"):
+        from_mapping(RunConfig, mapping(zz=1, aa=2), "here")
+
+
+@pytest.mark.parametrize("data", [None, [], "text", 5])
+def test_what_is_no_table_is_refused(data: Any) -> None:
+    with pytest.raises(InputError, match=r"^here should be a table of settings\.$"):
+        from_mapping(RunConfig, data, "here")
+    with pytest.raises(InputError, match=r"^here.play should be a table of settings\.$"):
+        from_mapping(RunConfig, mapping(play=data), "here")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "sentence"),
+    [
+        ("seed", "1", "here.seed is '1', which is not a int."),
+        ("seed", 1.0, "here.seed is 1.0, which is not a int."),
+        ("seed", True, "here.seed is True, which is not a int."),
+        ("game", 5, "here.game is 5, which is not a str."),
+        ("env", "real", "here.env is 'real': choose one of ale, robot."),
+        ("env", ["ale"], "here.env is ['ale']: choose one of ale, robot."),
+        ("preset", None, "here.preset is None: choose one of paper, fast, robot."),
+    ],
+)
+def test_a_field_of_another_type_is_named(field: str, value: Any, sentence: str) -> None:
+    with pytest.raises(InputError) as caught:
+        from_mapping(RunConfig, mapping(**{field: value}), "here")
+    assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("scale_pixels", 1), ("learning_rate", "1e-4"), ("learning_rate", True)]
+)
+def test_a_field_of_another_type_within_a_group_is_named(field: str, value: Any) -> None:
+    data = mapping()
+    data["learning"][field] = value
+    with pytest.raises(InputError, match=rf"^here\.learning\.{field} is "):
+        from_mapping(RunConfig, data, "here")
+
+
+def test_a_whole_number_does_for_a_float() -> None:
+    data = mapping()
+    data["learning"]["gradient_norm"] = 10
+    found = from_mapping(RunConfig, data)
+    assert found == GOOD
+    assert type(found.learning.gradient_norm) is float
+
+
+def test_a_whole_number_too_large_for_a_float_is_refused() -> None:
+    data = mapping()
+    data["learning"]["learning_rate"] = 10**400
+    with pytest.raises(InputError, match=r"^here\.learning\.learning_rate is "):
+        from_mapping(RunConfig, data, "here")
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64])
+def test_a_seed_that_no_generator_takes_is_refused(seed: int) -> None:
+    # numpy takes no negative one, PyTorch none of more than 64 bits.
+    with pytest.raises(InputError, match=f"^seed is {seed}: "):
+        replace(GOOD, seed=seed).check()
+
+
+def test_differences_name_each_field_and_both_values() -> None:
+    assert differences(GOOD, GOOD) == []
+    other = changed("replay.learning_starts", 20_000, changed("game", "breakout"))
+    assert differences(GOOD, other) == [
+        "game pong → breakout",
+        "replay.learning_starts 10000 → 20000",
+    ]

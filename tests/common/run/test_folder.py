@@ -1,0 +1,209 @@
+"""Whose a run's folder is, and what a claim refuses."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from common.errors import InputError
+from common.run.config import RunConfig
+from common.run.folder import Part, RunFolder, write_atomically
+from common.run.presets import PRESETS
+from tests.paths import ROOT
+
+FAST = PRESETS["fast"]
+
+
+def claim(
+    runs: Path,
+    part: Part = "learner",
+    config: RunConfig = FAST,
+    *,
+    resume: bool = False,
+) -> RunFolder:
+    folder = RunFolder(runs, "r")
+    begun = folder.checkpoint if part == "learner" else folder.replay
+    folder.claim(part, config, begun=begun, resume=resume)
+    return folder
+
+
+def test_a_new_run_keeps_its_configuration(tmp_path: Path) -> None:
+    assert RunFolder(tmp_path, "r").stored_config() is None
+    folder = claim(tmp_path)
+    assert folder.path == tmp_path / "r"
+    assert folder.stored_config() == RunFolder(tmp_path, "r").stored_config() == FAST
+    assert json.loads(folder.config_file.read_text())["game"] == "pong"
+
+
+def test_everything_of_a_run_lies_in_its_folder(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path, "r")
+    places = [
+        folder.config_file,
+        folder.checkpoint,
+        folder.snapshots,
+        folder.epochs,
+        folder.summary,
+        folder.tensorboard,
+        folder.replay,
+    ]
+    assert len(set(places)) == len(places)
+    assert all(place.parent == tmp_path / "r" for place in places)
+
+
+def test_a_name_that_leads_elsewhere_is_refused(tmp_path: Path) -> None:
+    for name in ("..", "../r", "/tmp", ""):
+        with pytest.raises(InputError, match="cannot be used"):
+            RunFolder(tmp_path, name)
+
+
+def test_resuming_needs_a_run(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"there is no run in .* to resume: start it without"):
+        claim(tmp_path, resume=True)
+    assert not (tmp_path / "r").exists()
+
+
+def test_a_run_that_has_begun_needs_resume(tmp_path: Path) -> None:
+    claim(tmp_path).checkpoint.write_bytes(b"x")
+    with pytest.raises(InputError, match="already holds a run: go on with it by --resume"):
+        claim(tmp_path)
+
+
+def test_a_run_that_ended_before_it_began_may_start_again(tmp_path: Path) -> None:
+    first = claim(tmp_path)
+    del first  # closes its locks
+    assert claim(tmp_path).stored_config() == FAST
+
+
+def test_a_start_that_failed_binds_nobody_to_its_settings(tmp_path: Path) -> None:
+    other = replace(FAST, seed=2)
+    folder = claim(tmp_path)
+    with pytest.raises(InputError, match="has another configuration"):  # it is still at work
+        claim(tmp_path, "replay", other)
+    del folder
+    assert claim(tmp_path, config=other).stored_config() == other
+
+
+def test_a_replay_binds_the_learner(tmp_path: Path) -> None:
+    claim(tmp_path, "replay").replay.mkdir()
+    with pytest.raises(InputError, match="has another configuration"):
+        claim(tmp_path, config=replace(FAST, seed=2))
+
+
+def test_a_run_may_be_older_than_a_setting(tmp_path: Path) -> None:
+    folder = claim(tmp_path)
+    told = json.loads(folder.config_file.read_text())
+    del told["learning"]["vector_scale"]
+    folder.config_file.write_text(json.dumps(told))
+    assert folder.stored_config() == FAST
+
+
+def test_a_resumed_run_keeps_its_configuration(tmp_path: Path) -> None:
+    folder = claim(tmp_path)
+    folder.checkpoint.write_bytes(b"x")
+    written = folder.config_file.stat().st_mtime_ns
+    del folder
+    assert claim(tmp_path, resume=True).config_file.stat().st_mtime_ns == written
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_another_configuration_is_refused_with_the_differences(
+    tmp_path: Path, resume: bool
+) -> None:
+    folder = claim(tmp_path)
+    other = replace(FAST, seed=2, game="breakout")
+    with pytest.raises(InputError, match=r"\(game pong → breakout; seed 1 → 2\)"):
+        claim(tmp_path, "replay", other, resume=resume)
+    assert folder.stored_config() == FAST
+
+
+def test_learner_and_replay_share_a_run(tmp_path: Path) -> None:
+    folder = claim(tmp_path)
+    folder.claim("replay", FAST, begun=folder.replay, resume=False)
+    with pytest.raises(InputError, match=r"^another replay is at work in"):
+        claim(tmp_path, "replay")
+
+
+HOLDER = """
+import sys
+from pathlib import Path
+from common.run.presets import PRESETS
+from common.run.folder import RunFolder
+
+folder = RunFolder(Path(sys.argv[1]), "r")
+folder.claim("learner", PRESETS["fast"], begun=folder.checkpoint, resume=False)
+folder.checkpoint.write_bytes(b"x")
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_another_processs_part_is_locked_until_that_process_is_dead(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(tmp_path)],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(InputError, match=r"^another learner is at work in"):
+            claim(tmp_path, resume=True)
+        holder.send_signal(signal.SIGKILL)
+        holder.wait()
+    claim(tmp_path, resume=True)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b"\xff\xfe", b'{"game": 5}'])
+def test_a_spoiled_configuration_is_told_with_its_place(tmp_path: Path, content: bytes) -> None:
+    folder = claim(tmp_path)
+    folder.config_file.write_bytes(content)
+    with pytest.raises(InputError, match=str(folder.config_file)):
+        folder.stored_config()
+
+
+def test_a_folder_that_cannot_be_is_told(tmp_path: Path) -> None:
+    (tmp_path / "r").write_text("a file where the folder should be")
+    with pytest.raises(InputError, match="cannot be"):
+        claim(tmp_path)
+    (tmp_path / "runs").write_text("")
+    with pytest.raises(InputError, match="cannot be"):
+        claim(tmp_path / "runs")
+
+
+def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    for content in (b"old", b"", b"new" * 1_000):
+        write_atomically(path, content)
+        assert path.read_bytes() == content
+        assert os.listdir(tmp_path) == ["file"]
+
+
+def test_a_write_that_fails_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "file"
+    write_atomically(path, b"old")
+
+    def full(descriptor: int) -> None:
+        raise OSError("no space left")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="no space left"):
+        write_atomically(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_whoever_holds_the_old_file_open_reads_it_to_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    write_atomically(path, b"old content")
+    with path.open("rb", buffering=0) as reader:
+        assert reader.read(3) == b"old"
+        write_atomically(path, b"new")
+        assert reader.read() == b" content"

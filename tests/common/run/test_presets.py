@@ -1,0 +1,75 @@
+"""The presets: `paper` against the report's section 4, number by number."""
+
+from dataclasses import replace
+
+import pytest
+
+from common.proprioception import width_of
+from common.run.presets import PRESETS
+
+PAPER = PRESETS["paper"]
+
+
+@pytest.mark.parametrize("name", list(PRESETS))
+def test_a_preset_passes_its_own_check_and_knows_its_name(name: str) -> None:
+    config = PRESETS[name]  # type: ignore[index]
+    config.check()
+    assert config.preset == name
+
+
+def test_paper_plays_as_the_report_did() -> None:
+    play = PAPER.play
+    assert (play.frame_stack, play.frame_skip, play.random_starts) == (4, 4, 30)
+    assert PAPER.env == "ale"
+    assert PAPER.game == "pong"
+
+
+def test_paper_learns_as_the_report_did() -> None:
+    learning = PAPER.learning
+    assert learning.target == "double"
+    assert learning.loss == "mse"
+    assert learning.loss_mean_over == "outputs"
+    assert learning.optimizer == "rmsprop"
+    assert learning.learning_rate == 0.00025
+    assert learning.rmsprop_decay == 0.95
+    assert learning.optimizer_epsilon == 0.01
+    assert learning.gradient_norm == 0
+    assert learning.discount == 0.99
+    assert learning.n_step == 1
+    assert learning.batch_size == 32
+    assert learning.train_period == 4
+    assert not learning.scale_pixels
+    # "every 10000 steps, the target network is updated"; here it is counted in updates.
+    assert learning.target_update_period * learning.train_period == 10_000
+
+
+def test_paper_remembers_and_explores_as_the_report_did() -> None:
+    assert PAPER.replay.capacity == 1_000_000
+    assert PAPER.replay.learning_starts == 50_000
+    assert PAPER.replay.sampler == "uniform"
+    assert PAPER.samples_per_insert == 8
+    assert PAPER.epsilon_at(0) == 1
+    assert PAPER.epsilon_at(50_000 + 500_000) == pytest.approx(0.55)
+    assert PAPER.epsilon_at(50_000 + 1_000_000) == pytest.approx(0.1)
+    assert PAPER.epsilon_at(50_000_000) == pytest.approx(0.1)
+
+
+def test_paper_is_tested_as_the_report_was() -> None:
+    protocol = PAPER.protocol
+    assert protocol.epoch_steps == 250_000
+    assert protocol.test_steps == 125_000
+    assert protocol.test_epsilon == 0.05
+
+
+def test_the_short_presets_offer_the_games_own_actions() -> None:
+    assert PRESETS["robot"].env == "robot"
+    assert PRESETS["fast"].env == "ale"
+    for name in ("fast", "robot"):
+        assert PRESETS[name].play.minimal_actions
+
+
+def test_no_network_is_told_of_its_own_body_unless_asked_for() -> None:
+    for preset in PRESETS.values():
+        assert preset.vector_width == 0
+        told = replace(preset, play=replace(preset.play, vector=True))
+        assert told.vector_width == width_of(preset.env)

@@ -1,0 +1,46 @@
+"""Random shift, against NumPy's padding and plain slicing."""
+
+import numpy as np
+import torch
+
+from learner.algorithm.augmentation import RandomShift
+
+
+def test_each_state_is_a_window_of_its_padded_self_and_all_windows_come() -> None:
+    most, seen = 2, set()
+    shift = RandomShift(most, seed=1)
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(40):
+        frames = torch.randint(256, (5, 3, 7, 6), dtype=torch.uint8, generator=generator)
+        shifted = shift(frames).numpy()
+        assert shifted.shape == (5, 3, 7, 6)
+        beyond = ((0, 0), (0, 0), (most, most), (most, most))
+        padded = np.pad(frames.numpy(), beyond, mode="edge")
+        for state in range(5):
+            windows = {
+                (y, x): padded[state, :, y : y + 7, x : x + 6]
+                for y in range(2 * most + 1)
+                for x in range(2 * most + 1)
+            }
+            found = [at for at, window in windows.items() if np.array_equal(window, shifted[state])]
+            assert len(found) == 1
+            seen.add(found[0])
+    assert len(seen) == 25  # 200 draws miss one of 25 with probability 0.007; the seed is fixed
+
+
+def test_a_run_that_goes_on_draws_other_shifts_than_at_its_start() -> None:
+    frames = torch.randint(256, (32, 1, 84, 84), dtype=torch.uint8)
+
+    def shifted(updates: int) -> torch.Tensor:
+        shift = RandomShift(4, seed=1)
+        shift.go_on(updates)
+        return shift(frames)
+
+    assert torch.equal(shifted(0), RandomShift(4, seed=1)(frames))
+    assert torch.equal(shifted(500), shifted(500))
+    assert not torch.equal(shifted(0), shifted(500))
+
+
+def test_no_shift_is_none() -> None:
+    frames = torch.randint(256, (4, 4, 84, 84), dtype=torch.uint8)
+    assert torch.equal(RandomShift(0, seed=1)(frames), frames)

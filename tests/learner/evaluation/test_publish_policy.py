@@ -1,0 +1,74 @@
+"""A published policy: small weights, a card, and scores of just these weights."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from common.errors import InputError
+from common.network import build_network
+from common.protocol.weights import encode_weights
+from common.run.config import to_json
+from common.run.presets import PRESETS
+from learner.evaluation.publish_policy import Options, publish
+from viewer.player import build_player, config_to_play
+
+FAST = PRESETS["fast"]
+CONFIG = replace(
+    FAST, game="breakout", play=replace(FAST.play, max_game_frames=400, random_starts=0)
+)
+SUMMARY = {
+    "run": "small",
+    "agent_steps": 12_345,
+    "updates": 3_000,
+    "wall_seconds": 60.0,
+    "random_reward": 1.0,
+    "machine": {"cpu": "A processor", "cores": 2},
+    "git_commit": None,
+    "config": json.loads(to_json(CONFIG)),
+}
+
+
+def _run(folder: Path) -> Path:
+    (folder / "snapshots").mkdir(parents=True)
+    (folder / "config.json").write_text(to_json(CONFIG))
+    (folder / "summary.json").write_text(json.dumps(SUMMARY))
+    (folder / "snapshots/best.json").write_text('{"epoch": 3, "train_steps": 9000}')
+    network = build_network(CONFIG, 4)
+    (folder / "snapshots/best.safetensors").write_bytes(encode_weights(network))
+    return folder
+
+
+def test_a_policy_plays_from_its_two_files_alone(tmp_path: Path) -> None:
+    run, output = _run(tmp_path / "small"), tmp_path / "policies" / "breakout"
+    publish(Options(run=run, output=output, games=2, epsilon=0.1))
+
+    weights = output.with_suffix(".safetensors")
+    card = json.loads(output.with_suffix(".json").read_text())
+    assert weights.stat().st_size < 4_000_000
+    assert (card["agent_steps"], card["snapshot"]["epoch"]) == (12_345, 3)
+    evaluation = card["evaluation"]
+    assert evaluation["games"] == len(evaluation["scores"]) == 2
+    assert evaluation["epsilon"] == 0.1
+    assert evaluation["steps_of_games"] == [100, 100]  # 400 frames, as the run's games
+    assert config_to_play(weights, None, None, False) == CONFIG
+    player = build_player(CONFIG, 4, weights, 0.0, 1)
+    torch.manual_seed(0)
+    frames = torch.randint(256, (4, 4, 84, 84), dtype=torch.uint8)
+    with torch.no_grad():
+        ours = player.network(frames, torch.zeros(4, 0))
+        theirs = build_network(CONFIG, 4)(frames, torch.zeros(4, 0))
+    torch.testing.assert_close(ours, theirs, rtol=1e-2, atol=1e-3)
+
+
+def test_a_run_without_a_test_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="best"):
+        publish(Options(run=tmp_path / "none", output=tmp_path / "policy"))
+
+
+def test_a_damaged_card_is_told(tmp_path: Path) -> None:
+    (tmp_path / "policy.json").write_text("{")
+    with pytest.raises(InputError, match=r"policy\.json is not JSON"):
+        config_to_play(tmp_path / "policy.safetensors", None, None, False)

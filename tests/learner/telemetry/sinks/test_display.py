@@ -1,0 +1,448 @@
+"""The live screen, drawn for many sizes and on a real pseudo-terminal, and the plain lines."""
+
+import contextlib
+import fcntl
+import io
+import math
+import os
+import pty
+import re
+import struct
+import sys
+import termios
+import threading
+from dataclasses import replace
+from typing import Any, TextIO
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+
+from common.press_latency import UNMEASURED, Delay
+from common.run.config import PlayConfig
+from learner.telemetry.health_checks import judge_gates
+from learner.telemetry.sinks import formats as figures
+from learner.telemetry.sinks.display import LiveDisplay, PlainDisplay, open_display
+from learner.telemetry.sinks.screen import Screen
+from learner.telemetry.status import ActorStatus, ChunkCounts, Gate, Status, TimeCounts
+
+
+def gates(valid_frame_share: float) -> tuple[Gate, ...]:
+    return judge_gates(
+        env="robot",
+        play=PlayConfig(),
+        valid_frame_share=valid_frame_share,
+        pixel_deviation=28.4,
+        max_q_deviation=0.2314,
+        squared_td_error=None,
+        reward_variance=None,
+        press_match_share=0.873,
+        press=Delay(1_224, 50.0, 1000 / 15, 1000 / 15),
+        refused_chunks=0,
+    )
+
+
+def actors(count: int) -> tuple[ActorStatus, ...]:
+    return tuple(
+        ActorStatus(
+            name=f"actor-{number}",
+            role="actor",
+            alive=number != count - 1,
+            steps=312_456 + number,
+            steps_per_second=46.6,
+            epsilon=0.1,
+        )
+        for number in range(count)
+    )
+
+
+STATUS = Status(
+    run="pong-robot-3",
+    preset="robot",
+    env="robot",
+    game="pong",
+    device="cuda:0 (NVIDIA H200)",
+    phase="training",
+    elapsed=187_654.0,
+    remaining=872.0,
+    agent_steps=10_402_560,
+    steps_goal=50_000_000,
+    warmup=50_000,
+    warmup_done=50_000,
+    epoch=42,
+    epoch_steps=250_000,
+    epoch_done=152_560,
+    epsilon=0.1,
+    updates=2_588_140,
+    loss=0.000829,
+    mean_max_q=1.3931,
+    held_out_std=0.2314,
+    games=11_204,
+    train_reward=17.03,
+    test_reward=18.42,
+    test_epoch=41,
+    random_reward=-20.09,
+    test_history=(-20.1, -15.0, 3.0, 18.42),
+    steps_per_second=186.3,
+    updates_per_second=46.6,
+    samples_per_insert=8.003,
+    samples_per_insert_goal=8.0,
+    staleness_p50=38.0,
+    staleness_p95=74.0,
+    stored=300_000,
+    capacity=1_000_000,
+    chunks=ChunkCounts(made=162_540, acked=162_536, retried=12),
+    actors=actors(4),
+    press=Delay(1_224, 50.0, 200 / 3, 200 / 3),
+    release=Delay(1_301, 50 / 3, math.inf, 100.0),
+    gates=gates(0.9994),
+    notes=("checkpoint written", "actor-3 was lost, restarted"),
+)
+EMPTY = Status(
+    run="pong-1",
+    preset="fast",
+    env="ale",
+    game="pong",
+    device="cpu",
+    phase="warm-up",
+    elapsed=0.0,
+    warmup=10_000,
+    epoch_steps=25_000,
+    samples_per_insert_goal=8.0,
+    capacity=200_000,
+)
+
+
+def drawn(status: Status, width: int = 80, height: int = 24) -> list[str]:
+    file = io.StringIO()
+    console = Console(file=file, width=width, height=height, force_terminal=True, color_system=None)
+    console.print(Screen(status), end="")
+    return re.sub(r"\x1b\[[0-9;]*m", "", file.getvalue()).split("\n")
+
+
+@pytest.mark.parametrize("status", [STATUS, EMPTY], ids=["full", "empty"])
+@pytest.mark.parametrize("width", [20, 79, 80, 107, 120, 300])
+@pytest.mark.parametrize("height", [2, 10, 24, 25, 31, 40, 70])
+def test_screen_stays_within_the_terminal(status: Status, width: int, height: int) -> None:
+    crowded = replace(status, actors=actors(30), gates=gates(0.3), notes=("a note " * 50,) * 20)
+    for one in (status, crowded):
+        lines = drawn(one, width, height)
+        assert len(lines) <= height - 1
+        assert max(map(cell_len, lines)) <= width
+
+
+def test_what_went_wrong_with_time_is_shown() -> None:
+    assert "late" not in "\n".join(drawn(STATUS, 132, 40))
+    late, waited, well = (
+        replace(each, alive=True, missed_deadlines=missed, late_frames=frames, waits_given_up=waits)
+        for each, missed, frames, waits in zip(
+            actors(3), (1_200, 0, 0), (34, 0, 0), (0, 56, 0), strict=True
+        )
+    )
+    # Of actors that are gone, too.
+    time = TimeCounts(missed_deadlines=1_200, late_frames=34, waits_given_up=56)
+    status = replace(STATUS, actors=(late, waited, well), time=time)
+    assert "Actors 3/3, 1.2k late, 56 gave up " in "\n".join(drawn(status))
+    wide = drawn(status, 132, 40)
+    (row,) = (line for line in wide if "actor-0" in line)
+    assert "0 retried, 1.2k late " in row
+    (row,) = (line for line in wide if "actor-1" in line)
+    assert "0 retried, 56 gave up " in row
+    (row,) = (line for line in wide if "actor-2" in line)
+    assert "0 retried " in row
+
+
+def test_every_figure_is_there_at_80_by_24() -> None:
+    text = "\n".join(drawn(STATUS))
+    for pattern in (
+        r"ALE-Robot +pong +run pong-robot-3 .* robot preset · cuda:0 \(NVIDIA H200\)",
+        r"Epoch 42 .* 61 % +152,560 of 250,000 +14:32 left",
+        r"Run .* 20 % +10,402,560 of 50,000,000 +2 d 04:07 so far",
+        r"Replay .* 30 % +300,000 of 1,000,000",
+        r"test, epoch 41 +18\.42 +mean max-Q +1\.393 +steps/s +186\.3",
+        r"train +17\.03 +its deviation +0\.2314 +samples/insert +8\.00 of 8",
+        r"random policy +−20\.09 +loss +0\.0008290 +stale p50/p95 +38 / 74",
+        r"games +11,204 +updates +2,588,140 +chunks acked +162,536",
+        r"release p50/p99 +17/>100 +updates/s +46\.6 +retried +12",
+        r"press p50/p99 +50/67 +exploration ε +0\.100 +duplicate +0",
+        r"test −20\.1 … 18\.4 +▁",
+        r"Actors, 3 of 4 alive .* Gates, 1 open",
+        r"○ actor-3 +312,459 +lost +✓ valid frames +0\.999 +≥ 0\.99",
+        r"● actor-0 +312,456 46\.6/s +✓ pixel deviation +28\.4 +> 1",
+        r"· relative TD error +– +< 1",
+        r"✓ press p99 ms +66\.7 +≤ 133\.3",
+        r"✓ refused chunks +0 +?= 0",
+        r"checkpoint written",
+        r"actor-3 was lost, restarted",
+    ):
+        assert re.search(pattern, text), pattern
+
+
+def test_red_gate_is_told_with_its_reason() -> None:
+    text = "\n".join(drawn(replace(STATUS, gates=gates(0.31))))
+    assert "Gates, 1 red" in text
+    assert re.search(r"✗ valid frames +0\.310 +≥ 0\.99", text)
+    assert "✗ valid frames: the screen is not found in the camera's picture" in text
+    assert "actor-3 was lost, restarted" in text
+
+
+def test_warm_up_has_its_own_bar() -> None:
+    text = "\n".join(drawn(replace(EMPTY, warmup_done=2_500, remaining=90.0)))
+    assert re.search(r"Warm-up .* 25 % +2,500 of 10,000 +01:30 left", text)
+    assert "no epoch is over yet" in text
+
+
+def test_more_room_shows_more_actors() -> None:
+    crowded = replace(STATUS, actors=actors(12))
+    small, tall = "\n".join(drawn(crowded)), "\n".join(drawn(crowded, 120, 45))
+    assert "and 6 more" in small
+    assert "○ actor-11" in small  # the lost one is not among those left out
+    assert len(re.findall(r"actor-\d+ ", tall)) >= 12
+    assert "more" not in tall
+    assert "Test reward by epoch" in tall
+
+
+class Terminal:
+    """A pseudo-terminal of 24 × 80, read all the while from the side where a person would sit."""
+
+    def __init__(self) -> None:
+        self._reader, writer = pty.openpty()
+        fcntl.ioctl(writer, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        self.stream: TextIO = open(writer, "w", encoding="utf-8")  # noqa: SIM115
+        self._data = b""
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        with contextlib.suppress(OSError):  # how Linux tells that nobody writes any more
+            while block := os.read(self._reader, 65_536):
+                self._data += block
+
+    def text(self) -> str:
+        """Close the terminal; all that was written to it."""
+        self.stream.close()
+        self._thread.join(60)
+        os.close(self._reader)
+        return self._data.decode()
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    for name in ("NO_COLOR", "COLUMNS", "LINES", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    return Terminal()
+
+
+def test_terminal_is_given_back_after_an_exception(terminal: Terminal) -> None:
+    before = sys.stdout, sys.stderr
+    display = open_display(terminal.stream)
+    assert isinstance(display, LiveDisplay)
+
+    def fail() -> None:
+        with display:
+            display.show(replace(EMPTY, run="shown"))
+            print("printed by others")
+            raise RuntimeError("a fault")
+
+    with pytest.raises(RuntimeError, match="a fault"):
+        fail()
+    assert (sys.stdout, sys.stderr) == before
+    written = terminal.text()
+    assert "\x1b[?25l" in written
+    assert written.rindex("\x1b[?25h") > written.rindex("\x1b[?25l")
+    assert "run shown" in written
+    assert written.count("printed by others") == 1
+    # What others print moves the screen down: it is drawn once more below.
+    assert "run shown" in written[written.index("printed by others") :]
+
+
+def test_live_lines_stay_above_the_screen(terminal: Terminal) -> None:
+    with open_display(terminal.stream) as display:
+        display.show(EMPTY)
+        display.line("files in runs/pong-1 [not markup]")
+    written = terminal.text()
+    assert "files in runs/pong-1 [not markup]" in written
+    assert written.rindex("ALE-Only") > written.index("files in")
+
+
+def test_resized_terminal_is_cleared_once(terminal: Terminal) -> None:
+    with open_display(terminal.stream) as display:
+        display.show(EMPTY)
+        fcntl.ioctl(terminal.stream, termios.TIOCSWINSZ, struct.pack("HHHH", 12, 80, 0, 0))
+        display.show(EMPTY)
+        display.show(EMPTY)
+    before, after = terminal.text().split("\x1b[2J")
+    assert "Gates, none yet" in before
+    assert "Gates" not in after  # no room for so many lines
+    assert after.count("run pong-1") == 3  # two drawn here and one as it is left
+
+
+class Fragile(io.StringIO):
+    """A stream that fails once it is told to, as a terminal does that was closed."""
+
+    error: OSError | None = None
+
+    def write(self, text: str) -> int:
+        if self.error is not None:
+            raise self.error
+        return super().write(text)
+
+
+@pytest.mark.parametrize("error", [BrokenPipeError(), OSError(5, "Input/output error")])
+def test_lost_reader_of_a_pipe_does_not_stop_the_learner(error: OSError) -> None:
+    stream = Fragile()
+    with PlainDisplay(stream) as display:
+        display.line("start")
+        stream.error = error
+        display.show(STATUS)
+        display.line("end")
+    assert stream.getvalue()[9:] == "start\n"
+
+
+@pytest.mark.parametrize("from_the_start", [True, False])
+def test_closed_terminal_does_not_stop_the_learner(from_the_start: bool) -> None:
+    stream = Fragile()
+    before = sys.stdout
+    hung_up = OSError(5, "Input/output error")
+    if from_the_start:
+        stream.error = hung_up
+    with LiveDisplay(Console(file=stream, force_terminal=True, width=80, height=24)) as display:
+        display.show(STATUS)
+        stream.error = hung_up
+        display.show(STATUS)
+        display.line("end")
+    assert sys.stdout is before
+
+
+@pytest.mark.parametrize("term", ["dumb", ""])
+def test_dumb_terminal_gets_lines(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, term: str
+) -> None:
+    monkeypatch.setenv("TERM", term)
+    assert isinstance(open_display(terminal.stream), PlainDisplay)
+    assert terminal.text() == ""
+
+
+def test_file_gets_lines_whatever_the_environment_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    assert isinstance(open_display(io.StringIO()), PlainDisplay)
+
+
+class Recorder:
+    """A plain display with a clock set by hand; `said` gives the new lines without the time."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.stream = io.StringIO()
+        self.display = PlainDisplay(self.stream, clock=lambda: self.now)
+
+    def said(self, status: Status) -> list[str]:
+        start = self.stream.tell()
+        self.display.show(status)
+        lines = self.stream.getvalue()[start:].splitlines()
+        assert all(re.match(r"\d\d:\d\d:\d\d ", line) for line in lines)
+        return [line[9:] for line in lines]
+
+
+QUIET = replace(STATUS, notes=())
+
+
+def test_plain_line_has_the_figures() -> None:
+    assert Recorder().said(QUIET) == [
+        "epoch 42 61 %, 14:32 left | 10,402,560 steps"
+        " | reward train 17.03 test 18.42 random -20.09 | max-Q 1.393 | loss 0.0008290"
+        " | epsilon 0.100 | 186.3 steps/s | 46.6 updates/s | 8.00 samples/insert of 8"
+        " | staleness 38/74 | 3 of 4 actors | keys ms release 17/>100 press 50/67"
+        " | gates 6 green, 1 open"
+    ]
+
+
+def test_plain_line_tells_what_went_wrong_with_time() -> None:
+    time = TimeCounts(missed_deadlines=900, late_frames=99, waits_given_up=25_300_000)
+    (line,) = Recorder().said(replace(QUIET, time=time))
+    assert " | 3 of 4 actors, 999 late, 25M gave up | " in line
+
+
+def test_plain_line_every_ten_seconds() -> None:
+    recorder = Recorder()
+    counts = []
+    for now in (0.0, 1.0, 9.9, 10.0, 11.0, 20.5):
+        recorder.now = now
+        counts.append(len(recorder.said(QUIET)))
+    assert counts == [1, 0, 0, 1, 0, 1]
+
+
+@pytest.mark.parametrize("change", [{"epoch": 43}, {"phase": "finishing"}, {"test_epoch": 42}])
+def test_plain_line_at_once_when_a_chapter_ends(change: dict[str, Any]) -> None:
+    recorder = Recorder()
+    recorder.said(QUIET)
+    assert len(recorder.said(replace(QUIET, **change))) == 1
+
+
+def test_plain_notes_are_said_once() -> None:
+    recorder = Recorder()
+    recorder.said(QUIET)
+    for notes, new in (
+        (("a",), ["a"]),
+        (("a",), []),
+        (("a", "b"), ["b"]),
+        (("b", "b"), ["b"]),  # the oldest has left the list
+        (("c\nd\x1b[2J", "e"), ["c d [2J", "e"]),
+    ):
+        assert recorder.said(replace(QUIET, notes=notes)) == new
+
+
+def test_plain_gates_speak_when_they_change() -> None:
+    recorder = Recorder()
+    recorder.said(QUIET)
+    red = replace(QUIET, gates=gates(0.31))
+    assert recorder.said(red) == [
+        "GATE RED: valid frames is 0.3100, not >= 0.99: "
+        "the screen is not found in the camera's picture"
+    ]
+    assert recorder.said(red) == []
+    assert recorder.said(QUIET) == ["gate green again: valid frames is 0.9994"]
+
+
+def test_plain_line_on_an_ascii_stream() -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    PlainDisplay(stream).line("−1 ≥ ü")
+    stream.seek(0)
+    assert stream.read()[9:] == "-1 >= ?\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (figures.count(1_234_567), "1,234,567"),
+        (figures.decimal(-20.094, 2), "−20.09"),
+        (figures.decimal(None, 2), "–"),
+        (figures.decimal(float("nan"), 2), "nan"),
+        (figures.significant(0.000829), "0.0008290"),
+        (figures.significant(12.4), "12.40"),
+        (figures.significant(-0.5), "−0.5000"),
+        (figures.significant(4.1e-7), "4.1e-07"),
+        (figures.significant(0.0), "0"),
+        (figures.share(999_999, 1_000_000), "99 %"),
+        (figures.share(3, 0), "0 %"),
+        (figures.duration(59.9), "00:59"),
+        (figures.duration(11_565), "3:12:45"),
+        (figures.duration(187_654), "2 d 04:07"),
+        (figures.duration(None), "–"),
+        (figures.delay(UNMEASURED), "–"),
+        (figures.delay(Delay(9, math.inf, math.inf, 500.0)), ">500"),
+    ],
+)
+def test_figures_for_people(text: str, expected: str) -> None:
+    assert text == expected
+
+
+def test_chart_by_hand() -> None:
+    assert figures.bars([0.0, 0.5, 1.0], 0.0, 1.0, 1) == ["▁▅█"]  # 1, 1 + 3.5, 8 eighths
+    assert figures.bars([0.0, 1.0], 0.0, 1.0, 2) == [" █", "▁█"]
+    assert figures.bars([2.0, 2.0], 2.0, 2.0, 1) == ["▄▄"]
+    assert figures.columns_of([1.0, 2.0, 3.0, 4.0], 2) == [1.5, 3.5]
+    assert figures.columns_of([1.0, 2.0], 5) == [1.0, 1.0, 2.0, 2.0]
+    assert figures.columns_of([], 5) == []

@@ -1,0 +1,128 @@
+"""Who lives, who left, who was lost; over real Zenoh."""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, replace
+
+import pytest
+import zenoh
+
+import learner.telemetry.actor_registry as module
+from common.protocol.actor_stats import ActorStats, encode_stats
+from learner.telemetry.actor_registry import ActorRegistry
+from learner.telemetry.status import TimeCounts
+from tests.learner.conftest import KEYS
+
+STATS = ActorStats(
+    name="a1", role="actor", incarnation=7, leaving=False, steps=640, steps_per_second=100.0,
+    epsilon=0.5, weights_version=50, made=10, acked=8, retried=2, refused=0, held_share=0.25,
+    valid_share=0.75, match_share=0.5, decisions=700, missed_deadlines=5, late_frames=6,
+    waits_given_up=7, key_times=(1,) * 60 + (5,) * 60,
+)  # fmt: skip
+
+Sessions = tuple[zenoh.Session, zenoh.Session]
+
+
+def _until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_an_actor_from_its_arrival_to_its_leave(
+    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_LAST_WORDS", 0.2)
+    hub, client = sessions
+    roster = ActorRegistry(hub, KEYS)
+    notes: list[str] = []
+    token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
+    _until(lambda: roster.alive("actor") == {"a1"})
+    assert roster.alive("evaluator") == set()
+    client.put(KEYS.stats("actor", "a1"), encode_stats(STATS))
+    _until(lambda: roster.counts() == (10, 2))
+    (actor,) = roster.actors()
+    assert (actor.name, actor.alive, actor.steps, actor.made) == ("a1", True, 640, 10)
+    assert (actor.decisions, actor.missed_deadlines) == (700, 5)
+    assert (actor.late_frames, actor.waits_given_up) == (6, 7)
+    assert (actor.held_share, actor.valid_share, actor.match_share) == (0.25, 0.75, 0.5)
+
+    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, leaving=True, made=11)))
+    _until(lambda: roster.counts() == (11, 2))
+    token.undeclare()
+    _until(lambda: bool(notes.extend(roster.take_notes()) or "a1 left" in notes))
+    assert notes == ["a1 joined", "a1 left"]
+    (actor,) = roster.actors()
+    assert not actor.alive
+
+
+def test_one_that_goes_without_a_word_was_lost(
+    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_LAST_WORDS", 0.2)
+    hub, client = sessions
+    roster = ActorRegistry(hub, KEYS)
+    token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
+    _until(lambda: roster.alive("actor") == {"a1"})
+    client.put(KEYS.stats("actor", "a1"), encode_stats(STATS))
+    _until(lambda: roster.counts() == (10, 2))
+    token.undeclare()
+    notes: list[str] = []
+    _until(lambda: bool(notes.extend(roster.take_notes()) or "a1 was lost" in notes))
+    assert roster.alive("actor") == set()
+
+
+def test_counts_add_up_over_restarts_of_actor_and_learner(sessions: Sessions) -> None:
+    hub, client = sessions
+    roster = ActorRegistry(hub, KEYS)
+    client.put(KEYS.stats("actor", "a1"), encode_stats(STATS))
+    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, incarnation=8, made=5)))
+    _until(lambda: roster.counts() == (15, 4))
+    again = ActorRegistry(client, KEYS)
+    again.restore(json.loads(json.dumps(roster.state())))
+    assert again.counts() == (15, 4)
+    assert again.key_times() == roster.key_times() == (2,) * 60 + (10,) * 60
+    assert again.time() == TimeCounts(
+        steps=1_280, decisions=1_400, missed_deadlines=10, late_frames=12, waits_given_up=14
+    )
+    # The new subscription may be unknown to the hub yet: heartbeats come again and again.
+    beat = encode_stats(replace(STATS, incarnation=8, made=6))
+    _until(lambda: hub.put(KEYS.stats("actor", "a1"), beat) or again.counts() == (16, 4))
+
+
+def test_a_checkpoint_from_before_hands_were_timed_is_restored(sessions: Sessions) -> None:
+    roster = ActorRegistry(sessions[0], KEYS)
+    assert roster.key_times() == ()
+    told = asdict(STATS)
+    del told["key_times"]
+    roster.restore([told, asdict(replace(STATS, incarnation=8))])
+    assert roster.counts() == (20, 4)
+    assert roster.key_times() == STATS.key_times
+
+
+def test_noise_is_passed_over(sessions: Sessions) -> None:
+    hub, client = sessions
+    roster = ActorRegistry(hub, KEYS)
+    client.put(KEYS.stats("actor", "a1"), b"noise")
+    client.put(KEYS.stats("actor", "somebody-else"), encode_stats(STATS))
+    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, made=3)))
+    _until(lambda: roster.counts() != (0, 0))
+    assert roster.counts() == (3, 2)
+
+
+def test_one_that_left_is_still_counted(
+    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "LEFT_SHOWN", 0.0)
+    hub, client = sessions
+    roster = ActorRegistry(hub, KEYS)
+    token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
+    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, leaving=True)))
+    _until(lambda: roster.counts() == (10, 2) and roster.alive("actor") == {"a1"})
+    assert not roster.actors()[0].left
+    token.undeclare()
+    _until(lambda: roster.alive("actor") == set())
+    (actor,) = roster.actors()
+    assert (actor.left, actor.made) == (True, 10)

@@ -1,0 +1,94 @@
+"""Phases counted from the facts of chunks, by hand."""
+
+from dataclasses import replace
+
+import pytest
+
+from common.protocol.chunk import Game
+from common.run.config import ProtocolConfig, ReplayConfig, RunConfig
+from learner.telemetry.run_progress import RunProgress
+from replay.chunk_statistics import ChunkStatistics
+
+CONFIG = replace(
+    RunConfig(),
+    replay=replace(ReplayConfig(), learning_starts=100),
+    protocol=replace(ProtocolConfig(), epoch_steps=200),
+)
+
+
+def _chunks(count: int, first: int = 0, steps: int = 50, **more: object) -> list[ChunkStatistics]:
+    return [
+        ChunkStatistics(
+            **{  # type: ignore[arg-type]
+                "index": index,
+                "agent_steps": (index + 1) * steps,
+                "steps": steps,
+                "actor": "a",
+                "epsilon": 1.0,
+                "weights_version": 0,
+                "staleness": index,
+                "valid": steps,
+                "matched": steps // 2,
+                "games": (Game(float(index), 10),),
+            }
+            | more
+        )
+        for index in range(first, first + count)
+    ]
+
+
+def test_warm_up_then_epochs() -> None:
+    books = RunProgress(CONFIG)
+    ends = list(books.book(_chunks(11)))
+    assert [(end.epoch, end.steps, end.scores) for end in ends] == [
+        (0, 100, (0.0, 1.0)),
+        (1, 200, (2.0, 3.0, 4.0, 5.0)),
+        (2, 200, (6.0, 7.0, 8.0, 9.0)),
+    ]
+    assert (books.epoch, books.phase_steps, books.agent_steps, books.train_steps) == (
+        3,
+        50,
+        550,
+        450,
+    )
+    assert books.games == 9  # those of the warm-up do not count as training
+    assert books.train_reward() == pytest.approx(sum(range(2, 11)) / 9)
+    assert books.share("valid") == 1.0
+    assert books.share("matched") == 0.5
+    assert books.staleness(50) == 5.0
+
+
+def test_shares_are_over_the_newest_chunks() -> None:
+    books = RunProgress(CONFIG)
+    list(books.book(_chunks(20, valid=0)))
+    list(books.book(_chunks(60, first=20)))
+    assert books.share("valid") == 0.75
+    list(books.book(_chunks(20, first=80)))
+    assert books.share("valid") == 1.0
+
+
+def test_facts_that_were_seen_before_count_once() -> None:
+    books = RunProgress(CONFIG)
+    list(books.book(_chunks(3)))
+    list(books.book(_chunks(3)))
+    list(books.book(_chunks(2, first=2)))
+    assert (books.agent_steps, books.epoch, books.phase_steps) == (200, 1, 100)
+
+
+def test_it_goes_on_from_its_state() -> None:
+    whole, first, second = (RunProgress(CONFIG) for _ in range(3))
+    expected = list(whole.book(_chunks(20)))
+    ends = list(first.book(_chunks(9)))
+    second.restore(first.state())
+    ends += second.book(_chunks(20))
+    assert ends == expected
+    assert second.state() == whole.state()
+
+
+def test_an_end_that_is_asked_for_starts_the_next_phase() -> None:
+    books = RunProgress(CONFIG)
+    list(books.book(_chunks(3)))
+    ended = books.close_phase()
+    assert (ended.epoch, ended.steps) == (1, 50)
+    (next_end,) = books.book(_chunks(5, first=3))
+    assert (next_end.epoch, next_end.steps) == (2, 200)

@@ -1,0 +1,94 @@
+import json
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.protocol.chunk import Game
+from replay.chunk_index import ChunkIndex, ChunkKey, ChunkRecord, Received, chunk_entry, tail_entry
+from replay.chunk_statistics import MOST_FACTS, ChunkStatistics
+from replay.ring import Placement
+
+
+@given(st.lists(st.integers(0, 40), max_size=60))
+def test_received_remembers_exactly_what_came(sequences: list[int]) -> None:
+    received, expected = Received(), set[int]()
+    for sequence in sequences:
+        assert (sequence in received) == (sequence in expected)
+        if sequence not in expected:
+            received.add(sequence)
+            expected.add(sequence)
+    assert {number for number in range(50) if number in received} == expected
+
+
+def test_gaps_are_bounded() -> None:
+    received = Received()
+    for sequence in range(1, 1_001, 2):
+        received.add(sequence)
+    assert len(received.gaps) == 64
+    assert 998 not in received
+    assert 0 in received  # given up as lost
+
+
+def facts(index: int, **others: object) -> ChunkStatistics:
+    values: dict[str, object] = {
+        "index": index,
+        "agent_steps": 4 * (index + 1),
+        "steps": 4,
+        "actor": "a",
+        "epsilon": 0.25,
+        "weights_version": 3,
+        "staleness": 2,
+        "valid": 4,
+        "matched": 1,
+        "games": (Game(-21.0, 900),),
+    }
+    return ChunkStatistics(**(values | others))  # type: ignore[arg-type]
+
+
+def filled(count: int) -> tuple[ChunkIndex, list[str]]:
+    ledger, lines = ChunkIndex(), []
+    for index in range(count):
+        record = ChunkRecord(ChunkKey("a", 1, 0, index), Placement(4 * index, 0, 4, 0, -1))
+        lines.append(json.dumps(chunk_entry(record, facts(index))))
+        ledger.accept(record, facts(index))
+    return ledger, lines
+
+
+def same(one: ChunkIndex, other: ChunkIndex) -> bool:
+    return list(one.entries()) == list(other.entries()) and one.stored == other.stored
+
+
+def test_entries_make_the_ledger_again() -> None:
+    ledger, lines = filled(5)
+    ledger.evict(8)
+    ledger.refused = 3
+    again = ChunkIndex()
+    for line in [*lines, json.dumps(tail_entry(8)), json.dumps(ledger.counts_entry())]:
+        again.apply(json.loads(line))
+    assert same(ledger, again)
+    compacted = ChunkIndex()
+    for entry in ledger.entries():
+        compacted.apply(json.loads(json.dumps(entry)))
+    assert same(ledger, compacted)
+    assert compacted.agent_steps == 20
+    assert compacted.has_received(ChunkKey("a", 1, 0, 0))
+    assert not compacted.has_received(ChunkKey("a", 1, 0, 5))
+    assert not compacted.has_received(ChunkKey("a", 2, 0, 0))
+
+
+def test_facts_come_in_portions() -> None:
+    ledger, _ = filled(MOST_FACTS + 10)
+    shard = ledger.facts_since(4)
+    assert [each.index for each in shard] == list(range(4, MOST_FACTS + 4))
+    rest = ledger.facts_since(shard[-1].index + 1)
+    assert [each.index for each in rest] == list(range(MOST_FACTS + 4, MOST_FACTS + 10))
+    assert ledger.facts_since(MOST_FACTS + 10) == ()
+    assert ChunkIndex().facts_since(0) == ()
+
+
+def test_steps_beside_a_chunk_cross_chunks_but_no_gap() -> None:
+    ledger, _ = filled(4)
+    key = ChunkKey("a", 1, 0, 2)
+    assert ledger.steps_beside(key, before=6, after=3) == {2, 3, 4, 5, 6, 7, 12, 13, 14}
+    ledger.evict(4)
+    assert ledger.steps_beside(key, before=6, after=9) == {4, 5, 6, 7, 12, 13, 14, 15}

@@ -1,0 +1,146 @@
+"""`python -m replay` as a real process, killed and restarted."""
+
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.child import free_endpoint
+from common.run.config import RunConfig
+from common.run.presets import PRESETS
+from common.transport.bus import connect
+from replay.client import RemoteReplay
+from tests.patience import PATIENCE
+from tests.replay.replay_reference import GOES_ON, RUN, TERMINATES, Actor
+from tests.replay.replay_sessions import KEYS, insert
+
+FLAGS = [
+    *("--play.no-minimal-actions", "--replay.capacity", "400", "--replay.learning-starts", "50"),
+    *("--stream.chunk-steps", "16"),
+]
+CONFIG: RunConfig = PRESETS["fast"]
+
+
+class Process:
+    """A replay process and what it prints."""
+
+    def __init__(self, folder: Path, endpoint: str, *flags: str) -> None:
+        command = [sys.executable, "-m", "replay", "--run", RUN, "--runs", str(folder)]
+        command += ["--preset", "fast", "--listen", endpoint, *FLAGS, *flags]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        self.lines: list[str] = []
+        self._serving = threading.Event()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.lines.append(line)
+            if " stored, " in line:
+                self._serving.set()
+
+    def wait_until_it_serves(self) -> None:
+        assert self._serving.wait(PATIENCE), self.lines
+
+    def ended(self) -> int:
+        status = self.process.wait(PATIENCE)
+        self._reader.join(PATIENCE)
+        return status
+
+
+@pytest.fixture
+def started(tmp_path: Path) -> Iterator[list[Process]]:
+    processes: list[Process] = []
+    yield processes
+    for each in processes:
+        each.process.kill()
+        each.process.wait(PATIENCE)
+
+
+def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Process]) -> None:
+    endpoint = free_endpoint()
+    started.append(Process(tmp_path, endpoint))
+    started[0].wait_until_it_serves()
+    session = connect(endpoint, PATIENCE)
+    actor, rng = Actor("a", 4), np.random.default_rng(0)
+    chunks = [actor.live([GOES_ON] * 15 + [TERMINATES], rng) for _ in range(30)]  # the ring turns
+    for chunk in chunks[:-1]:
+        assert insert(session, chunk).status == "stored"
+    remote = RemoteReplay(session, KEYS, CONFIG)
+    before = remote.progress(0)
+    assert before.stored == 25 * 16
+    started[0].process.send_signal(signal.SIGKILL)
+    assert started[0].ended() == -signal.SIGKILL
+
+    found: list[object] = []
+    learner = threading.Thread(target=lambda: found.append(remote.progress(0)))
+    learner.start()  # a learner that asks while there is nobody
+    started.append(Process(tmp_path, endpoint, "--resume"))
+    started[1].wait_until_it_serves()
+    learner.join(PATIENCE)
+    after = remote.progress(0)
+    assert found[0] == after._replace(
+        resident_bytes=found[0].resident_bytes,  # type: ignore[attr-defined]
+        private_bytes=found[0].private_bytes,  # type: ignore[attr-defined]
+    )
+    assert after.facts == before.facts
+    assert (after.agent_steps, after.stored, after.samplable) == (29 * 16, 400, 400)
+    assert insert(session, chunks[-2]).status == "duplicate"
+    assert insert(session, chunks[0]).status == "duplicate"  # evicted, but not forgotten
+    assert insert(session, chunks[-1]).status == "stored"
+    batch = remote.sample(0, 20.0)
+    assert batch is not None
+    frames = np.concatenate([chunk.frames for chunk in chunks])
+    for at, id_ in enumerate(batch.ids):
+        assert (batch.s_tm1[at, -1] == frames[id_]).all()
+    session.close()  # type: ignore[no-untyped-call]
+    started[1].process.send_signal(signal.SIGINT)
+    assert started[1].ended() == 0
+    assert re.search(r"480 steps, 400 stored, .* 30 accepted, 2 duplicate", started[1].lines[-1])
+
+
+@pytest.mark.parametrize(
+    ("flags", "complaint"),
+    [
+        ([], "already holds a run"),
+        (["--resume", "--learning.n-step", "2"], "n_step 5 → 2"),
+        (["--resume", "--listen", "somewhere"], "no address"),
+    ],
+)
+def test_what_cannot_be_is_said_in_one_line(
+    tmp_path: Path, started: list[Process], flags: list[str], complaint: str
+) -> None:
+    endpoint = free_endpoint()
+    started.append(Process(tmp_path, endpoint))
+    started[0].wait_until_it_serves()
+    started[0].process.send_signal(signal.SIGTERM)
+    assert started[0].ended() == 0
+    started.append(Process(tmp_path, endpoint, *flags))
+    assert started[1].ended() == 2
+    assert len(started[1].lines) == 1
+    assert complaint in started[1].lines[0]
+
+
+def test_that_nobody_reads_what_it_says_is_no_reason_to_end(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    command = [sys.executable, "-m", "replay", "--run", RUN, "--runs", str(tmp_path)]
+    command += ["--preset", "fast", "--listen", endpoint, *FLAGS]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        session = connect(endpoint, PATIENCE)
+        chunk = Actor("a", 4).live([GOES_ON] * 15 + [TERMINATES], np.random.default_rng(0))
+        assert insert(session, chunk).status == "stored"
+        session.close()  # type: ignore[no-untyped-call]
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=PATIENCE)
+        assert (process.returncode, errors) == (0, b"")

@@ -1,0 +1,196 @@
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from common.errors import MessageError
+from common.protocol.chunk import Game
+from common.protocol.wire import MAX_MESSAGE_BYTES, pack, unpack
+from replay import messages
+from replay.batch import SharedBatch, decode_batch, encode_batch
+from replay.chunk_statistics import ChunkStatistics, Progress, decode_progress, encode_progress
+
+
+def a_batch(count: int, frame_stack: int, width: int) -> SharedBatch:
+    rng = np.random.default_rng(count)
+
+    def numbers(*shape: int) -> Any:
+        return rng.normal(size=shape).astype(np.float32)
+
+    return SharedBatch(
+        frames=rng.integers(0, 256, (5 * count, 84, 84), np.uint8),
+        stacks=rng.integers(0, 5 * count, (2, count, frame_stack), np.int32)
+        if count
+        else np.zeros((2, 0, frame_stack), np.int32),
+        ids=rng.integers(0, 2**60, count),
+        a_tm1=rng.integers(0, 18, count, np.uint8),
+        r_t=numbers(count),
+        discount_t=numbers(count),
+        weights=numbers(count),
+        x_tm1=numbers(count, width),
+        x_t=numbers(count, width),
+    )
+
+
+@pytest.mark.parametrize(("count", "frame_stack", "width"), [(1, 4, 0), (3, 1, 5), (0, 4, 2)])
+def test_a_batch_comes_through_whole(count: int, frame_stack: int, width: int) -> None:
+    batch = a_batch(count, frame_stack, width)
+    for name, array in decode_batch(encode_batch(batch))._asdict().items():
+        expected = getattr(batch, name)
+        assert array.dtype == expected.dtype
+        np.testing.assert_array_equal(array, expected)
+
+
+@pytest.mark.parametrize(("count", "frame_stack", "width"), [(1, 4, 0), (3, 1, 5), (0, 4, 2)])
+def test_a_batch_can_be_made_whole(count: int, frame_stack: int, width: int) -> None:
+    shared = decode_batch(encode_batch(a_batch(count, frame_stack, width)))
+    batch = shared.whole()
+    assert batch.s_tm1.shape == batch.s_t.shape == (count, frame_stack, 84, 84)
+    for at in range(count):
+        for place in range(frame_stack):
+            for states, which in ((batch.s_tm1, 0), (batch.s_t, 1)):
+                frame = shared.frames[shared.stacks[which, at, place]]
+                np.testing.assert_array_equal(states[at, place], frame)
+    assert batch.s_tm1.flags.writeable  # or a tensor of them would have to be another copy
+    for name in ("ids", "a_tm1", "r_t", "discount_t", "weights", "x_tm1", "x_t"):
+        assert getattr(batch, name) is getattr(shared, name)
+
+
+@pytest.mark.parametrize("wrong", [-1, 5, 2**31 - 1])
+def test_a_stack_of_frames_that_are_not_there_is_refused(wrong: int) -> None:
+    batch = a_batch(1, 4, 0)
+    batch.stacks[1, 0, 2] = wrong
+    with pytest.raises(MessageError, match="5 frames"):
+        decode_batch(encode_batch(batch))
+
+
+def test_a_small_message_cannot_ask_for_huge_states() -> None:
+    count = MAX_MESSAGE_BYTES // (2 * 4 * 84 * 84)
+    batch = a_batch(1, 4, 0)
+    stacks = np.zeros((2, count + 1, 4), np.int32)
+    empty = np.zeros(count + 1, np.float32)
+    large = batch._replace(
+        stacks=stacks,
+        ids=np.zeros(count + 1, np.int64),
+        a_tm1=np.zeros(count + 1, np.uint8),
+        r_t=empty,
+        discount_t=empty,
+        weights=empty,
+        x_tm1=empty[:, None],
+        x_t=empty[:, None],
+    )
+    with pytest.raises(MessageError, match="over the bound"):
+        decode_batch(encode_batch(large))
+
+
+def test_the_answer_may_be_that_there_is_no_batch() -> None:
+    assert messages.decode_sample_reply(messages.encode_sample_reply(None)) is None
+
+
+@pytest.mark.parametrize("name", SharedBatch._fields)
+def test_a_batch_without_one_of_its_arrays_is_refused(name: str) -> None:
+    message = unpack(encode_batch(a_batch(2, 4, 0)))
+    del message["schema"], message[name]
+    with pytest.raises(MessageError, match=name):
+        decode_batch(pack(message))
+
+
+FACTS = st.builds(
+    ChunkStatistics,
+    index=st.integers(0, 2**62),
+    agent_steps=st.integers(0, 2**62),
+    steps=st.integers(1, 1_024),
+    actor=st.text(max_size=20),
+    epsilon=st.floats(0, 1),
+    weights_version=st.integers(0, 2**62),
+    staleness=st.integers(0, 2**62),
+    valid=st.integers(0, 1_024),
+    matched=st.integers(0, 1_024),
+    games=st.lists(
+        st.builds(Game, st.floats(-1e6, 1e6), st.integers(0, 2**31 - 1)), max_size=3
+    ).map(tuple),
+)
+
+
+@given(st.lists(FACTS, max_size=3).map(tuple), st.booleans(), st.integers(0, 2**62))
+def test_progress_comes_through_whole(
+    facts: tuple[ChunkStatistics, ...], hold: bool, number: int
+) -> None:
+    progress = Progress(number, 1, 2, 3, 4, 5, hold, 6, 7, number, facts)
+    assert decode_progress(encode_progress(progress)) == progress
+
+
+@pytest.mark.parametrize("bad", [None, [], [1], [[1, 2, 3]], [[0, 1, 1, "a", 1, 0, 0, 0, 0, []]]])
+def test_facts_of_other_kinds_are_refused(bad: Any) -> None:
+    message = unpack(encode_progress(Progress(0, 1, 2, 3, 4, 5, False, 6, 7, 8, ())))
+    del message["schema"]
+    with pytest.raises(MessageError):
+        decode_progress(pack({**message, "facts": bad} if bad != [] else {"facts": bad}))
+
+
+def test_requests_come_through_whole() -> None:
+    assert messages.decode_sample_request(messages.encode_sample_request(640, 0.5)) == (640, 0.5)
+    assert messages.decode_held_out_request(messages.encode_held_out_request(9)) == 9
+    request = messages.encode_progress_request(3, True)
+    assert messages.decode_progress_request(request) == (3, True)
+
+
+@given(hnp.arrays(np.float32, st.integers(0, 9), elements=st.floats(0, 1, width=32)))
+def test_priorities_come_through_whole(priorities: Any) -> None:
+    ids = np.arange(len(priorities)) + 2**40
+    found = messages.decode_priorities(messages.encode_priorities(ids, priorities))
+    np.testing.assert_array_equal(found[0], ids)
+    np.testing.assert_array_equal(found[1], priorities)
+
+
+def test_held_out_states_come_through_whole() -> None:
+    batch = a_batch(3, 4, 2).whole()
+    held = messages.decode_held_out_reply(
+        messages.encode_held_out_reply((batch.s_tm1, batch.x_tm1))
+    )
+    np.testing.assert_array_equal(held[0], batch.s_tm1)
+    np.testing.assert_array_equal(held[1], batch.x_tm1)
+
+
+DECODERS: list[Callable[[bytes], object]] = [
+    decode_batch,
+    decode_progress,
+    messages.decode_sample_request,
+    messages.decode_priorities,
+    messages.decode_held_out_request,
+    messages.decode_held_out_reply,
+    messages.decode_progress_request,
+]
+
+
+@given(st.sampled_from(DECODERS), st.binary(max_size=60))
+def test_random_bytes_are_refused(decode: Callable[[bytes], object], payload: bytes) -> None:
+    with pytest.raises(MessageError):
+        decode(payload)
+
+
+@given(
+    st.sampled_from(DECODERS),
+    st.dictionaries(
+        st.sampled_from(["ids", "drawn", "timeout", "count", "since", "facts", "frames", "stacks"]),
+        st.none() | st.integers(-(2**63), 2**63) | st.floats() | st.text(max_size=3) | st.just([]),
+    ),
+)
+def test_maps_of_anything_are_decoded_or_refused(
+    decode: Callable[[bytes], object], message: dict[str, Any]
+) -> None:
+    try:
+        decoded = decode(pack(message))
+    except MessageError:
+        return
+    # What passes can only be the requests whose every field may be among these.
+    assert decode in (
+        messages.decode_sample_request,
+        messages.decode_held_out_request,
+        messages.decode_progress_request,
+    )
+    assert decoded is not None

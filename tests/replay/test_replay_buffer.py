@@ -1,0 +1,448 @@
+import copy
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from common.errors import InputError, MessageError
+from common.protocol.chunk import Chunk
+from common.run.config import RunConfig
+from replay.batch import Batch
+from replay.replay_buffer import ReplayBuffer
+from tests.replay.replay_reference import (
+    GOES_ON,
+    TERMINATES,
+    TRUNCATES,
+    Actor,
+    ListReplay,
+    VectorConfig,
+    expected_transition,
+    make_config,
+    number_of,
+    vector_of,
+)
+
+ENDING = st.sampled_from([GOES_ON] * 8 + [TERMINATES, TRUNCATES])
+EVENT = st.tuples(
+    st.integers(0, 2),
+    st.sampled_from(["send"] * 6 + ["lose", "delay", "again", "restart"]),
+    st.lists(ENDING, min_size=1, max_size=7),
+)
+
+
+def check_batch(batch: Batch, actors: list[Actor], config: RunConfig) -> set[int]:
+    """Compare each transition with its actor's own record; the numbers of those drawn."""
+    drawn: set[int] = set()
+    for at in range(len(batch.ids)):
+        stack = [number_of(frame) for frame in batch.s_tm1[at]]
+        drawn.add(stack[-1])
+        actor = actors[stack[-1] // 1_000_000]
+        expected = expected_transition(actor, stack[-1], config)
+        assert stack == expected.s_tm1
+        assert batch.a_tm1[at] == expected.action
+        assert batch.r_t[at] == pytest.approx(expected.reward, rel=1e-6)
+        assert batch.discount_t[at] == pytest.approx(expected.discount, rel=1e-6)
+        width = config.vector_width
+        assert (batch.x_tm1[at] == vector_of(stack[-1], width)).all()
+        if expected.s_t is not None:
+            assert [number_of(frame) for frame in batch.s_t[at]] == expected.s_t
+            assert (batch.x_t[at] == vector_of(expected.s_t[-1], width)).all()
+    return drawn
+
+
+@settings(
+    max_examples=100,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(
+    events=st.lists(EVENT, min_size=5, max_size=40),
+    frame_stack=st.sampled_from([1, 2, 4, 4]),
+    n_step=st.sampled_from([1, 3, 5]),
+    clip=st.booleans(),
+    cut=st.booleans(),
+    sampler=st.sampled_from(["uniform", "prioritised"]),
+    capacity=st.sampled_from([24, 40, 90]),
+)
+def test_it_gives_what_a_replay_of_lists_gives(
+    tmp_path_factory: pytest.TempPathFactory,
+    events: list[tuple[int, str, list[int]]],
+    frame_stack: int,
+    n_step: int,
+    clip: bool,
+    cut: bool,
+    sampler: str,
+    capacity: int,
+) -> None:
+    """Several actors, ends and cuts of episodes, lost, late and repeated chunks, wrap, restarts."""
+    folder = tmp_path_factory.mktemp("replay")
+    config = make_config(
+        VectorConfig,
+        frame_stack=frame_stack,
+        n_step=n_step,
+        clip_rewards=clip,
+        watkins_cut=cut,
+        sampler=sampler,
+        capacity=capacity,
+    )
+    rng = np.random.default_rng(0)
+    actors = [Actor(str(n), frame_stack, 3, 1_000_000 * n) for n in range(3)]
+    late: list[Chunk] = []
+    memory, reference = ReplayBuffer(config, folder), ListReplay(config)
+    inserted = drawn = 0
+    sent: list[Chunk] = []
+    for who, what, endings in events:
+        arriving: list[Chunk] = []
+        if what == "restart":
+            memory.close()
+            memory = ReplayBuffer(config, folder)
+        elif what == "again":
+            arriving = sent[-1:]
+        else:
+            chunk = actors[who].live(endings, rng)
+            if what == "delay":
+                late.append(chunk)
+            elif what == "send":
+                arriving = [chunk, *late]
+                late = []
+        for chunk in arriving:
+            new = reference.insert(chunk)
+            ack = memory.insert(chunk)
+            inserted += new * len(chunk)
+            assert ack.status == ("stored" if new else "duplicate")
+            assert ack.agent_steps == inserted
+        sent += arriving
+        expected = reference.numbers()
+        progress = memory.progress(0)
+        assert progress.samplable == len(expected)
+        assert progress.stored == reference.steps()
+        batch = memory.sample(drawn, 0.0)
+        assert (batch is None) == (not expected)
+        if batch is not None:
+            assert check_batch(batch, actors, config) <= expected
+    memory.close()
+
+
+def long_run(config: RunConfig, folder: Path, chunks: int, steps: int = 8) -> ReplayBuffer:
+    memory, actor = ReplayBuffer(config, folder), Actor("a", 4)
+    rng = np.random.default_rng(0)
+    for _ in range(chunks):
+        memory.insert(actor.live([GOES_ON] * steps, rng))
+    return memory
+
+
+def test_every_step_that_can_be_drawn_is_drawn(tmp_path: Path) -> None:
+    memory = long_run(make_config(batch_size=256, capacity=64), tmp_path, 20)
+    drawn: set[int] = set()
+    for _ in range(20):
+        batch = memory.sample(0, 0.0)
+        assert batch is not None
+        drawn |= set(batch.ids.tolist())
+    # 64 steps stay; the first 3 lack frames of the one before, the last 3 their return
+    assert sorted(drawn) == list(range(20 * 8 - 64 + 3, 20 * 8 - 3))
+    assert memory.progress(0).samplable == 64 - 6
+
+
+@pytest.mark.parametrize("n_step", [1, 3])
+@pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
+def test_a_shared_batch_made_whole_is_the_plain_one(
+    tmp_path: Path, n_step: int, sampler: str
+) -> None:
+    config = make_config(VectorConfig, n_step=n_step, sampler=sampler)
+    memory, actor = ReplayBuffer(config, tmp_path), Actor("a", 4, width=3)
+    rng = np.random.default_rng(0)
+    for endings in ([GOES_ON] * 20, [GOES_ON, TERMINATES] * 5, [GOES_ON, TRUNCATES] * 5):
+        memory.insert(actor.live(endings, rng))
+    for _ in range(10):
+        state = copy.deepcopy(memory._rng)
+        plain = memory.sample(0, 0.0)
+        memory._rng = state
+        shared = memory.sample_shared(0, 0.0)
+        assert plain is not None
+        assert shared is not None
+        assert len(shared.frames) < 2 * 16 * 4
+        for name, array in shared.whole()._asdict().items():
+            expected = getattr(plain, name)
+            assert array.dtype == expected.dtype
+            np.testing.assert_array_equal(array, expected, name)
+
+
+def test_the_limiter_holds_actors_and_the_learner(tmp_path: Path) -> None:
+    config = make_config(learning_starts=16, ratio_tolerance=8, batch_size=32)  # 8 draws per step
+    memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
+    assert memory.insert(actor.live([GOES_ON] * 15, rng)).hold is False
+    assert memory.sample(0, 0.0) is None  # 15 < 16
+    assert memory.insert(actor.live([GOES_ON] * 9, rng)).hold is False  # 8 steps ahead: allowed
+    assert memory.insert(actor.live([GOES_ON] * 1, rng)).hold is True
+    assert memory.await_release(0.0).hold is True
+    assert memory.sample(8, 0.0) is not None
+    assert memory.await_release(0.0).hold is False
+    assert memory.sample((25 - 16) * 8 + 32, 0.0) is not None  # one batch ahead: 4 of 8 steps
+    assert memory.sample((25 - 16) * 8 + 33, 0.0) is None
+
+
+def test_a_held_actor_and_a_waiting_learner_are_woken(tmp_path: Path) -> None:
+    config = make_config(learning_starts=16, ratio_tolerance=8, batch_size=32)
+    memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
+    found: list[object] = []
+    learner = threading.Thread(target=lambda: found.append(memory.sample(0, 60.0)))
+    learner.start()
+    memory.insert(actor.live([GOES_ON] * 30, rng))
+    learner.join(30.0)
+    assert isinstance(found[0], Batch)
+    held = threading.Thread(target=lambda: found.append(memory.await_release(60.0)))
+    held.start()
+    memory.sample(200, 0.0)
+    held.join(30.0)
+    assert not held.is_alive()
+    memory.insert(actor.live([GOES_ON] * 30, rng))
+    leaving = threading.Thread(target=lambda: found.append(memory.await_release(60.0)))
+    leaving.start()
+    memory.progress(0, finished=True)
+    leaving.join(30.0)
+    assert not leaving.is_alive()
+    assert memory.insert(actor.live([GOES_ON], rng)).finished
+    waiting = threading.Thread(target=lambda: found.append(memory.sample(10**9, 60.0)))
+    waiting.start()
+    memory.close()
+    waiting.join(30.0)
+    assert found[-1] is None
+
+
+def test_that_the_run_is_over_holds_until_it_is_taken_back(tmp_path: Path) -> None:
+    memory = long_run(make_config(), tmp_path, 4)
+    memory.progress(0, finished=True)
+    memory.progress(0)
+    memory.sample(0, 0.0)
+    assert memory.await_release(0.0).finished
+    memory.progress(0, finished=False)
+    assert not memory.await_release(0.0).finished
+
+
+def test_facts_tell_what_each_chunk_was(tmp_path: Path) -> None:
+    config = make_config(batch_size=16)
+    memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
+    chunks = [actor.live([GOES_ON, TERMINATES, GOES_ON], rng) for _ in range(3)]
+    memory.insert(chunks[0])
+    memory.sample(16 * 5, 0.0)  # five updates begun; the weights were those of update 0
+    memory.insert(chunks[1])
+    memory.insert(chunks[0])
+    with pytest.raises(MessageError):
+        memory.insert(Actor("b", 4, width=2).live([GOES_ON], rng))
+    progress = memory.progress(0)
+    assert (progress.accepted, progress.duplicates, progress.refused) == (2, 1, 1)
+    first, second = progress.facts
+    assert (first.index, first.agent_steps, first.steps, first.actor) == (0, 3, 3, "a")
+    assert (first.epsilon, first.staleness, second.staleness) == (0.5, 0, 5)
+    assert (first.valid, first.matched) == (int(chunks[0].valid.sum()), 3)
+    assert [(game.score, game.steps) for game in first.games] == [(1.5, 9)]
+    assert memory.progress(1).facts == (second,)
+    assert progress.file_bytes >= 64 * 7_056
+    assert progress.resident_bytes > progress.private_bytes > 0
+    memory.close()
+    again = ReplayBuffer(config, tmp_path)
+    after = again.progress(0)
+    assert after.facts == progress.facts
+    assert (after.accepted, after.duplicates, after.refused) == (2, 1, 1)
+    assert again.insert(chunks[1]).status == "duplicate"
+
+
+def test_held_out_states_are_different_and_wholly_seen(tmp_path: Path) -> None:
+    memory, actor = ReplayBuffer(make_config(capacity=200), tmp_path), Actor("a", 4)
+    memory.insert(actor.live([GOES_ON] * 150, np.random.default_rng(5)))
+    valid = {moment.stack[-1]: moment.valid for moment in actor.moments}
+    expected = {
+        moment.stack[-1]
+        for moment in actor.moments[:-3]
+        if all(valid[number] for number in moment.stack)
+    }
+    frames, vectors = memory.held_out(10_000)
+    found = [number_of(stack[-1]) for stack in frames]
+    assert sorted(found) == sorted(expected)
+    assert 0 < len(expected) < 147
+    assert vectors.shape == (len(found), 0)
+    few, _ = memory.held_out(5)
+    assert few.shape == (5, 4, 84, 84)
+
+
+@pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
+def test_drawing_while_the_ring_turns_never_mixes_frames(tmp_path: Path, sampler: str) -> None:
+    config = make_config(capacity=32, sampler=sampler, n_step=1)
+    memory, actor = ReplayBuffer(config, tmp_path), Actor("0", 4)
+    rng = np.random.default_rng(0)
+    chunks = [actor.live([GOES_ON] * 4 + [TERMINATES], rng) for _ in range(400)]
+    memory.insert(chunks[0])
+
+    def turn() -> None:
+        for chunk in chunks[1:]:
+            memory.insert(chunk)
+
+    writer = threading.Thread(target=turn)
+    writer.start()
+    rounds = 0
+    while writer.is_alive() or rounds < 5:
+        batch = memory.sample(0, 0.0)
+        assert batch is not None
+        for stack in batch.s_tm1:  # frames of one episode, or one frame repeated
+            numbers = [number_of(frame) for frame in stack]
+            assert numbers == actor.moments[numbers[-1] - 1].stack
+        memory.update_priorities(batch.ids, np.ones(len(batch.ids), np.float32))
+        rounds += 1
+    writer.join()
+
+
+def test_priorities_change_what_is_drawn(tmp_path: Path) -> None:
+    config = make_config(
+        batch_size=512, sampler="prioritised", priority_exponent=1.0, importance_exponent=1.0
+    )
+    memory = long_run(config, tmp_path, 1)
+    memory.update_priorities(np.arange(5), np.array([0, 0, 0, 1, 3], np.float32))
+    batch = memory.sample(0, 0.0)
+    assert batch is not None
+    assert set(batch.ids.tolist()) == {3, 4}
+    np.testing.assert_allclose(batch.weights[batch.ids == 4], 1 / 3, rtol=1e-4)
+    memory.close()
+    batch = ReplayBuffer(config, tmp_path).sample(0, 0.0)
+    assert batch is not None
+    assert set(batch.ids.tolist()) == {3, 4}
+    for bad in (np.nan, np.inf, -1.0):
+        with pytest.raises(MessageError, match="finite"):
+            memory.update_priorities(np.array([3]), np.array([bad], np.float32))
+
+
+def test_the_journal_stays_short_and_forgets_nothing(tmp_path: Path) -> None:
+    config = make_config(capacity=16)
+    memory, actor = ReplayBuffer(config, tmp_path), Actor("a", 4)
+    rng = np.random.default_rng(0)
+    chunks = [actor.live([GOES_ON], rng) for _ in range(40)]
+    memory.insert(chunks[0])
+    for _ in range(1_200):
+        memory.insert(chunks[0])
+    for chunk in chunks[1:]:
+        memory.insert(chunk)
+    lines = (tmp_path / "journal.jsonl").read_bytes().count(b"\n")
+    assert lines < 1_200
+    memory.close()
+    memory = ReplayBuffer(config, tmp_path)
+    progress = memory.progress(0)
+    assert (progress.accepted, progress.duplicates, progress.agent_steps) == (40, 1_200, 40)
+    assert memory.insert(chunks[3]).status == "duplicate"
+
+
+def test_a_torn_journal_loses_only_what_was_not_acknowledged(tmp_path: Path) -> None:
+    config = make_config()
+    memory = long_run(config, tmp_path, 3)
+    memory.close()
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(path.read_bytes()[:-20])
+    memory = ReplayBuffer(config, tmp_path)
+    assert memory.progress(0).accepted == 2
+    actor, rng = Actor("a", 4), np.random.default_rng(0)
+    statuses = [memory.insert(actor.live([GOES_ON] * 8, rng)).status for _ in range(4)]
+    assert statuses == ["duplicate", "duplicate", "stored", "stored"]
+    batch = memory.sample(0, 0.0)
+    assert batch is not None
+    check_batch(batch, [actor], config)
+
+
+def test_a_chunk_half_written_over_others_does_not_spoil_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As when the process dies between writing the frames and the journal."""
+    config = make_config(capacity=32, batch_size=256)
+    memory, actor = ReplayBuffer(config, tmp_path), Actor("a", 4)
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        memory.insert(actor.live([GOES_ON] * 8, rng))
+    chunk = actor.live([GOES_ON] * 8, rng)
+    with monkeypatch.context() as patch:
+        patch.setattr("replay.store.chunk_entry", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            memory.insert(chunk)
+    memory.close()
+    memory = ReplayBuffer(config, tmp_path)
+    batch = memory.sample(0, 0.0)
+    assert batch is not None
+    assert check_batch(batch, [actor], config) == set(range(12, 30))
+    assert memory.insert(chunk).status == "stored"
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"capacity": 65}, "capacity 64 instead of 65"),
+        ({"frame_stack": 3}, "history 4 instead of 3"),
+    ],
+)
+def test_a_ring_of_other_sizes_is_refused(
+    tmp_path: Path, changes: dict[str, int], complaint: str
+) -> None:
+    long_run(make_config(), tmp_path, 2).close()
+    with pytest.raises(InputError, match=complaint):
+        ReplayBuffer(make_config(RunConfig, **changes), tmp_path)
+
+
+def test_a_ring_without_its_frames_is_refused(tmp_path: Path) -> None:
+    long_run(make_config(), tmp_path, 2).close()
+    (tmp_path / "frames.bin").unlink()
+    with pytest.raises(InputError, match="damaged"):
+        ReplayBuffer(make_config(), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("lines", "number"), [("", 1), ('{"ki', 1), ("[]\n", 1), ('HEADER\n{"kind":"odd"}\n', 2)]
+)
+def test_a_damaged_journal_is_refused(tmp_path: Path, lines: str, number: int) -> None:
+    long_run(make_config(), tmp_path, 2).close()
+    journal = tmp_path / "journal.jsonl"
+    header = journal.read_text().splitlines()[0]
+    journal.write_text(lines.replace("HEADER", header))
+    with pytest.raises(InputError, match=f"damaged in line {number}"):
+        ReplayBuffer(make_config(), tmp_path)
+
+
+def test_two_processes_cannot_share_a_ring(tmp_path: Path) -> None:
+    memory = long_run(make_config(), tmp_path, 2)
+    with pytest.raises(InputError, match="another process"):
+        ReplayBuffer(make_config(), tmp_path)
+    assert memory.progress(0).accepted == 2
+
+
+def test_no_space_is_said_with_the_bytes_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(file: int, offset: int, size: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("replay.columns.os.posix_fallocate", full)
+        with pytest.raises(InputError, match=f"{64 * (7_056 + 7):,} bytes.*No space left"):
+            ReplayBuffer(make_config(), tmp_path / "ring")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_actions_are_those_of_the_runs_game(tmp_path: Path) -> None:
+    memory, rng = ReplayBuffer(make_config(), tmp_path, actions=6), np.random.default_rng(0)
+    actor = Actor("a", frame_stack=4)
+    chunk = actor.live([GOES_ON] * 8, rng)
+    chunk.actions[:] = 5
+    assert memory.insert(chunk).status == "stored"
+    chunk = actor.live([GOES_ON] * 8, rng)
+    chunk.actions[:] = [0, 1, 2, 3, 4, 5, 6, 0]
+    with pytest.raises(MessageError, match="actions should be less than 6"):
+        memory.insert(chunk)
+
+
+@pytest.mark.parametrize("fault", ["action", "context", "width", "size"])
+def test_chunks_that_do_not_fit_the_run_are_refused(tmp_path: Path, fault: str) -> None:
+    memory, rng = ReplayBuffer(make_config(), tmp_path), np.random.default_rng(0)
+    actor = Actor("a", frame_stack=6 if fault == "context" else 4, width=int(fault == "width"))
+    actor.live([GOES_ON] * 8, rng)
+    chunk = actor.live([GOES_ON] * (65 if fault == "size" else 8), rng)
+    if fault == "action":
+        chunk.actions[3] = 18
+    with pytest.raises(MessageError):
+        memory.insert(chunk)
+    assert memory.progress(0).refused == 1

@@ -1,0 +1,79 @@
+"""What a terminal sends, as keys that are held."""
+
+import pytest
+
+from common.actions import Keys
+from viewer.terminal.held_keys import HOLD, LONGEST_HOLD, HeldKeys
+
+
+@pytest.mark.parametrize(
+    ("sent", "keys"),
+    [
+        (b"\x1b[A", Keys.UP),
+        (b"\x1bOB", Keys.DOWN),
+        (b"\x1b[C", Keys.RIGHT),
+        (b"\x1b[1;2D", Keys.LEFT),
+        (b" ", Keys.FIRE),
+        (b"\x1b[A\x1b[C ", Keys.UP | Keys.RIGHT | Keys.FIRE),
+        (b"\x1b[A\x1b[B", Keys.DOWN),
+        (b"x\x1b[5~\x1b[H\xff", Keys.NONE),
+    ],
+)
+def test_what_is_sent_is_held_for_a_while(sent: bytes, keys: Keys) -> None:
+    held = HeldKeys()
+    held.feed(sent, 10.0)
+    assert held.held(10.0) == held.held(10.0 + HOLD * 0.99) == keys
+    assert held.held(10.0 + HOLD) == Keys.NONE
+    assert not held.wants_out
+
+
+def test_repeats_keep_a_key_down_and_others_fall_off() -> None:
+    held = HeldKeys()
+    held.feed(b"\x1b[A ", 0.0)
+    held.feed(b" ", 0.1)
+    assert held.held(0.2) == Keys.FIRE
+
+
+def test_a_sequence_may_come_in_parts() -> None:
+    held = HeldKeys()
+    for part in (b"\x1b", b"[", b"1;", b"2A"):
+        held.feed(part, 0.0)
+    assert held.held(0.0) == Keys.UP
+    assert not held.wants_out
+
+
+@pytest.mark.parametrize("sent", [b"q", b"Q", b"\x04"])
+def test_letters_that_leave(sent: bytes) -> None:
+    held = HeldKeys()
+    held.feed(b"\x1b[A" + sent, 0.0)
+    assert held.wants_out
+
+
+def test_escape_leaves_once_nothing_follows() -> None:
+    held = HeldKeys()
+    held.feed(b"\x1b", 0.0)
+    assert not held.wants_out
+    held.feed(b"", 0.02)
+    assert held.wants_out
+
+
+def test_where_letting_go_is_told_arrows_are_held_until_then() -> None:
+    held = HeldKeys()
+    held.feed(b"\x1b[?2u", 0.0)
+    held.feed(b"\x1b[A ", 0.0)
+    # The first repeat comes late, and is no gap.
+    assert held.held(0.4) == Keys.UP
+    held.feed(b"\x1b[1;1:2A\x1b[1;1:1C", 0.5)
+    held.feed(b"\x1b[1;2:3A", 0.6)
+    assert held.held(0.6) == Keys.RIGHT
+    # Let go while another window had the keyboard.
+    assert held.held(0.5 + LONGEST_HOLD) == Keys.NONE
+    held.feed(b"\x1b[1;1:3B", 1.6)
+    assert held.held(1.6) == Keys.NONE
+    assert not held.wants_out
+
+
+def test_a_terminal_that_knows_the_question_and_says_no() -> None:
+    held = HeldKeys()
+    held.feed(b"\x1b[?0u\x1b[A", 0.0)
+    assert held.held(HOLD) == Keys.NONE

@@ -1,0 +1,220 @@
+"""A person at a terminal of the test's own: plays, sees, leaves, and gets the terminal back."""
+
+import fcntl
+import os
+import pty
+import re
+import select
+import struct
+import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+
+import pytest
+
+import viewer.human
+import viewer.terminal.terminal
+from actors.envs.clock import FRAME
+from actors.envs.world import World
+from common.actions import Keys
+from common.errors import InputError
+from common.run.presets import PRESETS
+from tests.paths import ROOT
+from tests.patience import PATIENCE
+from viewer.human import Reaction, keys_text, play_by_hand
+
+
+class Person:
+    """Sits at a pseudo-terminal in which `python -m actors --human` runs."""
+
+    def __init__(self, *arguments: str, columns: int = 80, rows: int = 24) -> None:
+        self.master, self.slave = pty.openpty()
+        fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+        self.before = termios.tcgetattr(self.slave)
+        self.seen = b""
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "actors", "--human", *arguments],
+            cwd=ROOT,
+            stdin=self.slave,
+            stdout=self.slave,
+            stderr=self.slave,
+            # Its own terminal, so that Ctrl-C goes to it.
+            preexec_fn=self._own_terminal,
+        )
+
+    def _own_terminal(self) -> None:
+        os.setsid()
+        fcntl.ioctl(self.slave, termios.TIOCSCTTY, 0)
+
+    def types(self, keys: bytes) -> None:
+        os.write(self.master, keys)
+
+    def sees(self, pattern: str, *, typing: bytes = b"") -> None:
+        """Look until ``pattern`` has come, typing all the while."""
+        deadline = time.monotonic() + PATIENCE
+        while not re.search(pattern, self.seen.decode(errors="replace")):
+            assert time.monotonic() < deadline, self.seen[-500:]
+            if typing:
+                self.types(typing)
+            self._look(0.05)
+
+    def leaves(self) -> int:
+        """Wait for the end, looking on so that it is not held up; the exit status."""
+        deadline = time.monotonic() + PATIENCE
+        while self.process.poll() is None:
+            assert time.monotonic() < deadline, self.seen[-500:]
+            self._look(0.05)
+        while self._look(0.0):
+            pass
+        return self.process.returncode
+
+    def _look(self, seconds: float) -> bool:
+        ready, _, _ = select.select([self.master], [], [], seconds)
+        if ready:
+            self.seen += os.read(self.master, 65_536)
+        return bool(ready)
+
+    def has_the_terminal_back(self) -> bool:
+        """Modes as before, the cursor shown and the first screen back."""
+        return (
+            termios.tcgetattr(self.slave) == self.before
+            and self.seen.rfind(b"\x1b[?25h") > self.seen.rfind(b"\x1b[?25l")
+            and self.seen.rfind(b"\x1b[?1049l") > self.seen.rfind(b"\x1b[?1049h")
+        )
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        os.close(self.master)
+        os.close(self.slave)
+
+
+@pytest.fixture
+def person() -> Iterator[Person]:
+    person = Person()
+    yield person
+    person.close()
+
+
+def test_a_person_presses_keys_through_the_hands(person: Person) -> None:
+    person.sees("you ·····  keys ·····")
+    person.sees("▀")
+    person.sees("keys ↑···●.*latency [0-9]+ ms", typing=b"\x1b[A ")
+    person.types(b"q")
+    assert person.leaves() == 0
+    assert person.has_the_terminal_back()
+
+
+def test_ctrl_c_gives_the_terminal_back(person: Person) -> None:
+    person.sees("latency")
+    assert not person.has_the_terminal_back()
+    person.types(b"\x03")
+    assert person.leaves() == 0
+    assert person.has_the_terminal_back()
+
+
+def test_without_a_terminal_it_is_refused() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "actors", "--human"],
+        cwd=ROOT,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == (
+        "error: --human needs a terminal for its keys and its picture: run it in one.\n"
+    )
+
+
+def test_without_a_robot_it_is_refused() -> None:
+    with pytest.raises(InputError, match="leave --env ale away"):
+        play_by_hand(PRESETS["fast"], seed=0, stop=threading.Event())
+
+
+class Seat:
+    """A terminal for a game that runs in this process, and is over before anything is drawn."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, columns: int, rows: int) -> None:
+        self.master, self.slave = pty.openpty()
+        fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+        self.before = termios.tcgetattr(self.slave)
+        self._file = os.fdopen(self.slave, "r+b", buffering=0)
+        # Not those of sys itself, which are pytest's.
+        streams = SimpleNamespace(stdin=self._file, stdout=self._file)
+        for module in (viewer.human, viewer.terminal.terminal):
+            monkeypatch.setattr(module, "sys", streams)
+
+    def close(self) -> None:
+        """Look whether the terminal is as it was."""
+        assert termios.tcgetattr(self.slave) == self.before
+        seen = b""
+        # Until nothing is left: what was written in parts may be read in parts.
+        while select.select([self.master], [], [], 0.0)[0]:
+            seen += os.read(self.master, 1024)
+        assert seen.endswith(b"\x1b[?25h\x1b[?1049l")
+        self._file.close()
+        os.close(self.master)
+
+
+@pytest.fixture
+def seat(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int, int], None]]:
+    seats = []
+    yield lambda columns, rows: seats.append(Seat(monkeypatch, columns, rows))
+    (taken,) = seats
+    taken.close()
+
+
+def test_a_terminal_that_is_too_small_is_refused(seat: Callable[[int, int], None]) -> None:
+    seat(30, 10)
+    with pytest.raises(InputError, match="30 × 10 characters"):
+        play_by_hand(PRESETS["robot"], seed=0, stop=threading.Event())
+
+
+def test_a_stop_gives_the_terminal_back(seat: Callable[[int, int], None]) -> None:
+    seat(80, 24)
+    stop = threading.Event()
+    stop.set()
+    assert play_by_hand(PRESETS["robot"], seed=0, stop=stop) == 0
+
+
+def test_an_error_gives_the_terminal_back(
+    seat: Callable[[int, int], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(world: World) -> None:
+        raise RuntimeError("a fault of ours")
+
+    seat(80, 24)
+    monkeypatch.setattr(World, "frame", fail)
+    with pytest.raises(RuntimeError, match="a fault of ours"):
+        play_by_hand(PRESETS["robot"], seed=0, stop=threading.Event())
+
+
+def test_keys_as_text() -> None:
+    assert keys_text(Keys.NONE) == "·····"
+    assert keys_text(Keys.UP | Keys.RIGHT | Keys.FIRE) == "↑··→●"
+
+
+def test_reaction_counts_frames_from_a_command_to_its_keys() -> None:
+    reaction = Reaction()
+    assert str(reaction) == "latency –"
+    for _ in range(5):
+        reaction.frame(Keys.NONE, Keys.NONE)
+    assert reaction.last is None
+    for pressed in (Keys.NONE, Keys.NONE, Keys.UP, Keys.UP):
+        reaction.frame(Keys.UP, pressed)
+    assert reaction.last == 3
+    assert str(reaction) == f"latency {3 * FRAME * 1000:.0f} ms (median 50)"
+    # A command that is replaced before it is fulfilled does not count.
+    reaction.frame(Keys.LEFT, Keys.UP)
+    reaction.frame(Keys.NONE, Keys.UP)
+    reaction.frame(Keys.NONE, Keys.NONE)
+    assert reaction.last == 2
+    assert str(reaction).endswith("(median 42)")

@@ -1,0 +1,64 @@
+"""Films that can be read again."""
+
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from common.errors import InputError
+from viewer.movie import open_movie
+
+COLOURS = ((230, 20, 20), (20, 200, 20), (20, 20, 220))
+
+
+def film(path: Path) -> None:
+    with open_movie(path, 15.0) as movie:
+        for colour in COLOURS:
+            movie.add(np.full((96, 128, 3), colour, np.uint8))
+
+
+def test_an_mp4(tmp_path: Path) -> None:
+    path = tmp_path / "new folder" / "film.mp4"
+    film(path)
+    video = cv2.VideoCapture(str(path))
+    assert video.get(cv2.CAP_PROP_FPS) == 15
+    for colour in COLOURS:
+        read, picture = video.read()
+        assert read
+        assert picture.shape == (96, 128, 3)
+        np.testing.assert_allclose(picture.mean(axis=(0, 1))[::-1], colour, atol=12)
+    assert not video.read()[0]
+
+
+def test_a_gif(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    path = tmp_path / "film.GIF"
+    film(path)
+    with image.open(path) as gif:
+        assert (gif.n_frames, gif.size) == (3, (64, 48))
+        assert gif.info["duration"] == 70
+        for number, colour in enumerate(COLOURS):
+            gif.seek(number)
+            np.testing.assert_allclose(gif.convert("RGB").getpixel((30, 20)), colour, atol=6)
+
+
+def test_a_gif_without_pillow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(InputError, match="pillow"):
+        open_movie(tmp_path / "film.gif", 15.0)
+
+
+def test_other_names_are_refused_and_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "film.txt"
+    path.write_text("kept")
+    with pytest.raises(InputError, match=r"\.mp4 or \.gif"):
+        open_movie(path, 15.0)
+    assert path.read_text() == "kept"
+
+
+def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        open_movie(tmp_path / "file" / "film.mp4", 15.0)

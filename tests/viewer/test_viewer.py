@@ -1,0 +1,298 @@
+"""`python -m actors --check` and `--play`: figures, pictures, films, and what is refused."""
+
+import io
+import re
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from rich.console import Console
+
+import viewer.check
+from actors.__main__ import ActorOptions
+from actors.__main__ import main as actors_main
+from actors.envs.robot import RobotEnv
+from actors.robots.nao.latency import Change
+from actors.robots.nao.urdf import write_urdf
+from common.errors import InputError
+from common.network import build_network
+from common.process.command_line import parse
+from common.protocol.weights import encode_weights
+from common.run.config import PlayConfig, RunConfig, to_json
+from common.run.presets import PRESETS
+from viewer.check import check
+from viewer.options import LookingOptions
+from viewer.player import build_player, config_to_play
+
+SHORT = replace(
+    PRESETS["robot"], play=PlayConfig(random_starts=0, max_game_frames=16, minimal_actions=True)
+)
+"""Games of 4 decisions."""
+
+
+def in_run(folder: Path, config: RunConfig, actions: int) -> Path:
+    """Weights where a run leaves them."""
+    snapshots = folder / "runs" / "r" / "snapshots"
+    snapshots.mkdir(parents=True)
+    (folder / "runs" / "r" / "config.json").write_text(to_json(config))
+    path = snapshots / "best.safetensors"
+    path.write_bytes(encode_weights(build_network(config, actions)))
+    return path
+
+
+def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    """`python -m actors ARGUMENTS` in this process; signals stay pytest's.
+
+    It prints for a wide page without colours, wherever the tests run.
+    """
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+    monkeypatch.setattr("actors.__main__.on_signals", lambda stop: None)
+    monkeypatch.setattr(sys, "argv", ["actors", *arguments])
+    return actors_main()
+
+
+def flags(*arguments: str) -> ActorOptions:
+    options = parse(ActorOptions, "actors", arguments)
+    options.check()
+    return options
+
+
+def test_joining_a_run_is_still_the_plain_command() -> None:
+    assert not flags("--sync").looking.looks
+
+
+def test_flags() -> None:
+    looking = flags("--play", "--weights", "w", "--video", "v.mp4", "--epsilon", "0").looking
+    assert looking.plays
+    assert (looking.weights, looking.video, looking.epsilon) == (Path("w"), Path("v.mp4"), 0.0)
+    assert flags("--check", "-o", "p.png").looking.output == Path("p.png")
+    assert flags("--viewer", "rerun").looking.plays
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--check", "--play"], "--check and --play exclude each other"),
+        (["--human", "--viewer", "rerun"], "--viewer and --human exclude each other"),
+        (["--video", "v.mp4"], "--video belongs to --play"),
+        (["--check", "--weights", "w"], "--weights belongs to --play"),
+        (["--human", "--nao-urdf", "n"], "--nao-urdf belongs to --check or --play"),
+        (["--minimal-actions"], "--minimal-actions belongs to"),
+        (["--play", "--epsilon", "1.5"], "--epsilon is 1.5"),
+        (["--play", "--video", "v.gif"], "--seconds up to 120, or an .mp4"),
+        (["--play", "--video", "v.gif", "--seconds", "121"], "--seconds up to 120, or an .mp4"),
+        (["--play", "--games", "0"], "--games is 0"),
+        (["--play", "--seconds", "-1"], "--seconds is -1"),
+        (["--human", "--seconds", "5"], "--seconds belongs to --play"),
+    ],
+)
+def test_flags_that_do_not_go_together(arguments: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        flags(*arguments)
+
+
+def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> None:
+    ran = replace(PRESETS["fast"], game="breakout")
+    weights = in_run(tmp_path, ran, 4)
+    assert config_to_play(weights, None, None, False) == ran
+    changed = config_to_play(weights, "robot", "pong", False)
+    assert changed == replace(ran, env="robot", game="pong")
+    alone = tmp_path / "alone.safetensors"
+    assert config_to_play(alone, None, None, False).play.minimal_actions is False
+    assert config_to_play(None, "ale", None, True).play.minimal_actions is True
+    assert config_to_play(None, None, None, False).env == "robot"
+
+
+def test_weights_that_do_not_fit(tmp_path: Path) -> None:
+    weights = in_run(tmp_path, SHORT, 6)
+    with pytest.raises(InputError, match=r"with 18 actions.*--minimal-actions"):
+        build_player(SHORT, 18, weights, 0.0, 0)
+    weights.write_bytes(b"no weights")
+    with pytest.raises(InputError, match="does not fit"):
+        build_player(SHORT, 6, weights, 0.0, 0)
+    with pytest.raises(InputError, match="cannot be read"):
+        build_player(SHORT, 6, tmp_path / "none", 0.0, 0)
+
+
+def test_the_shown_values_are_the_networks(tmp_path: Path) -> None:
+    weights = in_run(tmp_path, SHORT, 6)
+    policy = build_player(SHORT, 6, weights, 0.0, 0)
+    frames = np.random.default_rng(0).integers(0, 256, (1, 4, 84, 84), np.uint8)
+    (action,) = policy.act(frames, np.zeros((1, 0), np.float32))
+    assert policy.values is not None
+    assert policy.values.shape == (6,)
+    assert action == policy.values.argmax()
+    random = build_player(SHORT, 6, None, 0.0, 0)
+    random.act(frames, np.zeros((1, 0), np.float32))
+    assert random.values is None
+
+
+CHANGES = [
+    Change(0, 1, settled=True, frames=3, strayed=False),
+    Change(1, 2, settled=True, frames=5, strayed=True),
+    Change(2, 3, settled=False, frames=4, strayed=False),
+    Change(3, 4, settled=False, frames=None, strayed=False),
+]
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A check that is over soon."""
+    monkeypatch.setattr(viewer.check, "DECISIONS", 20)
+    monkeypatch.setattr(viewer.check, "changes", lambda room, repetitions, seed: CHANGES)
+
+
+@pytest.mark.usefixtures("short")
+def test_check_is_green_and_writes_four_panels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "new" / "check.png"
+    urdf = write_urdf(tmp_path)
+    assert command(monkeypatch, "--check", "-o", str(path), "--nao-urdf", str(urdf)) == 0
+    said = capsys.readouterr().out
+    for words in ("valid frames", "pixel deviation", "corners", "keys as", "p50", "p99"):
+        assert words in said
+    assert said.count("│ green │") == 4
+    assert "red:" not in said
+    # Of 3 and 5 frames, and of 4 alone.
+    assert re.search(r"p50 +│ +50\.0 ms │ 66\.7 ms │ +≤ 66\.7 ms", said)
+    assert re.search(r"p99 +│ +83\.3 ms │ 66\.7 ms │ +≤ 133\.3 ms", said)
+    assert re.search(r"not reached +│ +0 │ +1 │", said)
+    assert re.search(r"stray key +│ +50\.0% │ +0\.0% │", said)
+    assert cv2.imread(str(path)).shape == (768, 1024, 3)
+
+
+def test_check_of_the_emulator_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "check.png"
+    arguments = ("--check", "--env", "ale", "--game", "breakout", "-o", str(path))
+    assert command(monkeypatch, *arguments) == 0
+    said = capsys.readouterr().out
+    assert "breakout (ale)" in said
+    assert "keys as commanded" not in said
+    assert cv2.imread(str(path)).shape == (384, 1024, 3)
+
+
+@pytest.mark.usefixtures("short")
+def test_check_is_red_for_a_robot_that_is_blind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its eye is shown a grey wall, as in 2017, when nobody was told."""
+    look = RobotEnv._look
+
+    def look_at_a_wall(env: RobotEnv) -> None:
+        look(env)
+        env._seen = np.full_like(env.seen, 128)
+        env.detection = env.eye.__class__().detect(env.seen)
+
+    monkeypatch.setattr(RobotEnv, "_look", look_at_a_wall)
+    console = Console(file=io.StringIO(), width=120)
+    status = check(
+        PRESETS["robot"],
+        tmp_path / "p.png",
+        nao_urdf=None,
+        seed=0,
+        stop=threading.Event(),
+        console=console,
+    )
+    assert status == 1
+    said = console.file.getvalue()  # type: ignore[attr-defined]
+    assert said.count("red:") == 3
+    assert "the screen is not found" in said
+
+
+@pytest.mark.parametrize("name", ["p.nonsense", "file/p.png"])
+def test_a_picture_that_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(viewer.check, "DECISIONS", 1)
+    with pytest.raises(InputError, match=r"p\."):
+        command(monkeypatch, "--check", "--env", "ale", "-o", str(tmp_path / name))
+
+
+def test_play_prints_scores_and_records_every_decision(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = in_run(tmp_path, SHORT, 6)
+    video = tmp_path / "film.mp4"
+    arguments = ("--play", "--weights", str(weights), "--video", str(video), "--games", "2")
+    assert command(monkeypatch, *arguments) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:2] == ["game 1: score 0 in 4 steps", "game 2: score 0 in 4 steps"]
+    assert lines[2:] == ["mean score of 2 games: 0.00", f"wrote {video}"]
+    assert pictures_in(video) == 8
+
+
+def pictures_in(video: Path) -> int:
+    film = cv2.VideoCapture(str(video))
+    pictures = 0
+    while film.read()[0]:
+        pictures += 1
+    return pictures
+
+
+def test_a_film_in_real_time_lasts_as_long_as_its_game(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weights = in_run(tmp_path, SHORT, 6)
+    video = tmp_path / "film.mp4"
+    arguments = ("--play", "--weights", str(weights), "--video", str(video), "--no-sync")
+    assert command(monkeypatch, *arguments) == 0
+    assert pictures_in(video) == 4  # decisions of the game, in however few steps
+
+
+def test_play_ends_after_so_many_seconds_of_play(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
+    arguments = ("--play", "--weights", str(weights), "--games", "9", "--seconds", "0.6")
+    assert command(monkeypatch, *arguments) == 0
+    # 0.6 s are 9 decisions of 66.7 ms: two games of 4, and one of the next.
+    assert capsys.readouterr().out.splitlines()[2:] == ["mean score of 2 games: 0.00"]
+
+
+def test_play_in_real_time_tells_how_often_it_was_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = in_run(tmp_path, SHORT, 6)
+    assert command(monkeypatch, "--play", "--weights", str(weights), "--no-sync") == 0
+    assert re.fullmatch(
+        r"game 1: score 0 in 4 steps, \d+ deadlines missed\n", capsys.readouterr().out
+    )
+
+
+def test_play_on_the_emulator_alone_is_the_same_game_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
+    video = tmp_path / "film.gif"
+    arguments = ("--play", "--weights", str(weights), "--epsilon", "0.5", "--seed", "3")
+    arguments += ("--seconds", "60")  # more than the game has
+    assert command(monkeypatch, *arguments) == 0
+    first = capsys.readouterr().out
+    pytest.importorskip("PIL")
+    assert command(monkeypatch, *arguments, "--video", str(video)) == 0
+    assert capsys.readouterr().out == f"{first}wrote {video}\n"
+
+
+def test_a_viewer_that_is_not_installed_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(InputError, match=r"rerun-sdk.*pip install 'ale-robot\[viz\]'"):
+        command(monkeypatch, "--play", "--viewer", "rerun")
+
+
+def test_options_are_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        parse(ActorOptions, "actors", ["--help"])
+    said = capsys.readouterr().out
+    for field in LookingOptions.__dataclass_fields__:
+        assert f"--{field.replace('_', '-')}" in said

@@ -1,0 +1,134 @@
+"""A NAO of the user's own, from their URDF with the maker's meshes, in pictures of the room.
+
+The maker's licence forbids copying the meshes, so none comes with this project. The robot that
+plays stays ours: here its joint angles are copied to the other one, in a second room that is
+only ever looked at, whose physics never take a step.
+"""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.robots.nao.controller import Controller
+from actors.robots.nao.engine import open_engine
+from actors.robots.nao.furniture import DESK_TOP, PICTURE_CORNERS, Furniture
+from actors.robots.nao.posture import ARM_JOINTS, HELD_ANGLES, TORSO_ORIGIN
+from actors.robots.nao.room import Room
+from actors.robots.nao.silence import silenced
+from actors.robots.nao.viewpoint import Viewpoint, Views
+from common.errors import InputError
+from viewer.meshes import check_meshes
+
+_MOVING = tuple(side + name for side in "LR" for name in ARM_JOINTS)
+_ON_THE_TORSO = "LShoulderPitch"
+
+
+class OwnNao:
+    """A room with furniture, controller and the user's robot, posed as in another room.
+
+    Args:
+        path: URDF; joints are matched by NAO's published names (LShoulderPitch …). The arms'
+            eight must be there, the others are put where ours are held if they are.
+        game_size: rows and columns of the game's picture.
+
+    Raises:
+        InputError: the file cannot be loaded, shows nothing or lacks joints, or a mesh is missing
+            or broken.
+    """
+
+    def __init__(self, path: Path, game_size: tuple[int, int]) -> None:
+        self._engine = open_engine()
+        with silenced(), tempfile.TemporaryDirectory() as folder:
+            self._furniture = Furniture(self._engine)
+            self._controller = Controller(self._engine, Path(folder), DESK_TOP)
+            self._body = _load(self._engine, path)
+        self._game_size = game_size
+        self._views = self._new_views()
+        self._joints = _joints_of(self._engine, self._body)
+        if missing := [name for name in _MOVING if name not in self._joints]:
+            raise InputError(
+                f"{path} has no joints called {', '.join(missing)}: --nao-urdf needs a robot "
+                "with NAO's joint names."
+            )
+        for name, angle in HELD_ANGLES.items():
+            if name in self._joints:
+                self._engine.resetJointState(self._body, self._joints[name], angle)
+        self._seat()
+
+    def _seat(self) -> None:
+        """Put the torso, whatever link the file begins with, where ours is."""
+        engine = self._engine
+        parent = engine.getJointInfo(self._body, self._joints[_ON_THE_TORSO])[16]
+        if parent >= 0:
+            state = engine.getLinkState(self._body, parent, computeForwardKinematics=1)
+            at, turn = state[4], state[5]
+        else:
+            # The base's position is that of its centre of mass, not of its frame.
+            at, turn = engine.getBasePositionAndOrientation(self._body)
+            inertial = engine.getDynamicsInfo(self._body, -1)
+            back = engine.invertTransform(inertial[3], inertial[4])
+            at, turn = engine.multiplyTransforms(at, turn, *back)
+        base = engine.getBasePositionAndOrientation(self._body)
+        upright = engine.multiplyTransforms(
+            TORSO_ORIGIN, (0.0, 0.0, 0.0, 1.0), *engine.invertTransform(at, turn)
+        )
+        engine.resetBasePositionAndOrientation(
+            self._body, *engine.multiplyTransforms(*upright, *base)
+        )
+
+    def view(
+        self,
+        room: Room,
+        game: NDArray[np.uint8],
+        width: int,
+        height: int,
+        viewpoint: Viewpoint,
+        *,
+        moved: bool = True,
+    ) -> NDArray[np.uint8]:
+        """As `Room.view` of ``room``, with this robot in the place of ours."""
+        corners = room.furniture.picture_corners
+        if not np.array_equal(corners, self._furniture.picture_corners):
+            self._furniture.push_screen(float(corners[0, 0] - PICTURE_CORNERS[0, 0]))
+            self._views = self._new_views()
+        for name, angle in room.arms.angles().items():
+            self._engine.resetJointState(self._body, self._joints[name], angle)
+        self._controller.mimic(room.controller)
+        self._controller.show()
+        return self._views.picture(viewpoint, game, width, height, moved=moved)
+
+    def _new_views(self) -> Views:
+        furniture = self._furniture
+        return Views(self._engine, furniture.screen, self._game_size, furniture.picture_corners)
+
+    def close(self) -> None:
+        """Leave the second room."""
+        self._engine.disconnect()
+
+
+def _load(engine: Any, path: Path) -> int:
+    import pybullet
+
+    if not path.is_file():
+        raise InputError(f"{path} does not exist: give --nao-urdf your robot's URDF file.")
+    check_meshes(path)
+    try:
+        body: int = engine.loadURDF(
+            str(path.resolve()), useFixedBase=True, flags=engine.URDF_IGNORE_COLLISION_SHAPES
+        )
+    except pybullet.error:
+        raise InputError(
+            f"{path} cannot be loaded: the engine does not take it for a URDF file."
+        ) from None
+    if not engine.getVisualShapeData(body):
+        raise InputError(f"{path} shows nothing: it should be a robot with visible parts.")
+    return body
+
+
+def _joints_of(engine: Any, body: int) -> dict[str, int]:
+    """Those that turn, by name."""
+    infos = (engine.getJointInfo(body, joint) for joint in range(engine.getNumJoints(body)))
+    return {info[1].decode(): info[0] for info in infos if info[2] == engine.JOINT_REVOLUTE}

@@ -1,0 +1,79 @@
+"""Pictures and figures streamed live to the Rerun viewer, where the extra `viz` is installed."""
+
+import os
+import shutil
+import socket
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import InputError
+from viewer.snapshot import Glance
+
+_VIEWER = ("127.0.0.1", 9876)
+"""Where a viewer listens."""
+_QUALITY = 90
+"""Of the JPEGs: an hour of bare pictures would not fit into the viewer's memory."""
+
+
+class RerunStream:
+    """Starts a viewer, or finds the one that runs, and sends it every glance.
+
+    Raises:
+        InputError: Rerun is not installed, or its viewer cannot be started here.
+    """
+
+    def __init__(self) -> None:
+        self._rerun = _import_rerun()
+        self._rerun.init("ale-robot")
+        if _viewer_runs():
+            self._rerun.connect_grpc()
+        else:
+            _start_viewer(self._rerun)
+        self._decision = 0
+
+    def show(self, glance: Glance, panels: NDArray[np.uint8]) -> None:
+        """Send the panels, and score and greatest value as curves."""
+        rerun = self._rerun
+        rerun.set_time("decision", sequence=self._decision)
+        self._decision += 1
+        rerun.log("panels", rerun.Image(panels).compress(jpeg_quality=_QUALITY))
+        rerun.log("score", rerun.Scalars(glance.score))
+        if glance.values is not None:
+            rerun.log("max_q", rerun.Scalars(float(glance.values.max())))
+
+
+def _import_rerun() -> ModuleType:
+    try:
+        import rerun
+    except ImportError:
+        raise InputError(
+            "--viewer rerun needs the package rerun-sdk, which is not installed: "
+            "pip install 'ale-robot[viz]'."
+        ) from None
+    module: ModuleType = rerun
+    return module
+
+
+def _viewer_runs() -> bool:
+    try:
+        socket.create_connection(_VIEWER, 1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+def _start_viewer(rerun: ModuleType) -> None:
+    on_screen = sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+    # Beside this Python, too, whose folder is not on the path unless it was activated.
+    places = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    program = shutil.which("rerun", path=places)
+    if not on_screen or program is None:
+        raise InputError(
+            f"--viewer rerun cannot open a window here: start `{program or 'rerun'} --serve-web`, "
+            "look at it in a browser, and try again."
+        )
+    rerun.spawn(executable_path=program)
