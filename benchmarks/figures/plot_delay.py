@@ -17,6 +17,7 @@ from benchmarks.lab import actuation_latency as late_keys
 from benchmarks.lab.ladder import COLUMNS, FLAGS
 from common.errors import InputError
 from common.press_latency import ms_of
+from common.process.command_line import PRESENT_FLAGS
 
 _FRAME_MS = ms_of(1)
 _DECISION_FRAMES = 4
@@ -78,11 +79,16 @@ def _read(path: Path) -> list[Climb]:
 
 
 def _climb(row: dict[str, str]) -> Climb:
-    flags = shlex.split(row["flags"])
+    # A table may have been written before a flag got its present name.
+    flags = [PRESENT_FLAGS.get(each, each) for each in shlex.split(row["flags"])]
     values = dict(pairwise(flags))
     delay, press, skip = (
         int(values.get(f"--play.{name}", default))
-        for name, default in (("delay", 0), ("press", 0), ("frame-skip", _DECISION_FRAMES))
+        for name, default in (
+            ("command-latency", 0),
+            ("press-latency", 0),
+            ("frame-skip", _DECISION_FRAMES),
+        )
     )
     # What sets a run apart beside delay and seed; the rung's own flags go without saying.
     known = {"--seed", "--game", "--env", "--play.command-latency", *FLAGS["R2"][2::2], "--preset"}

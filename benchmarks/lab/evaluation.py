@@ -23,9 +23,9 @@ def lateness(press: int) -> list[str]:
     return [
         "--play.command-latency",
         "0",
-        "--play.release_latency-latency",
+        "--play.release-latency",
         "0",
-        "--play.press_latency-latency",
+        "--play.press-latency",
         f"{press}",
     ]
 

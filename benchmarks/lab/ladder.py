@@ -41,7 +41,7 @@ PRESS = 2
 benchmarks.lab.press_latency`, has them in the third. The old command's keys are let go at once."""
 FLAGS: dict[Rung, list[str]] = {
     "R1": ["--env", "ale"],
-    "R2": ["--env", "ale", "--play.press_latency-latency", f"{PRESS}"],
+    "R2": ["--env", "ale", "--play.press-latency", f"{PRESS}"],
     "R3": ["--env", "robot", "--play.hand", "model"],
     "R4": ["--env", "robot", "--play.eye", "emulator"],
     "R5": ["--env", "robot"],

@@ -76,15 +76,22 @@ def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any
     return parsed
 
 
-def _refuse_former_names(arguments: Sequence[str]) -> None:
-    """Raises InputError, with the present name, for a flag that a former version had."""
-    for former, present in RENAMED.items():
-        for negation in ("", "no-"):
-            old, new = (_flag(name, negation) for name in (former, present))
-            if any(argument.split("=")[0].replace("_", "-") == old for argument in arguments):
-                raise InputError(f"{old} is called {new} now: write it so.")
-
-
-def _flag(field: str, negation: str) -> str:
+def _flag(field: str, negation: str = "") -> str:
     group, name = field.replace("_", "-").split(".")
     return f"--{group}.{negation}{name}"
+
+
+PRESENT_FLAGS = {
+    _flag(former, negation): _flag(present, negation)
+    for former, present in RENAMED.items()
+    for negation in ("", "no-")
+}
+"""Flags by their former names, as tables of earlier results have them, and the present ones."""
+
+
+def _refuse_former_names(arguments: Sequence[str]) -> None:
+    """Raises InputError, with the present name, for a flag that a former version had."""
+    for argument in arguments:
+        former = argument.partition("=")[0].replace("_", "-")
+        if former in PRESENT_FLAGS:
+            raise InputError(f"{former} is called {PRESENT_FLAGS[former]} now: write it so.")

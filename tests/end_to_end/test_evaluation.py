@@ -62,7 +62,7 @@ def test_games_are_played_to_their_ends_and_summed_up(run: Path, tmp_path: Path)
 def test_settings_other_than_the_runs_are_played_under_and_told(run: Path, tmp_path: Path) -> None:
     weights = run / "snapshots" / "best.safetensors"
     short = ("--play.max-game-frames", 400, "--play.random-starts", 0)
-    late = ("--play.command-latency", 1, "--play.press_latency-latency", 3)
+    late = ("--play.command-latency", 1, "--play.press-latency", 3)
     random = ("--games", 2, "--epsilon", 1)  # a fresh network may press nothing at all
     ended = _evaluate(weights, *random, *short, *late, "--json", tmp_path / "late.json")
     assert ended.returncode == 0, ended.stderr

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import viewer.rerun_stream
 from common.actions import Keys
 from common.errors import InputError
+from viewer import rerun_stream
 from viewer.rerun_stream import RerunStream
 from viewer.snapshot import Glance
 
@@ -70,7 +70,7 @@ def viewer(monkeypatch: pytest.MonkeyPatch) -> socket.socket:
     """Where one could listen; nobody does yet."""
     place = socket.socket()
     place.bind(("127.0.0.1", 0))
-    monkeypatch.setattr(viewer.rerun_stream, "_VIEWER", place.getsockname())
+    monkeypatch.setattr(rerun_stream, "_VIEWER", place.getsockname())
     yield place
     place.close()
 
@@ -116,7 +116,7 @@ def test_without_a_display_another_way_is_told(monkeypatch: pytest.MonkeyPatch) 
 def test_the_real_package_takes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rerun = pytest.importorskip("rerun")
     path = tmp_path / "stream.rrd"
-    monkeypatch.setattr(viewer.rerun_stream, "_viewer_runs", lambda: True)
+    monkeypatch.setattr(rerun_stream, "_viewer_runs", lambda: True)
     monkeypatch.setattr(rerun, "connect_grpc", lambda: rerun.save(path))
     stream = RerunStream()
     stream.show(glance(1.0, np.array([0.5, 0.75], np.float32)), PANELS)

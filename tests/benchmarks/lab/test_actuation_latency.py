@@ -40,9 +40,9 @@ def test_a_robots_keys_are_those_of_a_modelled_hand() -> None:
     late = [
         "--play.command-latency",
         "0",
-        "--play.release_latency-latency",
+        "--play.release-latency",
         "0",
-        "--play.press_latency-latency",
+        "--play.press-latency",
         "3",
     ]
     assert hand_flags(ALE, 3) == late

@@ -38,7 +38,7 @@ def test_table_and_json(
 ) -> None:
     def told(network: Path, games: int, epsilon: float, flags: Sequence[str]) -> dict[str, Any]:
         assert (network, games, epsilon) == (POLICY, 3, 0.001)
-        late = flags[flags.index("--play.press_latency-latency") + 1]
+        late = flags[flags.index("--play.press-latency") + 1]
         score = {"mean": 7.0 - int(late), "deviation": 1.0, "least": 1.0, "most": 9.0}
         return {**score, "press_ms": {"p50": None}}
 

@@ -120,3 +120,16 @@ def test_plain_options_need_no_preset() -> None:
         envs: int = 1
 
     assert parse(Plain, "program", ["--no-sync", "--envs", "3"]) == Plain(False, 3)
+
+
+@pytest.mark.parametrize(
+    ("flags", "present"),
+    [
+        (["--replay.warmup", "5"], "--replay.learning-starts"),
+        (["--learning.train_every=8"], "--learning.train-period"),
+        (["--exploration.no-lasting"], "--exploration.no-ez-greedy"),
+    ],
+)
+def test_a_flag_by_its_former_name_says_the_present_one(flags: list[str], present: str) -> None:
+    with pytest.raises(InputError, match=rf"is called {present} now"):
+        parse(Options, "program", flags)

@@ -16,6 +16,7 @@ from common.proprioception import width_of
 from common.protocol.chunk import FRAME_SHAPE
 from common.run.config import (
     MAX_WAIT,
+    RENAMED,
     ExplorationConfig,
     LearningConfig,
     PlayConfig,
@@ -301,6 +302,16 @@ def test_a_file_may_be_older_than_a_field_and_has_its_default() -> None:
     del data["play"]
     with pytest.raises(InputError, match=r"^config has a missing or unknown field: play"):
         from_mapping(RunConfig, data, fill=True)
+
+
+def test_a_file_may_have_the_former_names_of_fields() -> None:
+    data = mapping()
+    for former, present in RENAMED.items():
+        (group, old), new = former.split("."), present.split(".")[1]
+        data[group][old] = data[group].pop(new)
+    with pytest.raises(InputError, match="missing or unknown field"):
+        from_mapping(RunConfig, data)
+    assert from_mapping(RunConfig, data, fill=True) == GOOD
 
 
 def test_unknown_fields_are_named() -> None:
