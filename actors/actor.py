@@ -84,7 +84,7 @@ class Actor:
             InputError: the hub went away for longer than the patience.
         """
         try:
-            self._steer(self._outbox.knock())
+            self._steer(self._outbox.poll())
             for step in play(self._envs, self._policy, seeds):
                 self._tally.count(step)
                 self._take_weights()
@@ -134,8 +134,8 @@ class Actor:
         """Pause while the learner is behind."""
         began = time.monotonic()
         ack = self._outbox.last_ack
-        while ack is not None and ack.hold and not self._stop.is_set():
-            answer = self._outbox.knock()
+        while ack is not None and ack.throttle and not self._stop.is_set():
+            answer = self._outbox.poll()
             self._steer(answer)
             ack = answer or ack
             self._take_weights()

@@ -15,7 +15,7 @@ from actors.stream.heartbeat import Heartbeat
 from common.errors import InputError, MessageError
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
-from common.protocol.evaluation import Report, Task, decode_task, encode_report
+from common.protocol.evaluation import EvaluationJob, EvaluationReport, decode_job, encode_report
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import load_weights
 
@@ -86,11 +86,11 @@ class Evaluator:
         finally:
             self._heartbeat.close()
 
-    def _ask(self) -> Task | None:
+    def _ask(self) -> EvaluationJob | None:
         for reply in self._tasks.get(payload=self._name.encode()):
             if reply.ok is not None:
                 try:
-                    task = decode_task(reply.ok.payload.to_bytes())
+                    task = decode_job(reply.ok.payload.to_bytes())
                     if task.kind == "test":
                         load_weights(self._policy.network, task.weights)
                     return task
@@ -98,7 +98,7 @@ class Evaluator:
                     self._warn(f"a task was not taken: {error}")
         return None
 
-    def _test(self, task: Task, seed: int) -> None:
+    def _test(self, task: EvaluationJob, seed: int) -> None:
         self._policy.epsilon = task.epsilon
         self._policy.weights_version = task.epoch
         reported = games = 0
@@ -113,14 +113,14 @@ class Evaluator:
                     if ended
                     else ()
                 )
-                report = Report(self._name, task.epoch, steps - reported, found, done)
+                report = EvaluationReport(self._name, task.epoch, steps - reported, found, done)
                 reported = steps
                 if not self._report(report):
                     return
             if done or self._stop.is_set():
                 return
 
-    def _report(self, report: Report) -> bool:
+    def _report(self, report: EvaluationReport) -> bool:
         """Whether the learner still wants this test; a learner that is away does not know it."""
         for reply in self._reports.get(payload=encode_report(report)):
             if reply.ok is not None:

@@ -88,7 +88,7 @@ def _line(progress: Progress) -> str:
         f"{progress.agent_steps:,} steps, {progress.stored:,} stored, "
         f"{progress.samplable:,} can be drawn; chunks: {progress.accepted:,} accepted, "
         f"{progress.duplicates:,} duplicate, {progress.refused:,} refused"
-        f"{'; actors are held' if progress.hold else ''}; "
+        f"{'; actors are throttled' if progress.throttle else ''}; "
         f"{progress.private_bytes / 2**20:,.0f} MiB private, "
         f"{progress.resident_bytes / 2**20:,.0f} MiB resident, "
         f"{progress.file_bytes / 2**30:.2f} GiB of file."

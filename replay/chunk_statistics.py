@@ -52,7 +52,7 @@ class Progress(NamedTuple):
     """Chunks, since the run began; so are the next two."""
     duplicates: int
     refused: int
-    hold: bool
+    throttle: bool
     """Actors are asked to pause."""
     resident_bytes: int
     """Of the process that holds the replay, mapped file pages included."""
@@ -103,10 +103,10 @@ def decode_progress(payload: bytes) -> Progress:
     numbers = {
         name: take(message, name, int, 0)
         for name in Progress._fields
-        if name not in ("hold", "facts")
+        if name not in ("throttle", "facts")
     }
     return Progress(
         **numbers,
-        hold=take(message, "hold", bool, -np.inf),
+        throttle=take(message, "throttle", bool, -np.inf),
         facts=tuple(facts_from_list(each) for each in facts),
     )

@@ -51,6 +51,6 @@ class RateLimiter:
             and self.deficit(inserted, drawn) - self.batch_size >= least
         )
 
-    def should_hold(self, inserted: int, drawn: int) -> bool:
+    def should_throttle(self, inserted: int, drawn: int) -> bool:
         """Whether actors should pause."""
         return self.deficit(inserted, drawn) > self.tolerance * self.samples_per_insert

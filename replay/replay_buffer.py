@@ -71,25 +71,25 @@ class ReplayBuffer:
         """Count a chunk that could not even be read."""
         self._store.count_refused()
 
-    def _ack(self, status: Literal["stored", "duplicate", "knock"]) -> Ack:
+    def _ack(self, status: Literal["stored", "duplicate", "poll"]) -> Ack:
         return Ack(
             status,
-            hold=self._should_hold(),
+            throttle=self._should_throttle(),
             finished=self._finished,
             agent_steps=self._store.ledger.agent_steps,
             weights_version=self.weights_version,
         )
 
-    def _should_hold(self) -> bool:
-        return self._limiter.should_hold(self._store.ledger.agent_steps, self._drawn)
+    def _should_throttle(self) -> bool:
+        return self._limiter.should_throttle(self._store.ledger.agent_steps, self._drawn)
 
     def await_release(self, timeout: float) -> Ack:
-        """Answer a held actor: when it may go on or leave, or after ``timeout`` seconds."""
+        """Answer a throttled actor: when it may go on or leave, or after ``timeout`` seconds."""
         with self._state:
             self._state.wait_for(
-                lambda: self._closed or self._finished or not self._should_hold(), timeout
+                lambda: self._closed or self._finished or not self._should_throttle(), timeout
             )
-            return self._ack("knock")
+            return self._ack("poll")
 
     def sample(self, drawn: int, timeout: float) -> Batch | None:
         """See `Replay.sample`."""
@@ -106,9 +106,9 @@ class ReplayBuffer:
         read: Callable[[NDArray[np.int64], NDArray[np.float32]], _Read | None],
     ) -> _Read | None:
         with self._state:
-            released = drawn > self._drawn and self._should_hold()
+            released = drawn > self._drawn and self._should_throttle()
             self._drawn = drawn
-            if released and not self._should_hold():
+            if released and not self._should_throttle():
                 self._state.notify_all()
             self._state.wait_for(lambda: self._closed or self._may_sample(drawn), timeout)
             if self._closed or not self._may_sample(drawn):
@@ -162,7 +162,7 @@ class ReplayBuffer:
                 accepted=ledger.accepted,
                 duplicates=ledger.duplicates,
                 refused=ledger.refused,
-                hold=self._should_hold(),
+                throttle=self._should_throttle(),
                 resident_bytes=resident,
                 private_bytes=private,
                 file_bytes=self._store.file_bytes,

@@ -28,7 +28,7 @@ from replay.chunk_statistics import encode_progress
 from replay.replay_buffer import ReplayBuffer
 
 LONGEST_WAIT = 1.0
-"""Seconds that a draw or a knock may wait at the server."""
+"""Seconds that a draw or a poll may wait at the server."""
 _QUEUE = 4_096
 _LONGEST_VERSION = 20
 
@@ -48,9 +48,9 @@ class ReplayServer:
         self._config = config
         self._keys = keys = RunKeys(run)
         self._weights: tuple[int, bytes] | None = None
-        self._knocks: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
+        self._polls: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
         self._threads: list[threading.Thread] = []
-        self._start("replay-knocks", self._answer_knocks)
+        self._start("replay-polls", self._answer_polls)
         self._subscriber = session.declare_subscriber(keys.weights, FifoChannel(_QUEUE))
         self._start("replay-weights", self._keep_weights)
         answers: dict[str, Answer] = {
@@ -81,7 +81,7 @@ class ReplayServer:
         for queryable in self._queryables:
             queryable.undeclare()  # type: ignore[no-untyped-call]
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
-        self._knocks.put(None)
+        self._polls.put(None)
         for thread in self._threads:
             thread.join(2 * LONGEST_WAIT)
 
@@ -94,7 +94,7 @@ class ReplayServer:
         def loop() -> None:
             for query in queryable:
                 if answer == self._insert and not _payload(query):
-                    self._knocks.put(query)
+                    self._polls.put(query)
                     continue
                 with query:
                     try:
@@ -122,17 +122,17 @@ class ReplayServer:
         ack = self._memory.insert(chunk)
         query.reply(query.key_expr, encode_ack(ack))
 
-    def _answer_knocks(self) -> None:
-        """Held actors wait here, each at most `LONGEST_WAIT`, while inserts go on."""
+    def _answer_polls(self) -> None:
+        """Throttled actors wait here, each at most `LONGEST_WAIT`, while inserts go on."""
         waiting: list[tuple[float, zenoh.Query]] = []
         while True:
             try:
-                query = self._knocks.get(block=not waiting)
+                query = self._polls.get(block=not waiting)
             except queue.Empty:
-                # A knock that comes meanwhile is due later than those that wait already.
+                # A poll that comes meanwhile is due later than those that wait already.
                 ack = self._memory.await_release(max(waiting[0][0] - time.monotonic(), 0.0))
                 now, answer = time.monotonic(), encode_ack(ack)
-                going_on = ack.finished or not ack.hold
+                going_on = ack.finished or not ack.throttle
                 while waiting and (going_on or waiting[0][0] <= now):
                     with waiting.pop(0)[1] as due:
                         due.reply(due.key_expr, answer)

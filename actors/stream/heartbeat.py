@@ -12,7 +12,7 @@ PERIOD = 1.0
 
 
 class Heartbeat:
-    """Publishes ``stats()`` from a thread of its own, so that a held actor still speaks."""
+    """Publishes ``stats()`` from a thread of its own, so that a throttled actor still speaks."""
 
     def __init__(
         self,

@@ -101,7 +101,7 @@ class InsertClient:
             with self._changed:
                 self._changed.wait_for(lambda: not self._letters, _PAUSE)
 
-    def knock(self) -> Ack | None:
+    def poll(self) -> Ack | None:
         """Ask whether to go on: answered once the learner has caught up, at the latest after 1 s.
 
         None when nobody answers.

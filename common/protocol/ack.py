@@ -9,9 +9,9 @@ from common.protocol.wire import pack, take, unpack
 class Ack(NamedTuple):
     """The chunk needs no care any more; the rest steers the actor."""
 
-    status: Literal["stored", "duplicate", "knock"]
-    """'knock' answers an empty insert, by which a held actor asks whether to go on."""
-    hold: bool
+    status: Literal["stored", "duplicate", "poll"]
+    """'poll' answers an empty insert, by which a throttled actor asks whether to go on."""
+    throttle: bool
     """Pause: the learner is behind."""
     finished: bool
     """The run is over, leave."""
@@ -26,18 +26,18 @@ def encode_ack(ack: Ack) -> bytes:
 
 
 def decode_ack(payload: bytes) -> Ack:
-    """The answer inside ``payload``.
+    """Returns the acknowledgement inside ``payload``.
 
     Raises:
-        MessageError: it is none.
+        MessageError: the payload is not a valid Ack.
     """
     message = unpack(payload)
     status = take(message, "status", str)
-    if status not in ("stored", "duplicate", "knock"):
+    if status not in ("stored", "duplicate", "poll"):
         raise MessageError(f"status is {status!r}")
     return Ack(
         status,
-        take(message, "hold", bool),
+        take(message, "throttle", bool),
         take(message, "finished", bool),
         take(message, "agent_steps", int, 0),
         take(message, "weights_version", int, 0),

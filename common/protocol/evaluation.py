@@ -1,4 +1,4 @@
-"""What learner and evaluators say to each other: which weights to test, and how the games went."""
+"""Evaluation jobs, from learner to evaluators, and their reports: which weights, which scores."""
 
 from typing import Any, Literal, NamedTuple, cast
 
@@ -9,7 +9,7 @@ from common.protocol.wire import pack, take, unpack
 MAX_GAMES = 10_000
 
 
-class Task(NamedTuple):
+class EvaluationJob(NamedTuple):
     """The learner's answer to an evaluator that asks for work."""
 
     kind: Literal["test", "wait", "finished"]
@@ -20,7 +20,7 @@ class Task(NamedTuple):
     weights: bytes = b""
 
 
-class Report(NamedTuple):
+class EvaluationReport(NamedTuple):
     """What an evaluator has played since its last report."""
 
     evaluator: str
@@ -28,24 +28,24 @@ class Report(NamedTuple):
     steps: int
     games: tuple[Game, ...]
     done: bool
-    """The task is ended."""
+    """The job is done."""
 
 
-def encode_task(task: Task) -> bytes:
-    return pack(task._asdict())
+def encode_job(job: EvaluationJob) -> bytes:
+    return pack(job._asdict())
 
 
-def decode_task(payload: bytes) -> Task:
-    """The task inside ``payload``, its weights unchecked.
+def decode_job(payload: bytes) -> EvaluationJob:
+    """Returns the job inside ``payload``, its weights unchecked.
 
     Raises:
-        MessageError: it is none.
+        MessageError: the payload is malformed.
     """
     message = unpack(payload)
     kind = take(message, "kind", str)
     if kind not in ("test", "wait", "finished"):
         raise MessageError(f"kind is {kind!r}")
-    return Task(
+    return EvaluationJob(
         cast(Literal["test", "wait", "finished"], kind),
         take(message, "epoch", int, 0),
         take(message, "steps", int, 0),
@@ -54,18 +54,18 @@ def decode_task(payload: bytes) -> Task:
     )
 
 
-def encode_report(report: Report) -> bytes:
+def encode_report(report: EvaluationReport) -> bytes:
     return pack(report._asdict())
 
 
-def decode_report(payload: bytes) -> Report:
-    """The report inside ``payload``.
+def decode_report(payload: bytes) -> EvaluationReport:
+    """Returns the report inside ``payload``.
 
     Raises:
-        MessageError: it is none.
+        MessageError: the payload is malformed.
     """
     message: dict[str, Any] = unpack(payload)
-    return Report(
+    return EvaluationReport(
         take(message, "evaluator", str),
         take(message, "epoch", int, 0),
         take(message, "steps", int, 0),

@@ -13,7 +13,7 @@ import zenoh
 from zenoh.handlers import FifoChannel
 
 from common.errors import InputError, MessageError
-from common.protocol.evaluation import Task, decode_report, encode_task
+from common.protocol.evaluation import EvaluationJob, decode_report, encode_job
 from common.protocol.run_keys import RunKeys
 from common.run.config import ProtocolConfig
 from common.run.folder import write_atomically
@@ -203,9 +203,11 @@ class EvaluationCoordinator:
                     break
             else:
                 over = self._over and not self._tests
-                return encode_task(Task("finished" if over else "wait"))
+                return encode_job(EvaluationJob("finished" if over else "wait"))
         weights = self._file(test.epoch).read_bytes()
-        return encode_task(Task("test", test.epoch, shard, self._protocol.test_epsilon, weights))
+        return encode_job(
+            EvaluationJob("test", test.epoch, shard, self._protocol.test_epsilon, weights)
+        )
 
     def _on_report(self, payload: bytes) -> bytes:
         report = decode_report(payload)

@@ -10,7 +10,7 @@ from zenoh.handlers import Callback
 from common.protocol.ack import Ack, encode_ack
 from tests.patience import PATIENCE
 
-STORED = Ack("stored", hold=False, finished=False, agent_steps=0, weights_version=0)
+STORED = Ack("stored", throttle=False, finished=False, agent_steps=0, weights_version=0)
 
 
 def payload_of(query: zenoh.Query) -> bytes:

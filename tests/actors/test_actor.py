@@ -39,7 +39,7 @@ class Replay:
         self.limit = 10**9
         self.silent = False
         self.unanswered = 0
-        self.knocks = 0
+        self.polls = 0
         self.chunks: list[Chunk] = []
         self._queryable = hub.declare_queryable(
             KEYS.insert("*"), Callback(self._answer, indirect=False)
@@ -53,9 +53,9 @@ class Replay:
         payload = payload_of(query)
         if payload:
             self.chunks.append(decode_chunk(payload))
-        self.knocks += not payload
+        self.polls += not payload
         finished = self.ack.finished or len(self.chunks) >= self.limit
-        status = self.ack.status if payload else "knock"
+        status = self.ack.status if payload else "poll"
         acknowledge(query, self.ack._replace(status=status, finished=finished))
 
 
@@ -181,14 +181,14 @@ def test_epsilon_follows_the_runs_steps(stage: Stage) -> None:
 
 def test_while_the_learner_is_behind_it_pauses(stage: Stage) -> None:
     env = NumberedEnv([GOES_ON])
-    stage.replay.ack = STORED._replace(hold=True)
+    stage.replay.ack = STORED._replace(throttle=True)
     stage.start(env)
     stage.has(1)
     # The window lets a second chunk go before the first answer is read, no more.
-    wait_until(lambda: stage.replay.knocks >= 20, "it has knocked often")
+    wait_until(lambda: stage.replay.polls >= 20, "it has polled often")
     stored, lived = len(stage.replay.chunks), len(env.moments)
     assert stored <= CONFIG.stream.window
-    wait_until(lambda: stage.replay.knocks >= 40, "it has knocked again and again")
+    wait_until(lambda: stage.replay.polls >= 40, "it has polled again and again")
     assert (len(stage.replay.chunks), len(env.moments)) == (stored, lived)
     stage.replay.ack = STORED
     stage.has(stored + 3)
@@ -198,10 +198,10 @@ def test_while_the_learner_is_behind_it_pauses(stage: Stage) -> None:
 
 
 def test_a_finished_run_ends_it_even_in_a_pause(stage: Stage) -> None:
-    stage.replay.ack = STORED._replace(hold=True)
+    stage.replay.ack = STORED._replace(throttle=True)
     stage.start(NumberedEnv([GOES_ON]))
-    wait_until(lambda: stage.replay.knocks >= 5, "it pauses")
-    stage.replay.ack = STORED._replace(hold=True, finished=True)
+    wait_until(lambda: stage.replay.polls >= 5, "it pauses")
+    stage.replay.ack = STORED._replace(throttle=True, finished=True)
     stage.ended()
     assert stage.farewell().leaving
 

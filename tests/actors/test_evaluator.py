@@ -15,7 +15,7 @@ from common.errors import InputError
 from common.network import QNetwork
 from common.protocol.actor_stats import ActorStats, decode_stats
 from common.protocol.chunk import Game
-from common.protocol.evaluation import Report, Task, decode_report, encode_task
+from common.protocol.evaluation import EvaluationJob, EvaluationReport, decode_report, encode_job
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
 from tests.actors.hub_stubs import PendingQueries, answer, ignore, payload_of, refuse
@@ -63,19 +63,19 @@ class Stage:
         self._thread.start()
         return policy
 
-    def give(self, task: Task) -> None:
+    def give(self, task: EvaluationJob) -> None:
         query = self.tasks.next()
         assert payload_of(query) == b"e"
-        answer(query, encode_task(task))
+        answer(query, encode_job(task))
 
-    def report(self) -> Report:
+    def report(self) -> EvaluationReport:
         """The next report, which the learner takes."""
         query = self.reports.next()
         found = decode_report(payload_of(query))
         answer(query, b"")
         return found
 
-    def test(self) -> list[Report]:
+    def test(self) -> list[EvaluationReport]:
         """All reports up to the last of a test."""
         found = [self.report()]
         while not found[-1].done:
@@ -105,11 +105,11 @@ def stage(
     stage.close()
 
 
-def task(steps: int, epoch: int = 3, epsilon: float = 1.0) -> Task:
-    return Task("test", epoch, steps, epsilon, WEIGHTS)
+def task(steps: int, epoch: int = 3, epsilon: float = 1.0) -> EvaluationJob:
+    return EvaluationJob("test", epoch, steps, epsilon, WEIGHTS)
 
 
-FINISHED = Task("finished")
+FINISHED = EvaluationJob("finished")
 
 
 def test_a_task_is_played_to_its_steps_and_each_game_reported(stage: Stage) -> None:
@@ -156,9 +156,9 @@ def test_each_test_plays_other_games_with_its_own_snapshot(stage: Stage) -> None
     env = NumberedEnv(TEN_STEPS_A_GAME)
     policy = stage.start(env)
     learned = QNetwork(6)
-    stage.give(Task("test", 1, 10, 1.0, WEIGHTS))
+    stage.give(EvaluationJob("test", 1, 10, 1.0, WEIGHTS))
     stage.test()
-    stage.give(Task("test", 2, 10, 0.25, encode_weights(learned)))
+    stage.give(EvaluationJob("test", 2, 10, 0.25, encode_weights(learned)))
     stage.test()
     stage.give(FINISHED)
     stage.ended()
@@ -171,7 +171,7 @@ def test_it_waits_for_as_long_as_it_is_told(stage: Stage) -> None:
     env = NumberedEnv(TEN_STEPS_A_GAME)
     stage.start(env)
     for _ in range(3):
-        stage.give(Task("wait"))
+        stage.give(EvaluationJob("wait"))
     stage.give(FINISHED)
     stage.ended()
     assert env.moments == []
@@ -191,9 +191,9 @@ def test_a_test_that_the_learner_does_not_want_any_more_ends(stage: Stage) -> No
     ("payload", "sentence"),
     [
         (b"garbage", "not msgpack"),
-        (encode_task(Task("test", 1, 10, 0.0, b"no weights")), "not safetensors"),
+        (encode_job(EvaluationJob("test", 1, 10, 0.0, b"no weights")), "not safetensors"),
         (
-            encode_task(Task("test", 1, 10, 0.0, encode_weights(QNetwork(4)))),
+            encode_job(EvaluationJob("test", 1, 10, 0.0, encode_weights(QNetwork(4)))),
             "where the network has",
         ),
     ],

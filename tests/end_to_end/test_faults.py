@@ -149,11 +149,13 @@ def test_a_learner_without_the_steps_its_checkpoint_knows_of_says_so(stage: Stag
     flags = ("--local", "--evaluators=0", "--env", "ale", *SMALL)
     learner = stage.learner(*flags, "--steps=1600")
     learner.ends()
+    known = stage.summary()["agent_steps"]  # an actor may run ahead of the goal as far as it likes
     shutil.rmtree(stage.run / "replay")
 
-    said = stage.learner(*flags, "--resume", "--steps=3000").ends(2)
+    said = stage.learner(*flags, "--resume", f"--steps={known + 1000}").ends(2)
 
-    assert re.search(r"the replay has seen 0 steps and the checkpoint 1,[67]\d\d: put", said)
+    assert known >= 1600
+    assert f"the replay has seen 0 steps and the checkpoint {known:,}: put" in said
     network = stage.run / "checkpoint.safetensors"
     command = re.search(r"--initial (\S+)\)", said)
     assert command is not None

@@ -33,17 +33,19 @@ def test_the_learner_may_run_ahead_by_the_tolerance(limiter: RateLimiter) -> Non
 
 
 def test_actors_are_held_beyond_the_tolerance(limiter: RateLimiter) -> None:
-    assert not limiter.should_hold(110, 0)
-    assert limiter.should_hold(111, 0)
-    assert not limiter.should_hold(111, 8)
-    assert not limiter.should_hold(0, 0)
+    assert not limiter.should_throttle(110, 0)
+    assert limiter.should_throttle(111, 0)
+    assert not limiter.should_throttle(111, 8)
+    assert not limiter.should_throttle(0, 0)
 
 
 def test_there_is_no_state_in_which_both_wait() -> None:
     limiter = RateLimiter(samples_per_insert=8.0, learning_starts=10, tolerance=4, batch_size=32)
     for inserted in range(10, 60):
         for drawn in range(0, 500, 4):
-            assert limiter.may_sample(inserted, drawn) or not limiter.should_hold(inserted, drawn)
+            assert limiter.may_sample(inserted, drawn) or not limiter.should_throttle(
+                inserted, drawn
+            )
 
 
 @pytest.mark.parametrize(

@@ -118,9 +118,9 @@ FACTS = st.builds(
 
 @given(st.lists(FACTS, max_size=3).map(tuple), st.booleans(), st.integers(0, 2**62))
 def test_progress_comes_through_whole(
-    facts: tuple[ChunkStatistics, ...], hold: bool, number: int
+    facts: tuple[ChunkStatistics, ...], throttle: bool, number: int
 ) -> None:
-    progress = Progress(number, 1, 2, 3, 4, 5, hold, 6, 7, number, facts)
+    progress = Progress(number, 1, 2, 3, 4, 5, throttle, 6, 7, number, facts)
     assert decode_progress(encode_progress(progress)) == progress
 
 

@@ -172,13 +172,13 @@ def test_a_shared_batch_made_whole_is_the_plain_one(
 def test_the_limiter_holds_actors_and_the_learner(tmp_path: Path) -> None:
     config = make_config(learning_starts=16, ratio_tolerance=8, batch_size=32)  # 8 draws per step
     memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
-    assert memory.insert(actor.live([GOES_ON] * 15, rng)).hold is False
+    assert memory.insert(actor.live([GOES_ON] * 15, rng)).throttle is False
     assert memory.sample(0, 0.0) is None  # 15 < 16
-    assert memory.insert(actor.live([GOES_ON] * 9, rng)).hold is False  # 8 steps ahead: allowed
-    assert memory.insert(actor.live([GOES_ON] * 1, rng)).hold is True
-    assert memory.await_release(0.0).hold is True
+    assert memory.insert(actor.live([GOES_ON] * 9, rng)).throttle is False  # 8 steps ahead: allowed
+    assert memory.insert(actor.live([GOES_ON] * 1, rng)).throttle is True
+    assert memory.await_release(0.0).throttle is True
     assert memory.sample(8, 0.0) is not None
-    assert memory.await_release(0.0).hold is False
+    assert memory.await_release(0.0).throttle is False
     assert memory.sample((25 - 16) * 8 + 32, 0.0) is not None  # one batch ahead: 4 of 8 steps
     assert memory.sample((25 - 16) * 8 + 33, 0.0) is None
 

@@ -149,11 +149,11 @@ def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> No
     assert insert(place.session, after).status == "stored"
 
 
-def test_a_knock_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> None:
+def test_a_poll_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> None:
     actor, rng = Actor("a", 4), np.random.default_rng(0)
-    assert insert(place.session, actor.live([GOES_ON] * 100, rng)).hold
+    assert insert(place.session, actor.live([GOES_ON] * 100, rng)).throttle
     key = KEYS.insert("a")
-    assert decode_ack(ask(place.session, key, b"")).hold  # after its second
+    assert decode_ack(ask(place.session, key, b"")).throttle  # after its second
     found: list[Ack] = []
     held = [
         threading.Thread(target=lambda: found.append(decode_ack(ask(place.session, key, b""))))
@@ -165,12 +165,12 @@ def test_a_knock_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> N
     assert place.remote.sample(10_000, 0.0) is None  # nothing to draw, but it tells its count
     for thread in held:
         thread.join(PATIENCE)
-    assert [ack.status for ack in found] == ["knock"] * 3
+    assert [ack.status for ack in found] == ["poll"] * 3
     for _ in until_late():  # draws have a thread of their own
         ack = decode_ack(ask(place.session, key, b""))
-        if not ack.hold:
+        if not ack.throttle:
             break
-    assert not ack.hold
+    assert not ack.throttle
 
 
 def test_the_newest_weights_wait_for_late_joiners(place: Place) -> None:

@@ -220,22 +220,22 @@ def test_flush_gives_up_after_its_time(replay: PendingQueries, sender: Sender) -
     ignore(query)
 
 
-def test_a_knock_is_answered_by_what_to_do(replay: PendingQueries, sender: Sender) -> None:
+def test_a_poll_is_answered_by_what_to_do(replay: PendingQueries, sender: Sender) -> None:
     found: list[object] = []
-    knocking = sender.beside(lambda: found.append(sender.outbox.knock()))
+    polling = sender.beside(lambda: found.append(sender.outbox.poll()))
     query = replay.next()
     assert payload_of(query) == b""
-    ack = STORED._replace(status="knock", hold=True, agent_steps=5)
+    ack = STORED._replace(status="poll", throttle=True, agent_steps=5)
     acknowledge(query, ack)
-    joined(knocking)
+    joined(polling)
     assert found == [ack]
     assert sender.outbox.last_ack == ack
     assert sender.counts() == (0, 0, 0, 0)
 
 
-def test_a_knock_that_nobody_hears_is_no_answer(session: zenoh.Session) -> None:
+def test_a_poll_that_nobody_hears_is_no_answer(session: zenoh.Session) -> None:
     sender = Sender(session)
-    assert sender.outbox.knock() is None
+    assert sender.outbox.poll() is None
     assert sender.outbox.last_ack is None
 
 
@@ -281,7 +281,7 @@ def test_a_hub_that_starts_anew_in_the_middle_gets_everything(endpoint: str) -> 
         hub.close()  # type: ignore[no-untyped-call]
 
 
-@pytest.mark.parametrize("way", ["send", "knock"])
+@pytest.mark.parametrize("way", ["send", "poll"])
 def test_patience_with_a_hub_that_went_away_ends(endpoint: str, way: str) -> None:
     hub = open_hub(endpoint)
     replay = PendingQueries(hub, KEY)
@@ -293,7 +293,7 @@ def test_patience_with_a_hub_that_went_away_ends(endpoint: str, way: str) -> Non
             if way == "send":
                 sender.outbox.send(b"chunk")
             else:
-                sender.outbox.knock()
+                sender.outbox.poll()
 
     try:
         if way == "send":
@@ -324,22 +324,22 @@ def test_patience_counts_from_when_the_hub_last_answered(
     acknowledge(replay.next())
     sender.settled()
     replay.close()
-    assert sender.outbox.knock() is None
+    assert sender.outbox.poll() is None
 
 
-def test_a_knock_with_an_answer_that_is_none_is_no_answer(
+def test_a_poll_with_an_answer_that_is_none_is_no_answer(
     replay: PendingQueries, sender: Sender
 ) -> None:
     failed: list[BaseException] = []
 
-    def knock() -> None:
+    def poll() -> None:
         try:
-            sender.outbox.knock()
+            sender.outbox.poll()
         except MessageError as error:
             failed.append(error)
 
-    knocking = sender.beside(knock)
+    polling = sender.beside(poll)
     answer(replay.next(), b"garbage")
-    joined(knocking)
+    joined(polling)
     if failed:
         raise failed[0]

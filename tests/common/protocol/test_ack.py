@@ -11,13 +11,13 @@ from common.protocol.ack import Ack, decode_ack, encode_ack
 from common.protocol.wire import pack
 
 COUNTS = st.integers(0, 2**63 - 1)
-GOOD = Ack("stored", hold=False, finished=False, agent_steps=640, weights_version=7)
+GOOD = Ack("stored", throttle=False, finished=False, agent_steps=640, weights_version=7)
 
 
 @given(
     st.builds(
         Ack,
-        st.sampled_from(["stored", "duplicate", "knock"]),
+        st.sampled_from(["stored", "duplicate", "poll"]),
         st.booleans(),
         st.booleans(),
         COUNTS,
@@ -41,7 +41,7 @@ def test_a_missing_field_is_told(name: str) -> None:
     [
         ("status", "lost"),
         ("status", 1),
-        ("hold", 1),
+        ("throttle", 1),
         ("finished", None),
         ("agent_steps", -1),
         ("agent_steps", 1.0),

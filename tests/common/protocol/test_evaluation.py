@@ -10,24 +10,24 @@ from common.errors import MessageError
 from common.protocol.chunk import Game
 from common.protocol.evaluation import (
     MAX_GAMES,
-    Report,
-    Task,
+    EvaluationJob,
+    EvaluationReport,
+    decode_job,
     decode_report,
-    decode_task,
+    encode_job,
     encode_report,
-    encode_task,
 )
 from common.protocol.wire import pack
 
 COUNTS = st.integers(0, 2**63 - 1)
 GAMES = st.builds(Game, st.floats(-1e6, 1e6), st.integers(0, 2**31 - 1))
-TASK = Task("test", 3, 125_000, 0.05, b"weights")
-REPORT = Report("evaluator", 3, 640, (Game(-21.0, 764),), False)
+TASK = EvaluationJob("test", 3, 125_000, 0.05, b"weights")
+REPORT = EvaluationReport("evaluator", 3, 640, (Game(-21.0, 764),), False)
 
 
 @given(
     st.builds(
-        Task,
+        EvaluationJob,
         st.sampled_from(["test", "wait", "finished"]),
         COUNTS,
         COUNTS,
@@ -35,13 +35,13 @@ REPORT = Report("evaluator", 3, 640, (Game(-21.0, 764),), False)
         st.binary(max_size=100),
     )
 )
-def test_a_task_survives_the_wire(task: Task) -> None:
-    assert decode_task(encode_task(task)) == task
+def test_a_task_survives_the_wire(task: EvaluationJob) -> None:
+    assert decode_job(encode_job(task)) == task
 
 
 @given(
     st.builds(
-        Report,
+        EvaluationReport,
         st.text(max_size=64),
         COUNTS,
         COUNTS,
@@ -49,7 +49,7 @@ def test_a_task_survives_the_wire(task: Task) -> None:
         st.booleans(),
     )
 )
-def test_a_report_survives_the_wire(report: Report) -> None:
+def test_a_report_survives_the_wire(report: EvaluationReport) -> None:
     assert decode_report(encode_report(report)) == report
 
 
@@ -69,7 +69,7 @@ def test_a_report_survives_the_wire(report: Report) -> None:
 )
 def test_a_wrong_task_is_refused(name: str, value: Any) -> None:
     with pytest.raises(MessageError, match=name):
-        decode_task(pack(TASK._asdict() | {name: value}))
+        decode_job(pack(TASK._asdict() | {name: value}))
 
 
 @pytest.mark.parametrize(
@@ -105,6 +105,6 @@ def test_games_are_bounded() -> None:
 @given(st.binary(max_size=50))
 def test_anything_else_is_refused(payload: bytes) -> None:
     with pytest.raises(MessageError):
-        decode_task(payload)
+        decode_job(payload)
     with pytest.raises(MessageError):
         decode_report(payload)

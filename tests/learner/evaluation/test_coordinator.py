@@ -11,7 +11,7 @@ import zenoh
 import learner.evaluation.coordinator as module
 from common.errors import InputError
 from common.protocol.chunk import Game
-from common.protocol.evaluation import Report, Task, decode_task, encode_report
+from common.protocol.evaluation import EvaluationJob, EvaluationReport, decode_job, encode_report
 from common.run.config import ProtocolConfig
 from learner.evaluation.coordinator import EpochTest, EvaluationCoordinator
 from tests.learner.conftest import KEYS
@@ -50,15 +50,15 @@ def _test(epoch: int) -> EpochTest:
     )
 
 
-def _ask(client: zenoh.Session, name: str) -> Task:
+def _ask(client: zenoh.Session, name: str) -> EvaluationJob:
     (reply,) = client.get(KEYS.task, payload=name.encode(), timeout=PATIENCE)
     assert reply.ok is not None
-    return decode_task(reply.ok.payload.to_bytes())
+    return decode_job(reply.ok.payload.to_bytes())
 
 
 def _report(client: zenoh.Session, name: str, epoch: int, steps: int, scores: list[float],
             done: bool) -> bool:  # fmt: skip
-    report = Report(name, epoch, steps, tuple(Game(score, 10) for score in scores), done)
+    report = EvaluationReport(name, epoch, steps, tuple(Game(score, 10) for score in scores), done)
     (reply,) = client.get(KEYS.report, payload=encode_report(report), timeout=PATIENCE)
     return reply.ok is not None
 
@@ -69,7 +69,7 @@ def test_one_evaluator_plays_a_whole_test(sessions: Sessions, tmp_path: Path) ->
     assert _ask(client, "e").kind == "wait"
     examiner.add(_test(1), b"weights of 1")
 
-    assert _ask(client, "e") == Task("test", 1, 100, 0.05, b"weights of 1")
+    assert _ask(client, "e") == EvaluationJob("test", 1, 100, 0.05, b"weights of 1")
     assert _report(client, "e", 1, 60, [-3.0], done=False)
     assert examiner.take_finished() is None
     assert examiner.steps_left == 40
