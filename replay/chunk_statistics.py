@@ -37,6 +37,8 @@ class ChunkStatistics:
     matched: int
     """Steps that ended with the commanded keys pressed."""
     games: tuple[Game, ...]
+    incarnation: int = 0
+    """Start of the actor's process; 0 in a journal written before it was kept."""
 
 
 class Progress(NamedTuple):
@@ -65,11 +67,12 @@ class Progress(NamedTuple):
 
 def facts_to_list(facts: ChunkStatistics) -> list[Any]:
     """Plain values, for msgpack and JSON."""
-    return [*(getattr(facts, name) for name in _NAMES), [list(game) for game in facts.games]]
+    games = [list(game) for game in facts.games]
+    return [*(getattr(facts, name) for name in _NAMES), games, facts.incarnation]
 
 
-_NAMES = tuple(field.name for field in fields(ChunkStatistics))[:-1]
-_KINDS = (int, int, int, str, float, int, int, int, int, list)
+_NAMES = tuple(field.name for field in fields(ChunkStatistics))[:-2]
+_KINDS = (int, int, int, str, float, int, int, int, int, list, int)
 
 
 def facts_from_list(values: Any) -> ChunkStatistics:
@@ -78,13 +81,16 @@ def facts_from_list(values: Any) -> ChunkStatistics:
     Raises:
         MessageError: other values.
     """
+    if isinstance(values, list) and len(values) == len(_KINDS) - 1:
+        values = [*values, 0]
     if not isinstance(values, list) or tuple(type(value) for value in values) != _KINDS:
         raise MessageError("not the facts of a chunk")
-    games = values[-1]
+    *plain_values, games, incarnation = values
     if not all(isinstance(game, list) and [*map(type, game)] == [float, int] for game in games):
         raise MessageError("not the games of a chunk")
-    plain = dict(zip(_NAMES, values[:-1], strict=True))
-    return ChunkStatistics(**plain, games=tuple(Game(*game) for game in games))
+    plain = dict(zip(_NAMES, plain_values, strict=True))
+    played = tuple(Game(*game) for game in games)
+    return ChunkStatistics(**plain, games=played, incarnation=incarnation)
 
 
 def encode_progress(progress: Progress) -> bytes:

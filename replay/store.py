@@ -250,6 +250,7 @@ class Store:
             valid=int(np.count_nonzero(chunk.valid)),
             matched=int(np.count_nonzero(chunk.matched)),
             games=chunk.games,
+            incarnation=chunk.incarnation,
         )
 
     def _admit(self, record: ChunkRecord, facts: ChunkStatistics) -> None:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from common.protocol.chunk import Game
 from replay.chunk_index import ChunkIndex, ChunkKey, ChunkRecord, Received, chunk_entry, tail_entry
-from replay.chunk_statistics import MOST_FACTS, ChunkStatistics
+from replay.chunk_statistics import MOST_FACTS, ChunkStatistics, facts_from_list, facts_to_list
 from replay.ring import Placement
 
 
@@ -41,6 +41,7 @@ def facts(index: int, **others: object) -> ChunkStatistics:
         "valid": 4,
         "matched": 1,
         "games": (Game(-21.0, 900),),
+        "incarnation": 1,
     }
     return ChunkStatistics(**(values | others))  # type: ignore[arg-type]
 
@@ -92,3 +93,9 @@ def test_steps_beside_a_chunk_cross_chunks_but_no_gap() -> None:
     assert ledger.steps_beside(key, before=6, after=3) == {2, 3, 4, 5, 6, 7, 12, 13, 14}
     ledger.evict(4)
     assert ledger.steps_beside(key, before=6, after=9) == {4, 5, 6, 7, 12, 13, 14, 15}
+
+
+def test_a_journal_from_before_incarnations_were_kept_is_read() -> None:
+    told = facts_to_list(facts(0))
+    assert facts_from_list(told) == facts(0)
+    assert facts_from_list(told[:-1]) == facts(0, incarnation=0)
