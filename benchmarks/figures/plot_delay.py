@@ -13,14 +13,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.figures.plot_style import Series, draw_random, draw_series, label, legend, panels
-from benchmarks.lab import actuation_latency as late_keys
-from benchmarks.lab.ladder import COLUMNS, FLAGS
+from benchmarks.lab.ladder import FLAGS
+from benchmarks.lab.policy import present_names
 from common.errors import InputError
 from common.press_latency import ms_of
-from common.process.command_line import PRESENT_FLAGS
 
 _FRAME_MS = ms_of(1)
 _DECISION_FRAMES = 4
+_PLAYED = {"network", "press", "mean"}
+_CLIMBED = {"rung", "game", "seed", "flags", "agent_steps", "random_reward", "mean"}
+"""Columns that a table needs; whatever others it has, it may be of a former commit."""
 _RUNGS = ("R1", "R2")
 """The emulator with keys at once, and with late ones."""
 
@@ -63,9 +65,13 @@ def _read(path: Path) -> list[Climb]:
             rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} cannot be read: {error}.") from None
-    played = set(reader.fieldnames or ()) == set(late_keys.COLUMNS)
-    if not played and set(reader.fieldnames or ()) != set(COLUMNS):
-        raise InputError(f"{path} is no table of python -m benchmarks.lab.ladder, or late_keys.")
+    columns = set(reader.fieldnames or ())
+    played = columns >= _PLAYED
+    if not played and not columns >= _CLIMBED:
+        raise InputError(
+            f"{path} is no table of python -m benchmarks.lab.ladder or "
+            "benchmarks.lab.actuation_latency: name one of these."
+        )
     climbs = []
     for number, row in enumerate(rows, 1):
         try:
@@ -79,9 +85,8 @@ def _read(path: Path) -> list[Climb]:
 
 
 def _climb(row: dict[str, str]) -> Climb:
-    # A table may have been written before a flag got its present name.
-    flags = [PRESENT_FLAGS.get(each, each) for each in shlex.split(row["flags"])]
-    values = dict(pairwise(flags))
+    flags = present_names(shlex.split(row["flags"]))
+    values = dict(pairwise([*flags, "--"]))  # a switch at the end has no value either
     delay, press, skip = (
         int(values.get(f"--play.{name}", default))
         for name, default in (

@@ -5,7 +5,8 @@ The page's text is written by hand; between ``<!-- NAME.json -->`` and ``<!-- en
 ``benchmarks/results/NAME.json`` says, so that no figure is copied by hand. A file of several tables
 has them under names of their own: ``<!-- NAME.json kinds -->``. What was learned, rung by rung, is
 ``<!-- ladder.csv -->``, how fast by each run ``<!-- ladder-*-pong-*.csv -->``: the files that have
-such names.
+such names. ``<!-- not reproducible -->`` lists the results that their commit alone does not bring
+back.
 """
 
 import csv
@@ -16,6 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.figures.commits import Source, sources
 from benchmarks.lab.ladder import MILESTONES
 from benchmarks.report import cell
 from common.errors import InputError, exit_on_input_error
@@ -27,7 +29,8 @@ CURVE = (100_000, 200_000, 250_000, 300_000, 400_000, 500_000, 600_000, 800_000,
 _CLOSE = 25_000
 """Fewest steps by which the end of an epoch is too far from one of these."""
 _TABLE = re.compile(
-    r"<!-- (?P<name>[\w*-]+\.(?:json|csv))(?: (?P<rows>\w+))? -->\n(?:.*?\n)??<!-- end -->",
+    r"<!-- (?P<name>[\w*-]+\.(?:json|csv)|not reproducible)(?: (?P<rows>\w+))? -->\n"
+    r"(?:.*?\n)??<!-- end -->",
     re.DOTALL,
 )
 
@@ -40,6 +43,8 @@ def render(page: str, folder: Path) -> str:
     """
 
     def table(found: re.Match[str]) -> str:
+        if found["name"] == "not reproducible":
+            return _between(found["name"], not_reproducible(sources(folder)))
         if "*" in found["name"]:
             return _between(found["name"], curves(sorted(folder.glob(found["name"]))))
         file = folder / found["name"]
@@ -112,6 +117,23 @@ def learned(rows: Iterable[Mapping[str, str]]) -> str:
         for row in sorted(rows, key=lambda row: (row["rung"], row["label"], int(row["seed"])))
     ]
     return "\n".join(_lines(names, ["---"] * 2 + ["---:"] * (len(names) - 3) + ["---"], cells))
+
+
+def not_reproducible(found: Iterable[Source]) -> str:
+    """The results that their commit and flags alone do not bring back, and why."""
+    reasons: dict[tuple[str, str, str], list[str]] = {}
+    for each in found:
+        if not each.reproducible:
+            differed = "unknown whether tracked files differed" if each.dirty is None else ""
+            differed = "tracked files differed" if each.dirty else differed
+            reason = "; ".join(filter(None, (each.note, differed)))
+            key = (each.file, commit_of(each.commit, each.dirty), reason)
+            reasons.setdefault(key, []).append(each.part)
+    cells = [
+        [file, "; ".join(dict.fromkeys(filter(None, parts))) or "all", commit, reason]
+        for (file, commit, reason), parts in reasons.items()
+    ]
+    return "\n".join(_lines(["file", "results", "commit", "what differs"], ["---"] * 4, cells))
 
 
 def curves(files: Iterable[Path]) -> str:

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from benchmarks.lab.evaluation import evaluate, lateness
+from benchmarks.lab.policy import EPSILON, evaluate, press_latency
 from common.errors import InputError, exit_on_input_error
 from common.press_latency import ms_of
 from common.run.config import MAX_DELAY
@@ -21,7 +21,7 @@ from common.run.origin import origin_of, run_of
 
 COLUMNS = (
     "network", "press", "late_ms", "games", "epsilon", "seed", "mean", "deviation",
-    "iqm", "iqm_low", "iqm_high", "cpu", "git_commit",
+    "iqm", "iqm_low", "iqm_high", "cpu", "git_commit", "git_dirty",
 )  # fmt: skip
 """``press``: frames of 60 Hz that the game plays without a new command's keys."""
 
@@ -36,7 +36,7 @@ class Options:
     """Frames until a new command's keys are down, each of them played."""
     games: int = 10
     """For each network and lateness."""
-    epsilon: float = 0.001
+    epsilon: float = EPSILON
     """Share of random decisions."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("late_keys.csv")
     """Table to write."""
@@ -73,7 +73,7 @@ def hand_flags(network: Path, press: int) -> list[str]:
     trained = origin_of(network)
     if trained is None:
         raise InputError(f"{network} has neither a card nor a run's folder beside it: get them.")
-    late = lateness(press)
+    late = press_latency(press)
     return [*late, "--play.hand", "model"] if trained.env == "robot" else late
 
 

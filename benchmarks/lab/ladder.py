@@ -19,17 +19,14 @@ import io
 import json
 import shlex
 import shutil
-import subprocess
-import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import tyro
 
-from benchmarks.child import free_endpoint
-from benchmarks.lab.evaluation import evaluate
+from benchmarks.lab.policy import EPSILON, evaluate, present_names, run, train
 from common.errors import InputError, exit_on_input_error
 from common.run.folder import RunFolder, write_atomically
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
@@ -56,9 +53,11 @@ COLUMNS = (
     *(f"{what}_to_{name}" for name in MILESTONES for what in ("steps", "seconds")),
     "games", "epsilon", "mean", "deviation", "iqm", "iqm_low", "iqm_high",
     "press_match_share", "valid_frame_share", "cpu", "cores", "device", "git_commit", "git_dirty",
+    "note",
 )  # fmt: skip
 """``steps_to_0`` and the like: agent steps and wall-clock seconds at the end of the first epoch
-whose training games had that mean; empty if there was none."""
+whose training games had that mean; empty if there was none. ``flags`` have the names of the row's
+commit. ``note``: what keeps them from reproducing the row there; written by hand."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class Options:
     """Of R2: decisions by which commands come late, beside the keys' own time."""
     games: int = 30
     """Games of each evaluation."""
-    epsilon: float = 0.001
+    epsilon: float = EPSILON
     """Share of random decisions in it."""
     learner: str = ""
     """More flags for `python -m learner`, as in --learner="--threads 2"."""
@@ -108,10 +107,7 @@ class Options:
 def climb(options: Options, seed: int) -> dict[str, Any]:
     """Train and evaluate one run; its row."""
     folder = RunFolder(options.runs, options.run_name(seed))
-    known = ["--resume"] if folder.checkpoint.exists() else []
-    place = ["--run", folder.name, "--runs", str(options.runs)]
-    flags = ["--listen", free_endpoint(), *options.flags(seed)]
-    _python("learner", "--local", *place, "--steps", f"{options.steps}", *known, *flags)
+    train(folder, options.steps, options.flags(seed))
     results = options.output.parent
     results.mkdir(parents=True, exist_ok=True)
     evaluation = results / f"{folder.name}.json"
@@ -146,6 +142,7 @@ def row_of(
         "flags": shlex.join(options.flags(seed)),
         "cpu": summary["machine"]["cpu"],
         "cores": summary["machine"]["cores"],
+        "note": "",
     }
     return {name: found[name] for name in COLUMNS}
 
@@ -165,22 +162,19 @@ def _milestones(epochs: Sequence[EpochRow]) -> dict[str, float | None]:
 
 
 def add_row(path: Path, row: dict[str, Any]) -> None:
-    """Add ``row`` to the table at ``path``, in place of what it had of the same run."""
+    """Adds ``row`` to the table at ``path``, in place of what it had of the same run."""
+
+    def identity(of: Mapping[str, Any]) -> tuple[str, ...]:
+        return of["rung"], of["label"], *present_names(shlex.split(of["flags"]))
+
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = list(csv.DictReader(path.read_text().splitlines())) if path.exists() else []
-    same = {name: str(row[name]) for name in ("rung", "label", "flags")}
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, COLUMNS)
     writer.writeheader()
-    writer.writerows(old for old in rows if not same.items() <= old.items())
+    writer.writerows(old for old in rows if identity(old) != identity(row))
     writer.writerow(row)
     write_atomically(path, text.getvalue().encode())
-
-
-def _python(module: str, *arguments: str) -> None:
-    ended = subprocess.run([sys.executable, "-m", module, *arguments], check=False)
-    if ended.returncode:
-        raise InputError(f"python -m {module} ended with exit code {ended.returncode}, see above.")
 
 
 def main() -> None:
@@ -188,7 +182,7 @@ def main() -> None:
     if options.delay and options.rung != "R2":
         raise InputError("--delay is for --rung R2.")
     if options.rung == "R0":
-        _python("actors", "--check", "--game", options.game)
+        run("actors", "--check", "--game", options.game)
         return
     for seed in range(options.seed, options.seed + options.seeds):
         add_row(options.output, climb(options, seed))

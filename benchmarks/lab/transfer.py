@@ -9,8 +9,8 @@ from pathlib import Path
 
 import tyro
 
-from benchmarks.lab.evaluation import evaluate, lateness
 from benchmarks.lab.ladder import FLAGS, Rung
+from benchmarks.lab.policy import EPSILON, evaluate, press_latency
 from benchmarks.report import publish
 from common.errors import InputError, exit_on_input_error
 
@@ -32,7 +32,7 @@ class Options:
     is not the same on all rungs."""
     games: int = 10
     """On each rung."""
-    epsilon: float = 0.001
+    epsilon: float = EPSILON
     """Share of random decisions."""
     json: Path | None = None
     """File for the results."""
@@ -40,7 +40,7 @@ class Options:
 
 def rung_flags(rung: Rung) -> list[str]:
     """All that a rung is, so that nothing is left of the one on which the network was trained."""
-    every = ["--play.hand", "arm", "--play.eye", "camera", *lateness(0), *FLAGS[rung]]
+    every = ["--play.hand", "arm", "--play.eye", "camera", *press_latency(0), *FLAGS[rung]]
     flags = dict(zip(every[::2], every[1::2], strict=True))  # of two values of a flag the last
     return [part for pair in flags.items() for part in pair]
 

@@ -14,6 +14,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from benchmarks.figures.plot import Options, draw
+from benchmarks.figures.plot_delay import read_ladders
 from benchmarks.figures.plot_style import RANDOM, mean_line
 from benchmarks.lab import actuation_latency as late_keys
 from benchmarks.lab.ladder import COLUMNS, Rung, add_row
@@ -22,6 +23,7 @@ from common.errors import InputError
 from common.run.presets import PRESETS
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from tests.epoch_rows import epoch_row
+from tests.paths import ROOT
 
 ROW = epoch_row()
 
@@ -243,6 +245,18 @@ def test_delay_is_from_the_flags_of_the_ladder(tmp_path: Path) -> None:
         "pong, robot, 1 M steps, --learning.n-step 1",
         "random policy, −20.4",
     ]
+
+
+def test_tables_of_former_commits_are_drawn() -> None:
+    """Their flags and columns have the names of then: --play.press, no note, no git_dirty."""
+    results = ROOT / "benchmarks" / "results"
+    climbs = read_ladders([results / "ladder.csv"])
+    assert [round(climb.late_ms, 1) for climb in climbs if "--play.vector" in climb.name] == [33.3]
+    assert len(climbs) == 5  # four of R1, one of R2
+    assert not any("press" in climb.name for climb in climbs)
+    played = read_ladders([results / "late_keys.csv"])
+    assert len(played) == 10
+    assert max(climb.late_ms for climb in played) == pytest.approx(4 * 1000 / 60)
 
 
 def test_networks_under_later_keys_are_a_line_each(tmp_path: Path) -> None:

@@ -92,6 +92,16 @@ def test_a_run_that_went_on_has_its_newest_row_alone(tmp_path: Path) -> None:
     assert found == [("--seed 2", "100"), (row["flags"], "200")]
 
 
+def test_a_row_of_former_names_is_of_the_same_run(tmp_path: Path) -> None:
+    path = tmp_path / "ladder.csv"
+    row = {**dict.fromkeys(COLUMNS, ""), "rung": "R2"}
+    for flags in ("--play.press 2", "--play.press 3", "--play.press-latency 2"):
+        add_row(path, {**row, "flags": flags})
+    with path.open() as file:
+        found = [row["flags"] for row in csv.DictReader(file)]
+    assert found == ["--play.press 3", "--play.press-latency 2"]
+
+
 @pytest.mark.slow
 def test_a_rung_is_climbed_and_told(tmp_path: Path) -> None:
     output = tmp_path / "results" / "ladder.csv"

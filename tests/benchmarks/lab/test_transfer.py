@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from benchmarks.lab import transfer
-from benchmarks.lab.evaluation import evaluate
 from benchmarks.lab.ladder import FLAGS, Rung
+from benchmarks.lab.policy import evaluate
 from common.errors import InputError
 from common.process.command_line import parse_run
 from common.run.config import RunConfig

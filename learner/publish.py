@@ -1,12 +1,13 @@
-"""`python -m learner.evaluation.publish_policy runs/NAME -o policies/NAME`: a trained network to
-give away.
+"""`python -m learner.publish runs/NAME -o policies/NAME`: makes a policy to give away of a run.
 
 Writes NAME.safetensors, the weights in float16, and NAME.json, its card: the run's configuration,
-how long it was trained, and every game's score of an evaluation of just these weights.
+how long it was trained, and every game's score of an evaluation of exactly these weights.
 `python -m actors --play --weights policies/NAME.safetensors` plays them.
 """
 
 import json
+import tempfile
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,13 +16,15 @@ import torch
 import tyro
 from safetensors.torch import load
 
-from benchmarks.lab.evaluation import evaluate
 from common.errors import InputError, exit_on_input_error
 from common.network import build_network
+from common.process.lifeline import on_signals
 from common.protocol.weights import encode_weights, load_weights
+from common.run.config import RunConfig
 from common.run.folder import RunFolder, write_atomically
+from learner.evaluation.offline import EvaluationOptions, evaluate
 
-_OF_THE_RUN = (
+_FROM_SUMMARY = (
     "run",
     "agent_steps",
     "updates",
@@ -35,25 +38,28 @@ _OF_THE_RUN = (
 
 @dataclass(frozen=True)
 class Options:
-    """Make a policy of a run's best test, or of its last weights, and evaluate it."""
+    """Publish the weights of a run's best test, or its last ones, with a card of their scores."""
 
     run: tyro.conf.Positional[Path]
     """Folder of the run."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Both files, without their suffixes."""
+    """Path of both files, without a suffix."""
     last: bool = False
-    """Of the last weights instead of the best test's."""
+    """Publish the last weights instead of those of the best test."""
     games: int = 30
     """Games of the evaluation."""
     epsilon: float = 0.001
-    """Share of random decisions in it."""
+    """Share of random actions in the evaluation."""
 
 
-def publish(options: Options) -> dict[str, Any]:
-    """Write both files; the card.
+def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
+    """Writes both files; returns the card.
+
+    Args:
+        stop: ends the evaluation early once it is set.
 
     Raises:
-        InputError: the run has no such weights, or they cannot be evaluated.
+        InputError: the run has no such weights, or they were not evaluated to the end.
     """
     folder = RunFolder(options.run.parent, options.run.name)
     source = folder.checkpoint if options.last else folder.snapshots / "best.safetensors"
@@ -68,16 +74,34 @@ def publish(options: Options) -> dict[str, Any]:
     network = build_network(config, actions)
     load_weights(network, payload)
     summary = json.loads(folder.summary.read_bytes())
-    card = {name: summary[name] for name in _OF_THE_RUN}
+    card = {name: summary[name] for name in _FROM_SUMMARY}
     if not options.last:
         card["snapshot"] = json.loads((folder.snapshots / "best.json").read_bytes())
     options.output.parent.mkdir(parents=True, exist_ok=True)
     weights = options.output.with_name(f"{options.output.name}.safetensors")
     write_atomically(weights, encode_weights(network, torch.float16))
     _write(options.output, card)
-    card["evaluation"] = evaluate(weights, options.games, options.epsilon)
+    card["evaluation"] = _evaluation(weights, config, options, stop)
     _write(options.output, card)
     return card
+
+
+def _evaluation(
+    weights: Path, config: RunConfig, options: Options, stop: threading.Event
+) -> dict[str, Any]:
+    """Returns what `python -m learner --evaluate` writes as JSON."""
+    with tempfile.TemporaryDirectory(prefix="ale-robot-") as folder:
+        found = Path(folder) / "evaluation.json"
+        asked = EvaluationOptions(
+            evaluate=weights, games=options.games, epsilon=options.epsilon, json=found
+        )
+        asked.check()
+        if evaluate(asked, config, ["--sync"], stop):
+            raise InputError(
+                "the evaluation was stopped: publish again, for the card has no scores."
+            )
+        content: dict[str, Any] = json.loads(found.read_bytes())
+        return content
 
 
 def _write(output: Path, card: dict[str, Any]) -> None:
@@ -86,8 +110,10 @@ def _write(output: Path, card: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    options = tyro.cli(Options, prog="python -m learner.evaluation.publish_policy")
-    publish(options)
+    options = tyro.cli(Options, prog="python -m learner.publish")
+    stop = threading.Event()
+    on_signals(stop)
+    publish(options, stop)
     print(f"wrote {options.output}.safetensors and {options.output}.json")
 
 

@@ -1,6 +1,7 @@
 """A published policy: small weights, a card, and scores of just these weights."""
 
 import json
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.run.config import to_json
 from common.run.presets import PRESETS
-from learner.evaluation.publish_policy import Options, publish
+from learner.publish import Options, publish
 from viewer.player import build_player, config_to_play
 
 FAST = PRESETS["fast"]
@@ -43,7 +44,7 @@ def _run(folder: Path) -> Path:
 
 def test_a_policy_plays_from_its_two_files_alone(tmp_path: Path) -> None:
     run, output = _run(tmp_path / "small"), tmp_path / "policies" / "breakout"
-    publish(Options(run=run, output=output, games=2, epsilon=0.1))
+    publish(Options(run=run, output=output, games=2, epsilon=0.1), threading.Event())
 
     weights = output.with_suffix(".safetensors")
     card = json.loads(output.with_suffix(".json").read_text())
@@ -65,7 +66,16 @@ def test_a_policy_plays_from_its_two_files_alone(tmp_path: Path) -> None:
 
 def test_a_run_without_a_test_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="best"):
-        publish(Options(run=tmp_path / "none", output=tmp_path / "policy"))
+        publish(Options(run=tmp_path / "none", output=tmp_path / "policy"), threading.Event())
+
+
+def test_a_policy_that_was_not_evaluated_to_the_end_is_told(tmp_path: Path) -> None:
+    stop = threading.Event()
+    stop.set()
+    output = tmp_path / "policy"
+    with pytest.raises(InputError, match="publish again"):
+        publish(Options(run=_run(tmp_path / "small"), output=output, games=2), stop)
+    assert "evaluation" not in json.loads(output.with_suffix(".json").read_text())
 
 
 def test_a_damaged_card_is_told(tmp_path: Path) -> None:

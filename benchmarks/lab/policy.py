@@ -1,0 +1,80 @@
+"""How the experiments train and evaluate a policy: by `python -m learner`, as anybody would.
+
+`train` makes a run of given flags, or resumes it, and `evaluate` plays whole games. `press_latency`
+and `present_names` are about the flags that both take.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.child import free_endpoint
+from common.errors import InputError
+from common.process.command_line import PRESENT_FLAGS
+from common.run.folder import RunFolder
+
+EPSILON = 0.001
+"""Share of random actions in evaluations, unless another is asked for."""
+
+
+def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
+    """Trains the run in ``folder`` until it has so many agent steps; resumes it if it has begun.
+
+    Raises:
+        InputError: the run ended otherwise; why is on the terminal.
+    """
+    resumed = ["--resume"] if folder.checkpoint.exists() else []
+    place = ["--run", folder.name, "--runs", str(folder.path.parent)]
+    address = ["--listen", free_endpoint()]
+    run("learner", "--local", *place, "--steps", f"{steps}", *resumed, *address, *flags)
+
+
+def evaluate(
+    network: Path, games: int, epsilon: float = EPSILON, flags: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Returns what the evaluation wrote as JSON; its table goes to the terminal.
+
+    Args:
+        flags: settings other than those under which the network was trained.
+
+    Raises:
+        InputError: the games cannot be played; why is on the terminal.
+    """
+    with tempfile.TemporaryDirectory(prefix="ale-robot-") as folder:
+        found = Path(folder) / "evaluation.json"
+        asked = ["--games", f"{games}", "--epsilon", f"{epsilon}", "--json", str(found)]
+        run("learner", "--evaluate", str(network), *asked, *flags)
+        content: dict[str, Any] = json.loads(found.read_bytes())
+        return content
+
+
+def run(module: str, *arguments: str) -> None:
+    """Runs ``python -m module`` on this terminal.
+
+    Raises:
+        InputError: it failed.
+    """
+    ended = subprocess.run([sys.executable, "-m", module, *arguments], check=False)
+    if ended.returncode:
+        raise InputError(f"python -m {module} ended with exit code {ended.returncode}, see above.")
+
+
+def press_latency(frames: int) -> list[str]:
+    """Returns the flags of a modelled hand, whatever hand a network was trained with.
+
+    Args:
+        frames: frames of 60 Hz until a new command's keys are down; the old ones go up at once.
+    """
+    settings = {"command": 0, "release": 0, "press": frames}
+    return [
+        part for name, value in settings.items() for part in (f"--play.{name}-latency", f"{value}")
+    ]
+
+
+def present_names(flags: Sequence[str]) -> list[str]:
+    """Returns ``flags``, as a table of results has them from a former commit, by present names."""
+    return [PRESENT_FLAGS.get(flag, flag) for flag in flags]
