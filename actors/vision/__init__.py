@@ -1,1 +1,1 @@
-"""Seeing the game through a camera: finding the projector screen, unwarping it to 84×84."""
+"""Computer vision: finds the projection screen in a camera picture and unwarps the game."""

@@ -1,8 +1,8 @@
-"""Fine search: the sides of a dark quadrilateral, to a fraction of a pixel.
+"""Fine search: locates the sides of a dark quadrilateral to a fraction of a pixel.
 
-Each side is looked at across, at many places; the places where light falls to dark as it should
-are fitted by a line, so that noise, the stairs of pixels and a hand before the screen cost
-little. cornerSubPix would look only at the corners, which are what is most often hidden.
+Each side is sampled across at many places. A line is fitted to the places where light falls to
+dark, so noise, pixel stairs and a hand in front of the screen have little effect. OpenCV's
+cornerSubPix uses only the corners, which are hidden most often.
 """
 
 import cv2
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from actors.vision.quad import meet
 
 _PLACES = 24
-"""Places per side."""
+"""Sampled places per side."""
 _REACH = 6
-"""Pixels looked at to either side of the rough edge."""
+"""Pixels sampled on either side of the rough edge."""
 _NEAR = 0.8
-"""Pixels a place may lie off the line that it supports: nearest-pixel stairs are ±0.5."""
+"""Maximum distance, pixels, of a place from the line that it supports: pixel stairs are ±0.5."""
 _SUPPORT = 0.4
-"""Least share of a side's places that must support its line."""
+"""Minimum share of a side's places that must support its line."""
 
 _ALONG = np.linspace(0.04, 0.96, _PLACES)[:, None]
 _ACROSS = np.arange(-_REACH, _REACH + 1, dtype=np.float64)
@@ -27,12 +27,12 @@ _ACROSS = np.arange(-_REACH, _REACH + 1, dtype=np.float64)
 def refine(
     grey: NDArray[np.uint8], quad: NDArray[np.float32], contrast: float
 ) -> NDArray[np.float32] | None:
-    """``quad`` moved onto the edges where light outside falls to dark inside.
+    """Returns ``quad`` moved onto the edges where light outside falls to dark inside.
 
     Args:
         grey: Picture, ``uint8 [height, width]``.
         quad: Rough corners, clockwise, ``float32 [4, 2]``.
-        contrast: Least fall in grey levels that is an edge.
+        contrast: Minimum fall of an edge, in grey levels.
 
     Returns:
         Corners, ``float32 [4, 2]``; None if a side has too little support.
@@ -52,14 +52,15 @@ def refine(
 def in_place(
     grey: NDArray[np.uint8], quad: NDArray[np.float32], contrast: float
 ) -> NDArray[np.float64]:
-    """Share of each of an exact ``quad``'s sides that can be seen to be where it was: ``[4]``."""
+    """Returns the share of each side of an exact ``quad`` that is still in place, ``[4]``."""
     offsets, found = _edges(grey, *_places(quad), contrast)
     shares: NDArray[np.float64] = (found & (np.abs(offsets) < _NEAR)).mean(axis=1)
     return shares
 
 
 def _places(quad: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places along each side ``[4, places, 2]``, and each side's way inward ``[4, 2]``."""
+    """Returns places along each side ``[4, places, 2]`` and each side's inward normal ``[4,
+    2]``."""
     corners = quad.astype(np.float64)
     sides = np.roll(corners, -1, axis=0) - corners
     inward = np.stack([-sides[:, 1], sides[:, 0]], axis=1)
@@ -73,38 +74,42 @@ def _edges(
     inward: NDArray[np.float64],
     contrast: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """How far inward of each place the edge is, pixels, and if there is any: ``[4, places]``."""
+    """Returns how far inward of each place its edge lies, pixels, and whether there is an edge.
+
+    Both arrays are ``[4, places]``.
+    """
     grid = (bases[:, :, None] + inward[:, None, None] * _ACROSS[:, None]).astype(np.float32)
     xs, ys = np.ascontiguousarray(grid.reshape(4 * _PLACES, -1, 2).transpose(2, 0, 1))
-    seen = cv2.remap(grey, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    offsets, found = _falls(np.asarray(seen, np.float32), contrast)
+    samples = cv2.remap(grey, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    offsets, found = _falls(np.asarray(samples, np.float32), contrast)
     return offsets.reshape(4, _PLACES), found.reshape(4, _PLACES)
 
 
 def _falls(
-    seen: NDArray[np.float32], contrast: float
+    samples: NDArray[np.float32], contrast: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Where each row of ``[n, 2 reach + 1]`` falls most, as offset in pixels, and if it does."""
-    fall = seen[:, :-3] + seen[:, 1:-2] - seen[:, 2:-1] - seen[:, 3:]
+    """Returns where each row of ``[n, 2 reach + 1]`` falls most, in pixels, and if that is an
+    edge."""
+    fall = samples[:, :-3] + samples[:, 1:-2] - samples[:, 2:-1] - samples[:, 3:]
     start = np.argmax(fall, axis=1)
-    rows = np.arange(len(seen))
-    window = seen[rows[:, None], start[:, None] + np.arange(4)]
+    rows = np.arange(len(samples))
+    window = samples[rows[:, None], start[:, None] + np.arange(4)]
     high, low = window[:, 0], window[:, 3]
     drop = high - low
-    # The area under a falling edge is its place, whatever its blur: better than one crossing.
+    # The area under a falling edge locates it whatever its blur; one threshold crossing does not.
     share = (window[:, 1] + window[:, 2] - 2 * low) / np.maximum(drop, 1e-6)
     offsets = start + 0.5 + np.clip(share, 0, 2) - _REACH
     return offsets, drop >= contrast
 
 
 def _fit(points: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The line (a, b, c) that most points agree on, or None with too few of them."""
+    """Returns the line (a, b, c) that most points support, or None if too few do."""
     least = _SUPPORT * _PLACES
     if len(points) < least:
         return None
     line = _through(points)
     near = np.abs(points @ line[:2] + line[2]) < _NEAR
-    if near.sum() < 0.9 * len(points):  # something disagrees and has bent the line
+    if near.sum() < 0.9 * len(points):  # outliers have bent the line
         line = _best_pair(points)
         near = np.abs(points @ line[:2] + line[2]) < _NEAR
         if near.sum() < least:
@@ -113,13 +118,13 @@ def _fit(points: NDArray[np.float64]) -> NDArray[np.float64] | None:
 
 
 def _through(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The line with the least squared distances to the points."""
+    """Returns the least-squares line through the points."""
     dx, dy, x, y = cv2.fitLine(points.astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01).ravel()
     return np.array([-dy, dx, dy * x - dx * y], np.float64)
 
 
 def _best_pair(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The line through two points, some way apart, that most other points support."""
+    """Returns the line through two distant points that most other points support."""
     count = len(points)
     first, second = _PAIRS[:, (count > _PAIRS).all(axis=0)]
     directions = points[second] - points[first]
@@ -132,4 +137,4 @@ def _best_pair(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 _PAIRS = np.array([(i, j) for i in range(_PLACES) for j in range(i + _PLACES // 3, _PLACES, 2)]).T
-"""Pairs to try, ``[2, n]``: a third of the side apart at least, so that noise turns them little."""
+"""Pairs to try, ``[2, n]``: at least a third of the side apart, so that noise turns them little."""

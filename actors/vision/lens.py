@@ -1,9 +1,8 @@
-"""Radial distortion of the robot's camera: a lens that bends straight lines a little.
+"""Radial distortion of the robot's camera.
 
-What a pinhole would show at r from the picture's middle is shown nearer to it, at the r' with
-r = r'(1 + k₁r'²), both in half widths: the first term of Brown's model, by which barrel
-distortion is usually corrected. The camera bends its picture by it, and the eye, which knows its
-own camera's k₁, straightens it.
+A point that a pinhole shows at distance r from the picture's centre appears at r', where
+r = r'(1 + k₁r'²) in units of half the width: the first term of Brown's model of barrel distortion.
+The simulated camera applies it, and the screen detector, which knows k₁ by calibration, undoes it.
 """
 
 import cv2
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _STEPS = 12
-"""Of Newton's method, which needs far fewer."""
+"""Iterations of Newton's method, which converges in far fewer."""
 
 
 class Lens:
@@ -25,23 +24,23 @@ class Lens:
         corner = (self._middle**2).sum() / self._half_width**2
         grown = k1 * corner * self._middle
         self.margin: tuple[int, int] = (int(np.ceil(grown[0])), int(np.ceil(grown[1])))
-        """Pixels beyond a pinhole's left or right, and upper or lower edge that it brings into
-        the picture."""
+        """Extra pixels beyond a pinhole picture's left and right, and upper and lower edges, which
+        the lens brings into view."""
         x, y = np.meshgrid(np.arange(width), np.arange(height))
         pixels = np.stack([x, y], axis=2).reshape(-1, 2).astype(np.float64)
-        # OpenCV draws each pixel from where its light comes from.
+        # OpenCV's maps give, for each pixel of the result, its place in the source.
         self._straight = _maps(self.bend(pixels), size)
         self._bent = _maps(self.unbend(pixels) + self.margin, size)
 
     def unbend(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where a pinhole would show what the lens shows at ``points [N, 2]`` (x, y)."""
+        """Returns the pinhole's pixels of lens pixels ``points [N, 2]`` (x, y)."""
         away = (points - self._middle) / self._half_width
         square = (away**2).sum(axis=1, keepdims=True)
         ideal: NDArray[np.float64] = away * (1 + self.k1 * square) * self._half_width
         return self._middle + ideal
 
     def bend(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where the lens shows what a pinhole would show at ``points [N, 2]``."""
+        """Returns the lens's pixels of pinhole pixels ``points [N, 2]`` (x, y)."""
         away = (points - self._middle) / self._half_width
         ideal = np.hypot(away[:, 0], away[:, 1])
         bent = ideal.copy()
@@ -52,11 +51,12 @@ class Lens:
         return self._middle + shown
 
     def photograph(self, ideal: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The picture through the lens of a pinhole's ``ideal``, `margin` larger on each side."""
+        """Returns the lens's picture of a pinhole's ``ideal``, which is `margin` larger on each
+        side."""
         return _drawn(ideal, self._bent)
 
     def straighten(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """What a pinhole would have shown instead of ``image``."""
+        """Returns the pinhole's picture of the lens's ``image``."""
         return _drawn(image, self._straight)
 
 

@@ -1,5 +1,5 @@
-"""NAO's camera as its maker describes it, which the eye knows as any owner of a camera would."""
+"""Optics of NAO's camera as published, shared by the simulated camera and the screen detector."""
 
 WIDTH_ANGLE = 60.97
 HEIGHT_ANGLE = 47.64
-"""Field of view in degrees."""
+"""Horizontal and vertical field of view, degrees."""

@@ -1,9 +1,9 @@
-"""Rough search: quadrilaterals that dark regions of a picture may be, within a few pixels.
+"""Rough search: finds quadrilaterals in the dark regions of a picture, to a few pixels.
 
-A region's outline is cut into straight pieces. The dark side of each tells whether it may belong
-to the top, right, bottom or left side; pieces on one line count together, so that a hand in front
-of a side only shortens it. Lines with the most outline on them are tried first. Something dark
-that merges with the picture merely adds pieces.
+A region's outline is cut into straight pieces. The direction of the dark side assigns each piece to
+the top, right, bottom or left. Pieces on one line count together, so a hand in front of a side only
+shortens it. Lines with the longest outline are tried first. A dark object that merges with the
+picture only adds pieces.
 """
 
 from collections.abc import Iterator
@@ -14,35 +14,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 _MIN_SHARE = 0.02
-"""Least share of the picture that the projected picture fills; smaller, 84×84 would be blurred."""
+"""Minimum share of the camera picture for a screen; a smaller one would blur the 84×84 frame."""
 _REGIONS = 2
-"""Dark regions tried, biggest first: robot and furniture may be dark and bigger than the screen."""
+"""Dark regions tried, largest first: robot and furniture may be dark and larger than the screen."""
 _ROUGH = 2.0
-"""Pixels by which a straight piece may pass by its outline."""
+"""Maximum deviation of a straight piece from the outline, pixels."""
 _SHORTEST = 8.0
-"""Pixels; shorter pieces are noise."""
+"""Minimum length of a piece, pixels; shorter pieces are noise."""
 _NEAR = 3.0
-"""Pixels by which both ends of a piece may lie off the line that it counts for."""
+"""Maximum distance of a piece's ends from the line that it counts for, pixels."""
 _LINES = 3
 """Lines tried for each side."""
 _QUADS = 6
-"""Quadrilaterals tried of each region."""
+"""Quadrilaterals tried for each region."""
 _LEAST_OUTLINE = 0.3
-"""Least share of a quadrilateral's outline that must be the region's."""
+"""Minimum share of a quadrilateral's outline that the region's outline covers."""
 _BEYOND = 0.1
-"""How far, as a share of the picture, a corner may lie outside: rough corners may."""
+"""Distance that a rough corner may lie outside, as a share of the picture's size."""
 _NARROWEST, _WIDEST = 0.7, 2.5
-"""Bounds of width to height."""
+"""Bounds of the ratio of width to height."""
 
 
 def dark_quads(dark: NDArray[np.uint8]) -> Iterator[NDArray[np.float32]]:
-    """Quadrilaterals of the biggest regions of ``dark``, the likeliest of each first.
+    """Yields quadrilaterals in the largest regions of ``dark``, the likeliest of each region first.
 
     Args:
-        dark: 255 where the picture is dark, else 0, ``uint8 [height, width]``.
+        dark: 255 where the picture is dark, 0 elsewhere, ``uint8 [height, width]``.
 
     Yields:
-        Corners (x, y) in pixels, ``float32 [4, 2]``, from the top left clockwise.
+        Corners (x, y) in pixels, ``float32 [4, 2]``, clockwise from the top left.
     """
     contours, _ = cv2.findContours(dark, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     least = _MIN_SHARE * dark.size
@@ -56,7 +56,7 @@ def dark_quads(dark: NDArray[np.uint8]) -> Iterator[NDArray[np.float32]]:
 def _quads(contour: NDArray[np.int32], shape: tuple[int, ...]) -> list[NDArray[np.float32]]:
     points = cv2.approxPolyDP(contour, _ROUGH, True).reshape(-1, 2).astype(np.float64)
     if cv2.contourArea(points.astype(np.float32), oriented=True) < 0:
-        points = points[::-1]  # clockwise as seen, so that the dark is to the right of the way
+        points = points[::-1]  # clockwise in the picture: the dark is to the right
     ways = np.roll(points, -1, axis=0) - points
     lengths = np.hypot(ways[:, 0], ways[:, 1])
     long = lengths >= _SHORTEST
@@ -73,7 +73,7 @@ def _quads(contour: NDArray[np.int32], shape: tuple[int, ...]) -> list[NDArray[n
     found: list[tuple[float, NDArray[np.float32]]] = []
     for chosen in product(*sides):
         top, right, bottom, left = chosen
-        # `meet` gives the corner between each line and the one before.
+        # `meet` returns the corner between each line and the previous one.
         quad = meet(np.stack([line for line, _ in (top, right, bottom, left)]))
         if quad is None or not _plausible(quad, width, height):
             continue
@@ -86,13 +86,13 @@ def _quads(contour: NDArray[np.int32], shape: tuple[int, ...]) -> list[NDArray[n
 
 
 _Line = tuple[NDArray[np.float64], float]
-"""(a, b, c) of a·x + b·y + c = 0, and how many pixels of outline lie on it."""
+"""(a, b, c) of a·x + b·y + c = 0, and the length of the outline on it, pixels."""
 
 
 def _strongest(
     starts: NDArray[np.float64], ways: NDArray[np.float64], lengths: NDArray[np.float64]
 ) -> list[_Line]:
-    """The lines that have most outline on them, most first, of pieces of one side."""
+    """Returns the lines with the longest outline among one side's pieces, longest first."""
     lines: list[_Line] = []
     left = np.ones(len(starts), bool)
     ends = starts + ways
@@ -125,7 +125,10 @@ def _plausible(quad: NDArray[np.float32], width: int, height: int) -> bool:
 
 
 def meet(lines: NDArray[np.float64]) -> NDArray[np.float32] | None:
-    """Corners between each of four lines (a, b, c) and the one before; None if not convex."""
+    """Returns the corners between each of four lines (a, b, c) and the previous one.
+
+    Returns None if they are not convex.
+    """
     corners = np.cross(np.roll(lines, 1, axis=0), lines)
     if np.abs(corners[:, 2]).min() < 1e-9 * np.abs(corners).max():
         return None

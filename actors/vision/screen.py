@@ -1,4 +1,4 @@
-"""A projector screen that was found: where it is, how to unwarp it, and if it is still there."""
+"""A detected projection screen: its place, its unwarping, and the check that it has not moved."""
 
 import cv2
 import numpy as np
@@ -8,32 +8,31 @@ from actors.vision.layout import GAME_IN_PICTURE
 from common.protocol.chunk import FRAME_SHAPE
 
 _FINER = 2
-"""The game is unwarped this much finer than its frame and then averaged, which keeps a ball of
-two pixels as the emulator's own frame does."""
+"""Oversampling: the game is unwarped this much finer than its frame and then averaged. A ball of
+two pixels survives, as it does in the emulator's own frame."""
 _OUTSIDE = 0.03
 _INSIDE = 0.6
-"""The band that has to stay the same: from so far outside the picture, as a share of it, to so
-far into its border, as a share of that. It leaves out whatever the game may change."""
+"""Limits of the band that has to stay the same: `_OUTSIDE` outside the picture, as a share of its
+size, and `_INSIDE` into the border, as a share of its width. The game cannot change this band."""
 
 _UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
 
 
 class Screen:
-    """The screen in the picture in which it was found.
+    """A screen at its place in the picture in which it was detected.
 
-    As long as the band along its edges shows the same to the last bit, nothing has moved or come
-    before it, and searching again would only find the same. The band is compared in a fortieth of
-    the time of a search.
+    While the band along its edges is identical, bit for bit, nothing has moved or covered it, and a
+    new search would find the same. Comparing the band takes a fortieth of the time of a search.
     """
 
     def __init__(self, outer: NDArray[np.float32], grey: NDArray[np.uint8]) -> None:
         """``outer [4, 2]`` are the projected picture's corners (x, y), border included, clockwise
-        from the top left, in the picture ``grey uint8 [height, width]``."""
+        from the top left, in the camera picture ``grey uint8 [height, width]``."""
         self.outer = outer
         homography = homography_to(outer)
         corners = cv2.perspectiveTransform(GAME_IN_PICTURE[None], homography)[0]
         self.corners: NDArray[np.float32] = np.asarray(corners, np.float32)
-        """Of the game, as ``outer``."""
+        """Corners of the game, ordered as ``outer``."""
         edges = cv2.perspectiveTransform(_BAND, homography)
         height, width = grey.shape
         left, top = np.maximum(np.floor(edges[0].min(axis=0)).astype(int), 0)
@@ -42,7 +41,7 @@ class Screen:
             slice(top, min(bottom, height)),
             slice(left, min(right, width)),
         )
-        """Rows and columns with all that is looked at in a picture; the methods want only them."""
+        """Rows and columns that the methods need of a picture."""
         known = grey[self.window]
         self._band = _band_in(edges - (left, top), known.shape)
         self._known = known.take(self._band)
@@ -50,11 +49,11 @@ class Screen:
         self._window_of_fine = to_window @ homography @ _PICTURE_OF_FINE
 
     def is_still_in(self, windowed: NDArray[np.uint8]) -> bool:
-        """Whether the band along the edges is the very same in another picture's `window`."""
+        """Whether the band along the edges is identical in another picture's `window`."""
         return np.array_equal(windowed.take(self._band), self._known)
 
     def unwarp(self, windowed: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The game in a picture's `window`, ``uint8 [84, 84]``."""
+        """Returns the game in a picture's `window`, ``uint8 [84, 84]``."""
         height, width = FRAME_SHAPE
         fine = cv2.warpPerspective(
             windowed,
@@ -67,8 +66,8 @@ class Screen:
 
 
 def _band_in(edges: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Indices of the band's pixels, between the quadrilaterals ``edges [2, 4, 2]``, in a
-    flattened picture."""
+    """Returns indices into a flattened picture of the band's pixels, which lie between the
+    quadrilaterals ``edges [2, 4, 2]``."""
     mask = np.zeros(shape, np.uint8)
     for quad, inside in zip(np.rint(edges).astype(np.int32), (1, 0), strict=True):
         cv2.fillConvexPoly(mask, quad, inside)
@@ -76,23 +75,24 @@ def _band_in(edges: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.i
 
 
 def homography_to(outer: NDArray[np.float32]) -> NDArray[np.float64]:
-    """From a place in the projected picture, (0, 0) to (1, 1), to its pixel."""
+    """Returns the map from the projected picture, (0, 0) to (1, 1), to camera pixels, ``[3,
+    3]``."""
     return np.asarray(cv2.getPerspectiveTransform(_UNIT_SQUARE, outer), np.float64)
 
 
 def _picture_of_fine() -> NDArray[np.float64]:
-    """From a pixel of the fine game picture to its place in the projected picture."""
+    """Returns the map from pixels of the oversampled game to the projected picture, ``[3, 3]``."""
     (left, top), (right, bottom) = GAME_IN_PICTURE[0], GAME_IN_PICTURE[2]
     per_x, per_y = (
         (right - left) / FRAME_SHAPE[1] / _FINER,
         (bottom - top) / FRAME_SHAPE[0] / _FINER,
     )
-    # Half a pixel: the game ends at its outermost pixels' edges, not at their centres.
+    # Shifted by half a pixel: the game ends at its outermost pixels' edges, not at their centres.
     return np.array([[per_x, 0, left + per_x / 2], [0, per_y, top + per_y / 2], [0, 0, 1]])
 
 
 def _band() -> NDArray[np.float32]:
-    """The band's outer and inner corners in the projected picture, ``[2, 4, 2]``."""
+    """Returns the band's outer and inner corners in the projected picture, ``[2, 4, 2]``."""
     away = np.array([-_OUTSIDE, _INSIDE * GAME_IN_PICTURE[0, 0]])[:, None, None]
     return np.asarray(_UNIT_SQUARE + away * (1 - 2 * _UNIT_SQUARE), np.float32)
 

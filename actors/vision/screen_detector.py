@@ -1,9 +1,9 @@
-"""What the robot sees of its game: the camera picture in, a frame of the state out.
+"""The screen detector: takes a camera picture and returns a frame of the state.
 
-As in the report: the biggest black quadrilateral is the projected picture, in it lies the game.
-Where in it is not looked for but known (`layout`): a game like Asteroids is black to its very
-edge, so that its own outline cannot be seen, while the border's outer edge always can. That the
-border is dark all round then confirms that the quadrilateral is a projected picture.
+As in the system of 2017, the largest black quadrilateral is the projected picture, which contains
+the game. The game's place in it is known (`layout`) and not detected: a game such as Asteroids is
+black to its edge, so its own outline is invisible, but the border's outer edge never is. A border
+that is dark all round confirms the detection.
 """
 
 from typing import NamedTuple
@@ -21,56 +21,57 @@ from actors.vision.screen import Screen, homography_to
 from common.protocol.chunk import FRAME_SHAPE
 
 _DARK = 0.4
-"""A pixel is dark below this share of the way from black to light."""
+"""Threshold between black (0) and light (1) below which a pixel is dark."""
 _DARKS = (_DARK, 0.6, 0.75)
-"""Shares tried in the whole picture: light from elsewhere makes the picture's black a grey between
-the black and the light of other things."""
+"""Thresholds tried in the whole picture: ambient light lifts the picture's black above the black of
+other objects."""
 _MIN_CONTRAST = 30.0
-"""Grey levels between black and light below which there is nothing to see."""
+"""Minimum difference between black and light, in grey levels."""
 _BESIDE_RIGHT = 0.7
 _SIDE_RIGHT = 0.4
-"""Least share of the whole edge, and of each of its sides, that is dark within and light without;
-arms may hide the rest."""
+"""Minimum share of the whole edge, and of each side, that is dark inside and light outside; arms
+may hide the rest."""
 _ASPECT_ERROR = 0.012
-"""Most by which the screen's width to height may differ from the projector's, as a share."""
+"""Maximum relative error of the screen's ratio of width to height."""
 _SKEW = 0.012
-"""Most that the cosine between the screen's sides may be. Screens that are well found, noise, blur
-and all, stay within half of both; one whose hidden corner is guessed wrong by 2 pixels does not."""
+"""Maximum cosine between the screen's sides. Correct detections, noise and blur included, stay
+within half of both bounds; one whose hidden corner is wrong by 2 pixels does not."""
 _UNMOVED = 0.9
-"""Share of the screen's outline that has to be in place for it not to be searched anew."""
+"""Minimum share of the screen's outline in place for which the search is skipped."""
 _EDGE = 0.25
-"""Least fall of light at an edge, as a share of the whole picture's contrast."""
+"""Minimum fall of light at an edge, as a share of the whole picture's contrast."""
 
 
 class Detection(NamedTuple):
-    """The game as seen in one camera picture."""
+    """The game as detected in one camera picture."""
 
     frame: NDArray[np.uint8]
-    """Grey game picture, ``uint8 [84, 84]``; zeros before the screen was ever found."""
+    """Grey game picture, ``uint8 [84, 84]``; zeros before the first detection."""
     valid: bool
-    """The screen was found in this very picture."""
+    """Whether the screen was found in this picture."""
     corners: NDArray[np.float32] | None
-    """Pixel corners of the game picture used, ``float32 [4, 2]`` (x, y), from the top left
-    clockwise; pixel centres lie at whole numbers. None before the first screen was found."""
+    """Corners of the game picture in camera pixels, ``float32 [4, 2]`` (x, y), clockwise from the
+    top left; pixel centres lie at whole numbers. None before the first detection."""
 
 
 class ScreenDetector:
-    """Finds the projector screen and unwarps the game.
+    """Finds the projection screen and unwarps the game.
 
-    While the screen stands still and nothing comes before its edges, it is not searched again.
-    When it is neither found nor seen to be where it was, the last good homography is kept and the
-    frame is marked invalid.
+    While the screen stands still and nothing covers its edges, it is not searched again. If it is
+    neither found nor confirmed at its last place, the last good homography is used and the frame is
+    marked invalid.
     """
 
     def __init__(self, distortion: float = 0.0) -> None:
-        """``distortion`` is k₁ of the camera's lens, known from calibration."""
+        """``distortion`` is the k₁ of the camera's lens, known from calibration."""
         self._distortion = distortion
         self._lens: Lens | None = None
         self._screen: Screen | None = None
         self._corners: NDArray[np.float32] | None = None
 
     def detect(self, image: NDArray[np.uint8]) -> Detection:
-        """Look at a camera picture, ``uint8 [height, width, 3]`` RGB, always of the same size."""
+        """Detect the game in an RGB picture, ``uint8 [height, width, 3]``, always of the same
+        size."""
         if self._distortion > 0:
             if self._lens is None:
                 self._lens = Lens(self._distortion, (image.shape[1], image.shape[0]))
@@ -86,7 +87,7 @@ class ScreenDetector:
         return Detection(self._screen.unwarp(grey[self._screen.window]), found, self._corners)
 
     def _search(self, grey: NDArray[np.uint8]) -> bool:
-        """Find the screen anew, or else see that it is still where it was."""
+        """Find the screen, or confirm that it is at its last place; returns whether it did."""
         black, light = _levels(grey)
         if light - black < _MIN_CONTRAST:
             return False
@@ -98,14 +99,15 @@ class ScreenDetector:
                 return True
         outer = _find(grey, last, black, light)
         if outer is None:
-            # Too much may be hidden to find it. But nothing that moves keeps three sides in place.
+            # Too much may be hidden to find it, but a screen that moved has not three sides in
+            # place.
             return bool((shares >= _SIDE_RIGHT).sum() >= 3)
         self._screen = Screen(outer, grey)
         self._corners = self._as_shown(self._screen.corners)
         return True
 
     def _as_shown(self, corners: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Where in the camera's own picture places of the straightened one are."""
+        """Returns the camera picture's pixels of points in the straightened picture."""
         if self._lens is None:
             return corners
         return self._lens.bend(corners.astype(np.float64)).astype(np.float32)
@@ -116,7 +118,7 @@ def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _levels(grey: NDArray[np.uint8]) -> tuple[float, float]:
-    """Grey levels of black and of light in a picture."""
+    """Returns the grey levels of black and of light in a picture."""
     sample = np.sort(grey[::4, ::4], axis=None)
     return float(sample[len(sample) // 50]), float(sample[len(sample) * 9 // 10])
 
@@ -124,10 +126,10 @@ def _levels(grey: NDArray[np.uint8]) -> tuple[float, float]:
 def _find(
     grey: NDArray[np.uint8], last: NDArray[np.float32] | None, black: float, light: float
 ) -> NDArray[np.float32] | None:
-    """Corners of the projected picture, border included, or None.
+    """Returns corners of the projected picture, border included, or None.
 
-    Near the last place first: something before the screen can spoil its outline, not all of its
-    edges.
+    The last place is tried first: an object in front of the screen can spoil its outline, but not
+    all of its edges.
     """
     contrast = _EDGE * (light - black)
     if last is not None and (outer := _confirm(grey, last, contrast)) is not None:
@@ -139,7 +141,7 @@ def _find(
         quads = dark_quads(np.asarray(dark, np.uint8))
         found = [outer for quad in quads if (outer := _confirm(grey, quad, contrast)) is not None]
         if found:
-            # A hand's edge beside the game can make a smaller one, but nothing a bigger one.
+            # A hand's edge beside the game can make a smaller quadrilateral, but not a larger one.
             return max(found, key=lambda outer: float(cv2.contourArea(outer)))
     return None
 
@@ -147,7 +149,7 @@ def _find(
 def _confirm(
     grey: NDArray[np.uint8], quad: NDArray[np.float32], contrast: float
 ) -> NDArray[np.float32] | None:
-    """The quadrilateral to a fraction of a pixel, if it is a projected picture."""
+    """Returns ``quad`` refined to a fraction of a pixel, or None if it is no projected picture."""
     outer = refine(grey, quad, contrast)
     if outer is None:
         return None
@@ -163,7 +165,7 @@ def _confirm(
     black, light = np.percentile(border, 25), np.median(around)
     if light - black < _MIN_CONTRAST:
         return None
-    # Both: a dark hand before a side has no light behind its own edge.
+    # Both are needed: a dark hand in front of a side has no light outside its own edge.
     for right in (
         border < black + _DARK * (light - black),
         around > light - _DARK * (light - black),
@@ -175,8 +177,10 @@ def _confirm(
 
 
 def _is_picture_shaped(homography: NDArray[np.float64], width: int, height: int) -> bool:
-    """Whether a rectangle of the projector's shape, somewhere in space, looks like that to NAO's
-    camera (Zhang 2000: a homography's columns are the plane's axes, seen)."""
+    """Whether NAO's camera could see a rectangle of the projector's shape as this homography.
+
+    The homography's first two columns are projections of the plane's axes (Zhang 2000).
+    """
     focal = width / 2 / np.tan(np.radians(WIDTH_ANGLE) / 2)
     across, down = homography[:, 0].copy(), homography[:, 1].copy()
     for axis in (across, down):
@@ -188,8 +192,8 @@ def _is_picture_shaped(homography: NDArray[np.float64], width: int, height: int)
 
 
 def _beside_edge(count: int = 32) -> NDArray[np.float32]:
-    """Places all along the middle of the black border, and as many just outside of it, in the
-    projected picture: ``[2, places, 2]``."""
+    """Returns places along the middle of the black border, and as many just outside of it, in the
+    projected picture, ``[2, places, 2]``."""
     middle = float(GAME_IN_PICTURE[0, 0]) / 2
     rings = []
     for low in (middle, -middle / 2):

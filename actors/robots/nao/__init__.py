@@ -1,1 +1,1 @@
-"""The simulated room: the NAO, its controller, the projector, the camera and the physics."""
+"""The simulated NAO in its room: body, arms, controller, projector, camera and physics."""

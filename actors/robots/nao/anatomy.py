@@ -1,8 +1,7 @@
 """NAO's published kinematics, joint limits, speeds, torques and masses (H25, V5 and V6).
 
-Lengths in m, angles in rad, masses in kg, torques in N·m, speeds in rad/s; x forward, y left,
-z up. Only what is published stands here; how the robot looks is in `shapes`, how it sits in
-`posture`.
+Units: m, rad, kg, N·m and rad/s. Axes: x forward, y left, z up. This module has published values
+only; `shapes` has the robot's appearance and `posture` how it sits.
 """
 
 from dataclasses import dataclass, replace
@@ -16,13 +15,13 @@ Z_AXIS: Vector = (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Joint:
-    """A hinge between two links; its child's frame coincides with it at angle 0."""
+    """A hinge between two links; at angle 0 the child's frame coincides with the joint's."""
 
     name: str
     parent: str
     child: str
     origin: Vector
-    """In the parent's frame."""
+    """Position of the joint in the parent's frame."""
     axis: Vector
     lower: float
     upper: float
@@ -32,7 +31,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid part; ``inertia`` is the diagonal (ixx, iyy, izz) about the centre of mass."""
+    """A rigid part; ``inertia`` is (ixx, iyy, izz) about the centre of mass, in kg·m²."""
 
     name: str
     mass: float
@@ -107,8 +106,8 @@ _LEFT_ARM_LINKS = (
     Link("l_hand", 0.18533, (0.03434, -0.00088, 0.00308), (6.86e-5, 1.36e-4, 1.33e-4)),
 )
 
-# The legs never move here, so their figures have no effect on play. They are approximate: they
-# make the whole robot weigh about what it does, 5.3 kg.
+# The legs never move, so these values do not affect play. They are approximate: with them the
+# whole robot has about its real mass, 5.3 kg.
 _LEFT_LEG_LINKS = (
     Link("l_pelvis", 0.21034, (-0.0076, 0.0, 0.011), (1.0e-4, 1.0e-4, 1.0e-4)),
     Link("l_thigh", 0.38968, (0.0014, 0.0, -0.0537), (1.64e-3, 1.59e-3, 3.0e-4)),
@@ -117,9 +116,9 @@ _LEFT_LEG_LINKS = (
 )
 
 TOP_CAMERA_ORIGIN: Vector = (0.05871, 0.0, 0.06364)
-"""On the head."""
+"""Position of the top camera in the head's frame."""
 TOP_CAMERA_PITCH = 0.0209
-"""Downwards, against the head."""
+"""Downward pitch of the top camera relative to the head."""
 SOLE_BELOW_ANKLE = 0.04511
 
 
@@ -134,8 +133,10 @@ def _mirrored_vector(vector: Vector) -> Vector:
 
 
 def _mirrored_joint(joint: Joint) -> Joint:
-    """The right side's twin: mirrored in y; a turn about x or z changes its sense, one about y
-    does not, and the hips' common motor turns both legs."""
+    """Returns the right side's counterpart of ``joint``, mirrored in y.
+
+    Rotation about x or z changes its sign, rotation about y does not. One motor turns both hips.
+    """
     turned = joint.axis in (X_AXIS, Z_AXIS)
     return replace(
         joint,
@@ -155,7 +156,7 @@ def _mirrored_link(link: Link) -> Link:
 
 def _right_arm_joint(joint: Joint) -> Joint:
     mirrored = _mirrored_joint(joint)
-    # The one figure that the maker gives differently for the right arm.
+    # The manufacturer gives only this value differently for the right arm.
     return replace(mirrored, max_torque=1.783) if mirrored.name == "RShoulderRoll" else mirrored
 
 
@@ -166,7 +167,7 @@ JOINTS: tuple[Joint, ...] = (
     *_LEFT_LEG_JOINTS,
     *(_mirrored_joint(joint) for joint in _LEFT_LEG_JOINTS),
 )
-"""Parents before children."""
+"""All joints, parents before children."""
 
 LINKS: tuple[Link, ...] = (
     *_MIDDLE_LINKS,

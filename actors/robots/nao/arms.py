@@ -1,9 +1,9 @@
-"""Both arms: from the keys that are wanted to motor commands, frame by frame.
+"""Control of both arms: turns commanded keys into one motor target per emulator frame.
 
-The left hand serves the directions, the right one fire. Poses come from inverse kinematics when
-the room is built. Between two places a fingertip is lifted over the keys and led on the way by
-one target per emulator frame, as NAO's own motor loop is fed; the motors then do what their
-published torques and speeds allow.
+The left hand presses the directions, the right hand fire. Inverse kinematics gives the poses when
+the room is built. Between two keys the arm lifts the fingertip over the other keys. It gets one
+target per emulator frame, as NAO's own motor loop does; how fast the motors follow depends on their
+published torques and speeds.
 """
 
 from dataclasses import dataclass
@@ -18,25 +18,24 @@ from actors.robots.nao.posture import FINGERTIP_RADIUS
 from common.actions import KEYS_OF_ACTION, Keys
 
 HOVER = 0.0015
-"""m between a resting fingertip and the keys."""
+"""Height of a resting fingertip above the keys, m."""
 PUSH = 0.0032
-"""m that a fingertip pushes a key down: beyond its threshold, short of its stop."""
+"""Depth to which a fingertip pushes a key, m: beyond the threshold, short of the stop."""
 SWING = 0.5
-"""How much higher than at rest a fingertip goes on its way between keys, against the height
-from pushing to rest."""
+"""Extra height of a fingertip on its way between keys, as a share of the height from pushing to
+rest."""
 NEAR_ENOUGH = 0.006
-"""m beside its place from which a fingertip may start to go down: it still has that way to go
-before it touches."""
+"""Horizontal distance to its target, m, below which a fingertip may start to go down."""
 SETTLED = 4
-"""Frames after which the arm has reached a waypoint."""
+"""Emulator frames after which the arm has reached a waypoint."""
 PATIENCE = 12
-"""Frames after which a fingertip that is not at its place is taken for caught."""
+"""Emulator frames after which a fingertip that is not at its target counts as caught."""
 POSITION_GAIN = 0.35
-"""Share of its error that a joint's motor wants to make good in a physics step. More overshoots
-with the published torques, less is late."""
+"""Share of a joint's position error that its motor corrects in one physics step. With the published
+torques a higher gain overshoots and a lower gain adds latency."""
 VELOCITY_GAIN = 1.0
 SPEED_MARGIN = 0.9
-"""Share of its greatest speed that a motor is asked for: the engine keeps limits only nearly."""
+"""Share of the maximum speed that a motor is given: the engine keeps speed limits only nearly."""
 
 _DIRECTIONS = Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT
 _COMFORTABLE = np.array([1.15, 0.1, -1.25, -1.2])
@@ -46,26 +45,26 @@ Angles = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Poses:
-    """Joint angles ``[4]`` of one arm over and on each place that it serves."""
+    """Joint angles ``[4]`` of one arm above and on each set of keys that it presses."""
 
     over: dict[Keys, Angles]
     on: dict[Keys, Angles]
     jacobian: dict[Keys, NDArray[np.float64]]
-    """``[3, 4]``: how the fingertip over a place moves with the joints."""
+    """m of fingertip motion per rad of each joint, ``[3, 4]``, at each pose in `over`."""
     lift: Angles
-    """From on to over, the mean of all places."""
+    """Mean difference from `on` to `over`."""
 
 
 @dataclass(frozen=True)
 class _Waypoint:
     target: Angles
     over: Angles
-    """The hovering pose at the same place."""
+    """The hovering pose above the same keys."""
     down: bool = False
 
 
 class Arm:
-    """One arm in a physics client: a path of targets, one per emulator frame."""
+    """One arm in a physics client, led along a path of targets, one per emulator frame."""
 
     def __init__(
         self,
@@ -112,21 +111,21 @@ class Arm:
         return _Poses(over, on, jacobian, lift)
 
     def want(self, keys: Keys) -> None:
-        """Plan the way to ``keys`` (or to rest, for none), from wherever the hand is now."""
+        """Plan a path from the present position to ``keys``, or to rest for no keys."""
         if keys == self._wanted:
             return
         self._wanted = keys
         goal = self.poses.over[keys]
         self._path = [_Waypoint(goal, goal)]
         if self._down or self._still < SETTLED:
-            # Up first, and then over the keys a little higher than at rest.
+            # Lift first, then cross the keys a little higher than at rest.
             between = (self._over + goal) / 2
             self._path.insert(0, _Waypoint(between + SWING * self.poses.lift, between))
         if keys:
             self._path.append(_Waypoint(self.poses.on[keys], goal, down=True))
 
     def advance(self) -> None:
-        """Give the motors this frame's target; call it before each emulator frame's physics."""
+        """Set the motors' target for one emulator frame; call it before that frame's physics."""
         self._still += 1
         if self._still % PATIENCE == 0 and not self._is_over(self._wanted):
             self._free()
@@ -144,7 +143,7 @@ class Arm:
             )  # fmt: skip
 
     def _free(self) -> None:
-        """Plan a high way round: the fingertip got caught on the edge of a key."""
+        """Plan a higher path: the fingertip is caught on the edge of a key."""
         goal, lift = self.poses.over[self._wanted], self.poses.lift
         here = np.array([state[0] for state in self._states(self._body, self.joints)])
         straight_up = _Waypoint(here + 3.0 * lift, goal)
@@ -158,19 +157,19 @@ class Arm:
             self._path.append(_Waypoint(self.poses.on[self._wanted], goal, down=True))
 
     def _is_over(self, keys: Keys) -> bool:
-        """Whether the fingertip has come near enough above ``keys`` to go down on them."""
+        """Whether the fingertip is near enough above ``keys`` to go down on them."""
         states = self._states(self._body, self.joints)
         missing = self.poses.over[keys] - [state[0] for state in states]
         x, y, _ = self.poses.jacobian[keys] @ missing
         return bool(x * x + y * y < NEAR_ENOUGH**2)
 
     def place(self, pose: Angles) -> None:
-        """Put the joints at ``pose [4]``, rad, without motion."""
+        """Set the joints to ``pose [4]``, rad, at once."""
         for joint, angle in zip(self.joints, pose, strict=True):
             self._engine.resetJointState(self._body, joint, float(angle), 0.0)
 
     def settle(self) -> None:
-        """At rest over the keys, without motion."""
+        """Set the hand at rest over the keys, at once."""
         pose = self.poses.over[Keys.NONE]
         self.place(pose)
         self._wanted = Keys.NONE
@@ -180,7 +179,7 @@ class Arm:
 
 
 class Arms:
-    """Both arms together: keys that are wanted in, motor targets out."""
+    """Both arms: takes commanded keys, sets motor targets."""
 
     def __init__(self, engine: Any, body: int, controller: Controller) -> None:
         directions = {
@@ -198,14 +197,16 @@ class Arms:
         self._top_speeds = np.array([joint.max_speed for joint in joints])
 
     def posture(self) -> tuple[Angles, Angles]:
-        """Of both arms' joints, left first, the angles between their limits (-1 to 1) and the
-        speeds as shares of their greatest, ``float64 [8]`` each."""
+        """Returns angles and speeds of both arms' joints, left first, ``float64 [8]`` each.
+
+        Angles are scaled from the joint's limits to -1 to 1, speeds by the joint's maximum.
+        """
         states = self._states(self._body, self._joints)
         angles, speeds = np.array([state[:2] for state in states]).T
         return (angles - self._middles) / self._ranges, speeds / self._top_speeds
 
     def angles(self) -> dict[str, float]:
-        """The angle of each joint that moves, rad, by the joint's name."""
+        """Returns the angle of each moving joint, rad, by joint name."""
         states = self._states(self._body, self._joints)
         return {
             joint.name: float(state[0])
@@ -215,16 +216,16 @@ class Arms:
         }
 
     def command(self, keys: Keys) -> None:
-        """Set out for exactly ``keys``; `advance` leads the arms there."""
+        """Plan paths to hold exactly ``keys``; `advance` follows them."""
         self.left.want(keys & _DIRECTIONS)
         self.right.want(keys & Keys.FIRE)
 
     def advance(self) -> None:
-        """Give the motors the targets of one emulator frame."""
+        """Set both arms' motor targets for one emulator frame."""
         self.left.advance()
         self.right.advance()
 
     def settle(self) -> None:
-        """Both hands at rest over the keys."""
+        """Set both hands at rest over the keys, at once."""
         self.left.settle()
         self.right.settle()

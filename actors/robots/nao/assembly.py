@@ -1,8 +1,8 @@
-"""The body as it is played with: parts between held joints joined into one rigid piece.
+"""Assembly of the body: links between held joints are joined into one rigid piece.
 
-PyBullet can merge fixed links itself, but (3.2.7) puts the merged centre of mass wrongly, and
-prints a line per link. Here masses, centres and inertias are joined by the parallel axis
-theorem, so that the moving arms weigh exactly what the published parts weigh.
+PyBullet 3.2.7 can merge fixed links itself, but it misplaces the merged centre of mass and prints
+a line per link. This module joins masses, centres and inertias by the parallel axis theorem, so
+that the moving arms have exactly the mass and inertia of the published parts.
 """
 
 from dataclasses import dataclass, field, replace
@@ -18,9 +18,9 @@ from actors.robots.nao.shapes import SHAPES, Shape
 
 @dataclass
 class Piece:
-    """Links that move as one, in the frame of the first of them.
+    """Links that move as one rigid body, in the frame of the first link.
 
-    ``inertia`` is ``float64 [3, 3]`` about the centre of mass.
+    ``inertia`` is ``float64 [3, 3]`` about the centre of mass, kg·m².
     """
 
     name: str
@@ -30,7 +30,7 @@ class Piece:
     shapes: list[Shape] = field(default_factory=list)
 
     def add(self, link: Link, turn: NDArray[np.float64], origin: NDArray[np.float64]) -> None:
-        """Join ``link``, whose frame lies turned by ``turn`` at ``origin`` in this piece's."""
+        """Join ``link``; its frame has rotation ``turn`` and position ``origin`` in this piece."""
         centre = origin + turn @ np.array(link.centre)
         inertia = turn @ np.diag(link.inertia) @ turn.T
         mass = self.mass + link.mass
@@ -54,7 +54,7 @@ class Piece:
 
 
 def _shifted(mass: float, offset: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What moving the axis by ``offset`` from the centre of mass adds to an inertia."""
+    """Returns what the parallel axis theorem adds to an inertia for an ``offset`` of the axis."""
     added: NDArray[np.float64] = mass * (
         float(offset @ offset) * np.eye(3) - np.outer(offset, offset)
     )
@@ -62,7 +62,7 @@ def _shifted(mass: float, offset: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def place_in_piece(link_name: str) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
-    """The piece that a link belongs to, and the link's turn and origin in that piece's frame."""
+    """Returns the name of a link's piece, and the link's rotation and position in its frame."""
     turn, origin = np.eye(3), np.zeros(3)
     while (joint := _joint_above(link_name)) is not None and joint.name in HELD_ANGLES:
         held = about(joint.axis, HELD_ANGLES[joint.name])
@@ -76,12 +76,12 @@ def _joint_above(link_name: str) -> Joint | None:
 
 
 def assemble() -> tuple[dict[str, Piece], list[Joint]]:
-    """Pieces by name, the torso's first, and the joints that move between them."""
+    """Returns the pieces by name, the torso's first, and the moving joints between them."""
     pieces: dict[str, Piece] = {}
     for link in LINK_NAMED.values():
         name, turn, origin = place_in_piece(link.name)
         pieces.setdefault(name, Piece(name)).add(link, turn, origin)
     moving = [joint for joint in JOINT_NAMED.values() if joint.name not in HELD_ANGLES]
-    # Joints hang on the pieces' first links; none of NAO's hangs on a later one.
+    # Each joint must be attached to the first link of its piece; NAO's all are.
     assert all(joint.parent in pieces for joint in moving)
     return pieces, moving

@@ -1,9 +1,8 @@
 """The controller: five spring-loaded keys in a box on the desk.
 
-Four direction keys are the quarters of a square that stands on its corner, so that a fingertip
-on the edge between two neighbours holds both down: that is how one finger plays diagonals. Fire
-is a round button for the other hand. A key is held while it is pushed far enough by something
-real: there is no other way to press it.
+The four direction keys are the quarters of a square that stands on its corner: a fingertip on the
+edge between two neighbours holds both down, so one finger can play diagonals. Fire is a round
+button for the other hand. Only physical contact presses a key.
 """
 
 import math
@@ -17,33 +16,33 @@ from actors.robots.nao.anatomy import Vector
 from common.actions import Keys
 
 TRAVEL = 0.004
-"""m a key goes down before its stop."""
+"""Travel of a key from its top to its stop, m."""
 _GIVE = 0.0001
 PRESS_DEPTH = 0.0020
 RELEASE_DEPTH = 0.0012
-"""m: a key counts as pressed beyond the first, until it comes back above the second."""
+"""Hysteresis, m: a key is pressed beyond `PRESS_DEPTH` until it is back above `RELEASE_DEPTH`."""
 SPRING_FORCE = 0.6
-"""N that push a key up."""
+"""Force that pushes a key up, N."""
 
 CENTRE: Vector = (0.205, 0.0, 0.0)
-"""Of the box, on the desk's top."""
+"""Centre of the box on top of the desk."""
 BOX: Vector = (0.085, 0.180, 0.016)
 CAP_HEIGHT = 0.008
-# A key at its stop is level with the box, so that a hard blow lands on the box: the engine lets a
-# heavy arm push a light key a little beyond the limit of its joint, but not into what stands.
+# A key at its stop is level with the box, so that the box takes a hard blow: the engine lets a
+# heavy arm push a light key a little beyond its joint limit, but not into a static body.
 KEY_TOP = BOX[2] + TRAVEL
 """Height of a released key's top above the desk."""
 
 _CROSS_Y = 0.052
 _FIRE_Y = -0.052
 KEY_PITCH = 0.014
-"""Edge of a direction key, gap included."""
+"""Edge length of a direction key, gap included."""
 _GAP = 0.0006
 _FIRE_RADIUS = 0.012
 _KEY_MASS = 0.004
-_FORESIGHT = 0.001
-"""m before a key at which its contact with a fingertip counts: less than a resting one is above
-it, whose contacts would cost as much as all else in a step."""
+_CONTACT_DISTANCE = 0.001
+"""Distance from a key, m, at which the engine starts to solve its contact with a fingertip. It is
+less than `HOVER` in `arms`: contacts of resting fingertips would double the cost of a step."""
 
 _HALF_DIAGONAL = KEY_PITCH / math.sqrt(2.0)
 KEY_PLACES: dict[Keys, tuple[float, float]] = {
@@ -53,14 +52,14 @@ KEY_PLACES: dict[Keys, tuple[float, float]] = {
     Keys.RIGHT: (0.0, _CROSS_Y - _HALF_DIAGONAL),
     Keys.FIRE: (0.0, _FIRE_Y),
 }
-"""Middle of each key in the box's frame (x away from the robot, y to its left)."""
+"""Centre of each key in the box's frame (x away from the robot, y to its left), m."""
 
 _KEY_BITS = tuple(int(key) for key in KEY_PLACES)
 _KEY_SETS = tuple(map(Keys, range(2 ** len(KEY_PLACES))))
-"""Every set of keys by its bits: to make one costs more than to read the controller."""
+"""Every set of keys by its bits: making a `Keys` costs more than reading the controller."""
 
 CAP_RADIUS = math.hypot(_FIRE_RADIUS, CAP_HEIGHT / 2)
-"""m around a key's middle, beyond which nothing of it is."""
+"""Radius around a key's centre that holds all of it, m."""
 
 _RELEASED = dict.fromkeys(KEY_PLACES, (0.20, 0.21, 0.24, 1.0))
 _RELEASED[Keys.FIRE] = (0.62, 0.08, 0.08, 1.0)
@@ -68,18 +67,18 @@ _PRESSED = (0.20, 0.95, 0.35, 1.0)
 
 
 def place_of(keys: Keys) -> tuple[float, float]:
-    """Where, in the box's frame, one fingertip holds exactly ``keys`` down: the middle of a key,
-    or of the edge that two neighbours share."""
+    """Returns where, in the box's frame, one fingertip holds exactly ``keys`` down: the centre of a
+    key, or of the edge that two neighbours share."""
     x, y = np.mean([KEY_PLACES[key] for key in KEY_PLACES if key & keys], axis=0)
     return (float(x), float(y))
 
 
 CROSS_MIDDLE: tuple[float, float] = (0.0, _CROSS_Y)
-"""Where the direction keys meet."""
+"""Point where the direction keys meet."""
 
 
 class Controller:
-    """The controller in a physics client; ``desk_top`` is the height it stands at."""
+    """The controller in a physics client; ``desk_top`` is the height of the desk, m."""
 
     def __init__(self, engine: Any, folder: Path, desk_top: float) -> None:
         path = folder / "controller.urdf"
@@ -96,52 +95,53 @@ class Controller:
         ]
         self._joints = [names.index(str(key.name)) for key in KEY_PLACES]
         for joint in self._joints:
-            # A motor that wants the key at the top with little force is a spring of that force.
+            # A position motor with this little force acts as a spring.
             engine.setJointMotorControl2(
                 self.body, joint, engine.POSITION_CONTROL, targetPosition=0.0,
                 positionGain=0.5, velocityGain=0.5, force=SPRING_FORCE,
             )  # fmt: skip
             engine.changeDynamics(
                 self.body, joint, restitution=0.0, jointDamping=0.0,
-                contactProcessingThreshold=_FORESIGHT,
+                contactProcessingThreshold=_CONTACT_DISTANCE,
             )  # fmt: skip
         for link in (-1, *self._joints):
-            # Smooth plastic: its little friction would cost more time than all else about keys.
+            # Friction on smooth plastic is small, and computing it would cost more than all else
+            # about the keys.
             engine.changeDynamics(self.body, link, lateralFriction=0.0)
         self._held = Keys.NONE
         self._shown = Keys.NONE
 
     @property
     def held(self) -> Keys:
-        """The keys that were held down when `pressed` was last asked."""
+        """The keys that were held down when `pressed` was last called."""
         return self._held
 
     @property
     def links(self) -> tuple[int, ...]:
-        """Indices of the keys' links."""
+        """Indices of the keys' links, in `KEY_PLACES`' order."""
         return tuple(self._joints)
 
     def depths(self) -> NDArray[np.float64]:
-        """m that each key is down, in `KEY_PLACES`' order, ``float64 [5]``."""
+        """Returns how far each key is down, m, ``float64 [5]`` in `KEY_PLACES`' order."""
         states = self._joint_states(self.body, self._joints)
         return np.array([state[0] for state in states])
 
     def pressed(self) -> Keys:
-        """The keys held down now; call it once per emulator frame, for hysteresis and stops."""
+        """Returns the keys held down now and enforces their stops; call it once per frame."""
         before, held = int(self._held), 0
         states = self._joint_states(self.body, self._joints)
         for bit, joint, state in zip(_KEY_BITS, self._joints, states, strict=True):
             if state[0] > (RELEASE_DEPTH if bit & before else PRESS_DEPTH):
                 held |= bit
             if state[0] > TRAVEL + _GIVE:
-                # The engine minds a joint's limit only once it is passed. A fingertip comes to
-                # the box no later than to the stop, but it can knock a neighbour down from aside.
+                # The engine enforces a joint limit only after it is passed. The box stops a
+                # fingertip from above, but a fingertip can push a neighbour down from the side.
                 self._engine.resetJointState(self.body, joint, TRAVEL, 0.0)
         self._held = _KEY_SETS[held]
         return self._held
 
     def show(self) -> None:
-        """Colour the keys by whether they are pressed; needed only before a picture of them."""
+        """Colour pressed and released keys; call it before rendering them."""
         for key, joint in zip(KEY_PLACES, self._joints, strict=True):
             if key & (self._held ^ self._shown):
                 colour = _PRESSED if key & self._held else _RELEASED[key]
@@ -149,23 +149,23 @@ class Controller:
         self._shown = self._held
 
     def forget(self) -> None:
-        """Take every key for released, now that the physics has been put back to its start."""
+        """Treat every key as released, after the physics was restored to its start."""
         self._held = Keys.NONE
 
     def mimic(self, other: "Controller") -> None:
-        """Have the keys where ``other`` has them, for a picture of it in another room."""
+        """Put the keys where ``other`` has them, to render the same state in another room."""
         for joint, depth in zip(self._joints, other.depths(), strict=True):
             self._engine.resetJointState(self.body, joint, depth)
         self._held = other.held
 
     def point(self, place: tuple[float, float], above: float) -> NDArray[np.float64]:
-        """The point in the room ``above`` m over the released keys' tops at ``place``."""
+        """Returns the point ``above`` m over the released keys' tops at ``place``, in the room."""
         return np.array([CENTRE[0] + place[0], CENTRE[1] + place[1], self._key_top + above])
 
 
 def _urdf() -> str:
-    # Every shape lies in the middle of its link: only then does the engine see a contact coming,
-    # and stops a fast fingertip at a surface instead of pushing it out again afterwards.
+    # Every shape is centred in its link: only then does the engine predict contacts and stop a fast
+    # fingertip at a surface, instead of pushing it out again afterwards.
     width, depth, height = BOX
     box = f'<geometry><box size="{width} {depth} {height}"/>'
     parts = [
@@ -181,17 +181,17 @@ def _urdf() -> str:
 def _key(key: Keys) -> str:
     x, y = KEY_PLACES[key]
     edge = KEY_PITCH - _GAP
-    # Fire looks round, but is touched as the square within it: the engine rounds cylinders off
-    # by a margin of 1 mm, a quarter of the travel.
+    # Fire is drawn round, but its collision shape is the square within: the engine rounds cylinders
+    # off by a margin of 1 mm, a quarter of the travel.
     box = f'<box size="{edge} {edge} {CAP_HEIGHT}"/>'
     disc = f'<cylinder radius="{_FIRE_RADIUS}" length="{CAP_HEIGHT}"/>'
-    seen = f"<geometry>{disc if key is Keys.FIRE else box}</geometry>"
+    drawn = f"<geometry>{disc if key is Keys.FIRE else box}</geometry>"
     touched = f"<geometry>{box}</geometry>"
     colour = " ".join(map(str, _RELEASED[key]))
     return (
         f'<link name="cap_{key.name}"><inertial><mass value="{_KEY_MASS}"/>'
         '<inertia ixx="2e-7" iyy="2e-7" izz="2e-7" ixy="0" ixz="0" iyz="0"/></inertial>'
-        f'<visual>{seen}<material name="{key.name}"><color rgba="{colour}"/></material></visual>'
+        f'<visual>{drawn}<material name="{key.name}"><color rgba="{colour}"/></material></visual>'
         f"<collision>{touched}</collision></link>"
         f'<joint name="{key.name}" type="prismatic"><parent link="box"/>'
         f'<child link="cap_{key.name}"/>'

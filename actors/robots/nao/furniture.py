@@ -1,4 +1,4 @@
-"""What stands in the room and never moves: floor, wall, chair, desk, projector and its screen."""
+"""Static bodies of the room: floor, wall, chair, desk, projector and projection screen."""
 
 from typing import Any
 
@@ -19,15 +19,15 @@ _SEAT: Colour = (0.20, 0.38, 0.52, 1.0)
 _GLASS: Colour = (0.65, 0.85, 1.0, 1.0)
 
 DESK_TOP = 0.204
-"""Height of the desk, m; just over the thighs."""
+"""Height of the desk, m, just over the thighs."""
 _DESK_THICKNESS = 0.010
 _DESK_NEAR, _DESK_FAR, _DESK_WIDTH = 0.105, 0.400, 0.560
 
 _SCREEN_X = 1.15
 _PICTURE_CENTRE = (0.0, 0.545)
 PICTURE_WIDTH, PICTURE_HEIGHT = 0.520, 0.390
-"""m, of the projected picture with its border: as big as can be wholly in view of a head that is
-turned by 10° in yaw and pitch, 15 % nearer."""
+"""Size of the projected picture with its border, m. It is the largest that stays wholly in view of
+a camera that is turned by 10° in yaw and pitch and 15 % nearer."""
 _SCREEN_MARGIN = 0.030
 _SCREEN_THICKNESS = 0.006
 
@@ -38,11 +38,12 @@ PICTURE_CORNERS: NDArray[np.float64] = np.array(
         for side, rise in ((1, 1), (-1, 1), (-1, -1), (1, -1))
     ]
 )
-"""``[4, 3]``: from the top left, as the robot sees it, clockwise; the screen at its usual place."""
+"""Corners of the picture on the screen at its usual place, ``[4, 3]``: clockwise from the top left
+from the robot's view."""
 
 
 Box = tuple[Vector, Vector, Colour]
-"""Middle, edges, colour."""
+"""Centre, edge lengths, colour."""
 
 
 class Furniture:
@@ -50,17 +51,17 @@ class Furniture:
 
     def __init__(self, engine: Any) -> None:
         self._engine = engine
-        # Every body, even one that only stands there, costs the engine time at every step.
+        # Every body costs time at every physics step, so static boxes share one.
         _stand(engine, [*_ROOM, *_chair(), *_PROJECTOR])
         _stand(engine, _desk(), touchable=True)
         self._screen_stand = _stand(engine, _screen_stand())
         self.screen = _stand(engine, [_SCREEN_SHEET])
-        """The body that the picture falls on."""
+        """Body of the sheet that shows the picture."""
         self.picture_corners = PICTURE_CORNERS
-        """Of the projected picture, with its border, where the screen stands now."""
+        """Corners of the projected picture, border included, at the screen's present place."""
 
     def push_screen(self, away: float) -> None:
-        """Put the screen ``away`` m farther from the robot than usual."""
+        """Place the screen ``away`` m farther from the robot than usual."""
         shift = np.array([away, 0.0, 0.0])
         for body in (self._screen_stand, self.screen):
             self._engine.resetBasePositionAndOrientation(body, shift.tolist(), (0.0, 0.0, 0.0, 1.0))
@@ -73,7 +74,7 @@ _ROOM: list[Box] = [
 ]
 
 _PROJECTOR: list[Box] = [
-    # Over the robot, out of its view; it only looks the part.
+    # Over the robot and out of its view: decoration.
     ((0.10, 0.0, 1.02), (0.20, 0.17, 0.065), _METAL),
     ((0.205, 0.035, 1.02), (0.014, 0.045, 0.045), _GLASS),
     ((0.10, 0.0, 1.20), (0.020, 0.020, 0.30), _METAL),
@@ -89,7 +90,7 @@ _SCREEN_SHEET: Box = (
 
 
 def _desk() -> list[Box]:
-    """Its top first."""
+    """Returns the desk's boxes, its top first."""
     middle, length = (_DESK_NEAR + _DESK_FAR) / 2, _DESK_FAR - _DESK_NEAR
     top: Box = (
         (middle, 0.0, DESK_TOP - _DESK_THICKNESS / 2),
@@ -121,7 +122,7 @@ def _chair() -> list[Box]:
 
 
 def _screen_stand() -> list[Box]:
-    """The case that the screen rolls out of, a pole behind it and four feet."""
+    """Returns the screen's case, the pole behind it and the feet."""
     back, z = _SCREEN_X + _SCREEN_THICKNESS, _PICTURE_CENTRE[1]
     return [
         (
@@ -136,7 +137,7 @@ def _screen_stand() -> list[Box]:
 
 
 def _stand(engine: Any, boxes: list[Box], *, touchable: bool = False) -> int:
-    """Put boxes into the room as one body; of a touchable one the first box can be touched."""
+    """Add boxes as one static body; if ``touchable``, its first box can be touched."""
     halves = [[edge / 2 for edge in edges] for _, edges, _ in boxes]
     visual = engine.createVisualShapeArray(
         shapeTypes=[engine.GEOM_BOX] * len(boxes),

@@ -1,8 +1,8 @@
-"""Where an arm's fingertip is for given joint angles, and the angles that bring it somewhere.
+"""Forward and inverse kinematics of an arm.
 
-Four joints for three coordinates: of the ways to reach a point, the one nearest to a
-comfortable posture is taken. The chain is built from the published tables, not read from the
-engine, so that poses need no running physics and the two can be checked against each other.
+Four joints position a fingertip in three dimensions, so inverse kinematics takes the solution
+nearest to a comfortable posture. The chain is built from the published tables and not read from the
+engine: poses need no running physics, and tests compare the two.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ _STILL = 1e-7
 
 
 class Unreachable(ValueError):
-    """No angles within the limits bring the fingertip to the point."""
+    """Inverse kinematics found no joint angles within the limits for the point."""
 
 
 class ArmChain:
@@ -37,21 +37,21 @@ class ArmChain:
         self._tip = origin + turn @ np.array(tip)
 
     def fingertip(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Centre of the fingertip in the room, ``float64 [3]``, for ``angles`` ``[4]``."""
+        """Returns the fingertip's centre in the room, ``float64 [3]`` in m, for ``angles [4]``."""
         return self._walk(angles)[0]
 
     def jacobian(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-        """m that the fingertip moves per rad of each joint, ``float64 [3, 4]``."""
+        """Returns the fingertip's motion per joint angle, ``float64 [3, 4]`` in m/rad."""
         return self._walk(angles)[1]
 
     def reach(self, point: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Angles ``[4]`` within the limits that bring the fingertip to ``point`` (0.01 mm).
+        """Returns angles ``[4]`` within the limits that bring the fingertip to ``point`` (0.01 mm).
 
-        ``start`` is where the search begins and the posture it stays near. Damped least
-        squares, with the pull towards ``start`` in the null space (Buss 2004, section 6).
+        The search is damped least squares from ``start``, with a pull towards ``start`` in the null
+        space (Buss 2004, section 6).
 
         Raises:
-            Unreachable: the search ends elsewhere.
+            Unreachable: the search did not converge to ``point``.
         """
         angles = np.clip(start, self.lower, self.upper)
         for _ in range(_STEPS):
@@ -66,11 +66,14 @@ class ArmChain:
                 break
         miss = float(np.linalg.norm(self.fingertip(angles) - point))
         if miss > 1e-5:
-            raise Unreachable(f"the fingertip stays {miss * 1000:.2f} mm from {point.tolist()}")
+            raise Unreachable(
+                f"the fingertip stays {miss * 1000:.2f} mm from {point.tolist()}: choose a point "
+                "within the arm's reach."
+            )
         return angles
 
     def _walk(self, angles: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The fingertip ``[3]`` and its Jacobian ``[3, 4]``."""
+        """Returns the fingertip ``[3]`` and its Jacobian ``[3, 4]``."""
         turn, origin = np.eye(3), np.array(TORSO_ORIGIN)
         axes, origins = [], []
         for joint, angle in zip(self.joints, angles, strict=True):

@@ -1,7 +1,7 @@
-"""How long the hands take from a command to its keys, for every way from one action to another.
+"""Measurement of actuation latency: the time from a command to its keys, for every pair of actions.
 
-Measured in emulator frames, because that is how often the controller is read. A change is over
-with the frame from which the keys are, and stay, the commanded ones.
+The unit is the emulator frame, because the controller is read once per frame. A change ends with
+the first frame from which the keys are, and stay, the commanded ones.
 """
 
 from collections.abc import Iterator
@@ -16,35 +16,36 @@ from common.press_latency import ms_of
 
 FRAME_MS = ms_of(1)
 DECISION = 4
-"""Frames."""
+"""Emulator frames per agent step."""
 DECISION_MS = DECISION * FRAME_MS
-"""The time of one decision: what the median latency should not exceed, and p99 not twice."""
+"""Duration of an agent step, ms: the goal for the median latency; the goal for p99 is twice
+that."""
 MOST_STRAYS = 0.05
-"""Share of changes that may touch, on the way, a key of neither action."""
+"""Maximum share of changes that may press, on the way, a key of neither action."""
 _SETTLED = 3 * DECISION
 _WATCHED = 30
-"""Frames after which keys that are still not right count as not reached."""
+"""Emulator frames after which keys that are still wrong count as not reached."""
 _ACTIONS = len(KEYS_OF_ACTION)
 
 
 @dataclass(frozen=True)
 class Change:
-    """One command after another."""
+    """One measured change from an old to a new action."""
 
     old: int
     new: int
     settled: bool
-    """The old command's keys were held for some time; else it was one decision old, as in play."""
+    """Whether the old keys were held for 3 agent steps; if not, for one, as in play."""
     frames: int | None
-    """From the command until the keys are and stay right; None if they were not in time."""
+    """Emulator frames from the command until the keys are and stay right; None if not reached."""
     strayed: bool
-    """A key was pressed on the way that belongs to neither and was not pressed before."""
+    """Whether a key of neither action was pressed on the way that was not pressed before."""
 
 
 def changes(room: Room, repetitions: int, seed: int) -> Iterator[Change]:
-    """Every ordered pair of different actions, each so often settled and so often not.
+    """Yields changes for every ordered pair of actions, ``repetitions`` settled and as many not.
 
-    The order is random, so that the hands come to each pair from many places.
+    The order is random, so that the hands start each pair from many positions.
     """
     rng = np.random.default_rng(seed)
     pairs = [(a, b) for a in range(_ACTIONS) for b in range(_ACTIONS) if a != b]
@@ -78,7 +79,7 @@ def _hold(room: Room, keys: Keys, frames: int) -> list[Keys]:
 
 @dataclass(frozen=True)
 class Latency:
-    """What many changes came to; times in ms, those that were not reached left out."""
+    """Statistics of many changes; times are in ms and exclude changes that were not reached."""
 
     count: int
     p50_ms: float
@@ -88,11 +89,11 @@ class Latency:
     table_ms: NDArray[np.float64]
     """Median from old (row) to new (column), ``[18, 18]``; NaN on the diagonal."""
     worst_ms: NDArray[np.float64]
-    """The same of the slowest."""
+    """Maximum from old (row) to new (column), ``[18, 18]``."""
 
     @classmethod
     def of(cls, found: list[Change]) -> "Latency":
-        """Sum up at least one change; times are NaN if none was ever reached."""
+        """Returns the statistics of at least one change; times are NaN if none was reached."""
         times = np.array([change.frames for change in found if change.frames]) * FRAME_MS
         p50 = p99 = np.nan
         if times.size:
@@ -117,5 +118,5 @@ class Latency:
 
 
 def short_name(action: int) -> str:
-    """An action's keys in a few letters, such as "UR" or "DLF"; a dot for none."""
+    """Returns an action's keys as letters, such as "UR" or "DLF"; a dot for no keys."""
     return "".join(key.name[0] for key in KEYS_OF_ACTION[action] if key.name) or "·"

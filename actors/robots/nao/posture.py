@@ -1,7 +1,7 @@
-"""How the robot sits: which joints move, at what angle the others are held, where it is.
+"""Posture of the seated robot: moving joints, angles of the held joints, position in the room.
 
-The head looks up a little, so that the whole screen and nothing of the arms is in view; the
-wrists are turned so that the fingers point down when the forearms lie level.
+The head is tilted up a little, so that the camera sees the whole screen and nothing of the arms.
+The wrists are turned so that the fingers point down when the forearms are level.
 """
 
 import math
@@ -9,7 +9,7 @@ import math
 from actors.robots.nao.anatomy import SOLE_BELOW_ANKLE, Vector
 
 ARM_JOINTS: tuple[str, ...] = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll")
-"""The joints that move while playing, of each arm, from the shoulder outwards."""
+"""Names of each arm's moving joints, without the side, from the shoulder outwards."""
 
 _THIGH_TILT = 1.5
 HELD_ANGLES: dict[str, float] = {
@@ -26,12 +26,12 @@ HELD_ANGLES: dict[str, float] = {
     "LAnklePitch": 0.0,
     "RAnklePitch": 0.0,
 }
-"""Angles of the joints that do not move."""
+"""Angles of the joints that do not move, rad."""
 
 KNEE_HEIGHT = 0.1029 + SOLE_BELOW_ANKLE
 HIP_HEIGHT = KNEE_HEIGHT + 0.1 * math.cos(_THIGH_TILT)
 TORSO_ORIGIN: Vector = (0.0, 0.0, HIP_HEIGHT + 0.085)
-"""Of the torso's frame in the room, so that the soles stand on the floor."""
+"""Position of the torso's frame in the room, with the soles on the floor, m."""
 
 FINGERTIP_IN_HAND: Vector = (0.098, 0.0, -0.042)
 """Centre of the ball at the pointing finger's end, in the hand's frame."""

@@ -1,8 +1,8 @@
-"""The projector: the game's picture, with its black border, on the screen before the robot.
+"""The projector: draws the game with its black border on the screen in a camera's image.
 
-TinyRenderer ignores a texture that changes, so the picture is drawn into a camera's image
-afterwards: by the homography of the screen's corners, and only on pixels where the screen is
-what the camera sees, so that whatever stands in front hides it.
+TinyRenderer ignores changes of a texture, so the picture is drawn after rendering, by the
+homography of the screen's corners. It is drawn only on pixels that show the screen, so objects in
+front of the screen hide it.
 """
 
 import cv2
@@ -13,17 +13,16 @@ from actors.robots.nao.camera import Camera, Rendering
 from actors.vision.layout import BORDER, GAME_IN_PICTURE
 
 _FINER = 8
-"""Samples per pixel and axis for how much of a pixel the picture's outer edge covers."""
+"""Samples per pixel and axis for the share of a pixel that the picture's outer edge covers."""
 
 _UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
 
 
 class Projection:
-    """The picture on the screen as one camera sees it, for games of one size.
+    """The projected picture in the view of one camera, for games of one size.
 
-    The border does not change, so it is drawn once for each rendering; what is left for every
-    frame is the game in the middle. Other light in the room, ``ambient`` as a share of white,
-    falls on the screen too, and the camera exposes so that white stays what it is.
+    The border does not change, so it is drawn once per rendering; only the game is drawn for every
+    frame. Ambient light, ``ambient`` as a share of white, lifts black; exposure keeps white.
     """
 
     def __init__(
@@ -34,8 +33,8 @@ class Projection:
         game_size: tuple[int, int],
         ambient: float = 0.0,
     ) -> None:
-        """``corners [4, 3]`` are the picture's in the room, from the top left clockwise as the
-        audience sees it; ``game_size`` is rows and columns."""
+        """``corners [4, 3]`` are the picture's corners in the room, clockwise from the top left
+        from the audience's view; ``game_size`` is rows and columns."""
         self._screen_body = screen_body
         self._black = 255.0 * ambient
         shades = self._black + (1 - ambient) * np.arange(256)
@@ -55,7 +54,7 @@ class Projection:
         self._window = (slice(top, bottom), slice(left, right))
         x, y = np.meshgrid(np.arange(left, right), np.arange(top, bottom))
         in_game = cv2.perspectiveTransform(np.stack([x, y], axis=2).astype(np.float64), to_game)
-        # Within a pixel of the game, for its outermost pixels fade into the border.
+        # One pixel around the game included: its outermost pixels fade into the border.
         self._in_game = ((in_game > -1) & (in_game < (columns, rows))).all(axis=2)
         to_x, to_y = np.moveaxis(in_game.astype(np.float32), 2, 0)
         self._map, self._fraction = cv2.convertMaps(to_x, to_y, cv2.CV_16SC2)
@@ -64,8 +63,9 @@ class Projection:
         self._lit = np.zeros((0, 0), np.uint8)
 
     def draw(self, rendering: Rendering, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """``rendering`` with ``game uint8 [rows, columns, 3]`` on its screen, a new image."""
-        # The same rendering comes again as long as nothing has moved in view.
+        """Returns a new image: ``rendering`` with ``game uint8 [rows, columns, 3]`` on the
+        screen."""
+        # The rendering is the same object as long as nothing in view moves.
         if rendering is not self._drawn:
             self._draw_border(rendering)
         image = self._dark.copy()
@@ -80,7 +80,7 @@ class Projection:
         return image
 
     def _draw_border(self, rendering: Rendering) -> None:
-        """Darken the whole picture, its edge by how much of each pixel it covers."""
+        """Draw the whole picture black; pixels on its edge by the share that it covers."""
         on_screen = rendering.bodies == self._screen_body
         left = np.where(on_screen, self._shadow, 1.0)[:, :, None]
         self._dark = np.rint(rendering.rgb * left + self._black * (1 - left)).astype(np.uint8)
@@ -89,8 +89,8 @@ class Projection:
 
 
 def _game_in_picture(columns: int, rows: int) -> NDArray[np.float64]:
-    """From a place in the projected picture, (0, 0) to (1, 1), to one in the game: pixels, whose
-    middles lie at whole numbers."""
+    """Returns the map from the projected picture, (0, 0) to (1, 1), to the game's pixels, whose
+    centres lie at whole numbers."""
     span = 1 + 2 * BORDER
     return np.array(
         [
@@ -102,8 +102,8 @@ def _game_in_picture(columns: int, rows: int) -> NDArray[np.float64]:
 
 
 def _coarse_size(game_size: tuple[int, int], game_seen: NDArray[np.float32]) -> tuple[int, int]:
-    """Columns and rows to which the game is averaged before it is drawn, a whole fraction of its
-    own: a camera's pixel gathers the light of all of the game's pixels that fall on it."""
+    """Returns columns and rows to which the game is averaged before it is drawn, an integer
+    fraction of its own: a camera's pixel integrates all of the game's pixels that fall on it."""
     sides = np.linalg.norm(np.roll(game_seen, -1, axis=0) - game_seen, axis=1)
     across, down = (sides[0] + sides[2]) / 2, (sides[1] + sides[3]) / 2
     rows, columns = game_size
@@ -111,7 +111,7 @@ def _coarse_size(game_size: tuple[int, int], game_seen: NDArray[np.float32]) -> 
 
 
 def _averaged(game: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """``game`` averaged to ``size``, columns and rows."""
+    """Returns ``game`` averaged to ``size`` (columns, rows)."""
     if game.shape[:2] == (2 * size[1], size[0]):  # ten times faster than resizing
         coarse = cv2.addWeighted(game[::2], 0.5, game[1::2], 0.5, 0.0)
     else:
@@ -120,15 +120,15 @@ def _averaged(game: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint
 
 
 def _coverage(camera: Camera, seen: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Share of each of the camera's pixels that the picture covers, ``float64 [H, W]``.
+    """Returns the share of each camera pixel that the picture covers, ``float64 [H, W]``.
 
-    A camera's pixel gathers light over its area. Without this the picture's edges, nearly level
-    as they are, would stand up to half a pixel off.
+    A camera's pixel integrates light over its area. Without this, the picture's nearly level edges
+    would be up to half a pixel off.
     """
     share = np.zeros((camera.height, camera.width))
     left, top = np.maximum(np.floor(seen.min(axis=0)).astype(int), 0)
     right, bottom = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 1, share.shape[::-1])
-    # Samples at the middles of _FINER × _FINER parts of each pixel.
+    # Samples at the centres of _FINER × _FINER parts of each pixel.
     x = left - 0.5 + (np.arange((right - left) * _FINER) + 0.5) / _FINER
     y = top - 0.5 + (np.arange((bottom - top) * _FINER) + 0.5) / _FINER
     h = cv2.getPerspectiveTransform(seen, _UNIT_SQUARE)

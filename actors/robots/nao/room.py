@@ -1,7 +1,7 @@
-"""The room: a NAO on a chair at a desk with the controller, before the projector's screen.
+"""The room: a NAO on a chair at a desk with the controller, in front of the projection screen.
 
-It owns the physics and is all that an environment needs: keys to be pressed go in, keys that
-are pressed and the robot's own camera picture come out.
+The room owns the physics. An environment commands keys and reads the pressed keys and the robot's
+camera picture.
 """
 
 import tempfile
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from actors.robots.nao.arms import Arms
 from actors.robots.nao.assembly import Piece, assemble
-from actors.robots.nao.camera import Movable, StillView, top_camera
+from actors.robots.nao.camera import top_camera
 from actors.robots.nao.controller import CAP_RADIUS, Controller
 from actors.robots.nao.engine import open_engine
 from actors.robots.nao.furniture import DESK_TOP, PICTURE_CORNERS, Furniture
@@ -21,25 +21,27 @@ from actors.robots.nao.posture import TORSO_ORIGIN
 from actors.robots.nao.projector import Projection
 from actors.robots.nao.sensor import PERFECT_CAMERA, Sensor
 from actors.robots.nao.silence import silenced
+from actors.robots.nao.still_view import Movable, StillView
 from actors.robots.nao.urdf import write_urdf
 from actors.robots.nao.viewpoint import VISITOR, Viewpoint, Views
 from common.actions import Keys
 from common.run.config import CameraConfig
 
 PHYSICS_RATE = 240
-"""Steps per second."""
+"""Physics steps per second."""
 FRAME_SUBSTEPS = 4
-"""Physics steps per emulator frame, at 60 Hz."""
-# With foresight even 1 would press all 18 actions from anywhere (without, it took 10).
+"""Physics steps per emulator frame (60 Hz)."""
+# With predicted contacts even 1 iteration presses all 18 actions from anywhere; without, it took
+# 10.
 _SOLVER_ITERATIONS = 4
-# The engine foresees contacts from 0.6 × the half diagonal of a fingertip's box, 5 mm: what a
-# fingertip of 1.2 m/s goes in a step. Without, it sinks in before it is noticed.
-_FORESIGHT = 0.6
+# The engine predicts contacts from 0.6 × the half diagonal of a fingertip's box, 5 mm: the distance
+# that a fingertip at 1.2 m/s covers in a step. Otherwise it penetrates before the contact is found.
+_CONTACT_DISTANCE = 0.6
 _FINGERTIPS, _SOLID = 1, 2
 
 
 class Room:
-    """One room in a physics client of its own; ``game_size`` is the picture's rows and columns."""
+    """One room in its own physics client; ``game_size`` is the game picture's rows and columns."""
 
     def __init__(
         self, game_size: tuple[int, int] = (210, 160), camera: CameraConfig = PERFECT_CAMERA
@@ -47,7 +49,7 @@ class Room:
         self._game_size = game_size
         self._camera = camera
         self.sensor = Sensor(camera)
-        """What makes the robot's picture of what a pinhole sees."""
+        """Turns the pinhole's picture into the robot's."""
         self._open = True
         self._engine = open_engine()
         with silenced(), tempfile.TemporaryDirectory() as folder:
@@ -60,7 +62,7 @@ class Room:
         engine.setPhysicsEngineParameter(
             fixedTimeStep=1 / PHYSICS_RATE,
             numSolverIterations=_SOLVER_ITERATIONS,
-            contactBreakingThreshold=_FORESIGHT,
+            contactBreakingThreshold=_CONTACT_DISTANCE,
             deterministicOverlappingPairs=1,
         )
         self.furniture = Furniture(engine)
@@ -78,17 +80,16 @@ class Room:
         self._moves = self._movables()
         self.pose()
         self.arms.settle()
-        # Keys sink by a hair under their own weight: let them come to rest.
+        # Keys sink a little under their own weight: let them come to rest.
         for _ in range(PHYSICS_RATE // 2):
             engine.stepSimulation()
         self._at_rest: int = engine.saveState()
         self.reset()
 
     def _limit_contacts(self) -> None:
-        """Let fingertips touch all that is solid, and nothing else touch anything.
+        """Allow contacts only between a fingertip and a solid body.
 
-        The engine looks at every pair that foresight lets seem near, those that are only there
-        to be seen too.
+        Otherwise the engine checks every pair within the contact threshold, decoration included.
         """
         engine = self._engine
         for body in map(engine.getBodyUniqueId, range(engine.getNumBodies())):
@@ -115,41 +116,41 @@ class Room:
         keys = [Movable(self.controller.body, link, CAP_RADIUS) for link in self.controller.links]
         return arms + keys
 
-    def _look_of_keys(self) -> Keys:
+    def _appearance_of_keys(self) -> Keys:
         self.controller.show()
         return self.controller.held
 
     def reset(self) -> None:
-        """Hands at rest over released keys, whatever was before, exactly the same every time."""
+        """Restore the start state: hands at rest over released keys, identical every time."""
         self._engine.restoreState(self._at_rest)
         self.furniture.push_screen(self._screen_away)
         self.arms.settle()
         self.controller.forget()
 
     def pose(self, *, yaw: float = 0.0, pitch: float = 0.0, distance: float = 1.0) -> None:
-        """Turn the camera out of its usual direction and put the screen elsewhere.
+        """Turn the camera and move the screen, relative to their usual poses.
 
-        The head is drawn as it was: the robot does not see it.
+        The drawn head does not turn: the robot does not see it.
 
         Args:
             yaw: Degrees to the robot's left.
             pitch: Degrees down.
-            distance: Of the screen from the camera, as a multiple of the usual one.
+            distance: Distance from camera to screen, as a multiple of the usual one.
         """
         margin = (0, 0) if self.sensor.lens is None else self.sensor.lens.margin
         camera = top_camera(self._engine, margin=margin, yaw=yaw, pitch=pitch)
-        usual = float(PICTURE_CORNERS[0, 0] - top_camera(self._engine).eye[0])
+        usual = float(PICTURE_CORNERS[0, 0] - top_camera(self._engine).position[0])
         self._screen_away = (distance - 1) * usual
         self.furniture.push_screen(self._screen_away)
         corners, screen = self.furniture.picture_corners, self.furniture.screen
-        self.view_of_robot = StillView(self._engine, camera, self._moves, self._look_of_keys)
+        self.view_of_robot = StillView(self._engine, camera, self._moves, self._appearance_of_keys)
         self._projection = Projection(
             camera, corners, screen, self._game_size, self._camera.ambient
         )
         self._views = Views(self._engine, screen, self._game_size, corners)
 
     def begin_game(self, rng: Generator) -> None:
-        """Draw what the settings let differ from game to game: poses, and the camera's faults."""
+        """Draw the poses and camera faults of a new game, within the configured ranges."""
         most, nearest = self._camera.camera_jitter, self._camera.screen_jitter
         if most > 0 or nearest > 0:
             yaw, pitch = rng.uniform(-most, most, 2)
@@ -158,27 +159,28 @@ class Room:
 
     @property
     def held(self) -> Keys:
-        """The keys that were pressed at the end of the last frame."""
+        """The keys pressed at the end of the last frame."""
         return self.controller.held
 
     def command(self, keys: Keys) -> None:
-        """Let the hands set out to hold exactly ``keys`` down."""
+        """Command the hands to hold exactly ``keys`` down."""
         self.arms.command(keys)
 
     def step_frame(self) -> Keys:
-        """Pass one emulator frame (1/60 s); the keys that are pressed at its end."""
+        """Simulate one emulator frame (1/60 s); returns the keys pressed at its end."""
         self.arms.advance()
         for _ in range(FRAME_SUBSTEPS):
             self._step()
         return self.controller.pressed()
 
     def picture(self, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """What a pinhole in the place of the robot's camera sees while ``game uint8 [rows,
-        columns, 3]`` is projected: ``uint8 [240, 320, 3]``, larger by the lens's margin."""
+        """Returns a pinhole's picture from the robot's camera, with ``game uint8 [rows, columns,
+        3]`` projected: ``uint8 [240, 320, 3]``, larger by the lens's margin."""
         return self._projection.draw(self.view_of_robot.rendering(), game)
 
     def seen_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where points of the room, ``[N, 3]``, are in the robot's picture: ``float64 [N, 2]``."""
+        """Returns the pixels (x, y) of room ``points [N, 3]`` in the robot's picture, ``[N,
+        2]``."""
         seen = self.view_of_robot.camera.project(points)
         lens = self.sensor.lens
         return seen if lens is None else lens.bend(seen - np.array(lens.margin))
@@ -192,22 +194,23 @@ class Room:
         *,
         moved: bool = True,
     ) -> NDArray[np.uint8]:
-        """The room as a visitor sees it, ``uint8 [height, width, 3]`` (0.1 s or more).
+        """Returns a visitor's view of the room, ``uint8 [height, width, 3]`` (0.1 s or more).
 
-        Without ``moved`` (1 ms) only the game is new: the rest is as it was the last time.
+        Without ``moved`` (1 ms) only the game is drawn anew, over the last rendering.
         """
         self.controller.show()
         return self._views.picture(viewpoint, game, width, height, moved=moved)
 
     def close(self) -> None:
-        """End the physics; the room cannot be used any more. Closing twice does no harm."""
+        """Disconnect the physics client; the room cannot be used afterwards. It may be called
+        twice."""
         if self._open:
             self._engine.disconnect()
         self._open = False
 
 
 def _extent(piece: Piece) -> float:
-    """Radius around the centre of mass that holds all of a piece's shapes."""
+    """Returns the radius around the centre of mass that holds all of a piece's shapes, m."""
     return max(
         float(np.linalg.norm(np.array(shape.origin) - piece.centre)) + shape.radius
         for shape in piece.shapes

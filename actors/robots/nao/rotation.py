@@ -1,4 +1,4 @@
-"""Rotation matrices, as the body's description and the arms' kinematics need them."""
+"""Rotation matrices for the robot's description and the arms' kinematics."""
 
 import math
 
@@ -9,7 +9,8 @@ from actors.robots.nao.anatomy import Vector
 
 
 def about(axis: Vector, angle: float) -> NDArray[np.float64]:
-    """``float64 [3, 3]``: a turn by ``angle`` (rad) about a unit ``axis`` (Rodrigues)."""
+    """Returns the rotation by ``angle`` (rad) about a unit ``axis``, ``float64 [3, 3]``
+    (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turned: NDArray[np.float64] = (
@@ -19,7 +20,7 @@ def about(axis: Vector, angle: float) -> NDArray[np.float64]:
 
 
 def from_roll_pitch_yaw(turn: Vector) -> NDArray[np.float64]:
-    """URDF's convention: about the fixed x, then y, then z axis."""
+    """Returns the rotation about the fixed x, then y, then z axis, as URDF defines it."""
     roll, pitch, yaw = turn
     matrix: NDArray[np.float64] = (
         about((0, 0, 1), yaw) @ about((0, 1, 0), pitch) @ about((1, 0, 0), roll)
@@ -28,10 +29,11 @@ def from_roll_pitch_yaw(turn: Vector) -> NDArray[np.float64]:
 
 
 def to_roll_pitch_yaw(matrix: NDArray[np.float64]) -> Vector:
-    """The inverse of `from_roll_pitch_yaw`, pitch within ±π/2."""
+    """Returns roll, pitch and yaw in rad, the inverse of `from_roll_pitch_yaw`; pitch within
+    ±π/2."""
     sine = float(np.clip(-matrix[2, 0], -1.0, 1.0))
     if abs(sine) > 1.0 - 1e-12:
-        # Straight up or down only the difference of roll and yaw is defined: all of it is yaw.
+        # Gimbal lock: only the difference of roll and yaw is defined, so it is all yaw.
         yaw = math.atan2(-matrix[0, 1], matrix[1, 1])
         return (0.0, math.asin(sine), yaw)
     return (

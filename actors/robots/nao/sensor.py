@@ -1,7 +1,7 @@
-"""What a real camera does to a picture: lens, blur, gains, noise and delay, as far as asked for.
+"""Model of the camera's sensor: lens, blur, gains, noise and latency, as configured.
 
-All of it is off by default and then costs nothing. What differs from game to game is drawn from
-the environment's generator at the game's start, so that a seed still tells the whole game.
+Every fault is off by default and then costs nothing. Faults that differ between games are drawn
+from the environment's generator at the start of a game, so a seed still determines the whole game.
 """
 
 from collections import deque
@@ -15,15 +15,15 @@ from actors.vision.lens import Lens
 from common.run.config import CameraConfig
 
 PERFECT_CAMERA = CameraConfig()
-"""A camera without any fault."""
+"""Settings of a camera without faults."""
 
 _GRAIN_FRAMES = 4
-"""Pictures' worth of noise that is drawn per game; each picture gets a random stretch of it,
-because drawing anew for every pixel would take longer than everything else in a decision."""
+"""Noise drawn per game, in pictures. Each picture gets a random section of it, because drawing
+noise for every pixel would take longer than everything else in an agent step."""
 
 
 class Sensor:
-    """The way from what a pinhole would see to the picture that the robot gets.
+    """Turns a pinhole's picture into the picture that the robot gets.
 
     Call `begin_game` before the first picture of each game.
     """
@@ -36,11 +36,11 @@ class Sensor:
         self._grain: NDArray[np.int8] | None = None
         self._shape = (size[1], size[0], 3)
         self._rng: Generator | None = None
-        self._now = 0  # decisions
+        self._now = 0  # agent steps
         self._late: deque[tuple[int, NDArray[np.uint8]]] = deque()
 
     def begin_game(self, rng: Generator) -> None:
-        """Draw what differs from game to game, and forget the pictures of the last one."""
+        """Draw the faults of a new game, and discard pictures of the last one."""
         config = self._config
         self._late.clear()
         if config.exposure > 0 or config.colour_gain > 0:
@@ -55,12 +55,12 @@ class Sensor:
             self._grain = np.clip(np.rint(grain), -127, 127).astype(np.int8)
 
     def take(self, ideal: NDArray[np.uint8], decisions: int = 1) -> NDArray[np.uint8]:
-        """The robot's picture, ``uint8 [height, width, 3]``.
+        """Returns the robot's picture, ``uint8 [height, width, 3]``.
 
         Args:
-            ideal: What a pinhole sees now, larger by the lens's margin if there is a lens. With
-                a perfect camera the very same array is given back.
-            decisions: How many have passed since the last one was taken.
+            ideal: The pinhole's present picture, larger by the lens's margin if there is a lens. A
+                perfect camera returns this same array.
+            decisions: Agent steps since the last picture was taken.
         """
         image = ideal
         if self.lens is not None:
@@ -76,7 +76,7 @@ class Sensor:
             image = np.asarray(cv2.add(image, grain, dtype=cv2.CV_8U), np.uint8)
         self._now += decisions
         self._late.append((self._now, image))
-        # The newest that is late enough; a game's first one until later ones have come through.
+        # The newest picture that is late enough; a game's first one until a later one is.
         while len(self._late) > 1 and self._late[1][0] <= self._now - self._config.latency:
             self._late.popleft()
         return self._late[0][1]

@@ -1,7 +1,7 @@
-"""How the robot looks: primitive shapes for each link, in NAO's white, grey and orange.
+"""Appearance of the robot: primitive shapes for each link, in NAO's white, grey and orange.
 
-The maker's meshes may not be copied, so the parts are balls, rods, boxes and eggs (a ball
-stretched along the axes). The shapes of the left side are mirrored for the right one.
+The licence of the manufacturer's meshes forbids copying, so the parts are balls, rods, boxes and
+eggs (balls stretched along the axes). The left side's shapes are mirrored for the right side.
 """
 
 import math
@@ -26,8 +26,8 @@ _QUARTER = 1.5707963
 class Shape:
     """A primitive in its link's frame.
 
-    ``size`` is the three edges of a box, (radius, length, unused) of a rod along z, (radius,
-    unused, unused) of a ball, the three half axes of an egg. ``solid`` ones can touch.
+    ``size`` holds the three edges of a box, (radius, length, unused) of a rod along z, (radius,
+    unused, unused) of a ball or the three half axes of an egg, in m.
     """
 
     kind: Literal["box", "rod", "ball", "egg"]
@@ -35,12 +35,13 @@ class Shape:
     origin: Vector
     colour: Colour
     turn: Vector = (0.0, 0.0, 0.0)
-    """Roll, pitch, yaw."""
+    """Roll, pitch and yaw, rad."""
     solid: bool = False
+    """Whether the shape takes part in contacts."""
 
     @property
     def radius(self) -> float:
-        """m around its middle, beyond which nothing of it is."""
+        """Radius around its origin that holds all of it, m."""
         if self.kind == "box":
             return math.hypot(*self.size) / 2
         if self.kind == "rod":
@@ -70,7 +71,7 @@ _ALONG_Y: Vector = (_QUARTER, 0.0, 0.0)
 _HEAD = (
     Shape("egg", (0.054, 0.063, 0.052), (-0.002, 0.0, 0.056), WHITE),
     Shape("egg", (0.040, 0.050, 0.028), (0.004, 0.0, 0.018), WHITE),
-    # Loudspeakers for ears, with the ring of lights that the real ones have.
+    # Loudspeakers in the ears, with their ring of lights.
     _rod(0.027, 0.134, (-0.004, 0.0, 0.056), GREY, _ALONG_Y),
     _rod(0.019, 0.138, (-0.004, 0.0, 0.056), ORANGE, _ALONG_Y),
     _rod(0.011, 0.141, (-0.004, 0.0, 0.056), DARK, _ALONG_Y),
@@ -123,7 +124,7 @@ _LEFT: dict[str, tuple[Shape, ...]] = {
     "l_hand": (
         _rod(0.017, 0.020, (0.008, 0.0, 0.0), GREY, _ALONG_X),
         Shape("egg", (0.030, 0.024, 0.019), (0.040, 0.0, -0.004), WHITE),
-        # Two fingers and a thumb folded, one finger stretched out to its tip.
+        # Folded fingers and thumb, one pointing finger with its tip.
         _ball(0.009, (0.066, 0.014, -0.010), GREY),
         _ball(0.009, (0.066, -0.014, -0.010), GREY),
         _ball(0.008, (0.056, 0.013, -0.021), GREY),
@@ -164,4 +165,4 @@ SHAPES: dict[str, tuple[Shape, ...]] = {
     **_LEFT,
     **{"r_" + name[2:]: tuple(map(_mirrored, shapes)) for name, shapes in _LEFT.items()},
 }
-"""Shapes of every link by its name."""
+"""Shapes of every link, by link name."""

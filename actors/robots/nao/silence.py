@@ -1,7 +1,7 @@
-"""Keeping PyBullet's prints out of the terminal.
+"""Suppression of PyBullet's output.
 
-Its C code prints a build time on import, a line per merged link and per odd URDF element.
-``contextlib.redirect_stdout`` does not reach those, so the file descriptors are turned away.
+PyBullet's C code prints a build time on import and a line per merged link and per odd URDF element.
+``contextlib.redirect_stdout`` does not reach C code, so this module redirects file descriptors.
 """
 
 import ctypes
@@ -15,9 +15,9 @@ _LIBC = ctypes.CDLL(None)
 
 @contextmanager
 def silenced() -> Iterator[None]:
-    """Send what this process writes to descriptors 1 and 2 to nowhere, C buffers included.
+    """Discard what this process writes to descriptors 1 and 2, C buffers included.
 
-    It is the whole process that is silent, other threads too, so keep the block short.
+    This silences all threads of the process, so keep the block short.
     """
     _flush()
     kept = os.dup(1), os.dup(2)
@@ -27,7 +27,7 @@ def silenced() -> Iterator[None]:
         os.dup2(nowhere, 2)
         yield
     finally:
-        # C's stdio may still hold what was printed inside the block.
+        # C's stdio may still buffer output of the block.
         _flush()
         os.dup2(kept[0], 1)
         os.dup2(kept[1], 2)

@@ -1,8 +1,8 @@
 """NAO's URDF, written from the assembled body.
 
-Only the joints that move are in it: a substep costs a fortieth of what the whole robot costs.
-What can touch is a link of its own, fixed to the part it belongs to and as good as without mass:
-the engine foresees contacts only of links whose single shape is in their middle.
+The URDF has moving joints only: a physics step then costs a fortieth of the whole robot's. Each
+touching shape is a link of its own, nearly without mass and fixed to its part: the engine predicts
+contacts only for links whose single shape is centred.
 """
 
 import math
@@ -14,11 +14,11 @@ from actors.robots.nao.shapes import Shape
 
 _BALL_MESH = "ball.obj"
 TOUCH_SUFFIX = "_touch"
-"""Ends the names of links that are there to touch."""
+"""Suffix of the names of touching links."""
 
 
 def write_urdf(folder: Path) -> Path:
-    """Write the robot's URDF, and the mesh that eggs are stretched from, into ``folder``."""
+    """Write the robot's URDF and the mesh of its eggs into ``folder``; returns the URDF's path."""
     (folder / _BALL_MESH).write_text(_ball_mesh())
     path = folder / "nao.urdf"
     path.write_text(nao_urdf())
@@ -26,7 +26,7 @@ def write_urdf(folder: Path) -> Path:
 
 
 def nao_urdf() -> str:
-    """The robot's URDF; its base is the torso, its eggs refer to a mesh beside it."""
+    """Returns the robot's URDF; its base is the torso, and its eggs refer to a mesh beside it."""
     pieces, joints = assemble()
     touching = [
         _touching(piece, shape)
@@ -50,12 +50,12 @@ def _link(piece: Piece) -> str:
         if not shape.solid:
             lines.append(
                 f'<visual><origin xyz="{_numbers(*shape.origin)}" rpy="{_numbers(*shape.turn)}"/>'
-                f"{_look(shape, f'{piece.name}_{number}')}</visual>"
+                f"{_visual(shape, f'{piece.name}_{number}')}</visual>"
             )
     return "\n".join([*lines, "</link>"])
 
 
-def _look(shape: Shape, material: str) -> str:
+def _visual(shape: Shape, material: str) -> str:
     return (
         f'<geometry>{_geometry(shape)}</geometry><material name="{material}">'
         f'<color rgba="{_numbers(*shape.colour)} 1"/></material>'
@@ -67,8 +67,8 @@ def _touching(piece: Piece, shape: Shape) -> str:
     return (
         f'<link name="{name}"><inertial><mass value="1e-6"/>'
         '<inertia ixx="1e-11" iyy="1e-11" izz="1e-11" ixy="0" ixz="0" iyz="0"/></inertial>'
-        # Without a look of its own the engine would draw it white.
-        f"<visual>{_look(shape, name)}</visual>"
+        # Without a visual of its own the engine draws a collision shape white.
+        f"<visual>{_visual(shape, name)}</visual>"
         f"<collision><geometry>{_geometry(shape)}</geometry></collision></link>"
         f'<joint name="{name}" type="fixed"><parent link="{piece.name}"/><child link="{name}"/>'
         f'<origin xyz="{_numbers(*shape.origin)}" rpy="{_numbers(*shape.turn)}"/></joint>'
@@ -100,7 +100,7 @@ def _numbers(*numbers: float) -> str:
 
 
 def _ball_mesh(rings: int = 14, spokes: int = 24) -> str:
-    """A ball of radius 1 as Wavefront OBJ."""
+    """Returns a ball of radius 1 as Wavefront OBJ."""
     points = [(0.0, 0.0, 1.0)]
     for ring in range(1, rings):
         across, up = math.sin(math.pi * ring / rings), math.cos(math.pi * ring / rings)
@@ -120,7 +120,7 @@ def _ball_mesh(rings: int = 14, spokes: int = 24) -> str:
             faces += [(a, c, d), (a, d, b)]
     last = len(points)
     faces += [(last, number(rings - 1, s + 1), number(rings - 1, s)) for s in range(spokes)]
-    # The normals of a ball are its points.
+    # On a unit ball the normals equal the points.
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in points]
     lines += [f"vn {x:.6f} {y:.6f} {z:.6f}" for x, y, z in points]
     lines += ["f " + " ".join(f"{p}//{p}" for p in face) for face in faces]

@@ -1,4 +1,4 @@
-"""Places in a room from which pictures for people are taken, and those pictures."""
+"""Pictures of a room for people, from any viewpoint."""
 
 import math
 from dataclasses import dataclass
@@ -15,23 +15,23 @@ from actors.robots.nao.projector import Projection
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where a visitor stands and looks; lengths in m, in the room."""
+    """Position and direction of a visitor's view; lengths in m, in the room."""
 
-    eye: Vector
-    looks_at: Vector
+    position: Vector
+    target: Vector
     angle: float
-    """Of the view's height, degrees."""
+    """Vertical field of view, degrees."""
     shadow: bool = True
-    """Draw shadows; near things have coarse ones."""
+    """Whether to draw shadows, which are coarse on near objects."""
 
     def camera(self, engine: Any, width: int, height: int) -> Camera:
-        """A camera there; a wider picture shows more to the sides."""
+        """Returns a camera at this viewpoint; a wider picture shows more to the sides."""
         wide = 2 * math.atan(math.tan(math.radians(self.angle) / 2) * width / height)
-        eye = np.array(self.eye)
+        position = np.array(self.position)
         return Camera(
             engine,
-            eye,
-            np.array(self.looks_at) - eye,
+            position,
+            np.array(self.target) - position,
             np.array([0.0, 0.0, 1.0]),
             size=(width, height),
             angles=(math.degrees(wide), self.angle),
@@ -39,13 +39,13 @@ class Viewpoint:
 
 
 VISITOR = Viewpoint((-0.60, -1.05, 0.85), (0.50, 0.0, 0.335), 40.0)
-"""The whole room: robot, desk and screen."""
+"""View of the whole room: robot, desk and screen."""
 CLOSE_UP = Viewpoint((0.46, -0.12, 0.46), (0.185, 0.0, 0.222), 30.0, shadow=False)
-"""Both hands on the controller, from the desk's far side."""
+"""View of both hands on the controller, from the desk's far side."""
 
 
 class Views:
-    """Pictures of one room with the game on its screen, from any viewpoint."""
+    """Renders one room with the game on its screen, from any viewpoint."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class Views:
         game_size: tuple[int, int],
         picture_corners: NDArray[np.float64] = PICTURE_CORNERS,
     ) -> None:
-        """``screen_body`` is what the game, of ``game_size`` rows and columns, falls on, between
+        """``screen_body`` shows the game, of ``game_size`` rows and columns, between
         ``picture_corners``."""
         self._engine = engine
         self._screen_body = screen_body
@@ -72,9 +72,9 @@ class Views:
         *,
         moved: bool = True,
     ) -> NDArray[np.uint8]:
-        """The room as it is now, ``uint8 [height, width, 3]``.
+        """Returns the present room, ``uint8 [height, width, 3]``.
 
-        Without ``moved`` only the game is new, and the rest is drawn as it was the last time.
+        Without ``moved`` only the game is drawn anew, over the last rendering.
         """
         key = (viewpoint, width, height)
         if key not in self._cameras:

@@ -1,4 +1,4 @@
-"""A screen that was found: kept as long as nothing is new along its edges, and unwarped."""
+"""A detected screen is kept while nothing changes along its edges, and it is unwarped."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ def picture() -> NDArray[np.uint8]:
 
 
 def middle() -> NDArray[np.float64]:
-    """The pixel of the projected picture's middle: where its diagonals meet, in perspective too."""
+    """Returns the pixel of the projected picture's centre, where its diagonals meet."""
     left_top, right_top, right_low, left_low = OUTER.astype(float)
     ways = np.column_stack([right_low - left_top, right_top - left_low])
     return left_top + np.linalg.solve(ways, right_top - left_top)[0] * (right_low - left_top)
@@ -32,7 +32,7 @@ def test_the_middle_of_the_picture_is_the_middle_of_the_frame() -> None:
 
 
 def test_corners_lie_a_border_within() -> None:
-    """At opposite corners alike: on the picture's diagonals, nearer to the middle."""
+    """The game's corners lie on the picture's diagonals, nearer to the centre."""
     screen = Screen(OUTER, picture())
     centre = middle()
     for outer, inner in zip(OUTER, screen.corners, strict=True):

@@ -1,7 +1,7 @@
-"""The eye against camera pictures whose geometry is known.
+"""The screen detector against camera pictures of known geometry.
 
-They are made by another path than the product's: rays are cast from a pinhole camera at a wall in
-space, in plain numpy, without homographies or OpenCV's warping.
+The pictures are made independently of the product: rays are cast from a pinhole camera at a wall,
+in plain numpy, without homographies or OpenCV's warping.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ _GAME_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * (_GAME_WIDTH / 
 
 
 class Pose(NamedTuple):
-    """Where the camera stands before the wall at z = 0 (x right, y down), turned how."""
+    """Position and rotation of the camera in front of the wall at z = 0 (x right, y down)."""
 
     position: tuple[float, float, float] = (0.0, 0.0, -1.6)
     yaw: float = 0.0
@@ -36,7 +36,7 @@ class Pose(NamedTuple):
         return turn @ np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
 
     def project(self, on_wall: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Pixels of points (x, y) on the wall."""
+        """Returns the pixels of points (x, y) on the wall."""
         points = np.column_stack([on_wall, np.zeros(len(on_wall))]) - self.position
         x, y, z = (points @ self.rotation).T
         return np.column_stack([_FOCAL * x / z, _FOCAL * y / z]) + _CENTRE
@@ -46,7 +46,7 @@ _CENTRE = ((_WIDTH - 1) / 2, (_HEIGHT - 1) / 2)
 
 
 def _random_pose(rng: np.random.Generator) -> Pose:
-    """Within ±10° of yaw and pitch and ±15 % of distance, a little to one side."""
+    """Returns a pose within ±10° of yaw and pitch and ±15 % of distance, a little to one side."""
     x, y = rng.uniform(-0.08, 0.08, 2)
     distance = 1.7 * rng.uniform(0.85, 1.15)
     # Turned so that the middle of the view stays near the picture, whatever the angle.
@@ -58,7 +58,7 @@ def _random_pose(rng: np.random.Generator) -> Pose:
 def _photograph(
     pose: Pose, game: NDArray[np.uint8], *, samples: int = 3, wall: float = 190.0
 ) -> NDArray[np.float64]:
-    """Camera picture of ``game`` projected on the wall; ``samples``² rays per pixel."""
+    """Returns a picture of ``game`` projected on the wall, from ``samples``² rays per pixel."""
     total = np.zeros((_HEIGHT, _WIDTH, 3))
     for dy in range(samples):
         for dx in range(samples):
@@ -98,7 +98,7 @@ def screens() -> dict[str, NDArray[np.uint8]]:
 
 
 def _error(corners: NDArray[np.float32] | None, pose: Pose) -> float:
-    """Distance of the worst corner, pixels."""
+    """Returns the error of the worst corner, pixels."""
     assert corners is not None
     return float(np.linalg.norm(corners - pose.project(_GAME_CORNERS), axis=1).max())
 
@@ -118,7 +118,7 @@ def test_corners_are_within_a_pixel_and_a_half(screens, game, samples, noise) ->
     assert np.percentile(errors, 95) <= 1.5
 
 
-def test_hands_before_the_lower_edge_do_not_move_the_corners(screens) -> None:
+def test_hands_in_front_of_the_lower_edge_do_not_move_the_corners(screens) -> None:
     rng = np.random.default_rng(3)
     for colour in (235, 20):
         for _ in range(6):
@@ -127,17 +127,17 @@ def test_hands_before_the_lower_edge_do_not_move_the_corners(screens) -> None:
             bottom = pose.project(_GAME_CORNERS * (1 + 2 * BORDER))[2:]
             left, right = sorted(bottom[:, 0])
             top = int(bottom[:, 1].min()) - 12
-            eye = ScreenDetector()
-            eye.detect(_digital(picture, rng))  # the arms come into view later
+            detector = ScreenDetector()
+            detector.detect(_digital(picture, rng))  # the arms come into view later
             for share in rng.uniform(0.05, 0.75, 2):
                 start = int(left + share * (right - left))
                 picture[top:, start : start + int(0.2 * (right - left))] = colour
-            detection = eye.detect(_digital(picture, rng, 3.0))
+            detection = detector.detect(_digital(picture, rng, 3.0))
             assert detection.valid
             assert _error(detection.corners, pose) <= 1.5
 
 
-def test_a_corner_hidden_at_first_sight_is_where_its_sides_meet(screens) -> None:
+def test_a_corner_hidden_at_the_first_detection_is_where_its_sides_meet(screens) -> None:
     rng = np.random.default_rng(4)
     pose = Pose()
     picture = _photograph(pose, screens["pong"])
@@ -149,7 +149,7 @@ def test_a_corner_hidden_at_first_sight_is_where_its_sides_meet(screens) -> None
 
 
 def test_a_dark_hand_along_a_whole_side_is_not_taken_for_the_side(screens) -> None:
-    """Nothing can be known of a hidden side: then no screen is found, rather than a wrong one."""
+    """A hidden side cannot be located: the detector finds no screen rather than a wrong one."""
     rng = np.random.default_rng(11)
     refused = 0
     for game in ("pong", "breakout", "asteroids", "white"):
@@ -166,20 +166,20 @@ def test_a_dark_hand_along_a_whole_side_is_not_taken_for_the_side(screens) -> No
 
 
 def test_a_hidden_side_does_not_matter_once_the_screen_is_known(screens) -> None:
-    """Three sides in place are the same screen; but a screen that moved meanwhile is not."""
+    """Three sides in place confirm the screen, unless it moved meanwhile."""
     rng = np.random.default_rng(12)
     for noise in (0.0, 6.0):
         for _ in range(4):
             pose = _random_pose(rng)
-            eye = ScreenDetector()
-            known = eye.detect(_digital(_photograph(pose, screens["pong"]), rng, noise))
+            detector = ScreenDetector()
+            known = detector.detect(_digital(_photograph(pose, screens["pong"]), rng, noise))
             x, y, z = pose.position
             for nudge, moved in ((0.0, False), (0.03, True)):
                 now = pose._replace(position=(x + nudge, y + nudge, z))
                 picture = _photograph(now, screens["pong"])
                 corners = pose.project(_GAME_CORNERS * (1 + 2 * BORDER))
                 picture[:, : int(max(corners[[0, 3], 0])) + 6] = 45
-                detection = eye.detect(_digital(picture, rng, noise))
+                detection = detector.detect(_digital(picture, rng, noise))
                 assert detection.valid != moved
                 assert np.array_equal(detection.corners, known.corners)
 
@@ -211,7 +211,7 @@ def test_a_frame_is_not_mirrored_or_shifted() -> None:
     assert middle.sum() / 255 == pytest.approx(42, abs=0.5)
 
 
-def test_before_any_screen_the_frame_is_empty_and_invalid() -> None:
+def test_before_the_first_detection_the_frame_is_empty_and_invalid() -> None:
     for grey in (0, 128, 255):
         detection = ScreenDetector().detect(np.full((_HEIGHT, _WIDTH, 3), grey, np.uint8))
         assert not detection.valid
@@ -224,19 +224,19 @@ def test_without_a_screen_the_last_homography_is_kept(screens) -> None:
     rng = np.random.default_rng(6)
     pose = _random_pose(rng)
     picture = _digital(_photograph(pose, screens["pong"]), rng)
-    eye = ScreenDetector()
-    good = eye.detect(picture)
+    detector = ScreenDetector()
+    good = detector.detect(picture)
     for blank in (np.zeros_like(picture), np.full_like(picture, 130)):
-        detection = eye.detect(blank)
+        detection = detector.detect(blank)
         assert not detection.valid
         assert np.array_equal(detection.corners, good.corners)
         assert (detection.frame == blank[0, 0, 0]).all()
-    again = eye.detect(picture)
+    again = detector.detect(picture)
     assert again.valid
     assert np.array_equal(again.frame, good.frame)
 
 
-def test_dark_things_without_a_black_border_are_no_screen() -> None:
+def test_dark_objects_without_a_black_border_are_not_detected() -> None:
     rng = np.random.default_rng(7)
     for trial in range(20):
         picture = np.full((_HEIGHT, _WIDTH, 3), 200.0)
@@ -251,7 +251,7 @@ def test_dark_things_without_a_black_border_are_no_screen() -> None:
         assert not ScreenDetector().detect(_digital(picture, rng, 3.0)).valid
 
 
-def test_a_screen_cut_off_by_the_pictures_edge_is_not_seen(screens) -> None:
+def test_a_screen_cut_off_by_the_pictures_edge_is_not_detected(screens) -> None:
     pose = Pose(position=(0.75, 0.0, -1.6))
     picture = _photograph(pose, screens["pong"])
     assert pose.project(_GAME_CORNERS)[0, 0] < 0
@@ -260,9 +260,11 @@ def test_a_screen_cut_off_by_the_pictures_edge_is_not_seen(screens) -> None:
 
 def test_a_moved_camera_is_followed(screens) -> None:
     rng = np.random.default_rng(9)
-    eye = ScreenDetector()
+    detector = ScreenDetector()
     for _ in range(6):
         pose = _random_pose(rng)
-        detection = eye.detect(_digital(_photograph(pose, screens["space_invaders"]), rng, 2.0))
+        detection = detector.detect(
+            _digital(_photograph(pose, screens["space_invaders"]), rng, 2.0)
+        )
         assert detection.valid
         assert _error(detection.corners, pose) <= 1.5

@@ -1,4 +1,4 @@
-"""The hands press exactly the keys they are told to, all 18 actions, promptly, within limits."""
+"""The hands press exactly the commanded keys for all 18 actions, in time and within limits."""
 
 from collections.abc import Iterator
 
@@ -39,7 +39,7 @@ def test_every_action_holds_exactly_its_keys_and_lets_them_go(room: Room, action
 
 
 def test_from_any_action_to_any_other_within_two_decisions(room: Room) -> None:
-    """And seldom over a key that belongs to neither."""
+    """The way seldom presses a key of neither action."""
     room.reset()
     frames, strays = [], 0
     for old in KEYS_OF_ACTION:
@@ -66,8 +66,8 @@ def test_random_play_pushes_no_key_through_its_stop(room: Room) -> None:
         assert room.controller.depths().max() < TRAVEL
 
 
-def test_no_hurry_leaves_a_finger_caught(room: Room) -> None:
-    """Commands that change before they are carried out, then a second to get it right."""
+def test_rapid_commands_leave_no_finger_caught(room: Room) -> None:
+    """Commands change before they are carried out; then one second is enough for the last one."""
     room.reset()
     rng = np.random.default_rng(2)
     for _ in range(60):
@@ -95,9 +95,7 @@ def test_a_finger_that_is_caught_frees_itself(room: Room) -> None:
 
 
 @pytest.mark.parametrize("side", ["L", "R"])
-def test_poses_are_within_limits_and_put_the_fingertip_where_it_belongs(
-    room: Room, side: str
-) -> None:
+def test_poses_are_within_limits_and_put_the_fingertip_on_its_target(room: Room, side: str) -> None:
     arm = room.arms.left if side == "L" else room.arms.right
     chain = ArmChain(side)
     served = (
@@ -115,7 +113,7 @@ def test_poses_are_within_limits_and_put_the_fingertip_where_it_belongs(
             assert (pose <= chain.upper).all()
 
 
-def test_speeds_and_torques_stay_within_what_is_published(room: Room) -> None:
+def test_speeds_and_torques_stay_within_the_published_limits(room: Room) -> None:
     room.reset()
     engine = room._engine
     rng = np.random.default_rng(1)
@@ -130,7 +128,7 @@ def test_speeds_and_torques_stay_within_what_is_published(room: Room) -> None:
             states = engine.getJointStates(room.body, joints)
             fastest = np.maximum(fastest, [abs(state[1]) for state in states])
             strongest = np.maximum(strongest, [abs(state[3]) for state in states])
-    # The engine's solver keeps limits of speed only nearly, and only for the motor's own pull.
+    # The engine's solver keeps speed limits only nearly, and only for the motor's own torque.
     assert (fastest <= [1.05 * info[11] for info in limits]).all()
     assert (strongest <= [1.001 * info[10] for info in limits]).all()
     assert strongest.max() > 0.1

@@ -1,4 +1,4 @@
-"""What hands in a hurry, and hands in the way of something, can do to the physics: nothing."""
+"""Rapid commands and blocked hands do not break the physics."""
 
 from collections.abc import Iterator
 
@@ -26,19 +26,19 @@ def room() -> Iterator[Room]:
 
 
 def lowest_point(room: Room, arm: Arm) -> float:
-    """Height of the fingertip's underside in the room, m."""
+    """Returns the height of the fingertip's underside in the room, m."""
     states = room._engine.getJointStates(room.body, arm.joints)
     tip = arm.chain.fingertip(np.array([state[0] for state in states]))
     return float(tip[2]) - FINGERTIP_RADIUS
 
 
 def speeds(room: Room) -> NDArray[np.float64]:
-    """Of all joints that move, as shares of their published greatest."""
+    """Returns the moving joints' speeds as shares of their published maximum."""
     return np.abs(room.arms.posture()[1])
 
 
 def motion_energy(room: Room) -> float:
-    """Kinetic energy of the robot's links, J, their spin left out."""
+    """Returns the kinetic energy of the robot's links, J, without rotation."""
     engine = room._engine
     links = range(engine.getNumJoints(room.body))
     states = engine.getLinkStates(room.body, list(links), computeLinkVelocity=1)
@@ -50,10 +50,10 @@ def motion_energy(room: Room) -> float:
 
 
 @pytest.mark.parametrize("most_frames", [1, 2, 3, 6])
-def test_no_hurry_sends_a_finger_through_a_key_or_a_key_through_its_stop(
+def test_rapid_commands_push_no_finger_through_a_key_and_no_key_through_its_stop(
     room: Room, most_frames: int
 ) -> None:
-    """Random commands every frame, or after up to so many: far more often than in play."""
+    """Random commands come every 1 to ``most_frames`` frames, far more often than in play."""
     room.reset()
     rng = np.random.default_rng(most_frames)
     left = 0
@@ -65,7 +65,7 @@ def test_no_hurry_sends_a_finger_through_a_key_or_a_key_through_its_stop(
         room.arms.advance()
         for _ in range(FRAME_SUBSTEPS):
             room._step()
-            # A finger that slides against a neighbour's side can knock it beyond for one step.
+            # A finger that slides against a neighbour's side can push it beyond for one step.
             assert room.controller.depths().max() < TRAVEL + 0.002
             # A key at its stop is level with the box.
             for arm in (room.arms.left, room.arms.right):
@@ -75,9 +75,11 @@ def test_no_hurry_sends_a_finger_through_a_key_or_a_key_through_its_stop(
 
 
 def hold_back(room: Room, frames: int, seed: int, above: float = 0.0) -> float:
-    """Random play with bounds that hold whatever is in the way; the greatest energy, J.
+    """Plays randomly, checks bounds that hold whatever the obstacle, and returns the maximum
+    energy, J.
 
-    The left fingertip stays ``above``, m; if that is over the keys, they stay released.
+    The left fingertip stays above the height ``above``, m; if that is over the keys, they stay
+    released.
     """
     rng = np.random.default_rng(seed)
     most = 0.0
@@ -93,7 +95,7 @@ def hold_back(room: Room, frames: int, seed: int, above: float = 0.0) -> float:
 
 
 def recovers(room: Room) -> bool:
-    """Whether, after a second to get free, all is as if nothing had been."""
+    """Whether the hands work normally after one second to get free."""
     for keys in (Keys.NONE, Keys.UP | Keys.LEFT | Keys.FIRE, Keys.DOWN, Keys.NONE):
         room.command(keys)
         if [room.step_frame() for _ in range(SECOND)][-1] != keys:
@@ -102,7 +104,7 @@ def recovers(room: Room) -> bool:
 
 
 def plate(room: Room, middle: tuple[float, float, float], half: tuple[float, float, float]) -> int:
-    """A box that nothing moves."""
+    """Adds a static box."""
     engine = room._engine
     shape = engine.createCollisionShape(engine.GEOM_BOX, halfExtents=half)
     return int(engine.createMultiBody(0.0, shape, basePosition=middle))
@@ -121,7 +123,7 @@ def test_a_plate_over_the_keys_is_not_passed_and_does_no_harm(room: Room) -> Non
 
 
 def test_a_box_that_stands_in_a_fingertip_pushes_it_out_gently(room: Room) -> None:
-    """Worse than anything in play: 3 mm of overlap from one moment to the next."""
+    """A sudden overlap of 3 mm is worse than anything in play."""
     room.reset()
     free = hold_back(room, 2 * SECOND, 0)
     room.reset()

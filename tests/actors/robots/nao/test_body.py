@@ -167,7 +167,7 @@ def test_only_fingertips_touch_and_weigh_nothing_of_their_own(room: Room) -> Non
         assert place == pytest.approx(arm.chain.fingertip(np.array(angles)), abs=1e-6)
 
 
-def test_the_whole_body_keeps_its_mass_and_every_link_has_a_look() -> None:
+def test_the_whole_body_keeps_its_mass_and_every_link_has_a_shape() -> None:
     pieces, moving = assemble()
     assert sum(piece.mass for piece in pieces.values()) == pytest.approx(
         sum(link.mass for link in LINKS)
@@ -177,7 +177,7 @@ def test_the_whole_body_keeps_its_mass_and_every_link_has_a_look() -> None:
 
 
 def test_joined_inertia_is_that_of_its_points() -> None:
-    """Against a cloud of point masses with the two links' moments."""
+    """A piece of two links matches a cloud of point masses with the links' moments."""
     piece = assemble()[0]["l_forearm"]
     masses, points = [], []
     wrist = about((1, 0, 0), HELD_ANGLES["LWristYaw"])
@@ -220,7 +220,7 @@ def test_held_joints_are_within_their_limits() -> None:
 
 
 def test_it_sits_with_its_soles_on_the_floor() -> None:
-    """Torso, thigh, shin and sole, added up by hand."""
+    """The lengths of torso, thigh, shin and sole add up to the torso's height."""
     tilt = HELD_ANGLES["LKneePitch"]
     assert HELD_ANGLES["LHipPitch"] == -tilt
     height = TORSO_ORIGIN[2] - 0.085 - 0.1 * math.cos(tilt) - 0.1029 - 0.04511

@@ -1,4 +1,4 @@
-"""NAO's camera: what it sees is what a full rendering gives, however seldom it renders."""
+"""NAO's camera: its reused picture always equals a new rendering."""
 
 from collections.abc import Iterator
 
@@ -24,7 +24,7 @@ def assert_same_as_full(room: Room) -> None:
 
 
 def raise_arm(room: Room, pitch: float, roll: float) -> None:
-    """The left arm stretched out forwards, at rest."""
+    """Stretches the left arm out forwards, at rest."""
     for joint, angle in zip(room.arms.left.joints, (pitch, roll, 0.0, -0.1), strict=True):
         room._engine.resetJointState(room.body, joint, angle)
 
@@ -77,8 +77,8 @@ def test_a_still_arm_in_view_is_rendered_once(room: Room) -> None:
     room.reset()
 
 
-def test_nothing_is_seen_that_may_see_denies(room: Room) -> None:
-    """Random arm poses: whenever a pixel of the robot is drawn, the test for it had said so."""
+def test_may_see_has_no_false_negatives(room: Room) -> None:
+    """Whenever a pixel of the robot is drawn in a random pose, `may_see` is true."""
     view = room.view_of_robot
     rng = np.random.default_rng(0)
     seen = 0
@@ -93,10 +93,9 @@ def test_nothing_is_seen_that_may_see_denies(room: Room) -> None:
 
 
 def test_projected_corners_are_where_the_renderer_draws(room: Room) -> None:
-    """The middle and area of the screen's pixels against those of its projected outline.
+    """Centre and area of the screen's pixels match those of its projected outline.
 
-    A level edge falls between two rows of pixels, anywhere up to half a row from the middle; over
-    many poses that evens out.
+    A level edge may lie anywhere between two rows of pixels; over many poses that evens out.
     """
     rng = np.random.default_rng(0)
     misses = []

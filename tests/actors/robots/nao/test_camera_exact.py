@@ -1,7 +1,7 @@
-"""The robot's picture, made with all shortcuts, against a full render and a plain projection.
+"""The robot's picture, made with all optimisations, against a full rendering and plain projection.
 
-The projection here is written anew from the geometry: pixel by pixel over the whole picture, from
-the screen's four corners, without windows, caches or OpenCV.
+The projection here is written independently from the geometry: pixel by pixel over the whole
+picture, from the screen's four corners, without windows, caches or OpenCV.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from common.actions import KEYS_OF_ACTION
 
 ROWS, COLUMNS = 210, 160
 FINER = 8
-"""Samples per pixel and axis by which the picture's outer edge is blended."""
+"""Samples per pixel and axis for blending the picture's outer edge."""
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,8 @@ def room() -> Iterator[Room]:
 
 
 def to_unit_square(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The homography ``[3, 3]`` from pixels to the unit square, by its eight linear equations."""
+    """Returns the homography ``[3, 3]`` from pixels to the unit square, by eight linear
+    equations."""
     rows, values = [], []
     for (x, y), (u, v) in zip(corners, ((0, 0), (1, 0), (1, 1), (0, 1)), strict=True):
         rows += [[x, y, 1, 0, 0, 0, -u * x, -u * y], [0, 0, 0, x, y, 1, -v * x, -v * y]]
@@ -42,7 +43,7 @@ def at(homography: NDArray[np.float64], x: NDArray, y: NDArray) -> tuple[NDArray
 
 
 def straightforward(room: Room, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A full render, and wherever the screen is seen what the projector throws there."""
+    """Returns a full rendering with the game drawn on every pixel that shows the screen."""
     rendering = room.view_of_robot.camera.render()
     height, width = rendering.bodies.shape
     corners = room.view_of_robot.camera.project(room.furniture.picture_corners)
@@ -60,7 +61,7 @@ def straightforward(room: Room, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
     inside = (fine_u >= 0) & (fine_u <= 1) & (fine_v >= 0) & (fine_v <= 1)
     covered[edge] = inside.mean(axis=(1, 2))
 
-    # Two rows of the game or more, but not three, fall on one of the camera's: it sees their mean.
+    # Between two and three rows of the game fall on one of the camera's: it sees the mean of pairs.
     pairs = np.rint(game.reshape(ROWS // 2, 2, COLUMNS, 3).mean(axis=1)).astype(np.int64)
     span = 1 + 2 * BORDER
     on_screen = rendering.bodies == room.furniture.screen
@@ -74,7 +75,7 @@ def straightforward(room: Room, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def bilinear(game: NDArray[np.int64], x: NDArray, y: NDArray) -> NDArray[np.int64]:
-    """``game``, black all around, at places rounded to 1/32 pixel."""
+    """Samples ``game``, surrounded by black, at places rounded to 1/32 pixel."""
     rows, columns = game.shape[:2]
     padded = np.zeros((rows + 4, columns + 4, 3), np.int64)
     padded[2:-2, 2:-2] = game
@@ -88,7 +89,7 @@ def bilinear(game: NDArray[np.int64], x: NDArray, y: NDArray) -> NDArray[np.int6
 
 
 def move_arms(room: Room, rng: np.random.Generator) -> None:
-    """Play on, or hold one arm or both somewhere in front, or leave them where they are."""
+    """Plays on, holds one or both arms somewhere in front, or leaves them where they are."""
     choice = rng.integers(4)
     if choice == 0:
         room.reset()
@@ -105,7 +106,7 @@ def move_arms(room: Room, rng: np.random.Generator) -> None:
 
 
 def pictures(rng: np.random.Generator) -> Iterator[NDArray[np.uint8]]:
-    """Frames of games, noise and plain colours."""
+    """Yields frames of games, noise and plain colours."""
     emulators = [Emulator(game, 0, frame_skip=4) for game in ("pong", "breakout", "asteroids")]
     while True:
         emulator = emulators[rng.integers(3)]
@@ -124,7 +125,7 @@ def assert_exact(room: Room, poses: int, seed: int) -> None:
         if number % 4 == 0:
             yaw, pitch = rng.uniform(-10, 10, 2)
             room.pose(yaw=yaw, pitch=pitch, distance=rng.uniform(0.85, 1.15))
-            room.view_of_robot.rendering()  # so that there is a picture to be kept
+            room.view_of_robot.rendering()  # so that there is a rendering to reuse
             before = room.view_of_robot.renderings
         move_arms(room, rng)
         game = next(games)
@@ -134,7 +135,7 @@ def assert_exact(room: Room, poses: int, seed: int) -> None:
         assert np.array_equal(picture, straightforward(room, game)), f"pose {number} of {seed}"
         hidden += bool((room.view_of_robot.rendering().bodies == room.body).any())
     assert hidden > poses / 8  # arms were in view in many
-    assert rendered < poses * 0.8  # and many came without rendering
+    assert rendered < poses * 0.8  # and many needed no rendering
     room.reset()
     room.pose()
 
@@ -149,7 +150,7 @@ def test_the_fast_picture_is_exact_500_times(room: Room) -> None:
 
 
 def test_the_picture_has_a_black_border(room: Room) -> None:
-    """Around a white game: black on all four sides, as wide as the layout says."""
+    """The border around a white game is black on all sides and as wide as the layout says."""
     picture = room.picture(np.full((ROWS, COLUMNS, 3), 255, np.uint8))
     corners = room.seen_at(room.furniture.picture_corners)
     u, v = at(to_unit_square(corners), *np.meshgrid(np.arange(320.0), np.arange(240.0)))
@@ -161,7 +162,7 @@ def test_the_picture_has_a_black_border(room: Room) -> None:
 
 
 def test_an_arm_hides_the_picture(room: Room) -> None:
-    """Where segmentation says arm, the arm's own colour is seen, whatever is projected."""
+    """Pixels segmented as arm show the arm's colour, whatever is projected."""
     for joint, angle in zip(room.arms.left.joints, (-0.5, -0.1, 0.0, -0.6), strict=True):
         room._engine.resetJointState(room.body, joint, angle)
     arm = room.view_of_robot.camera.render()

@@ -1,4 +1,4 @@
-"""The keys: springs, travel, threshold and hysteresis, and room for one fingertip."""
+"""The keys: springs, travel, threshold, hysteresis, and space for one fingertip."""
 
 import math
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ def controller(engine: Any, tmp_path: Path) -> Controller:
 
 
 def push(engine: Any, controller: Controller, key: Keys, newton: float) -> Keys:
-    """Push one key down for half a second."""
+    """Pushes one key down for half a second; returns the pressed keys."""
     link = controller.links[list(KEY_PLACES).index(key)]
     for _ in range(120):
         engine.applyExternalForce(
@@ -78,7 +78,7 @@ def test_pressed_keys_change_colour_and_back(engine: Any, controller: Controller
     link = controller.links[list(KEY_PLACES).index(Keys.FIRE)]
 
     def colour() -> list[int]:
-        """Of the button's middle, seen from above."""
+        """Returns the colour of the button's centre from above."""
         controller.pressed()
         controller.show()
         x, y = KEY_PLACES[Keys.FIRE]
@@ -99,7 +99,7 @@ def test_pressed_keys_change_colour_and_back(engine: Any, controller: Controller
 
 @pytest.mark.parametrize("keys", [k for k in KEYS_OF_ACTION if k and k & DIRECTIONS == k])
 def test_a_fingertip_has_room_on_exactly_its_keys(keys: Keys) -> None:
-    """Distances to the keys' squares, computed in axes turned by 45°."""
+    """Distances to the keys' squares are computed in axes turned by 45°."""
     x, y = place_of(keys)
     for key, (key_x, key_y) in KEY_PLACES.items():
         along = abs((x - key_x) + (y - key_y)) / math.sqrt(2)
@@ -113,7 +113,7 @@ def test_a_fingertip_has_room_on_exactly_its_keys(keys: Keys) -> None:
 
 @pytest.mark.parametrize("key", list(KEY_PLACES))
 def test_the_stop_is_hard(engine: Any, controller: Controller, key: Keys) -> None:
-    """Whatever knocked a key beyond it, at the next reading it is back at its stop."""
+    """A key that was pushed beyond its stop is back at it after the next reading."""
     index = list(KEY_PLACES).index(key)
     engine.resetJointState(controller.body, controller.links[index], TRAVEL + 0.003, 1.0)
     assert controller.pressed() == key

@@ -1,4 +1,4 @@
-"""The arms' kinematics agree with the engine's, and the inverse with the forward ones."""
+"""The arms' kinematics agree with the engine's, and inverse with forward kinematics."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_fingertip_is_where_the_engine_has_it(side: str) -> None:
             (0.05595, 0, 0), wrist, (x, y if side == "L" else -y, z), (0, 0, 0, 1)
         )
         expected, _ = engine.multiplyTransforms(state[4], state[5], in_forearm, (0, 0, 0, 1))
-        # The engine computes in single precision where it reports.
+        # The engine reports in single precision.
         assert chain.fingertip(angles) == pytest.approx(expected, abs=1e-6)
     room.close()
 
@@ -46,6 +46,6 @@ def test_reach_finds_angles_within_the_limits(side: str) -> None:
         assert (angles <= chain.upper).all()
 
 
-def test_what_is_too_far_is_said_to_be() -> None:
+def test_a_point_out_of_reach_is_refused() -> None:
     with pytest.raises(Unreachable, match="mm"):
         ArmChain("L").reach(np.array([0.6, 0.1, 0.3]), START["L"])

@@ -1,4 +1,4 @@
-"""The measurement of latency, on hands whose latency is known."""
+"""The latency measurement on hands of known latency."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,8 @@ from common.actions import KEYS_OF_ACTION, Keys
 
 
 class LateHands:
-    """A room whose keys follow the command after ``delay`` frames, some not at all."""
+    """A room whose keys follow the command after ``delay`` frames, and ``never`` keys not at
+    all."""
 
     def __init__(self, delay: int, *, never: Keys = Keys.NONE, stray: Keys = Keys.NONE) -> None:
         self._delay = delay
@@ -46,7 +47,7 @@ def test_a_known_delay_is_found_for_every_pair(delay: int) -> None:
     assert latency.p50_ms == latency.p99_ms == pytest.approx(delay * 1000 / 60)
 
 
-def test_what_is_never_pressed_is_not_reached() -> None:
+def test_keys_that_are_never_pressed_count_as_not_reached() -> None:
     found = list(changes(LateHands(2, never=Keys.FIRE), 1, 0))  # type: ignore[arg-type]
     unreached = [each for each in found if each.frames is None]
     assert {each.new for each in unreached} == {
@@ -75,7 +76,7 @@ def test_figures_by_hand() -> None:
     assert latency.count == 6
     assert latency.unreached == 1
     assert latency.stray_share == pytest.approx(2 / 6)
-    # Of 1, 2, 2, 3 and 9 frames.
+    # The changes took 1, 2, 2, 3 and 9 frames.
     assert latency.p50_ms == pytest.approx(2 * FRAME_MS)
     assert latency.p99_ms == pytest.approx(9 * FRAME_MS)
     assert latency.table_ms[0, 1] == pytest.approx(2 * FRAME_MS)

@@ -1,4 +1,4 @@
-"""The projected picture against rays through every pixel, and what stands in front of it."""
+"""The projected picture against rays through every pixel, and occlusion."""
 
 from collections.abc import Iterator
 
@@ -29,17 +29,17 @@ def projection(room: Room) -> Projection:
 
 
 def smooth_game() -> NDArray[np.uint8]:
-    """Slow waves, so that where exactly a sample is taken matters little."""
+    """Returns slow waves, on which the exact place of a sample matters little."""
     y, x = np.mgrid[:ROWS, :COLUMNS]
     waves = [np.sin(x / 23), np.cos(y / 31), np.sin((x + y) / 37)]
     return np.stack([150 + 90 * wave for wave in waves], axis=2).astype(np.uint8)
 
 
 def reference(room: Room, game: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """The picture by intersecting each pixel's ray with the screen's plane; NaN beside it.
+    """Returns the picture by intersecting each pixel's ray with the screen's plane; NaN beside it.
 
-    More than two, but not three, of the game's rows fall on one of the camera's, so that it is
-    drawn from the means of pairs of rows.
+    Between two and three of the game's rows fall on one of the camera's, so the picture is drawn
+    from the means of pairs of rows.
     """
     game = game.reshape(ROWS // 2, 2, COLUMNS, 3).mean(axis=1)
     camera = room.view_of_robot.camera
@@ -75,13 +75,13 @@ def bilinear(game: NDArray[np.float64], x: float, y: float) -> NDArray[np.float6
     return total
 
 
-def test_picture_is_what_rays_find(room: Room, projection: Projection) -> None:
+def test_picture_equals_ray_casting(room: Room, projection: Projection) -> None:
     game = smooth_game()
     rendering = room.view_of_robot.rendering()
     drawn = projection.draw(rendering, game)
     expected = reference(room, game)
     on_picture = ~np.isnan(expected[:, :, 0])
-    # Pixels that lie only partly on the picture are mixed with the screen around it.
+    # Pixels partly on the picture are blended with the screen around it.
     inner = on_picture.copy()
     for axis in (0, 1):
         for shift in (1, -1):
@@ -99,7 +99,7 @@ def test_picture_is_what_rays_find(room: Room, projection: Projection) -> None:
     assert np.array_equal(drawn[outside], rendering.rgb[outside])
 
 
-def test_what_stands_in_front_hides_the_picture(room: Room, projection: Projection) -> None:
+def test_an_object_in_front_hides_the_picture(room: Room, projection: Projection) -> None:
     rendering = room.view_of_robot.rendering()
     bodies = rendering.bodies.copy()
     bodies[100:140, 60:200] = room.body

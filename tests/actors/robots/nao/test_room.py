@@ -1,4 +1,4 @@
-"""The room as an environment uses it: repeatable, apart from other rooms, worth looking at."""
+"""The room as an environment uses it: repeatable, isolated from other rooms, viewable."""
 
 from collections.abc import Iterator
 
@@ -22,7 +22,7 @@ def room() -> Iterator[Room]:
 
 
 def trace(room: Room, seed: int) -> list[NDArray[np.float64]]:
-    """Depths of the keys at every frame of some random play."""
+    """Returns the keys' depths at every frame of random play."""
     rng = np.random.default_rng(seed)
     depths = []
     for action in rng.integers(18, size=20):

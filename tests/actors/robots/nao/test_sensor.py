@@ -1,4 +1,4 @@
-"""Each fault of the robot's camera does what its setting says, and only that."""
+"""Each camera fault does what its setting says, and nothing else."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -42,7 +42,7 @@ def begun(config: CameraConfig, seed: int = 0) -> Sensor:
 
 
 def scene(config: CameraConfig) -> NDArray[np.uint8]:
-    """A colourful picture, as large as the lens wants it."""
+    """Returns a colourful picture, larger by the lens's margin."""
     lens = Sensor(config).lens
     across, down = (0, 0) if lens is None else lens.margin
     y, x = np.mgrid[: SIZE[1] + 2 * down, : SIZE[0] + 2 * across]
@@ -56,7 +56,7 @@ def test_all_faults_are_off_by_default() -> None:
     picture = scene(PERFECT_CAMERA)
     sensor = begun(PERFECT_CAMERA)
     assert sensor.take(picture) is picture
-    assert sensor.take(grey(3)).max() == 3  # and no picture is late
+    assert sensor.take(grey(3)).max() == 3  # and no picture has latency
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -133,7 +133,7 @@ def test_colour_gain_scales_each_colour_by_itself() -> None:
 
 
 def test_a_lens_shows_things_where_browns_formula_says() -> None:
-    """Single bright points of the pinhole's picture, where they are in the lens's."""
+    """Bright points of the pinhole's picture are found at their places in the lens's."""
     lens = Lens(0.08, SIZE)
     across, down = lens.margin
     rng = np.random.default_rng(0)
@@ -176,17 +176,17 @@ def test_a_straightened_picture_is_the_pinholes() -> None:
     assert inner.max() < 20
 
 
-@pytest.mark.parametrize("delay", [0, 1, 2, 3])
-def test_pictures_are_late_by_whole_decisions(delay: int) -> None:
-    sensor = begun(CameraConfig(latency=delay))
+@pytest.mark.parametrize("latency", [0, 1, 2, 3])
+def test_picture_latency_is_whole_agent_steps(latency: int) -> None:
+    sensor = begun(CameraConfig(latency=latency))
     seen = [int(sensor.take(grey(number), 1 if number else 0)[0, 0, 0]) for number in range(8)]
-    assert seen == [max(0, number - delay) for number in range(8)]
+    assert seen == [max(0, number - latency) for number in range(8)]
 
 
-def test_a_delay_counts_decisions_not_pictures() -> None:
+def test_picture_latency_counts_agent_steps_not_pictures() -> None:
     sensor = begun(CameraConfig(latency=2))
     sensor.take(grey(10), 0)
-    assert sensor.take(grey(13), 3).max() == 10  # nothing newer is two decisions old
+    assert sensor.take(grey(13), 3).max() == 10  # nothing newer is two agent steps old
     assert sensor.take(grey(15), 2).max() == 13
 
 
@@ -199,17 +199,18 @@ def test_a_new_game_shows_nothing_of_the_last() -> None:
 
 
 def test_jitter_turns_the_camera_and_moves_the_screen(room: Room) -> None:
-    """Poses differ from game to game, within their bounds, and repeat with the seed."""
+    """Poses differ between games within their bounds, and repeat with the seed."""
     room._camera = CameraConfig(camera_jitter=6.0, screen_jitter=0.1)
     usual = top_camera(room._engine)
 
     def turned(seed: int) -> tuple[float, float]:
-        """Degrees of the camera's gaze from the usual one, and the screen's relative distance."""
+        """Returns the camera's rotation from its usual pose, °, and the screen's relative
+        distance."""
         room.begin_game(np.random.default_rng(seed))
         gaze, before = room.view_of_robot.camera._to_clip[3, :3], usual._to_clip[3, :3]
         away = np.degrees(np.arccos(gaze @ before / np.linalg.norm(gaze) / np.linalg.norm(before)))
-        near = room.furniture.picture_corners[0, 0] - usual.eye[0]
-        return float(away), float(near / (PICTURE_CORNERS[0, 0] - usual.eye[0]))
+        near = room.furniture.picture_corners[0, 0] - usual.position[0]
+        return float(away), float(near / (PICTURE_CORNERS[0, 0] - usual.position[0]))
 
     poses = [turned(seed) for seed in range(12)]
     angles, distances = np.array(poses).T

@@ -1,4 +1,4 @@
-"""Prints of C code stay out of the terminal, and only while they should."""
+"""Output of C code is suppressed inside the block and nowhere else."""
 
 import ctypes
 import os
@@ -9,7 +9,7 @@ from actors.robots.nao.room import Room
 from actors.robots.nao.silence import silenced
 
 
-def test_only_what_is_written_inside_is_dropped(capfd: pytest.CaptureFixture[str]) -> None:
+def test_only_output_inside_the_block_is_dropped(capfd: pytest.CaptureFixture[str]) -> None:
     libc = ctypes.CDLL(None)
     libc.printf(b"before\n")
     with silenced():
@@ -33,7 +33,7 @@ def test_descriptors_come_back_after_an_error(capfd: pytest.CaptureFixture[str])
     assert capfd.readouterr().out == "heard\n"
 
 
-def test_a_room_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_room_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     room = Room()
     room.step_frame()
     room.close()
