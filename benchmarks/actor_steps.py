@@ -20,10 +20,11 @@ from typing import NamedTuple, Self
 import numpy as np
 import tyro
 
-from benchmarks.child import end, end_as_by_ctrl_c, failure, free_endpoint, start
+from benchmarks.child import end_as_by_ctrl_c, free_endpoint
 from benchmarks.chunk_watch import ChunkWatch
 from benchmarks.report import publish
 from common.errors import InputError, exit_on_input_error
+from common.process.supervisor import Child
 from common.protocol.announcement import find_run
 from common.run.config import EnvKind
 from common.transport.bus import connect
@@ -76,7 +77,7 @@ class Hub:
         self._core = core
         self._endpoint = free_endpoint()
         self._actors = 0
-        self._process = start(
+        self._process = Child(
             "replay",
             *("--env", env, "--game", game),
             *("--run", _RUN, "--runs", str(folder / env), "--listen", self._endpoint),
@@ -92,14 +93,14 @@ class Hub:
             self._session = connect(self._endpoint, _START, self._is_over)
             keys, config = find_run(self._session, _RUN, _START, self._is_over)
         except BaseException:
-            end(self._process)
+            self._process.end()
             raise
         self._watch = ChunkWatch(RemoteReplay(self._session, keys, config))
         return self
 
     def __exit__(self, *_: object) -> None:
         self._session.close()  # type: ignore[no-untyped-call]
-        end(self._process)
+        self._process.end()
 
     def _is_over(self) -> bool:
         return self._process.poll() is not None
@@ -113,7 +114,7 @@ class Hub:
         self._actors += 1
         name = f"actor-{self._actors}"
         arguments = ["--connect", self._endpoint, "--name", name, "--envs", str(envs)]
-        actor = start("actors", *arguments, stderr=subprocess.PIPE)
+        actor = Child("actors", *arguments, stderr=subprocess.PIPE)
         os.sched_setaffinity(actor.pid, {self._core})  # before it has threads, which inherit it
         try:
             for _ in range(_FIRST * envs):
@@ -122,16 +123,15 @@ class Hub:
             self._next_chunk(name, actor)  # one that may have come long since
             finish = self._next_chunk(name, actor)
         finally:
-            end(actor)
+            actor.end()
         return (finish.agent_steps - begin.agent_steps) / (finish.at - begin.at)
 
-    def _next_chunk(self, name: str, actor: subprocess.Popen[str]) -> Mark:
+    def _next_chunk(self, name: str, actor: Child) -> Mark:
         """The moment at which the actor's next chunk is accepted."""
 
         def check() -> None:
             if actor.poll() is not None:
-                assert actor.stderr is not None
-                raise failure("actor", actor.stderr.read())
+                raise actor.failure("actor")
 
         while True:
             now, facts = self._watch.next(check)

@@ -8,7 +8,6 @@ time from /proc. A window begins and ends as a chunk is accepted.
 import math
 import os
 import shlex
-import subprocess
 import threading
 import time
 from collections.abc import Callable
@@ -20,9 +19,10 @@ import numpy as np
 import zenoh
 from zenoh.handlers import Callback
 
-from benchmarks.child import end, failure, free_endpoint, start
+from benchmarks.child import free_endpoint
 from benchmarks.chunk_watch import ChunkWatch
 from common.errors import InputError
+from common.process.supervisor import Child
 from common.protocol.actor_stats import ActorStats, decode_stats
 from common.protocol.announcement import find_run
 from common.run.config import EnvKind
@@ -142,25 +142,23 @@ class LocalRun:
 
     def __enter__(self) -> Self:
         endpoint = free_endpoint()
-        self._log = self._folder / "learner.log"
         flags = [
             *("--local", "--run", _RUN, "--runs", str(self._folder), "--listen", endpoint),
             *("--protocol.epoch-steps", str(self._epoch_steps), "--steps", str(self._steps)),
             *("--protocol.test-steps", str(NEVER)),
             *self._setting.flags(),
         ]
-        with self._log.open("wb") as log:
-            self._process = start("learner", *flags, stdout=log, stderr=subprocess.STDOUT)
+        self._process = Child("learner", *flags, log=self._folder / "learner.log")
         try:
             self._join(endpoint)
         except BaseException:
-            end(self._process)
+            self._process.end()
             raise
         return self
 
     def __exit__(self, *_: object) -> None:
         self._session.close()  # type: ignore[no-untyped-call]
-        end(self._process)
+        self._process.end()
 
     def _join(self, endpoint: str) -> None:
         try:
@@ -168,7 +166,7 @@ class LocalRun:
             keys, config = find_run(self._session, _RUN, _START, self._is_over)
         except KeyboardInterrupt:
             if self._is_over():
-                raise self._failure() from None
+                raise self._process.failure("learner") from None
             raise
         self._config = config
         self._limiter = RateLimiter(
@@ -185,12 +183,9 @@ class LocalRun:
     def _is_over(self) -> bool:
         return self._process.poll() is not None
 
-    def _failure(self) -> InputError:
-        return failure("learner", self._log.read_text(errors="replace"))
-
     def _check(self) -> None:
         if self._is_over():
-            raise self._failure()
+            raise self._process.failure("learner")
 
     def _hear(self, sample: zenoh.Sample) -> None:
         stats = decode_stats(sample.payload.to_bytes())

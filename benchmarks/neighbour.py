@@ -11,9 +11,9 @@ from contextlib import contextmanager
 
 import torch
 
-from benchmarks.child import start
 from benchmarks.peer_update import ours
 from common.process.lifeline import leave_with_parent
+from common.process.supervisor import Child
 
 _READY = "ready"
 
@@ -21,7 +21,7 @@ _READY = "ready"
 @contextmanager
 def neighbour() -> Iterator[None]:
     """One is at work."""
-    with start("benchmarks.neighbour", stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+    with Child("benchmarks.neighbour", stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         try:
             assert process.stdout is not None
             if process.stdout.readline().strip() != _READY:

@@ -15,11 +15,11 @@ import numpy as np
 import torch
 import tyro
 
-from benchmarks.child import start
 from benchmarks.pace import slice_per_second
 from benchmarks.replay import BATCH, draw, draw_and_rate, fill, prioritised, unlimited
 from benchmarks.synthetic import Streams
 from common.errors import InputError
+from common.process.supervisor import Child
 from replay.replay_buffer import ReplayBuffer
 
 _CHUNK = 64
@@ -203,7 +203,7 @@ class Elsewhere:
         ]
 
     def __enter__(self) -> Self:
-        self._process = start(
+        self._process = Child(
             "benchmarks.peer_replays",
             *self._arguments,
             stdin=subprocess.PIPE,

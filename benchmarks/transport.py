@@ -15,9 +15,10 @@ from typing import Any, Literal, Self
 
 import tyro
 
-from benchmarks.child import end, end_as_by_ctrl_c, free_endpoint, start
+from benchmarks.child import end_as_by_ctrl_c, free_endpoint
 from benchmarks.report import publish
 from common.errors import InputError, exit_on_input_error
+from common.process.supervisor import Child
 from common.run.config import StreamConfig
 
 _RUN = "bench"
@@ -58,7 +59,7 @@ class Exchange:
 
     def __enter__(self) -> Self:
         options = self._options
-        self._server = start(
+        self._server = Child(
             "replay",
             *("--run", _RUN, "--runs", str(self._folder), "--listen", self._endpoint),
             *("--preset", "paper", "--replay.sampler", options.sampler),
@@ -70,7 +71,7 @@ class Exchange:
         return self
 
     def __exit__(self, *_: object) -> None:
-        end(self._server)
+        self._server.end()
 
     def measure(self, roles: Sequence[str], window: int | None = None) -> list[dict[str, Any]]:
         """What processes of these roles count while all work at once; in the same order.
@@ -94,11 +95,11 @@ class Exchange:
             return [json.loads(answer) for answer in answers]
         finally:
             for client in clients:
-                end(client)
+                client.end()
 
-    def _client(self, role: str, window: int) -> subprocess.Popen[str]:
+    def _client(self, role: str, window: int) -> Child:
         self._spoken += 1  # a name of its own, for sequence numbers begin anew
-        return start(
+        return Child(
             "benchmarks.transport_client",
             *("--role", role, "--connect", self._endpoint, "--run", _RUN),
             *("--seconds", str(self._options.seconds), "--window", str(window)),
@@ -107,7 +108,7 @@ class Exchange:
             stdout=subprocess.PIPE,
         )
 
-    def _hear(self, client: subprocess.Popen[str]) -> str:
+    def _hear(self, client: Child) -> str:
         assert client.stdout is not None
         return client.stdout.readline().strip()
 

@@ -29,7 +29,7 @@ from common.transport.bus import DEFAULT_ENDPOINT, connect, from_here, open_hub
 from learner.algorithm.trainer import Trainer
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
 from learner.evaluation.offline import EvaluationOptions, evaluate
-from learner.local_launcher import LocalLauncher
+from learner.local_launcher import launch
 from learner.telemetry.gate import EXIT_CODE, MINUTES
 from learner.telemetry.sinks.display import open_display
 from learner.telemetry.status import ClockMode
@@ -313,7 +313,7 @@ def main() -> int:
             stop=stop,
         )
         crew = (
-            LocalLauncher(
+            launch(
                 from_here(endpoint),
                 folder.name,
                 options.actors,
@@ -321,7 +321,7 @@ def main() -> int:
                 options.evaluators,
                 folder.path / "logs",
                 [*clock_flags(options), *certificate_flags(options)],
-                give_way=options.sync,
+                low_priority=options.sync,
             )
             if options.local
             else None

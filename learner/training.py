@@ -10,6 +10,7 @@ import torch
 import zenoh
 
 from common.errors import InputError
+from common.process.supervisor import Supervisor
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
@@ -18,7 +19,6 @@ from learner.algorithm.trainer import Trainer
 from learner.checkpoint import load_checkpoint, save_checkpoint
 from learner.device import Device
 from learner.evaluation.coordinator import EpochTest, EvaluationCoordinator
-from learner.local_launcher import LocalLauncher
 from learner.prefetch import Prefetched, Prefetcher, to_device
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.gate import GateWatch, least_steps, verdict
@@ -85,7 +85,7 @@ class Learner:
         self._display = display
         self._steps_goal = steps_goal
         self._stop = stop
-        self._crew: LocalLauncher | None = None
+        self._crew: Supervisor | None = None
         self.failed: str | None = None
         """Why the run ended by itself before its goal: the gate that stayed red."""
         self._red_seconds = 60 * gate_minutes
@@ -144,7 +144,7 @@ class Learner:
             self._updates,
         )
 
-    def run(self, crew: LocalLauncher | None = None) -> None:
+    def run(self, crew: Supervisor | None = None) -> None:
         """Train until the goal is reached or ``stop`` is set, and leave everything on disk.
 
         Args:
@@ -160,7 +160,7 @@ class Learner:
         finally:
             self._examiner.close()
 
-    def _work(self, crew: LocalLauncher | None) -> None:
+    def _work(self, crew: Supervisor | None) -> None:
         """All from the first update to the last line of the summary."""
         try:
             self._check_replay()
@@ -174,7 +174,7 @@ class Learner:
         finally:
             self._prefetcher.close()
             if crew is not None:
-                crew.let_go()
+                crew.ask_to_leave()
             # However it ends, what has been learned is kept; but nothing that has diverged.
             if self._is_finite():
                 self._checkpoint()

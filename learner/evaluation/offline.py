@@ -8,7 +8,6 @@ import dataclasses
 import json
 import os
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -23,16 +22,16 @@ from rich.table import Table
 
 from common.errors import InputError
 from common.press_latency import Delay
+from common.process.supervisor import Child
 from common.run.config import RunConfig, differences, to_json
 from common.run.folder import write_atomically
 from common.run.origin import origin_of
 from learner.evaluation.scores import Scores
-from learner.local_launcher import child_environment
 from learner.telemetry.provenance import Provenance
 from learner.telemetry.sinks import formats as figures
 from learner.telemetry.sinks.summary import strict
 
-_LOOK = 0.5
+_POLL = 0.5
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def evaluate(
     found: list[dict[str, Any]] = []
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("games", total=options.games)
-        for game in _play(options, config, flags, stop):
+        for game in play(options, config, flags, stop):
             found.append(game)
             progress.update(task, completed=len(found), total=max(options.games, len(found)))
     if stop.is_set():
@@ -110,23 +109,42 @@ def evaluate(
     return 0
 
 
-def _play(
+def play(
     options: EvaluationOptions, config: RunConfig, flags: Sequence[str], stop: threading.Event
 ) -> Iterator[dict[str, Any]]:
-    """Games as they end, in several processes."""
+    """Yield games as they end, in several processes.
+
+    Raises:
+        InputError: a process ended by itself.
+    """
     count = min(options.processes or len(os.sched_getaffinity(0)), options.games)
-    told: Queue[tuple[int, str | None]] = Queue()
+    arguments = {
+        "--weights": options.evaluate,
+        "--config": to_json(config),
+        "--epsilon": options.epsilon,
+        "--steps": -(-options.test_steps // count),
+    }
+    lines: Queue[tuple[int, str | None]] = Queue()
     children = []
     for at in range(count):
-        games = options.games // count + (at < options.games % count)
-        steps = -(-options.test_steps // count)
-        children.append(_start(options, config, games, steps, config.seed * 1_000 + at, flags))
-        threading.Thread(target=_listen, args=(at, children[at], told), daemon=True).start()
+        own = {
+            "--games": options.games // count + (at < options.games % count),
+            "--seed": config.seed * 1_000 + at,
+        }
+        pairs = [str(part) for pair in (arguments | own).items() for part in pair]
+        child = Child(
+            *("actors.games", *pairs, *flags),
+            leash=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+        children.append(child)
+        threading.Thread(target=_read, args=(at, child, lines), daemon=True).start()
     try:
         playing = count
         while playing and not stop.is_set():
             try:
-                at, line = told.get(timeout=_LOOK)
+                at, line = lines.get(timeout=_POLL)
             except Empty:
                 continue
             if line is not None:
@@ -134,49 +152,18 @@ def _play(
                 continue
             playing -= 1
             if children[at].wait() != 0:
-                stderr = children[at].stderr
-                words = stderr.read().strip().splitlines() if stderr is not None else []
-                why = words[-1].removeprefix("error: ") if words else "it says nothing"
-                raise InputError(f"the games could not be played: {why}")
+                raise InputError(f"the games could not be played: {children[at].last_line()}.")
     finally:
         for child in children:
             child.kill()
             child.wait()
 
 
-def _start(
-    options: EvaluationOptions,
-    config: RunConfig,
-    games: int,
-    steps: int,
-    seed: int,
-    flags: Sequence[str],
-) -> "subprocess.Popen[str]":
-    arguments = {
-        "--weights": options.evaluate,
-        "--config": to_json(config),
-        "--games": games,
-        "--steps": steps,
-        "--epsilon": options.epsilon,
-        "--seed": seed,
-    }
-    pairs = [str(part) for pair in arguments.items() for part in pair]
-    return subprocess.Popen(
-        [sys.executable, "-m", "actors.games", *pairs, "--leash", *flags],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,  # the terminal's Ctrl-C is for this process alone
-        env=child_environment(),
-    )
-
-
-def _listen(at: int, child: "subprocess.Popen[str]", told: "Queue[tuple[int, str | None]]") -> None:
+def _read(at: int, child: Child, lines: "Queue[tuple[int, str | None]]") -> None:
     assert child.stdout is not None
     for line in child.stdout:
-        told.put((at, line))
-    told.put((at, None))
+        lines.put((at, line))
+    lines.put((at, None))
 
 
 def _changes(weights: Path, config: RunConfig) -> list[str]:

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from benchmarks import actor_steps
-from benchmarks.child import start
 from common.errors import InputError
+from common.process.supervisor import Child
 
 
 def test_an_actor_plays_on_a_core_of_its_own(
@@ -20,7 +20,7 @@ def test_an_actor_plays_on_a_core_of_its_own(
 
     def watched(module: str, *arguments: str, **streams: Any) -> Any:
         seen.append(os.sched_getaffinity(0))
-        return start(module, *arguments, **streams)
+        return Child(module, *arguments, **streams)
 
     before = os.sched_getaffinity(0)
     bound: list[set[int]] = []
@@ -31,7 +31,7 @@ def test_an_actor_plays_on_a_core_of_its_own(
         if process:
             bound.append(os.sched_getaffinity(process))
 
-    monkeypatch.setattr(actor_steps, "start", watched)
+    monkeypatch.setattr(actor_steps, "Child", watched)
     monkeypatch.setattr(os, "sched_setaffinity", noted)
     with (
         actor_steps._one_core_set_apart() as core,
@@ -52,8 +52,7 @@ def test_a_rate_is_steps_between_two_chunks(monkeypatch: pytest.MonkeyPatch) -> 
     hub._actors, hub._endpoint, hub._core = 0, "", 0
     monkeypatch.setattr(hub, "_next_chunk", lambda *_: actor_steps.Mark(*next(marks)))
     monkeypatch.setattr(actor_steps, "_FIRST", 3)
-    for name in ("start", "end"):
-        monkeypatch.setattr(actor_steps, name, lambda *_, **__: Process())
+    monkeypatch.setattr(actor_steps, "Child", lambda *_, **__: Process())
     monkeypatch.setattr(os, "sched_setaffinity", lambda *_: None)
     monkeypatch.setattr(actor_steps.time, "sleep", lambda _: None)
     assert hub.steps_per_second(1, 5.0) == (512 - 192) / (7.0 - 2.5)
@@ -61,6 +60,9 @@ def test_a_rate_is_steps_between_two_chunks(monkeypatch: pytest.MonkeyPatch) -> 
 
 class Process:
     pid = 0
+
+    def end(self) -> None:
+        pass
 
 
 def test_table_and_json(

@@ -1,0 +1,175 @@
+"""Child processes of this one: started, watched, started again, and ended with it.
+
+Each is ``python -m MODULE`` from this checkout, whatever the working directory.
+"""
+
+import contextlib
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from common.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[2]
+GRACE = 3.0
+"""Seconds that supervised children have to leave before they are killed."""
+_EARLY = 15.0
+"""Seconds of life below which a child did not get to work."""
+_MOST_EARLY_ENDS = 3
+_LOWER_PRIORITY = 10
+"""Difference in niceness: a tenth of the processor where parent and child both want it.
+
+The learner's thread is what a run in lockstep waits for (benchmarks/LOG.md). A learner that waits
+for steps leaves its children the processor all the same.
+"""
+
+
+class Child(subprocess.Popen[str]):
+    """One child process, which the terminal's Ctrl-C does not reach.
+
+    Args:
+        leash: whether it holds the reading end of a pipe and leaves when that closes, so that it
+            does not outlive this process, however this one ends (`leave_with_parent`).
+        low_priority: whether it runs at a lower priority than this process.
+        log: file to which it appends what it prints.
+        streams: stdin, stdout and stderr as of `subprocess.Popen`; by default there is no input.
+    """
+
+    def __init__(
+        self,
+        module: str,
+        *arguments: str,
+        leash: bool = False,
+        low_priority: bool = False,
+        log: Path | None = None,
+        **streams: Any,
+    ) -> None:
+        self.log = log
+        self._leash = leash
+        streams.setdefault("stdin", subprocess.PIPE if leash else subprocess.DEVNULL)
+        with contextlib.ExitStack() as stack:
+            if log is not None:
+                file = stack.enter_context(log.open("ab"))
+                streams = {"stdout": file, "stderr": subprocess.STDOUT, **streams}
+            super().__init__(
+                [sys.executable, "-m", module, *arguments, *(["--leash"] if leash else [])],
+                text=True,
+                # A session of its own would do for all, but Linux gives each session an equal
+                # share of the processor, whatever their priorities.
+                process_group=0 if low_priority else None,
+                start_new_session=not low_priority,
+                env=_environment(),
+                **streams,
+            )
+        if low_priority:
+            ours = os.getpriority(os.PRIO_PROCESS, 0)
+            os.setpriority(os.PRIO_PROCESS, self.pid, ours + _LOWER_PRIORITY)
+
+    def last_line(self) -> str:
+        """Returns the last line that an ended child wrote to its log or its piped standard error.
+
+        Without the prefix and the full stop of an error, so that it fits into a sentence.
+        """
+        if self.log is not None:
+            said = self.log.read_text(errors="replace")
+        else:
+            said = self.stderr.read() if self.stderr is not None else ""
+        lines = said.strip().splitlines() or ["nothing"]
+        return lines[-1].removeprefix("error: ").rstrip(".")
+
+    def failure(self, name: str) -> InputError:
+        """Returns the error that the child, which people know by ``name``, ended by itself."""
+        return InputError(f"the {name} ended, and said: {self.last_line()}.")
+
+    def ask_to_leave(self) -> None:
+        """Close its leash, or send SIGTERM to a child that has none."""
+        if not self._leash:
+            self.terminate()
+        elif self.stdin is not None:
+            self.stdin.close()
+
+    def end(self, seconds: float = 30.0) -> None:
+        """Ask it to leave, kill it if it is still there after ``seconds``, and close its pipes."""
+        self.ask_to_leave()
+        try:
+            self.wait(max(seconds, 0))
+        except subprocess.TimeoutExpired:
+            self.kill()
+            self.wait()
+        for stream in (self.stdin, self.stdout, self.stderr):
+            if stream is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    stream.close()
+
+
+class Supervisor:
+    """Children that are started again when they end before the work does.
+
+    Args:
+        plans: what starts each child, by its name.
+    """
+
+    def __init__(self, plans: Mapping[str, Callable[[], Child]]) -> None:
+        self._plans = plans
+        self._children = {name: start() for name, start in plans.items()}
+        self._started = dict.fromkeys(plans, time.monotonic())
+        self._early_ends = dict.fromkeys(plans, 0)
+        self._leaving = False
+
+    def watch(self, *, finished: bool) -> list[str]:
+        """Start those that ended again; returns what happened, as sentences.
+
+        Args:
+            finished: whether the work is, so that children leave by themselves.
+
+        Raises:
+            InputError: a child cannot start at all.
+        """
+        notes = []
+        for name, child in self._children.items():
+            status = child.poll()
+            if status is None or self._leaving or (status == 0 and finished):
+                continue
+            how = f"signal {-status}" if status < 0 else f"status {status}"
+            now = time.monotonic()
+            early = now - self._started[name] < _EARLY
+            self._early_ends[name] = self._early_ends[name] + 1 if early else 0
+            if self._early_ends[name] >= _MOST_EARLY_ENDS:
+                raise InputError(
+                    f"{name} cannot start: it ended {_MOST_EARLY_ENDS} times by {how} and said: "
+                    f"{child.last_line()} (more in {child.log})."
+                )
+            self._children[name] = self._plans[name]()
+            self._started[name] = now
+            notes.append(f"{name} ended by {how}, started again")
+        return notes
+
+    def works(self, role: str) -> bool:
+        """Whether a child with a name such as ``role-1`` is at work, or on its way to it."""
+        return any(
+            name.startswith(f"{role}-") and child.poll() is None
+            for name, child in self._children.items()
+        )
+
+    def ask_to_leave(self) -> None:
+        """Ask all children to leave; none is started again."""
+        self._leaving = True
+        for child in self._children.values():
+            child.ask_to_leave()
+
+    def close(self) -> None:
+        """End all children: ask, wait a little, kill."""
+        self.ask_to_leave()
+        deadline = time.monotonic() + GRACE
+        for child in self._children.values():
+            child.end(deadline - time.monotonic())
+
+
+def _environment() -> dict[str, str]:
+    """This process' environment, with this checkout first on the module path."""
+    paths = filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}

@@ -1,0 +1,38 @@
+"""How a process learns that one of its threads died."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from common.errors import InputError
+
+
+@contextmanager
+def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
+    """Set ``stop`` when a thread of this process dies of an exception, and raise the reason here.
+
+    A process that waits for a thread which is no more waits for ever. Any thread counts, whoever
+    started it, so that none can be forgotten; one that may end early catches what it expects.
+
+    Raises:
+        InputError: the first thread that died and why, once the block is left.
+    """
+    reasons: list[str] = []
+    before = threading.excepthook
+
+    def note(died: threading.ExceptHookArgs) -> None:
+        before(died)  # the traceback
+        if issubclass(died.exc_type, SystemExit):
+            return
+        name = died.thread.name if died.thread is not None else "unknown"
+        what = f"{died.exc_type.__name__}: {died.exc_value}".rstrip(".: ")
+        reasons.append(f"the thread {name!r} died ({what}): start this process again.")
+        stop.set()
+
+    threading.excepthook = note
+    try:
+        yield
+    finally:
+        threading.excepthook = before
+    if reasons:
+        raise InputError(reasons[0])

@@ -1,0 +1,144 @@
+"""Children: what they are given, how they end, and when one is started again."""
+
+import os
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from common.errors import InputError
+from common.process import supervisor as module
+from common.process.supervisor import Child, Supervisor
+from tests.patience import PATIENCE
+
+PYTHON = sys.executable
+WAITS_FOR_LEASH = """import os, sys
+sys.stdin.read()
+print(os.getpriority(os.PRIO_PROCESS, 0), os.getpgrp() == os.getpid(), sys.argv[-1])
+"""
+
+
+@pytest.fixture
+def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file of a program that every child runs instead of Python."""
+    file = tmp_path / "program"
+    monkeypatch.setattr(sys, "executable", str(file))
+    return file
+
+
+def write(program: Path, script: str) -> None:
+    program.write_text(f"#!{PYTHON}\n{script}\n")
+    program.chmod(0o755)
+
+
+@pytest.mark.parametrize("low_priority", [True, False])
+def test_a_child_leaves_with_its_leash_and_yields_where_it_should(
+    program: Path, tmp_path: Path, low_priority: bool
+) -> None:
+    write(program, WAITS_FOR_LEASH)
+    log = tmp_path / "log"
+    child = Child("m", leash=True, low_priority=low_priority, log=log)
+    assert child.poll() is None
+    child.end(PATIENCE)
+    ours = os.getpriority(os.PRIO_PROCESS, 0)
+    nice = min(ours + 10, 19) if low_priority else ours
+    assert log.read_text().split() == [str(nice), "True", "--leash"]
+    assert child.returncode == 0
+
+
+def test_a_child_without_a_leash_is_asked_by_a_signal(program: Path) -> None:
+    write(program, "import time; print('ready', flush=True); time.sleep(10_000)")
+    child = Child("m", stdout=subprocess.PIPE)
+    assert child.stdout is not None
+    child.stdout.readline()
+    child.end(PATIENCE)
+    assert child.returncode == -15
+
+
+def test_a_child_that_does_not_leave_is_killed(program: Path) -> None:
+    write(
+        program,
+        "import signal, time\nsignal.signal(15, signal.SIG_IGN)\n"
+        "print('ready', flush=True)\ntime.sleep(10_000)",
+    )
+    child = Child("m", stdout=subprocess.PIPE)
+    assert child.stdout is not None
+    child.stdout.readline()
+    child.end(0.0)
+    assert child.returncode == -9
+
+
+@pytest.mark.parametrize(
+    ("said", "last"),
+    [("'one'); print('error: no room.'", "no room"), ("''", "nothing")],
+)
+def test_the_last_line_is_found_in_a_log_or_a_pipe(
+    program: Path, tmp_path: Path, said: str, last: str
+) -> None:
+    write(program, f"import sys; sys.stdout = sys.stderr; print({said}); sys.exit(3)")
+    logged = Child("m", log=tmp_path / "log")
+    piped = Child("m", stderr=subprocess.PIPE)
+    for child in (logged, piped):
+        child.wait(PATIENCE)
+    assert str(logged.failure("learner")) == f"the learner ended, and said: {last}."
+    assert piped.last_line() == last
+    piped.end()
+
+
+def started(program: Path, tmp_path: Path, script: str) -> Supervisor:
+    """A supervisor of one actor that is this script."""
+    write(program, script)
+    return Supervisor({"actor-1": partial(Child, "m", leash=True, log=tmp_path / "actor-1.log")})
+
+
+def notes_of(children: Supervisor, *, finished: bool = False) -> list[str]:
+    """What is noted once the actor has ended."""
+    children._children["actor-1"].wait(PATIENCE)
+    return children.watch(finished=finished)
+
+
+@pytest.mark.parametrize(
+    ("script", "how"),
+    [
+        ("print('no room'); raise SystemExit(3)", "status 3"),
+        ("print('no room'); raise SystemExit(0)", "status 0"),
+        (
+            "import os; print('no room', flush=True); os.kill(os.getpid(), 9)",
+            "signal 9",
+        ),
+    ],
+)
+def test_a_child_that_cannot_start_is_given_up_with_its_last_line(
+    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, how: str
+) -> None:
+    monkeypatch.setattr(module, "_EARLY", 1e9)
+    children = started(program, tmp_path, script)
+    for _ in range(2):
+        assert notes_of(children) == [f"actor-1 ended by {how}, started again"]
+    with pytest.raises(InputError, match=f"^actor-1 cannot start: .*{how} and said: no room "):
+        notes_of(children)
+    children.close()
+
+
+def test_a_child_that_has_worked_may_end_often(
+    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_EARLY", 0.0)
+    children = started(program, tmp_path, "raise SystemExit(0)")
+    for _ in range(4):
+        assert notes_of(children) == ["actor-1 ended by status 0, started again"]
+    assert notes_of(children, finished=True) == []  # it left because the run is over
+    children.close()
+
+
+def test_children_that_were_asked_to_leave_are_not_started_again(
+    program: Path, tmp_path: Path
+) -> None:
+    children = started(program, tmp_path, WAITS_FOR_LEASH)
+    assert children.works("actor")
+    children.ask_to_leave()
+    assert notes_of(children) == []
+    assert not children.works("actor")
+    children.close()

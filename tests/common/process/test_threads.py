@@ -1,0 +1,52 @@
+"""A process does not outlive one of its threads."""
+
+import sys
+import threading
+
+import pytest
+
+from common.errors import InputError
+from common.process.threads import end_with_any_thread
+from tests.patience import PATIENCE
+
+
+def _die() -> None:
+    raise ValueError("a version of twenty nines")
+
+
+def _live_with(failure: Exception | None = None) -> None:
+    """The process' work beside a thread that dies."""
+    stop = threading.Event()
+    with end_with_any_thread(stop):
+        threading.Thread(target=_die, name="answers").start()
+        assert stop.wait(PATIENCE)
+        if failure is not None:
+            raise failure
+
+
+@pytest.fixture(autouse=True)
+def _quiet(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threading, "excepthook", lambda _: None)
+
+
+def test_the_first_thread_that_dies_stops_the_process_with_its_reason() -> None:
+    reason = r"'answers' died \(ValueError: a version of twenty nines\)"
+    with pytest.raises(InputError, match=reason):
+        _live_with()
+
+
+def test_a_thread_that_ends_stops_nothing() -> None:
+    stop = threading.Event()
+    before = threading.excepthook
+    with end_with_any_thread(stop):
+        for target in (lambda: None, lambda: sys.exit(0)):
+            thread = threading.Thread(target=target)
+            thread.start()
+            thread.join(PATIENCE)
+    assert not stop.is_set()
+    assert threading.excepthook is before
+
+
+def test_what_ends_the_process_itself_is_not_hidden() -> None:
+    with pytest.raises(KeyError):
+        _live_with(KeyError())
