@@ -19,21 +19,22 @@ from common.network import QNetwork, build_network
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunFlags, parse_run
 from common.process.lifeline import on_signals
+from common.process.threads import end_with_any_thread
 from common.protocol.announcement import find_run
-from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights, load_weights_file
 from common.run.config import RunConfig, differences
 from common.run.folder import RunFolder, write_atomically
 from common.run.origin import origin_of
 from common.transport.bus import DEFAULT_ENDPOINT, connect, from_here, open_hub
 from learner.algorithm.trainer import Trainer
+from learner.assembly import build_learner
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
 from learner.evaluation.offline import EvaluationOptions, evaluate
+from learner.health_guard import STALL_MINUTES
 from learner.local_launcher import launch
 from learner.telemetry.gate import EXIT_CODE, MINUTES
 from learner.telemetry.sinks.display import open_display
 from learner.telemetry.status import ClockMode
-from learner.training import Learner
 from replay.client import RemoteReplay
 from replay.interface import Replay
 from replay.replay_buffer import ReplayBuffer
@@ -92,8 +93,11 @@ class LearnerOptions:
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
     gate_minutes: float = MINUTES
     """Minutes that a gate may be red before the run ends by itself, with exit code 3."""
+    stall_minutes: float = STALL_MINUTES
+    """Minutes without any agent step or update after which the run ends by itself, with exit code
+    3; inf to wait for ever."""
     force: bool = False
-    """Train on though a gate stays red; only warn."""
+    """Train on though a gate stays red or nothing happens; only warn."""
     evaluation: tyro.conf.OmitArgPrefixes[EvaluationOptions] = field(
         default_factory=EvaluationOptions
     )
@@ -113,6 +117,10 @@ class LearnerOptions:
         if not 0 < self.gate_minutes < float("inf"):
             raise InputError(
                 f"--gate-minutes is {self.gate_minutes}: choose a number above 0, or --force."
+            )
+        if not self.stall_minutes > 0:
+            raise InputError(
+                f"--stall-minutes is {self.stall_minutes}: choose a number above 0, or inf."
             )
         if self.initial is not None and self.resume:
             raise InputError("a run that goes on has a network: leave --initial or --resume away.")
@@ -295,10 +303,9 @@ def main() -> int:
         if options.connect is None
         else remote_replay(options, options.connect, folder, stop)
     )
-    with place as (session, replay, endpoint), open_display() as display:
-        learner = Learner(
+    with end_with_any_thread(stop), place as (session, replay, endpoint), open_display() as display:
+        learner = build_learner(
             session,
-            RunKeys(folder.name),
             config,
             folder,
             replay,
@@ -307,12 +314,14 @@ def main() -> int:
             display,
             steps_goal=options.steps,
             resume=options.resume and folder.checkpoint.exists(),
-            clock=clock_mode(options),
+            clock_mode=clock_mode(options),
             gate_minutes=options.gate_minutes,
+            stall_minutes=options.stall_minutes,
             force=options.force,
             stop=stop,
         )
-        crew = (
+        learner.start()
+        children = (
             launch(
                 from_here(endpoint),
                 folder.name,
@@ -331,10 +340,10 @@ def main() -> int:
                 f"run {folder.name} in {folder.path}: {config.game} ({config.env}), preset "
                 f"{config.preset}, on {device.name}; actors find it at {endpoint}."
             )
-            learner.run(crew)
+            learner.run(children)
         finally:
-            if crew is not None:
-                crew.close()
+            if children is not None:
+                children.close()
     again = going_on(sys.argv[1:], folder.name, done=learner.done)
     if learner.failed is not None:
         print(

@@ -172,7 +172,7 @@ def test_nothing_of_a_network_that_diverged_is_kept(stage: Stage, sampler: str) 
         *(f"--replay.sampler={sampler}", "--learning.learning-rate=1e30"),
     )
     said = learner.ends(2)
-    assert "the loss is no finite number any more at update" in said
+    assert "the loss became non-finite at update" in said
     with safe_open(stage.run / "checkpoint.safetensors", "pt") as file:
         assert all(file.get_tensor(name).isfinite().all() for name in file.keys())  # noqa: SIM118
 
@@ -194,7 +194,7 @@ def test_training_waits_while_the_disk_is_full(stage: Stage, tmp_path: Path) -> 
     written = (stage.run / "checkpoint.safetensors").stat().st_mtime_ns
     assert not (stage.run / "epochs.csv").exists()
     write_atomically(free, str(2**40).encode())
-    learner.says("training goes on")
+    learner.says("training continues")
     learner.ends()
     assert stage.summary()["updates"] >= (900 - 600) // 4
     assert (stage.run / "checkpoint.safetensors").stat().st_mtime_ns > written

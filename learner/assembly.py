@@ -1,0 +1,120 @@
+"""What a learner is made of: builds its parts, from a checkpoint if there is one."""
+
+import threading
+from functools import partial
+
+import zenoh
+
+from common.protocol.run_keys import RunKeys
+from common.run.config import RunConfig
+from common.run.folder import RunFolder
+from learner.algorithm.trainer import Trainer
+from learner.checkpoint import load_checkpoint, save_checkpoint
+from learner.clock import RunClock
+from learner.device import Device
+from learner.disk_room import DiskRoom
+from learner.evaluation.coordinator import EvaluationCoordinator
+from learner.health_guard import HealthGuard
+from learner.phases import Phases
+from learner.prefetch import Prefetcher, to_device
+from learner.telemetry.actor_registry import ActorRegistry
+from learner.telemetry.held_out import HeldOut
+from learner.telemetry.monitor import Monitor
+from learner.telemetry.records import Records
+from learner.telemetry.run_progress import RunProgress
+from learner.telemetry.running_means import RunningMeans
+from learner.telemetry.sinks.display import Display
+from learner.telemetry.status import ClockMode
+from learner.telemetry.telemetry import Telemetry
+from learner.training import Learner
+from replay.interface import Replay
+
+
+def build_learner(
+    session: zenoh.Session,
+    config: RunConfig,
+    folder: RunFolder,
+    replay: Replay,
+    algorithm: Trainer,
+    device: Device,
+    display: Display,
+    *,
+    steps_goal: int | None,
+    resume: bool,
+    clock_mode: ClockMode | None,
+    gate_minutes: float,
+    stall_minutes: float,
+    force: bool,
+    stop: threading.Event,
+) -> Learner:
+    """Returns the learner of the run in ``folder``, not yet started.
+
+    Args:
+        steps_goal: agent steps, warm-up included, after which it ends by itself.
+        resume: continue from the checkpoint in ``folder``.
+        clock_mode: how time passes for local mode's actors.
+        gate_minutes: minutes for which a gate may be red before the run ends by itself.
+        stall_minutes: minutes for which steps and updates may stand still.
+        force: only warn then, and train on.
+
+    Raises:
+        InputError: a file of the run is damaged.
+    """
+    keys = RunKeys(folder.name)
+    state = load_checkpoint(folder.checkpoint, algorithm) if resume else None
+    clock = RunClock()
+    progress = RunProgress(config)
+    registry = ActorRegistry(session, keys)
+    evaluation = EvaluationCoordinator(
+        *(session, keys, folder.snapshots, config.protocol),
+        evaluators=lambda: registry.alive("evaluator"),
+        seconds=clock.seconds,
+    )
+    records = Records(
+        folder,
+        config,
+        rows=0 if state is None else int(state["rows"]),
+        agent_steps=None if state is None else int(state["books"]["agent_steps"]),
+        clock=clock_mode,
+    )
+    means = RunningMeans()
+    monitor = Monitor(
+        *(keys, config, device, steps_goal, progress, registry),
+        *(records, means, evaluation, clock.seconds),
+    )
+    weights = session.declare_publisher(
+        keys.weights, congestion_control=zenoh.CongestionControl.DROP
+    )
+    learner = Learner(
+        config=config,
+        steps_goal=steps_goal,
+        replay=replay,
+        algorithm=algorithm,
+        draw=partial(
+            Prefetcher,
+            replay,
+            lambda batch: algorithm.prepare(to_device(batch, device.torch)),
+            config.learning.batch_size,
+        ),
+        broadcast=lambda payload, version: weights.put(payload, attachment=version),
+        save=partial(save_checkpoint, folder.checkpoint, algorithm),
+        progress=progress,
+        phases=Phases(config, progress, records, clock),
+        held_out=HeldOut(folder.held_out),
+        evaluation=evaluation,
+        registry=registry,
+        telemetry=Telemetry(monitor, records, display, means, clock.now),
+        guard=HealthGuard(
+            *(gate_minutes, stall_minutes, config.stream.chunk_steps),
+            force=force,
+            warn=display.line,
+            now=clock.now,
+        ),
+        room=DiskRoom(folder.checkpoint, display.line, stop),
+        clock=clock,
+        stop=stop,
+        initial_flag=f"--initial {folder.checkpoint}",
+    )
+    if state is not None:
+        learner.restore(state)
+    return learner

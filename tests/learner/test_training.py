@@ -1,0 +1,548 @@
+"""The training loop's promises, with fakes: no process, no network, no time but the test's."""
+
+import re
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load
+
+from common.errors import InputError
+from common.protocol.chunk import Game
+from common.run.config import RunConfig
+from common.run.presets import PRESETS
+from learner.clock import RunClock
+from learner.health_guard import HealthGuard
+from learner.phases import Phases
+from learner.telemetry.run_progress import RunProgress
+from learner.telemetry.status import Gate
+from learner.training import Learner
+from replay.chunk_statistics import ChunkStatistics, Progress
+
+CONFIG = replace(
+    PRESETS["fast"],
+    replay=replace(PRESETS["fast"].replay, learning_starts=100, sampler="uniform"),
+    protocol=replace(PRESETS["fast"].protocol, epoch_steps=200, test_steps=50),
+    learning=replace(
+        PRESETS["fast"].learning,
+        train_period=4,
+        publish_period=10,
+        checkpoint_period=25,
+        target_update_period=40,
+    ),
+)
+RED = Gate(name="valid frames", value=0.0, passed=False, bound="≥ 0.99", why="it is blind")
+
+
+class Stop(threading.Event):
+    """A stop event on the test's clock: waiting turns it."""
+
+    def __init__(self, world: "World") -> None:
+        super().__init__()
+        self._world = world
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self._world.passes(timeout or 0.0)
+        return self.is_set()
+
+
+@dataclass
+class World:
+    """Everything around a learner: actors that play, a disk, evaluators, who looks, and the time.
+
+    An update takes `update_seconds`; before each, the actors send a chunk of `chunk_steps`.
+    """
+
+    config: RunConfig = CONFIG
+    update_seconds: float = 0.01
+    chunk_steps: int = 4
+    last_update: int = 10**9
+    """No minibatch comes after so many updates."""
+    now: float = 1_000.0
+    facts: list[ChunkStatistics] = field(default_factory=list)
+    lost: int = 0
+    """Steps that the replay has lost."""
+    told_finished: list[bool] = field(default_factory=list)
+    loss: Callable[[int], float] = lambda _: 0.5
+    updates: int = 0
+    published: list[tuple[float, int, bytes]] = field(default_factory=list)
+    """When, which version, and the payload."""
+    checkpoints: list[dict[str, Any]] = field(default_factory=list)
+    evaluators: set[str] = field(default_factory=lambda: {"e"})
+    actors: set[str] = field(default_factory=set)
+    scores: list[float] = field(default_factory=lambda: [1.0])
+    """Score of each test in turn; the last for all others."""
+    gates: tuple[Gate, ...] = ()
+    said: list[str] = field(default_factory=list)
+    log: list[Any] = field(default_factory=list)
+    """What happened, in order."""
+    at: list[tuple[Callable[[], bool], Callable[[], None]]] = field(default_factory=list)
+    """What shall happen once a condition holds."""
+
+    def __post_init__(self) -> None:
+        self.stop = Stop(self)
+        self.agent_steps = sum(each.steps for each in self.facts)
+        self.rows: list[Any] = []
+        self.online = torch.nn.Linear(1, 1, bias=False)
+        self.pending: list[Any] = []
+        self.priorities: list[Any] = []
+        self.free = True
+
+    def passes(self, seconds: float) -> None:
+        self.now += seconds
+        for each in [each for each in self.at if each[0]()]:
+            self.at.remove(each)
+            each[1]()
+
+    def once(self, condition: Callable[[], bool], action: Callable[[], None]) -> None:
+        self.at.append((condition, action))
+
+    def play(self, steps: int) -> None:
+        """The actors send a chunk in which a game ended, whose score is the chunk's number."""
+        index = len(self.facts)
+        self.agent_steps += steps
+        self.facts.append(
+            ChunkStatistics(
+                *(index, self.agent_steps, steps, "a", 1.0, 0, 0, steps, steps),
+                games=(Game(float(index), 10),),
+            )
+        )
+
+    # ---------------------------------------------------------------- minibatches and replay
+
+    def draw(self, updates: int) -> "World":
+        self.log.append(("draw from", updates))
+        return self
+
+    def next(self, timeout: float) -> Any:
+        if self.updates >= self.last_update:
+            self.passes(timeout)
+            return None
+        self.passes(self.update_seconds)
+        if self.stop.is_set():
+            return None
+        if self.chunk_steps:
+            self.play(self.chunk_steps)
+        return SimpleNamespace(ids=np.arange(2), prepared=SimpleNamespace(batch=None))
+
+    def close(self) -> None:
+        self.log.append("minibatches end")
+
+    def replay_progress(self, since: int, *, finished: bool | None = None) -> Progress:
+        if finished is not None:
+            self.told_finished.append(finished)
+        known = self.agent_steps - self.lost
+        return Progress(known, known, 0, 0, 0, 0, False, 0, 0, 0, tuple(self.facts[since:]))
+
+    # ---------------------------------------------------------------- algorithm
+
+    def learn(self, prepared: Any) -> Any:
+        self.updates += 1
+        with torch.no_grad():
+            self.online.weight.fill_(self.updates)
+        errors = torch.tensor([-2.0, 1.0])
+        return SimpleNamespace(loss=torch.tensor(self.loss(self.updates)), td_errors=errors)
+
+    # ---------------------------------------------------------------- evaluation
+
+    def add(self, test: Any, weights: bytes) -> None:
+        self.log.append(("test", test.epoch, weights))
+        self.pending.append(test)
+
+    def take_finished(self) -> Any:
+        if not self.pending or not self.evaluators:
+            return None
+        test = self.pending.pop(0)
+        score = self.scores.pop(0) if len(self.scores) > 1 else self.scores[0]
+        return replace(test, steps=50, scores=[score], began=0.0)
+
+    # ---------------------------------------------------------------- the learner
+
+    def broadcast(self, payload: bytes, version: bytes) -> None:
+        self.published.append((self.now, int(version), payload))
+
+    def save(self, state: dict[str, Any]) -> None:
+        self.checkpoints.append(state)
+        self.log.append(("checkpoint", state["updates"]))
+
+    def room(self) -> None:
+        while not self.free and not self.stop.wait(1.0):
+            pass
+
+    def learner(
+        self, steps_goal: int | None = None, *, force: bool = False, stall_minutes: float = 10.0
+    ) -> Learner:
+        clock = RunClock(lambda: self.now)
+        progress = RunProgress(self.config)
+        records: Any = SimpleNamespace(
+            rows=self.rows,
+            add=self.rows.append,
+            rewards=lambda phase: [r.average_reward for r in self.rows if r.phase == phase],
+        )
+        parts: dict[str, Any] = {
+            "replay": SimpleNamespace(
+                progress=self.replay_progress,
+                update_priorities=lambda *told: self.priorities.append(told),
+            ),
+            "algorithm": SimpleNamespace(
+                learn=self.learn,
+                online=self.online,
+                copy_to_target=lambda: self.log.append(("target", self.updates)),
+                go_on=lambda updates: self.log.append(("reseed", updates)),
+            ),
+            "held_out": SimpleNamespace(
+                draw=lambda replay, count: self.log.append(("held out", count)),
+                measure=lambda algorithm: self.log.append(("measure", self.now)),
+                max_q=(2.5, 0.1),
+            ),
+            "evaluation": SimpleNamespace(
+                add=self.add,
+                take_finished=self.take_finished,
+                state=lambda: [test.epoch for test in self.pending],
+                restore=lambda state: self.log.append(("tests", state)),
+                settle=lambda test, best: self.log.append(("settle", test.epoch, best)),
+                sweep=lambda: self.log.append("sweep"),
+                finish=lambda: self.log.append("evaluators may leave"),
+                close=lambda: None,
+                pending=_Count(self),
+            ),
+            "registry": SimpleNamespace(
+                alive=lambda role: self.actors if role == "actor" else self.evaluators,
+                state=lambda: ["a"],
+                restore=lambda state: self.log.append(("actors", state)),
+            ),
+            "telemetry": SimpleNamespace(
+                update=lambda batch, result: None,
+                note=self.said.append,
+                say=self.said.append,
+                report=lambda moment: self.gates,
+                close=lambda moment: self.log.append(("summary", moment.updates)),
+            ),
+            "room": SimpleNamespace(wait=self.room),
+        }
+        return Learner(
+            config=self.config,
+            steps_goal=steps_goal,
+            draw=self.draw,  # type: ignore[arg-type]
+            broadcast=self.broadcast,
+            save=self.save,
+            progress=progress,
+            phases=Phases(self.config, progress, records, clock),
+            guard=HealthGuard(
+                *(5.0, stall_minutes, 4), force=force, warn=self.said.append, now=lambda: self.now
+            ),
+            clock=clock,
+            stop=self.stop,
+            initial_flag="--initial FILE",
+            **parts,
+        )
+
+    def stops_at(self, updates: int) -> None:
+        self.once(lambda: self.updates >= updates, self.stop.set)
+
+
+class _Count:
+    """How many tests are pending, whenever it is compared."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def __bool__(self) -> bool:
+        return bool(self._world.pending)
+
+    def __gt__(self, other: int) -> bool:
+        return len(self._world.pending) > other
+
+
+def run(world: World, **more: Any) -> Learner:
+    """A learner's whole life."""
+    learner = world.learner(**more)
+    learner.start()
+    learner.run()
+    return learner
+
+
+def weight_of(updates: int) -> torch.Tensor:
+    return torch.full((1, 1), float(updates))
+
+
+def test_a_new_learner_does_nothing_before_it_starts() -> None:
+    world = World()
+    learner = world.learner()
+    assert (world.log, world.published, world.checkpoints) == ([], [], [])
+    learner.start()
+    assert [version for _, version, _ in world.published] == [0]
+    assert world.log == [("checkpoint", 0), ("draw from", 0)]
+
+
+def test_weights_are_published_every_few_updates_with_their_version() -> None:
+    world = World()
+    world.stops_at(35)
+    run(world)
+    assert [version for _, version, _ in world.published] == [0, 10, 20, 30]
+    for _, version, payload in world.published[1:]:
+        assert torch.equal(load(payload)["weight"], weight_of(version))
+
+
+def test_weights_are_published_again_every_ten_seconds() -> None:
+    world = World(last_update=5, chunk_steps=0)
+    world.once(lambda: world.now >= 1_045.0, world.stop.set)
+    run(world, stall_minutes=1e9)
+    times = [at for at, _, _ in world.published]
+    assert [version for _, version, _ in world.published] == [0, 5, 5, 5, 5]
+    assert np.diff(times) == pytest.approx([10.0] * 4, abs=0.5)
+
+
+def test_what_updates_publish_is_not_published_again() -> None:
+    world = World(update_seconds=0.9)  # 9 s for ten updates
+    world.stops_at(60)
+    run(world)
+    assert [version for _, version, _ in world.published] == [0, 10, 20, 30, 40, 50, 60]
+
+
+def test_the_target_network_is_synced_by_its_period() -> None:
+    world = World()
+    world.stops_at(130)
+    run(world)
+    assert [each[1] for each in world.log if each[0] == "target"] == [40, 80, 120]
+
+
+def test_checkpoints_come_by_updates_at_each_epochs_end_and_at_the_stop() -> None:
+    # 4 steps an update: the warm-up ends about update 25, epoch 1 about update 75.
+    world = World(update_seconds=1.0, evaluators=set())
+    world.stops_at(82)
+    run(world)
+    made = [state["updates"] for state in world.checkpoints]
+    assert made == [0, 25, 25, 50, 75, 75, 82]
+    assert [row.weight_updates for row in world.rows] == [25, 75]
+
+
+def test_a_resumed_run_has_all_its_counters() -> None:
+    first = World(evaluators=set(), scores=[1.0])
+    first.stops_at(90)
+    run(first)
+    last = first.checkpoints[-1]
+    assert (last["updates"], last["rows"], last["tests"], last["actors"]) == (90, 2, [1], ["a"])
+    assert last["phase_updates"] < 90
+    assert last["phase_loss"] == pytest.approx(0.5 * last["phase_updates"])
+
+    second = World(facts=first.facts)
+    second.rows = first.rows
+    learner = second.learner()
+    learner.restore(last)
+    second.now += 7.0
+    learner.start()
+    again = second.checkpoints[0]
+    assert again.pop("seconds") == pytest.approx(last["seconds"] + 7.0)
+    assert again == {**{k: v for k, v in last.items() if k != "seconds"}, "tests": []}
+    assert second.published[0][1] == 90
+    assert ("reseed", 90) in second.log
+    assert ("tests", [1]) in second.log
+    assert ("actors", ["a"]) in second.log
+    assert second.log[-1] == ("draw from", 90)
+
+
+def test_the_end_of_a_phase_gives_its_row_and_an_epochs_snapshot_to_evaluation() -> None:
+    world = World(update_seconds=1.0, evaluators=set())
+    world.stops_at(76)
+    run(world)
+    warm_up, epoch = world.rows
+    assert (warm_up.epoch, warm_up.phase, warm_up.steps, warm_up.nr_games) == (0, "random", 100, 25)
+    assert (epoch.epoch, epoch.phase, epoch.steps, epoch.nr_games) == (1, "train", 200, 50)
+    assert epoch.average_reward == np.mean(range(25, 75))
+    assert (epoch.total_train_steps, epoch.replay_memory_count, epoch.meanq) == (200, 300, 2.5)
+    assert epoch.meancost == 0.5
+    assert (warm_up.epoch_time, epoch.epoch_time, epoch.total_time) == (25.0, 50.0, 75.0)
+    assert epoch.last_exploration_rate == CONFIG.epsilon_at(300)
+    assert ("held out", CONFIG.protocol.held_out_states) in world.log
+    ((_, tested, weights),) = [each for each in world.log if each[0] == "test"]
+    assert tested == 1
+    assert torch.equal(load(weights)["weight"], weight_of(75))
+    # First the checkpoint that knows of the test, then snapshots it does not need go.
+    at = world.log.index(("test", 1, weights))
+    assert world.log[at + 1 : at + 3] == [("checkpoint", 75), "sweep"]
+
+
+def test_tests_are_recorded_and_settled_against_the_best_before() -> None:
+    world = World(update_seconds=1.0, scores=[-3.0, 7.0, 5.0, 6.0])
+    run(world, steps_goal=100 + 3 * 200)
+    tests = [row for row in world.rows if row.phase == "test"]
+    assert [(row.epoch, row.average_reward, row.steps) for row in tests] == [
+        (1, -3.0, 50),
+        (2, 7.0, 50),
+        (3, 5.0, 50),
+    ]
+    settled = [each for each in world.log if each[0] == "settle"]
+    assert settled == [("settle", 1, None), ("settle", 2, -3.0), ("settle", 3, 7.0)]
+    for each in settled:  # a checkpoint that does not need the snapshot comes first
+        assert world.log[world.log.index(each) - 1][0] == "checkpoint"
+
+
+def test_a_full_disk_pauses_training_and_nothing_is_lost() -> None:
+    world = World()
+    world.free = False
+    world.once(lambda: world.now >= 1_060.0, lambda: setattr(world, "free", True))
+    world.stops_at(50)
+    run(world)
+    assert world.updates == 50
+    assert world.published[1][0] >= 1_060.0
+
+
+@pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
+def test_a_loss_that_diverges_ends_the_run_and_keeps_what_was_good(sampler: Any) -> None:
+    config = replace(CONFIG, replay=replace(CONFIG.replay, sampler=sampler))
+    world = World(config, loss=lambda update: 0.5 if update < 30 else float("nan"))
+    learner = world.learner()
+    learner.start()
+    with pytest.raises(InputError, match=r"became non-finite at update \d+: .*--initial FILE\.$"):
+        learner.run()
+    assert [state["updates"] for state in world.checkpoints][-1] < 30
+    assert all(version < 30 for _, version, _ in world.published) or sampler == "uniform"
+    assert len(world.priorities) == (29 if sampler == "prioritised" else 0)
+    assert world.log[-1][0] == "summary"
+
+
+def test_priorities_go_back_to_a_prioritised_replay() -> None:
+    world = World(replace(CONFIG, replay=replace(CONFIG.replay, sampler="prioritised")))
+    world.stops_at(3)
+    run(world)
+    ids, priorities = world.priorities[0]
+    assert (ids.tolist(), priorities.tolist()) == ([0, 1], [2.0, 1.0])
+
+
+def test_a_gate_that_stays_red_ends_the_run() -> None:
+    world = World(update_seconds=0.25, gates=(RED,))
+    learner = run(world)
+    assert learner.failed is not None
+    assert re.match(r"gate 'valid frames' has been red for 5 minutes and 640 steps", learner.failed)
+    # Judged from the end of the warm-up on, which the first 25 updates are.
+    assert world.now == pytest.approx(1_000 + 25 * 0.25 + 300, abs=2.0)
+    assert world.checkpoints[-1]["updates"] == world.updates
+
+
+def test_force_only_warns_of_a_red_gate_once() -> None:
+    world = World(update_seconds=0.25, gates=(RED,))
+    world.once(lambda: world.now >= 1_700.0, world.stop.set)
+    learner = run(world, force=True)
+    assert learner.failed is None
+    (warning,) = world.said
+    assert warning.startswith("WARNING: gate 'valid frames' has been red")
+
+
+def test_a_run_in_which_nothing_happens_ends() -> None:
+    world = World(last_update=50)
+    learner = run(world)
+    assert world.now == pytest.approx(1_000 + 50 * world.update_seconds + 600, abs=2.0)
+    assert learner.failed is not None
+    assert "no agent step came and no update was made for 10 minutes" in learner.failed
+
+
+def test_actors_that_are_still_to_come_are_waited_for() -> None:
+    world = World(last_update=0)
+    world.once(lambda: world.now >= 3_000.0, world.stop.set)
+    assert run(world).failed is None
+
+
+def test_a_goal_is_reached_when_all_updates_it_calls_for_are_made() -> None:
+    # Actors are fast: all steps are there long before the updates.
+    world = World(chunk_steps=40)
+    learner = run(world, steps_goal=900)
+    assert world.updates == (900 - 100) // 4
+    assert learner.done
+    assert world.told_finished[0] is False
+    assert world.told_finished[-1] is True
+
+
+def test_updates_wait_for_the_steps_of_the_goal() -> None:
+    world = World(chunk_steps=1)
+    run(world, steps_goal=500)
+    assert world.agent_steps >= 500
+    assert world.updates >= 500
+
+
+def test_the_last_epoch_is_tested_before_the_end() -> None:
+    world = World(actors={"a"}, scores=[4.0])
+    learner = world.learner(steps_goal=100 + 200 + 100)
+
+    def leave() -> None:
+        world.play(12)  # the last chunk, cut short
+        world.actors = set()
+
+    learner.start()
+    world.once(lambda: "minibatches end" in world.log, leave)
+    learner.run()
+    phases = [(row.epoch, row.phase, row.steps) for row in world.rows]
+    last = world.agent_steps - 300
+    assert phases == [(0, "random", 100), (1, "train", 200), (1, "test", 50), (2, "train", last),
+                      (2, "test", 50)]  # fmt: skip
+    assert "evaluators may leave" in world.log
+    assert world.checkpoints[-1]["tests"] == []
+
+
+def test_a_few_steps_at_the_end_are_no_epoch() -> None:
+    world = World(scores=[4.0])
+    run(world, steps_goal=300)
+    assert [row.phase for row in world.rows] == ["random", "train", "test"]
+
+
+def test_without_an_evaluator_the_end_is_not_waited_for() -> None:
+    world = World(evaluators=set())
+    run(world, steps_goal=300)
+    assert world.said[0].startswith("No evaluator is there")
+    assert len(world.checkpoints[-1]["tests"]) == 1  # for one that comes to the resumed run
+
+
+@pytest.mark.parametrize("beyond", [0, 1])
+def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) -> None:
+    world = World()
+    world.stops_at(200)
+    run(world)
+    known = world.checkpoints[-1]["books"]["agent_steps"]
+    again = World(facts=world.facts, lost=world.agent_steps - known + 100 + beyond)
+    again.rows = world.rows
+    learner = again.learner()
+    learner.restore(world.checkpoints[-1])
+    if not beyond:
+        learner.start()
+        return
+    with pytest.raises(
+        InputError,
+        match=rf"has seen {known - 101:,} steps and the checkpoint {known:,}: .*--initial FILE",
+    ):
+        learner.start()
+    assert again.checkpoints == again.published == []
+
+
+def test_local_modes_children_are_watched_and_asked_to_leave() -> None:
+    world = World()
+    world.stops_at(60)
+    asked: list[bool] = []
+    children: Any = SimpleNamespace(
+        watch=lambda *, finished: ["actor-1 ended by signal 9, started again"],
+        ask_to_leave=lambda: asked.append(True),
+        works=lambda role: False,
+    )
+    learner = world.learner()
+    learner.start()
+    learner.run(children)
+    assert "actor-1 ended by signal 9, started again" in world.said
+    assert asked == [True]
+
+
+def test_children_that_cannot_start_end_the_run_with_everything_kept() -> None:
+    world = World()
+
+    def watch(*, finished: bool) -> list[str]:
+        raise InputError("actor-1 cannot start")
+
+    children: Any = SimpleNamespace(watch=watch, ask_to_leave=lambda: None)
+    learner = world.learner()
+    learner.start()
+    with pytest.raises(InputError, match="cannot start"):
+        learner.run(children)
+    assert world.log[-2:] == [("checkpoint", world.updates), ("summary", world.updates)]
