@@ -12,7 +12,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +27,10 @@ from benchmarks.replay import draw
 from benchmarks.report import show, write
 from common.errors import InputError, exit_on_input_error
 from common.network import build_network
+from common.run.config import RunConfig
 from common.run.presets import PRESETS
-from learner.algorithm.trainer import DeviceBatch, Trainer
+from learner.algorithm.interface import Algorithm, DeviceBatch
+from learner.algorithm.registry import build_algorithm
 from learner.device import Device, DeviceChoice, choose_device
 from learner.prefetch import to_device
 
@@ -74,10 +76,11 @@ class Options:
             raise InputError(f"--compared is {self.compared}: choose 0 or more.")
 
 
-def trainer_of(bfloat16: bool, device: torch.device = _CPU) -> Trainer:
-    """A learner with the run's first weights."""
-    network = build_network(_CONFIG, _ACTIONS)
-    return Trainer(network, _CONFIG.learning, Device(device, bfloat16))
+def algorithm_of(
+    bfloat16: bool, device: torch.device = _CPU, config: RunConfig = _CONFIG
+) -> Algorithm:
+    """Returns the run's algorithm with its first weights."""
+    return build_algorithm(config, build_network(config, _ACTIONS), Device(device, bfloat16))
 
 
 def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]]:
@@ -85,14 +88,14 @@ def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]
     batch = noise_batch(options.batch_size, device)
     threads = sorted({1, _cores()}) if device.type == "cpu" else [1]
     settings = list(itertools.product(threads, (False, True)))
-    trainers = {bfloat16: trainer_of(bfloat16, device) for bfloat16 in (False, True)}
+    algorithms = {bfloat16: algorithm_of(bfloat16, device) for bfloat16 in (False, True)}
     seconds: dict[tuple[int, bool], list[float]] = {setting: [] for setting in settings}
     for turn in range(options.rounds + 1):
         for count, bfloat16 in settings:
             torch.set_num_threads(count)
             for _ in range(options.turn):
                 began = time.perf_counter()
-                trainers[bfloat16].update(batch)
+                algorithms[bfloat16].update(algorithms[bfloat16].prepare(batch))
                 if device.type == "cuda":
                     torch.cuda.synchronize()
                 if turn:  # the first turn warms up
@@ -113,12 +116,12 @@ def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]
 def time_kinds(options: Options) -> list[dict[str, Any]]:
     """A row for each kind of work in a bfloat16 update on one thread, and one for the rest."""
     torch.set_num_threads(1)
-    batch, trainer = noise_batch(options.batch_size, _CPU), trainer_of(bfloat16=True)
+    batch, algorithm = noise_batch(options.batch_size, _CPU), algorithm_of(bfloat16=True)
     for _ in range(options.turn):
-        trainer.update(batch)
+        algorithm.update(algorithm.prepare(batch))
     with profile(activities=[ProfilerActivity.CPU]) as profiled:
         for _ in range(_PROFILED):
-            trainer.update(batch)
+            algorithm.update(algorithm.prepare(batch))
     spent = {each.key: each.self_cpu_time_total for each in profiled.key_averages()}
     kinds = {kind: sum(spent.get(name, 0.0) for name in names) for kind, names in _KINDS.items()}
     kinds["the rest, each below a millisecond"] = sum(spent.values()) - sum(kinds.values())
@@ -128,14 +131,12 @@ def time_kinds(options: Options) -> list[dict[str, Any]]:
     ]
 
 
-def losses(trainer: Trainer, batches: Sequence[DeviceBatch], updates: int) -> float:
-    """Mean loss over ``updates`` that take ``batches`` in turn, with a target network that follows
-    as in a run."""
+def losses(algorithm: Algorithm, batches: Sequence[DeviceBatch], updates: int) -> float:
+    """Returns the mean loss over ``updates`` that take ``batches`` in turn."""
     total = 0.0
     for update in range(updates):
-        total += float(trainer.update(batches[update % len(batches)]).loss)
-        if update % 100 == 99:
-            trainer.copy_to_target()
+        prepared = algorithm.prepare(batches[update % len(batches)])
+        total += float(algorithm.update(prepared).loss)
     return total / updates
 
 
@@ -152,8 +153,9 @@ def compare_precisions(updates: int, device: torch.device) -> list[dict[str, Any
     torch.set_num_threads(1)
     with tempfile.TemporaryDirectory(prefix="ale-robot-bench-") as folder:
         batches = real_batches(min(updates, 500), Path(folder) / "replay", device)
+    often = replace(_CONFIG, learning=replace(_CONFIG.learning, target_update_period=100))
     found = {
-        name: losses(trainer_of(bfloat16, device), batches, updates)
+        name: losses(algorithm_of(bfloat16, device, often), batches, updates)
         for name, bfloat16 in (("float32", False), ("bfloat16", True))
     }
     return [

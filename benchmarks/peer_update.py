@@ -10,7 +10,8 @@ from torch.nn.functional import smooth_l1_loss
 
 from common.network import build_network
 from common.run.presets import PRESETS
-from learner.algorithm.trainer import DeviceBatch, Trainer
+from learner.algorithm.interface import DeviceBatch
+from learner.algorithm.registry import build_algorithm
 from learner.device import choose_device
 from learner.prefetch import to_device
 from replay.batch import Batch
@@ -43,11 +44,11 @@ def ours() -> Callable[[], float]:
     """The learner's, on the device and in the precision that it chooses by itself."""
     config = PRESETS["fast"]
     device = choose_device("auto", "auto")
-    trainer = Trainer(build_network(config, _ACTIONS), config.learning, device)
+    algorithm = build_algorithm(config, build_network(config, _ACTIONS), device)
     batch = noise_batch(_SIZE, device.torch)
 
     def action() -> float:
-        return float(trainer.update(batch).loss)
+        return float(algorithm.update(algorithm.prepare(batch)).loss)
 
     return action
 

@@ -2,7 +2,7 @@
 
 * training of ALE-Only Pong: stable-baselines3's DQN against local mode
 * the replay: cpprb's and stable-baselines3's against `replay.replay_buffer.ReplayBuffer`
-* one Double DQN update: plain PyTorch in float32 against `learner.algorithm.trainer.Trainer`
+* one Double DQN update: plain PyTorch in float32 against the algorithm `dqn`
 
 What is not installed is passed over with a sentence: ``pip install 'ale-robot[bench]'``.
 """

@@ -1,4 +1,5 @@
-"""The Q-network of the report (Mnih et al. 2015), shared by learner and actors.
+"""The networks of the algorithms, shared by learner and actors: that of Mnih et al. 2015, and the
+same with quantiles of each action's return (Dabney et al. 2018).
 
 With ``dueling`` the second dense layer is two: one half of the hidden units makes the state's
 value, the other the actions' advantages, less their mean (Wang et al. 2016, equation 9). Halves,
@@ -6,6 +7,8 @@ not two layers of 512 each, so that it is as fast as the plain one.
 
 It stands here, not with the learner, so that an actor can play without the training code.
 """
+
+from collections.abc import Callable, Mapping
 
 import torch
 from torch import Tensor, nn
@@ -28,7 +31,12 @@ def as_pixels(frames: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
 
 
 class QNetwork(nn.Module):
-    """Three convolutions and two dense layers: state → value of each action."""
+    """Three convolutions and two dense layers: state → value of each action.
+
+    Args:
+        atoms: numbers that the last layer has for each action; a subclass that has more than one
+            makes the values of them.
+    """
 
     def __init__(
         self,
@@ -40,8 +48,10 @@ class QNetwork(nn.Module):
         vector_scale: float = 1.0,
         glorot: bool = False,
         dueling: bool = False,
+        atoms: int = 1,
     ) -> None:
         super().__init__()
+        self.action_count = actions
         self.dueling = dueling
         self.pixel_scale = 1 / 255 if scale_pixels else 1.0
         self.vector_scale = vector_scale
@@ -54,9 +64,9 @@ class QNetwork(nn.Module):
             nn.ReLU(),
         )
         self.hidden = nn.Linear(64 * 7 * 7 + vector_width, HIDDEN)
-        self.actions = nn.Linear(HIDDEN // 2 if dueling else HIDDEN, actions)
+        self.actions = nn.Linear(HIDDEN // 2 if dueling else HIDDEN, actions * atoms)
         """Of the actions' values, or of their advantages."""
-        self.value = nn.Linear(HIDDEN // 2, 1) if dueling else None
+        self.value = nn.Linear(HIDDEN // 2, atoms) if dueling else None
         if glorot:
             for layer in self.modules():
                 if isinstance(layer, (nn.Conv2d, nn.Linear)):
@@ -66,13 +76,31 @@ class QNetwork(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, frames: Tensor, vectors: Tensor) -> Tensor:
-        """Q-values ``float32 [batch, actions]``.
+        """Returns Q-values, ``float32 [batch, actions]``.
 
         Args:
             frames: ``uint8 [batch, frame_stack, 84, 84]``, newest last; or those `as_pixels`, whose
                 precision is then that of all layers.
             vectors: ``float32 [batch, P]``; P may be 0.
         """
+        return self.atoms(frames, vectors).squeeze(2)
+
+    def atoms(self, frames: Tensor, vectors: Tensor) -> Tensor:
+        """Returns the last layer's numbers, ``float32 [batch, actions, atoms]``."""
+        hidden = relu(self.hidden(self._features(frames, vectors)))
+        if self.value is None:
+            return self._by_action(self.actions(hidden))
+        for_value, for_actions = hidden.chunk(2, dim=1)
+        # The mean in float32: rounded, it would blur which action is the best.
+        advantages = self._by_action(self.actions(for_actions))
+        value: Tensor = self.value(for_value).float().unsqueeze(1)
+        return value + advantages - advantages.mean(dim=1, keepdim=True)
+
+    def _by_action(self, numbers: Tensor) -> Tensor:
+        return numbers.float().view(len(numbers), self.action_count, -1)
+
+    def _features(self, frames: Tensor, vectors: Tensor) -> Tensor:
+        """Returns what the first dense layer sees, ``[batch, features]``."""
         pixels = frames if frames.is_floating_point() else as_pixels(frames)
         first, *others = self.convolutions
         assert isinstance(first, nn.Conv2d)
@@ -86,22 +114,37 @@ class QNetwork(nn.Module):
         if vectors.shape[1]:
             scaled = vectors * self.vector_scale
             features = torch.cat((features, scaled.to(features.dtype)), dim=1)
-        hidden = relu(self.hidden(features))
-        if self.value is None:
-            values: Tensor = self.actions(hidden)
-            return values.float()
-        for_value, for_actions = hidden.chunk(2, dim=1)
-        # The mean in float32: rounded, it would blur which action is the best.
-        advantages: Tensor = self.actions(for_actions).float()
-        value: Tensor = self.value(for_value).float()
-        return value + advantages - advantages.mean(dim=1, keepdim=True)
+        return features
+
+
+class QuantileNetwork(QNetwork):
+    """State → quantiles of each action's return; its value is their mean."""
+
+    def forward(self, frames: Tensor, vectors: Tensor) -> Tensor:
+        """See `QNetwork.forward`."""
+        return self.quantiles(frames, vectors).mean(dim=2)
+
+    def quantiles(self, frames: Tensor, vectors: Tensor) -> Tensor:
+        """Returns ``float32 [batch, actions, quantiles]``, at the midpoints of equal shares.
+
+        Not sorted: nothing but the loss keeps a quantile below the next.
+        """
+        return self.atoms(frames, vectors)
+
+
+NETWORKS: dict[str, tuple[type[QNetwork], Callable[[RunConfig], int]]] = {
+    "dqn": (QNetwork, lambda config: 1),
+    "qr_dqn": (QuantileNetwork, lambda config: config.learning.quantiles),
+}
+"""Class and atoms of the network that an algorithm learns; of ``dqn``'s, if it is not named."""
 
 
 def build_network(config: RunConfig, actions: int) -> QNetwork:
-    """The run's network with its first weights; the same for every process of the run."""
+    """Returns the run's network with its first weights; the same for every process of the run."""
+    kind, atoms = _network_of(config)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
-        return QNetwork(
+        return kind(
             actions,
             config.play.frame_stack,
             config.vector_width,
@@ -109,4 +152,20 @@ def build_network(config: RunConfig, actions: int) -> QNetwork:
             vector_scale=config.learning.vector_scale,
             glorot=config.learning.initial_weights == "glorot",
             dueling=config.learning.dueling,
+            atoms=atoms,
         )
+
+
+def count_actions_of(config: RunConfig, weights: Mapping[str, Tensor]) -> int:
+    """Returns between how many actions a network of ``config`` with these ``weights`` chooses.
+
+    Raises:
+        KeyError: they are no weights of such a network.
+    """
+    _, atoms = _network_of(config)
+    return len(weights["actions.bias"]) // atoms
+
+
+def _network_of(config: RunConfig) -> tuple[type[QNetwork], int]:
+    kind, atoms = NETWORKS.get(config.learning.algorithm, NETWORKS["dqn"])
+    return kind, atoms(config)

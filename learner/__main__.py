@@ -26,7 +26,7 @@ from common.run.config import RunConfig, differences
 from common.run.folder import RunFolder, write_atomically
 from common.run.origin import origin_of
 from common.transport.bus import DEFAULT_ENDPOINT, connect, from_here, open_hub
-from learner.algorithm.trainer import Trainer
+from learner.algorithm.registry import build_algorithm
 from learner.assembly import build_learner
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
 from learner.evaluation.offline import EvaluationOptions, evaluate
@@ -289,6 +289,7 @@ def main() -> int:
     folder = RunFolder(options.runs, run_name(options))
     network = first_network(options, folder)
     device = choose_device(options.device, options.precision)
+    algorithm = build_algorithm(config, network, device)
     keep_large_blocks()
     torch.set_num_threads(options.threads or free_cores(options))
     stop = threading.Event()
@@ -299,7 +300,7 @@ def main() -> int:
     elif not options.resume:
         folder.initial.unlink(missing_ok=True)  # of a start that failed
     place = (
-        hosted_replay(options, config, folder, network.actions.out_features)
+        hosted_replay(options, config, folder, network.action_count)
         if options.connect is None
         else remote_replay(options, options.connect, folder, stop)
     )
@@ -309,7 +310,7 @@ def main() -> int:
             config,
             folder,
             replay,
-            Trainer(network, config.learning, device, config.seed),
+            algorithm,
             device,
             display,
             steps_goal=options.steps,

@@ -8,7 +8,7 @@ import zenoh
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
-from learner.algorithm.trainer import Trainer
+from learner.algorithm.interface import Algorithm
 from learner.checkpoint import load_checkpoint, save_checkpoint
 from learner.clock import RunClock
 from learner.device import Device
@@ -35,7 +35,7 @@ def build_learner(
     config: RunConfig,
     folder: RunFolder,
     replay: Replay,
-    algorithm: Trainer,
+    algorithm: Algorithm,
     device: Device,
     display: Display,
     *,

@@ -1,4 +1,4 @@
-"""The learner's whole state in one safetensors file: networks, optimizer, and its counters as JSON.
+"""The learner's whole state in one safetensors file: its algorithm's, and its counters as JSON.
 
 There is no random state to keep: minibatches are drawn by a generator that the replay seeds anew at
 each start, random shifts by one that is seeded with the updates so far, and the networks have no
@@ -11,14 +11,13 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
 from common.errors import InputError
 from common.run.folder import write_atomically
-from learner.algorithm.trainer import Trainer
+from learner.algorithm.interface import Algorithm
 
 
 def previous_of(path: Path) -> Path:
@@ -26,13 +25,13 @@ def previous_of(path: Path) -> Path:
     return path.with_name(f"{path.stem}.previous{path.suffix}")
 
 
-def save_checkpoint(path: Path, trainer: Trainer, state: dict[str, Any]) -> None:
+def save_checkpoint(path: Path, algorithm: Algorithm, state: dict[str, Any]) -> None:
     """Write everything to ``path``, atomically; what was there becomes the previous one.
 
     Args:
         state: counters of the run, of JSON's types.
     """
-    tensors = _tensors(trainer)
+    tensors = {name: value.detach().cpu().contiguous() for name, value in algorithm.state().items()}
     metadata = {"state": json.dumps(state), "crc32": str(_crc32(tensors))}
     content = save(tensors, metadata)
     if path.exists():
@@ -44,11 +43,11 @@ def save_checkpoint(path: Path, trainer: Trainer, state: dict[str, Any]) -> None
     write_atomically(path, content)
 
 
-def load_checkpoint(path: Path, trainer: Trainer) -> dict[str, Any]:
-    """Put the state at ``path`` into ``trainer`` and return the counters.
+def load_checkpoint(path: Path, algorithm: Algorithm) -> dict[str, Any]:
+    """Puts the state at ``path`` into ``algorithm`` and returns the counters.
 
     Raises:
-        InputError: the file is damaged, or of another network or optimizer.
+        InputError: the file is damaged, or of another algorithm, network or optimizer.
     """
     try:
         with safe_open(path, "pt") as file:
@@ -57,56 +56,13 @@ def load_checkpoint(path: Path, trainer: Trainer) -> dict[str, Any]:
         if metadata["crc32"] != str(_crc32(tensors)):
             raise ValueError("its checksum does not fit")
         state: dict[str, Any] = json.loads(metadata["state"])
-        expected = _tensors(trainer)
-        if tensors.keys() != expected.keys() and not _only_lacks_optimizer(expected, tensors):
-            raise ValueError("it holds other tensors")
-        _restore(trainer, tensors)
-    except (SafetensorError, OSError, KeyError, ValueError, RuntimeError) as error:
+        algorithm.load_state(tensors)
+    except (SafetensorError, OSError, LookupError, ValueError, RuntimeError) as error:
         advice = "start the run anew under another name"
         if previous_of(path).exists():
             advice = f"copy {previous_of(path).name} over it to go on from the one before"
         raise InputError(f"the checkpoint {path} is damaged ({error}): {advice}.") from None
     return state
-
-
-def _only_lacks_optimizer(expected: dict[str, Tensor], found: dict[str, Tensor]) -> bool:
-    """An optimizer has no state before its first step, but a checkpoint after it does."""
-    missing = found.keys() ^ expected.keys()
-    return all(name.startswith("optimizer.") for name in missing)
-
-
-def _tensors(trainer: Trainer) -> dict[str, Tensor]:
-    tensors: dict[str, Tensor] = {}
-    for prefix, network in (("online", trainer.online), ("target", trainer.target)):
-        for name, value in network.state_dict().items():
-            tensors[f"{prefix}.{name}"] = value
-    for index, slots in trainer.optimizer.state_dict()["state"].items():
-        for name, value in slots.items():
-            tensors[f"optimizer.{index}.{name}"] = torch.as_tensor(value)
-    return {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
-
-
-def _restore(trainer: Trainer, tensors: dict[str, Tensor]) -> None:
-    for prefix, network in (("online", trainer.online), ("target", trainer.target)):
-        network.load_state_dict(
-            {
-                name.removeprefix(f"{prefix}."): value
-                for name, value in tensors.items()
-                if name.startswith(f"{prefix}.")
-            }
-        )
-    slots: dict[int, dict[str, Tensor]] = {}
-    parameters = list(trainer.online.parameters())
-    for key, value in tensors.items():
-        if key.startswith("optimizer."):
-            _, index, name = key.split(".")
-            like = parameters[int(index)]
-            if value.shape == like.shape:
-                # In the parameter's own memory layout, or the fused kernel would be slow.
-                value = torch.empty_like(like).copy_(value).detach()
-            slots.setdefault(int(index), {})[name] = value
-    groups = trainer.optimizer.state_dict()["param_groups"]
-    trainer.optimizer.load_state_dict({"state": slots, "param_groups": groups})
 
 
 def _crc32(tensors: dict[str, Tensor]) -> int:

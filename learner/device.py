@@ -26,13 +26,13 @@ class Device:
 
 
 def choose_device(device: DeviceChoice, precision: PrecisionChoice) -> Device:
-    """The device asked for; 'auto' takes CUDA where there is one.
+    """Returns the device asked for; 'auto' takes CUDA where there is one.
 
     bfloat16 is chosen by itself where the processor multiplies it natively: there an update takes
     half the time.
 
     Raises:
-        InputError: CUDA was asked for and is not there.
+        InputError: CUDA was asked for and there is none.
     """
     if device == "cuda" and not torch.cuda.is_available():
         raise InputError("there is no CUDA device here: use --device auto or cpu.")

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from learner.algorithm.trainer import DeviceBatch, Prepared
+from learner.algorithm.interface import DeviceBatch, Prepared
 from replay.batch import Batch
 from replay.interface import Replay
 
@@ -27,7 +27,7 @@ class Prefetched(NamedTuple):
 
 
 def to_device(batch: Batch, device: torch.device) -> DeviceBatch:
-    """The arrays of ``batch`` as tensors; copied without waiting where the device can."""
+    """Returns the arrays of ``batch`` as tensors; copied without waiting where the device can."""
 
     def move(array: NDArray[np.generic]) -> Tensor:
         tensor = torch.from_numpy(array if array.flags.writeable else array.copy())

@@ -12,7 +12,7 @@ from common.errors import InputError
 from common.process.supervisor import Supervisor
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
-from learner.algorithm.trainer import Trainer
+from learner.algorithm.interface import Algorithm
 from learner.clock import Every, RunClock
 from learner.disk_room import DiskRoom
 from learner.evaluation.coordinator import EvaluationCoordinator
@@ -53,7 +53,7 @@ class Learner:
     steps_goal: int | None
     """Agent steps, warm-up included, after which it ends by itself."""
     replay: Replay
-    algorithm: Trainer
+    algorithm: Algorithm
     draw: Callable[[int], Minibatches]
     """Starts to draw minibatches for a learner that has made so many updates."""
     broadcast: Callable[[bytes, bytes], None]
@@ -91,7 +91,7 @@ class Learner:
         """Continue from the counters of a checkpoint, whose algorithm is restored already."""
         self.clock.restore(float(state["seconds"]))
         self.phases.restore(state)
-        self.algorithm.go_on(self.phases.updates)
+        self.algorithm.reseed(self.phases.updates)
         self.progress.restore(state["books"])
         self.evaluation.restore(state["tests"])
         self.registry.restore(state["actors"])
@@ -181,15 +181,13 @@ class Learner:
 
     def _update(self, batch: Prefetched) -> None:
         """One gradient step, and what is due by the number of updates."""
-        result = self.algorithm.learn(batch.prepared)
+        result = self.algorithm.update(batch.prepared)
         self.phases.add(result.loss)
         self.telemetry.update(batch.prepared.batch, result)
         updates, schedule = self.phases.updates, self.config.learning
         if self.config.replay.sampler == "prioritised":
             self._check_loss()
-            self.replay.update_priorities(batch.ids, result.td_errors.abs().cpu().numpy())
-        if updates % schedule.target_update_period == 0:
-            self.algorithm.copy_to_target()
+            self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())
         if updates % schedule.publish_period == 0:
             self._publish()
         if updates % schedule.checkpoint_period == 0:

@@ -19,6 +19,7 @@ MAX_SEED = 2**63
 MAX_WAIT = 50
 MAX_SHIFT = 20
 MAX_DELAY = 60
+MAX_QUANTILES = 256
 
 _FRAME_BYTES = 84 * 84 + 4
 """Of a frame in a message, with its place in a state."""
@@ -137,16 +138,22 @@ class ReplayConfig:
 
 @dataclass(frozen=True)
 class LearningConfig:
-    """The update (equations 2 to 4 of the report) and its schedule."""
+    """The update and its schedule."""
 
+    algorithm: str = "dqn"
+    """Algorithm: 'dqn' (with --learning.target double: Double DQN; equations 2 to 4 of the report)
+    or 'qr_dqn' (quantile regression, Dabney et al. 2018)."""
+    quantiles: int = 51
+    """Number of quantiles of each action's return that qr_dqn learns."""
     target: Literal["dqn", "double"] = "double"
     """Who chooses the next action: the target network (equation 3) or the online one (4)."""
     loss: Literal["mse", "huber"] = "huber"
-    """δ² of the TD error δ, as in the report; or ½δ², growing only linearly beyond |δ| = 1."""
+    """Loss of dqn: δ² of the TD error δ, as in the report; or ½δ², growing only linearly beyond
+    |δ| = 1. That of qr_dqn is the quantile Huber loss."""
     loss_mean_over: Literal["batch", "outputs"] = "batch"
-    """Divide the loss by the batch, or, as Keras did in 2017, by batch × actions."""
+    """Divisor of dqn's loss: the batch, or, as Keras did in 2017, batch × actions."""
     optimizer: Literal["adam", "rmsprop"] = "adam"
-    """Adam, or RMSprop by the formula of TensorFlow and Keras."""
+    """Optimizer: Adam, or RMSprop by the formula of Keras and PyTorch."""
     learning_rate: float = 1e-4
     """Of the optimizer, constant."""
     rmsprop_decay: float = 0.95
@@ -281,6 +288,7 @@ class RunConfig:
             ("play.frame_skip", self.play.frame_skip),
             ("stream.chunk_steps", stream.chunk_steps),
             ("stream.window", stream.window),
+            ("learning.quantiles", learning.quantiles),
             ("learning.batch_size", learning.batch_size),
             ("learning.train_period", learning.train_period),
             ("learning.n_step", learning.n_step),
@@ -306,6 +314,7 @@ class RunConfig:
             ("camera.screen_jitter", self.camera.screen_jitter, 0.5),
             ("camera.ambient", self.camera.ambient, 0.9),
             ("learning.random_shift", learning.random_shift, MAX_SHIFT),
+            ("learning.quantiles", learning.quantiles, MAX_QUANTILES),
             ("stream.chunk_steps", stream.chunk_steps, MAX_CHUNK_STEPS),
         ):
             if value > most:

@@ -1,12 +1,39 @@
-"""Random shift of drawn states (DrQ: Yarats, Kostrikov and Fergus 2021): cheap regularisation.
+"""Augmentation of drawn states: none, or the random shift of DrQ (Yarats, Kostrikov and Fergus
+2021), a cheap regularisation.
 
 A picture moved by a few pixels means the same to a player; a network that is told so does not
-learn single pixels by heart. All frames of a state move together, or the ball would jump.
+learn single pixels by heart. All frames of a state move together, or the ball would jump; the two
+states of a transition move apart from each other, as in DrQ.
 """
+
+from typing import Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
+
+from common.run.config import LearningConfig
+from learner.algorithm.interface import DeviceBatch
+
+
+class Augmentation(Protocol):
+    """Changes the states of a minibatch in a way that their values should not depend on."""
+
+    def __call__(self, batch: DeviceBatch) -> DeviceBatch:
+        """Returns ``batch`` with states of the same shape and type."""
+
+    def reseed(self, updates: int) -> None:
+        """Draw otherwise than at the start of the run, after ``updates`` in other processes."""
+
+
+class NoAugmentation:
+    """Leaves minibatches as they are."""
+
+    def __call__(self, batch: DeviceBatch) -> DeviceBatch:
+        return batch
+
+    def reseed(self, updates: int) -> None:
+        """Nothing is drawn."""
 
 
 class RandomShift:
@@ -15,16 +42,19 @@ class RandomShift:
     def __init__(self, most: int, seed: int) -> None:
         self._most = most
         self._seed = seed
-        self.go_on(0)
+        self.reseed(0)
 
-    def go_on(self, updates: int) -> None:
-        """Draw anew, and otherwise than at the start of the run, after so many updates."""
+    def reseed(self, updates: int) -> None:
+        """See `Augmentation.reseed`."""
         (seed,) = np.random.SeedSequence([self._seed, updates]).generate_state(1, np.uint64)
         self._generator = torch.Generator().manual_seed(int(seed))
 
-    def __call__(self, frames: Tensor) -> Tensor:
-        """``uint8 [batch, frame_stack, height, width]``, each state by its own shift; what moves in
-        repeats the edge."""
+    def __call__(self, batch: DeviceBatch) -> DeviceBatch:
+        return batch._replace(s_tm1=self.shift(batch.s_tm1), s_t=self.shift(batch.s_t))
+
+    def shift(self, frames: Tensor) -> Tensor:
+        """Returns ``frames``, ``uint8 [batch, frame_stack, height, width]``, each state by its own
+        shift; what moves in repeats the edge."""
         batch, _, height, width = frames.shape
         down, across = torch.randint(2 * self._most + 1, (2, batch), generator=self._generator)
         # All shifts of all states, as views; those that are drawn are copied.
@@ -33,7 +63,7 @@ class RandomShift:
         return windows[which, :, down.to(frames.device), across.to(frames.device)]
 
     def _padded(self, frames: Tensor) -> Tensor:
-        """``frames`` with their edges repeated `most` times; PyTorch has it for floats only."""
+        """Returns ``frames`` with their edges repeated; PyTorch has it for floats only."""
         most = self._most
         batch, frame_stack, height, width = frames.shape
         padded = frames.new_empty(batch, frame_stack, height + 2 * most, width + 2 * most)
@@ -44,3 +74,8 @@ class RandomShift:
         padded[..., :most] = padded[..., most : most + 1]
         padded[..., right:] = padded[..., right - 1 : right]
         return padded
+
+
+def build_augmentation(config: LearningConfig, seed: int) -> Augmentation:
+    """Returns the augmentation that ``config`` asks for."""
+    return RandomShift(config.random_shift, seed) if config.random_shift else NoAugmentation()

@@ -1,14 +1,51 @@
 """The optimizers of the presets, and the bound on their gradients."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from common.run.config import LearningConfig
 
 _LONG_AGO = 1e9
 """Steps, after which ρ^steps is 0."""
+
+
+class BoundedOptimizer:
+    """The optimizer that ``config`` asks for, with a bound on the gradients' common length."""
+
+    def __init__(self, parameters: Iterable[nn.Parameter], config: LearningConfig) -> None:
+        self._parameters = list(parameters)
+        self._optimizer = build_optimizer(self._parameters, config)
+        self._longest = config.gradient_norm
+
+    def step(self) -> None:
+        """Move the parameters by their gradients."""
+        if self._longest:
+            clip_gradients(self._parameters, self._longest)
+        self._optimizer.step()
+
+    def state(self) -> dict[str, Tensor]:
+        """Returns the slots of each parameter as ``optimizer.INDEX.SLOT``."""
+        return {
+            f"optimizer.{index}.{slot}": torch.as_tensor(value)
+            for index, slots in self._optimizer.state_dict()["state"].items()
+            for slot, value in slots.items()
+        }
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """Take over the slots among ``state``."""
+        slots: dict[int, dict[str, Tensor]] = {}
+        for name, value in state.items():
+            if name.startswith("optimizer."):
+                _, index, slot = name.split(".")
+                like = self._parameters[int(index)]
+                if value.shape == like.shape:
+                    # In the parameter's own memory layout, or the fused kernel would be slow.
+                    value = torch.empty_like(like).copy_(value).detach()
+                slots.setdefault(int(index), {})[slot] = value
+        groups = self._optimizer.state_dict()["param_groups"]
+        self._optimizer.load_state_dict({"state": slots, "param_groups": groups})
 
 
 def build_optimizer(

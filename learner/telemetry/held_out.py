@@ -1,4 +1,4 @@
-"""The held-out states: chosen once after the warm-up, to watch the mean max-Q over a whole run."""
+"""The held-out states: drawn once after the warm-up, to watch the mean max-Q over a whole run."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from safetensors.torch import load_file, save
 
 from common.errors import InputError
 from common.run.folder import write_atomically
-from learner.algorithm.trainer import Trainer
+from learner.algorithm.interface import Algorithm
 from replay.interface import Replay
 
 
@@ -43,8 +43,8 @@ class HeldOut:
         content = save({"frames": self._states[0], "vectors": self._states[1]})
         write_atomically(self._path, content)
 
-    def measure(self, trainer: Trainer) -> None:
-        """Let ``max_q`` be that of the present weights."""
+    def measure(self, algorithm: Algorithm) -> None:
+        """Measure ``max_q`` by the present weights."""
         if self._states is not None:
-            values = trainer.max_q(*self._states)
+            values = algorithm.max_q(*self._states)
             self.max_q = float(values.mean()), float(values.std(unbiased=False))

@@ -2,7 +2,7 @@
 
 import torch
 
-from learner.algorithm.trainer import DeviceBatch, UpdateResult
+from learner.algorithm.interface import DeviceBatch, Update
 
 HORIZON = 500
 """Updates over which the means forget."""
@@ -18,7 +18,7 @@ class RunningMeans:
         self._weight = 0.0
         self._updates = 0
 
-    def add(self, batch: DeviceBatch, result: UpdateResult) -> None:
+    def add(self, batch: DeviceBatch, result: Update) -> None:
         self._updates += 1
         if self._updates % EVERY != 1:
             return
@@ -26,7 +26,7 @@ class RunningMeans:
         figures = torch.stack(
             (
                 result.loss,
-                result.td_errors.square().mean(),
+                result.metrics["td_error_squared"],
                 batch.r_t.mean(),
                 batch.r_t.square().mean(),
                 newest.std(dim=(1, 2)).mean(),

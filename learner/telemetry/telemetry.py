@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from learner.algorithm.trainer import DeviceBatch, UpdateResult
+from learner.algorithm.interface import DeviceBatch, Update
 from learner.clock import Every
 from learner.telemetry.monitor import Monitor
 from learner.telemetry.records import Records
@@ -49,7 +49,7 @@ class Telemetry:
         self._point = Every(_CURVE_POINT, now)
         self._summarise = Every(_SUMMARY, now)
 
-    def update(self, batch: DeviceBatch, result: UpdateResult) -> None:
+    def update(self, batch: DeviceBatch, result: Update) -> None:
         """Take in one update."""
         self._means.add(batch, result)
 

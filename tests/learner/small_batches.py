@@ -1,8 +1,8 @@
-"""Minibatches of random content, for tests that only need some."""
+"""Minibatches of random content for tests that only need some, and an update with one."""
 
 import torch
 
-from learner.algorithm.trainer import DeviceBatch
+from learner.algorithm.interface import Algorithm, DeviceBatch, Update
 
 
 def random_batch(size: int = 8, actions: int = 6, seed: int = 0) -> DeviceBatch:
@@ -21,3 +21,8 @@ def random_batch(size: int = 8, actions: int = 6, seed: int = 0) -> DeviceBatch:
         x_tm1=torch.zeros(size, 0),
         x_t=torch.zeros(size, 0),
     )
+
+
+def learn(algorithm: Algorithm, batch: DeviceBatch) -> Update:
+    """One update with ``batch``, as the prefetcher and the training loop make it together."""
+    return algorithm.update(algorithm.prepare(batch))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from learner.algorithm.trainer import Prepared
+from learner.algorithm.interface import Prepared
 from learner.prefetch import DEPTH, Prefetcher, to_device
 from replay.batch import Batch
 from replay.interface import Replay
@@ -49,7 +49,7 @@ class Source:
 
 def _prepare(batch: Batch) -> Prepared:
     tensors = to_device(batch, torch.device("cpu"))
-    return Prepared(tensors, tensors.s_tm1, tensors.s_t, torch.zeros(2, 6), 0)
+    return Prepared(tensors, tensors.s_tm1, tensors.s_t)
 
 
 def _prefetcher(source: Source, batches: int) -> Prefetcher:

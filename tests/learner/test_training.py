@@ -16,6 +16,7 @@ from common.errors import InputError
 from common.protocol.chunk import Game
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
+from learner.algorithm.interface import Update
 from learner.clock import RunClock
 from learner.health_guard import HealthGuard
 from learner.phases import Phases
@@ -33,7 +34,6 @@ CONFIG = replace(
         train_period=4,
         publish_period=10,
         checkpoint_period=25,
-        target_update_period=40,
     ),
 )
 RED = Gate(name="valid frames", value=0.0, passed=False, bound="≥ 0.99", why="it is blind")
@@ -141,12 +141,11 @@ class World:
 
     # ---------------------------------------------------------------- algorithm
 
-    def learn(self, prepared: Any) -> Any:
+    def update(self, prepared: Any) -> Any:
         self.updates += 1
         with torch.no_grad():
             self.online.weight.fill_(self.updates)
-        errors = torch.tensor([-2.0, 1.0])
-        return SimpleNamespace(loss=torch.tensor(self.loss(self.updates)), td_errors=errors)
+        return Update(torch.tensor(self.loss(self.updates)), torch.tensor([2.0, 1.0]), {})
 
     # ---------------------------------------------------------------- evaluation
 
@@ -190,10 +189,9 @@ class World:
                 update_priorities=lambda *told: self.priorities.append(told),
             ),
             "algorithm": SimpleNamespace(
-                learn=self.learn,
+                update=self.update,
                 online=self.online,
-                copy_to_target=lambda: self.log.append(("target", self.updates)),
-                go_on=lambda updates: self.log.append(("reseed", updates)),
+                reseed=lambda updates: self.log.append(("reseed", updates)),
             ),
             "held_out": SimpleNamespace(
                 draw=lambda replay, count: self.log.append(("held out", count)),
@@ -303,13 +301,6 @@ def test_what_updates_publish_is_not_published_again() -> None:
     world.stops_at(60)
     run(world)
     assert [version for _, version, _ in world.published] == [0, 10, 20, 30, 40, 50, 60]
-
-
-def test_the_target_network_is_synced_by_its_period() -> None:
-    world = World()
-    world.stops_at(130)
-    run(world)
-    assert [each[1] for each in world.log if each[0] == "target"] == [40, 80, 120]
 
 
 def test_checkpoints_come_by_updates_at_each_epochs_end_and_at_the_stop() -> None:

@@ -12,7 +12,7 @@ def test_each_state_is_a_window_of_its_padded_self_and_all_windows_come() -> Non
     generator = torch.Generator().manual_seed(0)
     for _ in range(40):
         frames = torch.randint(256, (5, 3, 7, 6), dtype=torch.uint8, generator=generator)
-        shifted = shift(frames).numpy()
+        shifted = shift.shift(frames).numpy()
         assert shifted.shape == (5, 3, 7, 6)
         beyond = ((0, 0), (0, 0), (most, most), (most, most))
         padded = np.pad(frames.numpy(), beyond, mode="edge")
@@ -33,14 +33,14 @@ def test_a_run_that_goes_on_draws_other_shifts_than_at_its_start() -> None:
 
     def shifted(updates: int) -> torch.Tensor:
         shift = RandomShift(4, seed=1)
-        shift.go_on(updates)
-        return shift(frames)
+        shift.reseed(updates)
+        return shift.shift(frames)
 
-    assert torch.equal(shifted(0), RandomShift(4, seed=1)(frames))
+    assert torch.equal(shifted(0), RandomShift(4, seed=1).shift(frames))
     assert torch.equal(shifted(500), shifted(500))
     assert not torch.equal(shifted(0), shifted(500))
 
 
 def test_no_shift_is_none() -> None:
     frames = torch.randint(256, (4, 4, 84, 84), dtype=torch.uint8)
-    assert torch.equal(RandomShift(0, seed=1)(frames), frames)
+    assert torch.equal(RandomShift(0, seed=1).shift(frames), frames)

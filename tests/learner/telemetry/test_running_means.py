@@ -3,9 +3,13 @@
 import pytest
 import torch
 
-from learner.algorithm.trainer import UpdateResult
+from learner.algorithm.interface import Update
 from learner.telemetry.running_means import EVERY, HORIZON, RunningMeans
 from tests.learner.small_batches import random_batch
+
+
+def updated(loss: float, errors: torch.Tensor) -> Update:
+    return Update(torch.tensor(loss), errors, {"td_error_squared": errors.square().mean()})
 
 
 def test_nothing_is_known_before_the_first_update() -> None:
@@ -18,9 +22,9 @@ def test_means_weigh_the_latest_most() -> None:
     batches = [random_batch(seed=seed) for seed in range(3)]
     errors = [torch.full((8,), value) for value in (1.0, 3.0, 0.0)]
     for loss, error, batch in zip(losses, errors, batches, strict=True):
-        gauges.add(batch, UpdateResult(torch.tensor(loss), error))
+        gauges.add(batch, updated(loss, error))
         for _ in range(EVERY - 1):
-            gauges.add(batch, UpdateResult(torch.tensor(1e9), error))  # not looked at
+            gauges.add(batch, updated(1e9, error))  # not looked at
     read = gauges.read()
     assert read is not None
     keep = (1 - 1 / HORIZON) ** EVERY

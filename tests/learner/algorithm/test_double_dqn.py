@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import tensor
 
-from learner.algorithm.loss import bootstrap_values, td_errors, td_loss
+from learner.algorithm.double_dqn import bootstrap_values, td_errors, td_loss
 
 Q_TARGET = tensor([[1.0, 3.0, 2.0], [0.0, -1.0, -2.0]])
 Q_ONLINE = tensor([[5.0, 4.0, 6.0], [1.0, 2.0, 0.0]])

@@ -1,0 +1,101 @@
+"""QR-DQN: quantiles of each action's return, by quantile regression (Dabney et al. 2018).
+
+The network tells, for each action, N numbers θ_i, where the return's distribution has the share
+τ̂_i = (2i + 1) / 2N below it (lemma 2). Values are means over the quantiles; by them the next action
+is chosen, by the online network with ``target`` double (as in Double DQN), or else by the target
+network (algorithm 1). The loss is the quantile Huber loss with κ = 1 (equation 10).
+"""
+
+import torch
+from torch import Tensor
+
+from common.network import QNetwork, QuantileNetwork
+from common.run.config import LearningConfig
+from learner.algorithm.interface import Prepared, Update
+from learner.algorithm.value_based import ValueBased
+from learner.device import Device
+
+
+def qr_dqn(
+    network: QNetwork, config: LearningConfig, device: Device, seed: int = 0
+) -> ValueBased[QuantileNetwork]:
+    """Returns the algorithm ``qr_dqn``, whose network is a `QuantileNetwork`."""
+    assert isinstance(network, QuantileNetwork)
+    return ValueBased(network, QuantileLoss(config), config, device, seed)
+
+
+class QuantileLoss:
+    """Quantile Huber loss between all pairs of a prediction's and its target's quantiles.
+
+    Priorities are the magnitudes of the means' TD errors, not the loss: where returns are random,
+    the loss of a distribution that is learned is not 0, and its transitions would be drawn for
+    ever. So priorities, and the metric that says how much of the rewards is predicted, also mean
+    the same as with DQN.
+    """
+
+    def __init__(self, config: LearningConfig) -> None:
+        self._double = config.target == "double"
+
+    def target_outputs(self, target: QuantileNetwork, prepared: Prepared) -> tuple[Tensor]:
+        """Returns the quantiles of ``s_t``, ``float32 [batch, actions, N]``."""
+        return (target.quantiles(prepared.pixels_t, prepared.batch.x_t),)
+
+    def __call__(self, online: QuantileNetwork, prepared: Prepared) -> Update:
+        """See `Loss.__call__`."""
+        batch, (quantiles_t,) = prepared.batch, prepared.target_outputs
+        q_t = quantiles_t.mean(dim=2)
+        if self._double:
+            with torch.no_grad():
+                q_t = online(prepared.pixels_t, batch.x_t)
+        targets = target_quantiles(batch.r_t, batch.discount_t, quantiles_t, q_t)
+        quantiles_tm1 = online.quantiles(prepared.pixels_tm1, batch.x_tm1)
+        predicted = of_action(quantiles_tm1, batch.a_tm1)
+        losses = quantile_huber(predicted, targets)
+        errors = (targets.mean(dim=1) - predicted.mean(dim=1)).detach()
+        return Update(
+            (batch.weights * losses).mean(),
+            errors.abs(),
+            {"td_error_squared": errors.square().mean()},
+        )
+
+
+def of_action(quantiles: Tensor, actions: Tensor) -> Tensor:
+    """Returns the quantiles of one action of each state, ``[batch, N]``.
+
+    Args:
+        quantiles: ``[batch, actions, N]``.
+        actions: ``int64 [batch]``.
+    """
+    return quantiles[torch.arange(len(actions), device=actions.device), actions]
+
+
+def target_quantiles(r_t: Tensor, discount_t: Tensor, quantiles_t: Tensor, q_t: Tensor) -> Tensor:
+    """Returns r + γ·θ_j(s_t, a*) without a gradient, ``float32 [batch, N]``.
+
+    Args:
+        r_t: n-step return up to ``s_t``, ``float32 [batch]``.
+        discount_t: discount of what follows ``s_t``, 0 where the episode ended, ``[batch]``.
+        quantiles_t: the target network's quantiles ``[batch, actions, N]``.
+        q_t: values whose highest chooses a*, ``[batch, actions]``.
+    """
+    best = of_action(quantiles_t, q_t.argmax(dim=1))
+    return (r_t[:, None] + discount_t[:, None] * best).detach()
+
+
+def quantile_huber(predicted: Tensor, targets: Tensor) -> Tensor:
+    """Returns the quantile Huber loss of each transition, κ = 1, ``float32 [batch]``.
+
+    Σ_i 1/N' Σ_j |τ̂_i - 1{u_ij < 0}| · L(u_ij) with u_ij = target_j - θ_i, where L is Huber's ½u²
+    up to |u| = 1 and |u| - ½ beyond.
+
+    Args:
+        predicted: θ ``[batch, N]``, with a gradient.
+        targets: ``[batch, N']``, without.
+    """
+    count = predicted.shape[1]
+    midpoints = (torch.arange(count, device=predicted.device) + 0.5) / count
+    u = targets[:, None, :] - predicted[:, :, None]
+    magnitude = u.abs()
+    huber = torch.where(magnitude <= 1, 0.5 * u.square(), magnitude - 0.5)
+    asymmetry = (midpoints[None, :, None] - (u.detach() < 0).float()).abs()
+    return (asymmetry * huber).mean(dim=2).sum(dim=1)

@@ -1,0 +1,38 @@
+"""The target network: a copy of the online one that stands still between two syncs."""
+
+import copy
+import threading
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+import torch
+
+from common.network import QNetwork
+from learner.algorithm.precision import build_precision
+from learner.device import Device
+
+Network = TypeVar("Network", bound=QNetwork)
+T = TypeVar("T")
+
+
+class TargetNetwork(Generic[Network]):
+    """A frozen copy of ``online``, evaluated in one thread and synced in another."""
+
+    def __init__(self, online: Network, device: Device) -> None:
+        self.network = copy.deepcopy(online).requires_grad_(False)
+        self.version = 0
+        """Number of syncs so far; outputs of an older version are stale."""
+        self._precision = build_precision(self.network, device)
+        self._lock = threading.Lock()
+
+    def evaluate(self, outputs: Callable[[Network], T]) -> tuple[T, int]:
+        """Returns the ``outputs`` of the network and the version that they are of."""
+        # Not during a sync: they would be neither of the old weights nor of the new.
+        with self._lock, torch.no_grad():
+            return outputs(self._precision.network), self.version
+
+    def sync(self, online: Network) -> None:
+        """Take over the weights of ``online``."""
+        with self._lock:
+            self.network.load_state_dict(online.state_dict())
+            self.version += 1

@@ -1,0 +1,129 @@
+"""The gradient step that all algorithms of action values share; they differ in the loss function.
+
+Half of what an update needs does not depend on the update before it: the frames as pixels, and
+the target network's outputs. `ValueBased.prepare` does that half, on another core if there is one,
+while `ValueBased.update` is still at the minibatch before.
+"""
+
+from collections.abc import Mapping
+from typing import Generic, Protocol, TypeVar
+
+import torch
+from torch import Tensor
+
+from common.network import QNetwork, as_pixels
+from common.run.config import LearningConfig
+from learner.algorithm.augmentation import build_augmentation
+from learner.algorithm.interface import DeviceBatch, Prepared, Update
+from learner.algorithm.optimizers import BoundedOptimizer
+from learner.algorithm.precision import build_precision
+from learner.algorithm.target_network import TargetNetwork
+from learner.device import Device
+
+Network = TypeVar("Network", bound=QNetwork)
+AnyNetwork = TypeVar("AnyNetwork", bound=QNetwork, contravariant=True)
+
+
+class Loss(Protocol[AnyNetwork]):
+    """What an algorithm minimises: all that is its own."""
+
+    def target_outputs(self, target: AnyNetwork, prepared: Prepared) -> tuple[Tensor, ...]:
+        """Returns what `__call__` will need of the target network; computed ahead."""
+
+    def __call__(self, online: AnyNetwork, prepared: Prepared) -> Update:
+        """Returns the loss, with its gradient, priorities and metrics of a minibatch."""
+
+
+class ValueBased(Generic[Network]):
+    """An `Algorithm` that minimises ``loss`` by gradient steps against a target network.
+
+    Augmentation, precision, target network and optimizer are parts with an interface of their own;
+    which ones they are is decided here, once.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        loss: Loss[Network],
+        config: LearningConfig,
+        device: Device,
+        seed: int = 0,
+    ) -> None:
+        """``seed`` is of the augmentation."""
+        self.online = network.to(device.torch)
+        self._loss = loss
+        self._device = device.torch
+        self._augmentation = build_augmentation(config, seed)
+        self._precision = build_precision(self.online, device)
+        self._target = TargetNetwork(self.online, device)
+        self._optimizer = BoundedOptimizer(self.online.parameters(), config)
+        self._target_update_period = config.target_update_period
+        self._updates = 0
+
+    def prepare(self, batch: DeviceBatch) -> Prepared:
+        """See `Algorithm.prepare`."""
+        batch = self._augmentation(batch)
+        dtype = self._precision.dtype
+        pixels_tm1, pixels_t = as_pixels(batch.s_tm1, dtype), as_pixels(batch.s_t, dtype)
+        return self._with_target(Prepared(batch, pixels_tm1, pixels_t))
+
+    def _with_target(self, prepared: Prepared) -> Prepared:
+        """Returns ``prepared`` with the present target network's outputs."""
+        outputs, version = self._target.evaluate(
+            lambda target: self._loss.target_outputs(target, prepared)
+        )
+        return prepared._replace(target_outputs=outputs, target_version=version)
+
+    def update(self, prepared: Prepared) -> Update:
+        """See `Algorithm.update`."""
+        if prepared.target_version != self._target.version:
+            prepared = self._with_target(prepared)
+        result = self._loss(self._precision.network, prepared)
+        self._precision.backward(result.loss)
+        self._optimizer.step()
+        self._precision.sync_from_master()
+        self._updates += 1
+        if self._updates % self._target_update_period == 0:
+            self._target.sync(self.online)
+        return result._replace(loss=result.loss.detach())
+
+    @torch.no_grad()
+    def max_q(self, frames: Tensor, vectors: Tensor) -> Tensor:
+        """See `Algorithm.max_q`."""
+        values = [
+            self.online(f.to(self._device), v.to(self._device)).amax(dim=1).cpu()
+            for f, v in zip(torch.split(frames, 256), torch.split(vectors, 256), strict=True)
+        ]
+        return torch.cat(values)
+
+    def state(self) -> dict[str, Tensor]:
+        """See `Algorithm.state`: ``online.*``, ``target.*`` and ``optimizer.INDEX.SLOT``."""
+        weights = {
+            f"{prefix}.{name}": value
+            for prefix, network in self._networks.items()
+            for name, value in network.state_dict().items()
+        }
+        return weights | self._optimizer.state()
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """See `Algorithm.load_state`."""
+        # An optimizer has no state before its first step, but a checkpoint after it does.
+        if any(not name.startswith("optimizer.") for name in state.keys() ^ self.state().keys()):
+            raise ValueError("it holds other tensors")
+        for prefix, network in self._networks.items():
+            weights = {name: state[f"{prefix}.{name}"] for name in network.state_dict()}
+            try:
+                network.load_state_dict(weights)
+            except RuntimeError as error:
+                raise ValueError(str(error)) from None
+        self._optimizer.load_state(state)
+
+    def reseed(self, updates: int) -> None:
+        """See `Algorithm.reseed`."""
+        self._updates = updates
+        self._augmentation.reseed(updates)
+
+    @property
+    def _networks(self) -> dict[str, Network]:
+        """The networks by the prefix of their weights in a checkpoint."""
+        return {"online": self.online, "target": self._target.network}

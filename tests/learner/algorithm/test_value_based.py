@@ -1,0 +1,184 @@
+"""The update as a whole, against an update written out plainly."""
+
+import copy
+from dataclasses import replace
+from typing import Literal
+
+import pytest
+import torch
+
+from common.network import QNetwork
+from common.run.config import LearningConfig
+from learner.algorithm.double_dqn import double_dqn
+from learner.algorithm.precision import Bfloat16
+from learner.algorithm.value_based import ValueBased
+from learner.device import Device
+from tests.learner.small_batches import learn, random_batch
+
+CPU = Device(torch.device("cpu"), bfloat16=False)
+CPU_BFLOAT16 = Device(torch.device("cpu"), bfloat16=True)
+
+
+def _network(seed: int = 0) -> QNetwork:
+    torch.manual_seed(seed)
+    return QNetwork(6)
+
+
+def _target_of(algorithm: ValueBased[QNetwork]) -> dict[str, torch.Tensor]:
+    state = algorithm.state()
+    return {
+        name.removeprefix("target."): value.clone()
+        for name, value in state.items()
+        if name.startswith("target.")
+    }
+
+
+def _with_target(algorithm: ValueBased[QNetwork], target: QNetwork) -> ValueBased[QNetwork]:
+    """Returns ``algorithm`` with another target network."""
+    changed = {f"target.{name}": value for name, value in target.state_dict().items()}
+    algorithm.load_state(algorithm.state() | changed)
+    return algorithm
+
+
+@pytest.mark.parametrize("target", ["dqn", "double"])
+def test_an_update_is_the_plain_one(target: Literal["dqn", "double"]) -> None:
+    config = LearningConfig(
+        target=target, loss="mse", optimizer="rmsprop", learning_rate=1e-3, gradient_norm=0.0
+    )
+    other = _network(1)  # a target network that differs, so that the two targets do
+    algorithm = _with_target(double_dqn(_network(), config, CPU), other)
+    plain = copy.deepcopy(algorithm.online)
+    batch = random_batch()
+
+    result = learn(algorithm, batch)
+
+    rows = torch.arange(8)
+    with torch.no_grad():
+        chooser = other if target == "dqn" else plain
+        best = chooser(batch.s_t, batch.x_t).argmax(1)
+        values = other(batch.s_t, batch.x_t)[rows, best]
+    errors = batch.r_t + 0.9 * values - plain(batch.s_tm1, batch.x_tm1)[rows, batch.a_tm1]
+    loss = errors.square().mean()
+    optimizer = torch.optim.RMSprop(plain.parameters(), lr=1e-3, alpha=0.95, eps=1.5e-4)
+    loss.backward()  # type: ignore[no-untyped-call]
+    optimizer.step()
+    assert float(result.loss) == pytest.approx(float(loss.detach()), rel=1e-4)
+    expected = errors.detach()
+    torch.testing.assert_close(result.priorities, expected.abs(), rtol=1e-3, atol=1e-4)
+    squared = result.metrics["td_error_squared"]
+    torch.testing.assert_close(squared, expected.square().mean(), rtol=1e-3, atol=1e-4)
+    for ours, theirs in zip(algorithm.online.parameters(), plain.parameters(), strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-3, atol=1e-5)
+
+
+def test_the_gradient_is_bounded() -> None:
+    config = LearningConfig(gradient_norm=0.01)
+    algorithm = double_dqn(_network(), config, CPU)
+    batch = random_batch()
+    learn(algorithm, batch._replace(r_t=batch.r_t * 1000))
+    norm = torch.stack([p.grad.norm() for p in algorithm.online.parameters() if p.grad is not None])
+    assert float(norm.norm()) == pytest.approx(0.01, rel=1e-3)
+
+
+def test_the_target_network_stands_still_until_its_period_is_over() -> None:
+    config = LearningConfig(target_update_period=4)
+    algorithm = double_dqn(_network(), config, CPU)
+    before = _target_of(algorithm)
+    for seed in range(3):
+        learn(algorithm, random_batch(seed=seed))
+    for name, value in _target_of(algorithm).items():
+        assert torch.equal(value, before[name])
+        assert not torch.equal(value, algorithm.online.state_dict()[name])
+    learn(algorithm, random_batch(seed=3))
+    for name, value in _target_of(algorithm).items():
+        assert torch.equal(value, algorithm.online.state_dict()[name])
+
+
+def test_the_targets_period_goes_on_where_an_earlier_process_left_it() -> None:
+    algorithm = double_dqn(_network(), LearningConfig(target_update_period=4), CPU)
+    algorithm.reseed(8 + 2)
+    for synced in (False, True, False):
+        learn(algorithm, random_batch())
+        online = algorithm.online.state_dict()
+        target = _target_of(algorithm)
+        assert all(torch.equal(value, target[name]) for name, value in online.items()) == synced
+
+
+@pytest.mark.parametrize("device", [CPU, CPU_BFLOAT16])
+def test_what_was_prepared_with_an_older_target_is_prepared_again(device: Device) -> None:
+    batch = random_batch()
+    priorities = []
+    for early in (True, False):
+        config = LearningConfig(target_update_period=1)
+        algorithm = _with_target(double_dqn(_network(), config, device), _network(1))
+        prepared = algorithm.prepare(batch)
+        learn(algorithm, random_batch(seed=1))  # after which the target network is another
+        if not early:
+            prepared = algorithm.prepare(batch)
+        priorities.append(algorithm.update(prepared).priorities)
+    assert torch.equal(*priorities)
+
+
+def test_bfloat16_is_what_autocast_computes() -> None:
+    config = LearningConfig(loss="mse", gradient_norm=0.0)
+    other = _network(1)
+    algorithm = _with_target(double_dqn(_network(), config, CPU_BFLOAT16), other)
+    plain = copy.deepcopy(algorithm.online)
+    batch = random_batch()
+
+    result = learn(algorithm, batch)
+
+    rows = torch.arange(8)
+    with torch.autocast("cpu", torch.bfloat16):
+        best = plain(batch.s_t, batch.x_t).argmax(1)
+        values = other(batch.s_t, batch.x_t)[rows, best].detach()
+        errors = batch.r_t + 0.9 * values - plain(batch.s_tm1, batch.x_tm1)[rows, batch.a_tm1]
+    errors.square().mean().backward()  # type: ignore[no-untyped-call]
+    torch.testing.assert_close(result.priorities, errors.detach().abs(), rtol=1e-2, atol=1e-3)
+    for ours, theirs in zip(algorithm.online.parameters(), plain.parameters(), strict=True):
+        assert ours.grad is not None
+        assert theirs.grad is not None
+        assert ours.dtype == ours.grad.dtype == torch.float32
+        away = (ours.grad - theirs.grad).norm() / theirs.grad.norm()
+        assert away < 0.01  # bfloat16 has 8 bits: 0.4 %
+
+
+def test_a_bfloat16_copy_takes_over_weights_that_are_loaded() -> None:
+    original = _network()
+    half = Bfloat16(original)
+    assert {p.dtype for p in half.network.hidden.parameters()} == {torch.bfloat16}
+    original.load_state_dict(_network(1).state_dict())
+    for ours, theirs in zip(half.network.parameters(), original.parameters(), strict=True):
+        assert torch.equal(ours, theirs.to(ours.dtype))
+
+
+def test_importance_weights_scale_the_loss() -> None:
+    config = LearningConfig(loss="mse")
+    batch = random_batch()
+    whole, half = (
+        learn(double_dqn(_network(), config, CPU), batch._replace(weights=weights)).loss
+        for weights in (batch.weights, batch.weights / 2)
+    )
+    assert float(half) == pytest.approx(float(whole) / 2)
+
+
+def test_bfloat16_follows_float32_over_many_updates() -> None:
+    """The faster precision learns the same: losses within 2 % over 60 updates of fixed data."""
+    config = replace(LearningConfig(), learning_rate=1e-4)
+    losses = []
+    for bfloat16 in (False, True):
+        algorithm = double_dqn(_network(), config, CPU_BFLOAT16 if bfloat16 else CPU)
+        found = [float(learn(algorithm, random_batch(seed=step % 4)).loss) for step in range(60)]
+        assert sum(found[-4:]) < 0.8 * sum(found[:4])
+        losses.append(sum(found))
+    assert losses[1] == pytest.approx(losses[0], rel=0.02)
+
+
+def test_max_q_is_each_states_highest_value() -> None:
+    algorithm = double_dqn(_network(), LearningConfig(), CPU)
+    batch = random_batch(size=300)
+    values = algorithm.max_q(batch.s_t, batch.x_t)
+    with torch.no_grad():
+        expected = algorithm.online(batch.s_t, batch.x_t).max(dim=1).values
+    assert values.shape == (300,)
+    torch.testing.assert_close(values, expected, rtol=1e-4, atol=1e-5)
