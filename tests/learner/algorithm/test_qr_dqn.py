@@ -1,0 +1,160 @@
+"""QR-DQN against values worked out by hand, a float64 version in loops, and a tiny problem."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from torch import tensor
+
+from common.network import QuantileNetwork, build_network
+from common.run.config import LearningConfig
+from common.run.presets import PRESETS
+from learner.algorithm.qr_dqn import of_action, qr_dqn, quantile_huber, target_quantiles
+from learner.device import Device
+from tests.learner.small_batches import learn, random_batch
+
+CPU = Device(torch.device("cpu"), bfloat16=False)
+CPU_BFLOAT16 = Device(torch.device("cpu"), bfloat16=True)
+
+
+def _network(seed: int = 0, actions: int = 6, quantiles: int = 5) -> QuantileNetwork:
+    torch.manual_seed(seed)
+    return QuantileNetwork(actions, atoms=quantiles)
+
+
+def _reference(
+    predicted: NDArray[np.float64], targets: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Algorithm 1 and equation 10, by loops: losses ``[batch]``, gradient of their sum."""
+    losses, gradient = np.zeros(len(predicted)), np.zeros_like(predicted)
+    count = predicted.shape[1]
+    for row in range(len(predicted)):
+        for i in range(count):
+            midpoint = (2 * (i + 1) - 1) / (2 * count)
+            for target in targets[row]:
+                u = target - predicted[row, i]
+                share = abs(midpoint - (1.0 if u < 0 else 0.0)) / targets.shape[1]
+                losses[row] += share * (0.5 * u * u if abs(u) <= 1 else abs(u) - 0.5)
+                gradient[row, i] -= share * max(-1.0, min(1.0, u))
+    return losses, gradient
+
+
+def test_two_quantiles_by_hand() -> None:
+    # Midpoints are 0.25 and 0.75. Pairs u = target - θ, and their losses:
+    # θ_0 = 0: u = 0.5 → 0.25 · 0.125; u = -2 → 0.75 · 1.5;  mean (0.03125 + 1.125) / 2
+    # θ_1 = 1: u = -0.5 → 0.25 · 0.125; u = -3 → 0.25 · 2.5;  mean (0.03125 + 0.625) / 2
+    predicted = tensor([[0.0, 1.0]], requires_grad=True)
+    loss = quantile_huber(predicted, tensor([[0.5, -2.0]]))
+    assert loss.tolist() == pytest.approx([0.578125 + 0.328125])
+    loss.sum().backward()  # type: ignore[no-untyped-call]
+    assert predicted.grad is not None
+    # -(0.25 · 0.5 - 0.75 · 1) / 2 and -(-0.25 · 0.5 - 0.25 · 1) / 2
+    assert predicted.grad.tolist() == [pytest.approx([0.3125, 0.1875])]
+
+
+finite = st.floats(-4, 4, width=32)
+
+
+@given(st.data(), st.integers(1, 3), st.integers(1, 6), st.integers(1, 6))
+def test_loss_and_gradient_are_those_of_the_paper(
+    data: st.DataObject, batch: int, count: int, others: int
+) -> None:
+    def numbers(width: int) -> NDArray[np.float64]:
+        rows = st.lists(
+            st.lists(finite, min_size=width, max_size=width), min_size=batch, max_size=batch
+        )
+        return np.array(data.draw(rows), np.float64)
+
+    predicted, targets = numbers(count), numbers(others)
+    losses, gradient = _reference(predicted, targets)
+    ours = torch.tensor(predicted, dtype=torch.float32, requires_grad=True)
+    found = quantile_huber(ours, torch.tensor(targets, dtype=torch.float32))
+    found.sum().backward()  # type: ignore[no-untyped-call]
+    assert ours.grad is not None
+    np.testing.assert_allclose(found.detach().numpy(), losses, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(ours.grad.numpy(), gradient, rtol=1e-4, atol=1e-5)
+
+
+def test_the_target_is_of_the_action_that_the_values_choose() -> None:
+    quantiles_t = tensor([[[0.0, 2.0], [5.0, 7.0]], [[1.0, 1.0], [-1.0, 9.0]]], requires_grad=True)
+    q_t = tensor([[1.0, 0.0], [0.0, 1.0]])  # actions 0 and 1
+    targets = target_quantiles(tensor([1.0, -1.0]), tensor([0.5, 0.0]), quantiles_t, q_t)
+    assert targets.tolist() == [[1.0, 2.0], [-1.0, -1.0]]
+    assert not targets.requires_grad
+
+
+def test_the_quantiles_of_an_action() -> None:
+    quantiles = torch.arange(24.0).reshape(2, 3, 4)
+    assert of_action(quantiles, tensor([2, 0])).tolist() == [[8, 9, 10, 11], [12, 13, 14, 15]]
+
+
+@pytest.mark.parametrize("target", ["dqn", "double"])
+@pytest.mark.parametrize("device", [CPU, CPU_BFLOAT16])
+def test_an_update_is_the_plain_one(target: str, device: Device) -> None:
+    """Which network chooses, whose quantiles count, and what weights and priorities are."""
+    config = LearningConfig(target=target, algorithm="qr_dqn")  # type: ignore[arg-type]
+    online, other = _network(0), _network(1)
+    algorithm = qr_dqn(_network(0), config, device)
+    changed = {f"target.{name}": value for name, value in other.state_dict().items()}
+    algorithm.load_state(algorithm.state() | changed)
+    batch = random_batch()._replace(weights=torch.linspace(0.1, 1, 8))
+    result = learn(algorithm, batch)
+
+    with torch.no_grad():
+        best = (online if target == "double" else other)(batch.s_t, batch.x_t).argmax(1)
+        theta = of_action(online.quantiles(batch.s_tm1, batch.x_tm1), batch.a_tm1)
+        theta_t = of_action(other.quantiles(batch.s_t, batch.x_t), best)
+    targets = batch.r_t[:, None] + batch.discount_t[:, None] * theta_t
+    losses, _ = _reference(theta.double().numpy(), targets.double().numpy())
+    rough = 0.02 if device.bfloat16 else 1e-4
+    assert float(result.loss) == pytest.approx(
+        float((losses * batch.weights.numpy()).mean()), rough
+    )
+    errors = targets.mean(1) - theta.mean(1)
+    torch.testing.assert_close(result.priorities, errors.abs(), rtol=rough, atol=rough)
+    squared = result.metrics["td_error_squared"]
+    torch.testing.assert_close(squared, errors.square().mean(), rtol=rough, atol=rough)
+
+
+def test_it_learns_the_distribution_of_a_random_reward() -> None:
+    """One state, whose end pays 0 three times of four and 1 else: quantiles of a coin."""
+    config = replace(PRESETS["fast"].learning, algorithm="qr_dqn", learning_rate=1e-3)
+    algorithm = qr_dqn(_network(actions=2, quantiles=4), config, CPU)
+    one = random_batch(size=1)
+    batch = one._replace(
+        s_tm1=one.s_tm1.expand(5, -1, -1, -1),
+        s_t=one.s_t.expand(5, -1, -1, -1),
+        a_tm1=tensor([0, 0, 0, 0, 1]),
+        r_t=tensor([0.0, 0.0, 0.0, 1.0, 0.5]),
+        discount_t=torch.zeros(5),
+        weights=torch.ones(5),
+        x_tm1=torch.zeros(5, 0),
+        x_t=torch.zeros(5, 0),
+    )
+    for _ in range(120):
+        learn(algorithm, batch)
+    with torch.no_grad():
+        coin, sure = algorithm.online.quantiles(one.s_tm1, one.x_tm1)[0]
+    # Huber's quantile τ of the coin: τ · 1/4 · (1 - θ) = (1 - τ) · 3/4 · θ.
+    taus = torch.tensor([1, 3, 5, 7]) / 8
+    expected = taus / (taus + 3 * (1 - taus))
+    torch.testing.assert_close(coin, expected, rtol=0, atol=0.05)
+    torch.testing.assert_close(sure, torch.full((4,), 0.5), rtol=0, atol=0.05)
+
+
+def test_what_it_learns_is_what_actors_play() -> None:
+    config = replace(PRESETS["fast"], learning=LearningConfig(algorithm="qr_dqn", quantiles=7))
+    network = build_network(config, 6)
+    assert isinstance(network, QuantileNetwork)
+    batch = random_batch()
+    with torch.no_grad():
+        quantiles = network.quantiles(batch.s_t, batch.x_t)
+        values = network(batch.s_t, batch.x_t)
+    assert quantiles.shape == (8, 6, 7)
+    torch.testing.assert_close(values, quantiles.mean(2))
+    algorithm = qr_dqn(network, config.learning, CPU)
+    torch.testing.assert_close(algorithm.max_q(batch.s_t, batch.x_t), values.amax(1))
