@@ -1,6 +1,6 @@
-"""The 18 actions of the Atari console and the five controller keys that make them.
+"""The 18 actions of the Atari console and the five controller keys that make them up.
 
-The order is ALE's own (`ale_py.Action`), so an action's number is the emulator's number.
+The order is that of `ale_py.Action`, so an action's number is the emulator's number.
 """
 
 from enum import IntFlag
@@ -39,13 +39,13 @@ KEYS_OF_ACTION: tuple[Keys, ...] = (
     _D | _R | _F,
     _D | _L | _F,
 )
-"""Keys to hold for each of ALE's 18 actions, indexed by the action's number."""
+"""Keys of each of ALE's 18 actions, indexed by the action's number."""
 
 _ACTION_OF_KEYS = {keys: action for action, keys in enumerate(KEYS_OF_ACTION)}
 
 
 def action_of_keys(pressed: Keys) -> int:
-    """ALE's action number for the keys held; opposite keys cancel, as on a real stick."""
+    """Returns ALE's action number for ``pressed``; opposite keys cancel, as on a real joystick."""
     for pair in (_U | _D, _L | _R):
         if pressed & pair == pair:
             pressed &= ~pair

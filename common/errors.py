@@ -1,4 +1,4 @@
-"""Errors that are meant for people: one sentence, what is wrong and what to do."""
+"""Errors for people: one sentence that says what is wrong and what to do."""
 
 import errno
 import sys
@@ -6,17 +6,17 @@ from collections.abc import Callable
 
 
 class InputError(Exception):
-    """The user asked for something that cannot be; its text is the whole message."""
+    """An invalid request of the user; its text is the whole message."""
 
 
 class MessageError(ValueError):
-    """A message from another process is malformed, oversized or for somebody else."""
+    """A message from another process that is malformed, oversized or addressed to another one."""
 
 
 def exit_on_input_error(main: Callable[[], int | None]) -> None:
     """Run ``main`` and exit with its status.
 
-    An `InputError`, and a full disk wherever it was met, becomes one line and exit code 2.
+    An `InputError`, and a full disk anywhere, becomes one line on stderr and exit code 2.
     """
     try:
         status = main()
@@ -28,7 +28,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
             raise
         print(
             "error: the disk is full: free some space, then run the command again; "
-            "a run goes on with --resume from its last checkpoint.",
+            "--resume continues a run from its last checkpoint.",
             file=sys.stderr,
         )
         status = 2

@@ -1,13 +1,13 @@
-"""What each number of the vector observation means, for actors that fill it and whoever reads it.
+"""Layout of the vector observation: proprioception beside the frames.
 
 Oldest first within each group::
 
-    [0, 108)    the last 6 commands, one-hot over ALE's 18 actions; all zero where there was none
+    [0, 108)    the last 6 commands, one-hot over ALE's 18 actions; all zero before the first
     [108, 128)  the keys (up, down, left, right, fire) at the end of each of the last 4 emulator
                 frames, 1 where pressed
     [128, 136)  robot only: angles of the left, then the right arm's ShoulderPitch, ShoulderRoll,
                 ElbowYaw and ElbowRoll, -1 at the lower limit and 1 at the upper
-    [136, 144)  robot only: speeds of the same joints as shares of their greatest
+    [136, 144)  robot only: speeds of the same joints as shares of their maximum
 
 All numbers are within [-1, 1].
 """
@@ -29,5 +29,5 @@ SPEEDS_PART = slice(ANGLES_PART.stop, ANGLES_PART.stop + JOINTS)
 
 
 def width_of(env: Literal["ale", "robot"]) -> int:
-    """Numbers of an environment's vector observation."""
+    """Returns the width of an environment's vector observation."""
     return SPEEDS_PART.stop if env == "robot" else KEYS_PART.stop

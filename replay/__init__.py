@@ -1,7 +1,6 @@
-"""The replay: what was lived through, stored once, drawn many times.
+"""The replay: transitions, stored once and sampled many times.
 
-Columns, ring, ledger, journal and samplers make the `Store`; with the limiter it is the
-`ReplayBuffer`,
-which a learner has in its own process; `ReplayServer` and `RemoteReplay` carry the same calls
-over Zenoh.
+Columns, ring, chunk index, journal and samplers make the `Store`. With the rate limiter it is the
+`ReplayBuffer`, which a learner may hold in its own process. `ReplayServer` and `RemoteReplay` carry
+the same calls to another process.
 """

@@ -1,20 +1,20 @@
-"""How much memory this process takes, told honestly."""
+"""Memory of this process, with and without pages of mapped files."""
 
 from pathlib import Path
 from typing import NamedTuple
 
 
 class Footprint(NamedTuple):
-    """Bytes of this process."""
+    """Memory of a process, bytes."""
 
     resident: int
-    """All pages in memory; pages of the ring's files count, though the kernel may drop them."""
+    """All pages in memory, with pages of the ring's files, which the kernel may drop."""
     private: int
-    """Pages that no file stands behind."""
+    """Pages without a file behind them."""
 
 
 def footprint() -> Footprint:
-    """As Linux counts it; zeros on other systems."""
+    """Returns Linux's values; zeros on other systems."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
     except OSError:

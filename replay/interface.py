@@ -1,4 +1,4 @@
-"""What a learner asks of a replay, be it in its own process or behind Zenoh."""
+"""`Replay`: the calls that a learner makes to a replay, local or remote."""
 
 from typing import Protocol
 
@@ -10,24 +10,24 @@ from replay.chunk_statistics import Progress
 
 
 class Replay(Protocol):
-    """Safe to call from several threads."""
+    """A replay buffer, in this process or another. Its methods are thread-safe."""
 
     def sample(self, drawn: int, timeout: float) -> Batch | None:
-        """A minibatch, or None if there was none to be had for ``timeout`` seconds.
+        """Returns a minibatch, or None if none was available for ``timeout`` seconds.
 
         Args:
-            drawn: steps that the learner has drawn so far in the run (batches × batch size);
-                the limiter rests on it.
-            timeout: how long to wait for actors that are behind, in seconds.
+            drawn: steps that the learner has drawn so far in the run (batches × batch size), which
+                the limiter needs.
+            timeout: seconds to wait for actors that are behind.
         """
 
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
-        """New priorities (≥ 0) of drawn steps; those of evicted ones are passed over."""
+        """Set priorities (≥ 0) of drawn steps; those of evicted steps are ignored."""
 
     def held_out(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """States ``[N, H, 84, 84]`` and vectors ``[N, P]`` of N ≤ ``count`` different steps.
+        """Returns states ``[N, H, 84, 84]`` and vectors ``[N, P]`` of N ≤ ``count`` distinct steps.
 
-        All their frames were valid; they do not count as drawn.
+        All their frames are valid. They do not count as drawn.
         """
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
@@ -38,4 +38,4 @@ class Replay(Protocol):
         """
 
     def close(self) -> None:
-        """Let go; waiting calls return."""
+        """Close the replay; waiting calls return."""

@@ -1,7 +1,7 @@
-"""How far actors and learner may run ahead of each other.
+"""The rate limiter: bounds how far actors and learner may run ahead of each other.
 
-The learner says at each draw how much it has drawn in all, and the replay knows how many steps
-it was given; everything follows from these two numbers, so there is no state to checkpoint.
+The learner states at each draw how many steps it has drawn in the run, and the replay counts the
+inserted steps. The limiter needs only these two numbers, so it has no state to checkpoint.
 """
 
 from dataclasses import dataclass
@@ -11,14 +11,13 @@ from common.errors import InputError
 
 @dataclass(frozen=True)
 class RateLimiter:
-    """Keeps draws near ``samples_per_insert`` for each step after the first ``learning_starts``
-    ones."""
+    """Keeps draws near ``samples_per_insert`` per step inserted after ``learning_starts``."""
 
     samples_per_insert: float
     learning_starts: int
-    """Steps that come before the first draw, and that the ratio does not count."""
+    """Steps before the first draw, which the ratio does not count."""
     tolerance: float
-    """Steps by which either side may be ahead."""
+    """Maximum number of steps by which either side may be ahead."""
     batch_size: int
 
     def __post_init__(self) -> None:
@@ -40,7 +39,7 @@ class RateLimiter:
             )
 
     def deficit(self, inserted: int, drawn: int) -> float:
-        """Draws that are due; negative when the learner is ahead."""
+        """Returns the steps that are due to be drawn; negative if the learner is ahead."""
         return (inserted - self.learning_starts) * self.samples_per_insert - drawn
 
     def may_sample(self, inserted: int, drawn: int) -> bool:
@@ -52,5 +51,5 @@ class RateLimiter:
         )
 
     def should_throttle(self, inserted: int, drawn: int) -> bool:
-        """Whether actors should pause."""
+        """Whether actors must pause."""
         return self.deficit(inserted, drawn) > self.tolerance * self.samples_per_insert

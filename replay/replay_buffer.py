@@ -1,7 +1,7 @@
-"""`ReplayBuffer`: the replay of a run, in one process and for many threads.
+"""`ReplayBuffer`: the thread-safe replay of a run in one process.
 
-It adds to the `Store` who may go on when: the limiter, and those that wait for it. A draw holds
-the lock only to choose ids; its frames are gathered while others draw and insert.
+It adds the rate limiter, and the waiting for it, to the `Store`. A draw holds the lock only to
+choose ids; its frames are gathered while other threads draw and insert (see `Ring.read`).
 """
 
 import threading
@@ -28,7 +28,7 @@ _Read = TypeVar("_Read", Batch, SharedBatch)
 
 
 class ReplayBuffer:
-    """Everything remembered of one run; implements `replay.interface.Replay`."""
+    """The replay buffer of one run; implements `replay.interface.Replay`."""
 
     def __init__(self, config: RunConfig, folder: Path, actions: int = len(KEYS_OF_ACTION)) -> None:
         """Open the replay in ``folder``, or create it where there is none.
@@ -40,7 +40,7 @@ class ReplayBuffer:
             InputError: no space, a replay of other sizes, a damaged one, or one in use.
         """
         self.weights_version = 0
-        """Newest weights there are; told to actors with each acknowledgement."""
+        """Version of the newest weights, which each acknowledgement carries."""
         self._batch_size = config.learning.batch_size
         self._limiter = RateLimiter(
             config.samples_per_insert,
@@ -50,7 +50,7 @@ class ReplayBuffer:
         )
         self._state = threading.Condition()
         self._store = Store(config, folder, self._state, actions)
-        # Another sequence after each start, or a resumed run would draw the same places again.
+        # The sequence differs after each start, or a resumed run would draw the same places again.
         self._rng = np.random.default_rng([config.seed, self._store.ledger.accepted])
         self._closed = False
         self._finished = False
@@ -68,7 +68,7 @@ class ReplayBuffer:
         return self._ack("stored" if new else "duplicate")
 
     def refuse(self) -> None:
-        """Count a chunk that could not even be read."""
+        """Count a chunk that could not be decoded."""
         self._store.count_refused()
 
     def _ack(self, status: Literal["stored", "duplicate", "poll"]) -> Ack:
@@ -84,7 +84,7 @@ class ReplayBuffer:
         return self._limiter.should_throttle(self._store.ledger.agent_steps, self._drawn)
 
     def await_release(self, timeout: float) -> Ack:
-        """Answer a throttled actor: when it may go on or leave, or after ``timeout`` seconds."""
+        """Returns once a throttled actor may go on or leave, or after ``timeout`` seconds."""
         with self._state:
             self._state.wait_for(
                 lambda: self._closed or self._finished or not self._should_throttle(), timeout
@@ -96,7 +96,7 @@ class ReplayBuffer:
         return self._sample(drawn, timeout, self._store.ring.read)
 
     def sample_shared(self, drawn: int, timeout: float) -> SharedBatch | None:
-        """The same, with each frame once, for the way to another process."""
+        """Like `sample`, with each frame once, to be sent to another process."""
         return self._sample(drawn, timeout, self._store.ring.read_shared)
 
     def _sample(
@@ -119,7 +119,7 @@ class ReplayBuffer:
             batch = read(ids, weights)
             if batch is not None:
                 return batch
-        with self._state:  # the ring turns faster than it is read: let it wait this once
+        with self._state:  # the ring turns faster than it is read: keep writers out this once
             return read(*self._draw())
 
     def _draw(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -170,7 +170,7 @@ class ReplayBuffer:
             )
 
     def close(self) -> None:
-        """Let waiting calls return, and close the files; what was stored stays."""
+        """Release waiting calls and close the files, which keep what was stored."""
         with self._state:
             self._closed = True
             self._state.notify_all()

@@ -1,9 +1,9 @@
-"""A sum tree over slots: draw a slot in proportion to its value, in a handful of numpy calls.
+"""A sum tree over slots: draws slots in proportion to their values with a few numpy calls.
 
-Each node has 32 children instead of the usual two, and above the nodes there is one long row
-instead of a root, for a search in a row of thousands costs less than another level: a million
-slots are a row of 992 sums, and two levels below it. All draws of a batch go down together.
-Parents are summed afresh from their children, so rounding does not build up.
+Each node has 32 children instead of two, and one long row replaces the root, because a search in a
+row of thousands costs less than another level: a million slots have a row of 992 sums and two
+levels below it. All draws of a batch descend together. Parents are recomputed from their children,
+so rounding errors do not accumulate.
 """
 
 import numpy as np
@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 
 FANOUT = 32
 _WIDEST = 8_192
-"""Sums that the row at the top may have."""
+"""Maximum length of the top row."""
 
 
 def padded(capacity: int) -> int:
-    """Length of the array of leaves for ``capacity`` slots."""
+    """Returns the length of the array of leaves for ``capacity`` slots."""
     return -(-capacity // FANOUT) * FANOUT
 
 
 class SumTree:
-    """Values ≥ 0 of slots 0 … len(leaves) - 1; ``leaves`` is kept and changed in place."""
+    """Values ≥ 0 of slots 0 … len(leaves) - 1; the tree keeps ``leaves`` and writes to it."""
 
     def __init__(self, leaves: NDArray[np.float64]) -> None:
         self._leaves = leaves
         self._rows = [leaves]
-        """The leaves, the sums of 32 of them each, and so on to the top."""
+        """The leaves, the sums of 32 leaves each, and so on to the top row."""
         while len(self._rows) == 1 or len(self._rows[-1]) > _WIDEST:
             nodes = self._nodes(self._rows[-1])
             sums = np.zeros(padded(len(nodes)))
@@ -41,21 +41,21 @@ class SumTree:
         return float(self._rows[-1].sum())
 
     def get(self, slots: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Values of ``slots``."""
+        """Returns the values of ``slots``."""
         return self._leaves[slots]
 
     def set(self, slots: NDArray[np.int64], values: NDArray[np.float64] | float) -> None:
-        """Give ``slots`` new values; of a slot named twice the last value stays."""
+        """Set the values of ``slots``; if a slot occurs twice, its last value counts."""
         self._leaves[slots] = values
         for row, above in zip(self._rows, self._rows[1:], strict=False):
             slots = slots // FANOUT
             above[slots] = self._nodes(row).take(slots, axis=0).sum(axis=1)
 
     def find(self, targets: NDArray[np.float64]) -> NDArray[np.int64]:
-        """For each target in [0, total): the slot at which the running sum passes it."""
+        """Returns, for each target in [0, total), the slot at which the running sum exceeds it."""
         top = self._rows[-1]
         sums = top.cumsum()
-        # A target may exceed the sum by rounding; it must not run past the last value.
+        # Rounding may put a target above the sum; it must not run past the last value.
         targets = np.minimum(targets, np.nextafter(sums[-1], 0.0))
         found: NDArray[np.int64] = sums.searchsorted(targets, "right")
         targets = targets - (sums[found] - top[found])
@@ -63,7 +63,7 @@ class SumTree:
         for row in self._rows[-2::-1]:
             children = self._nodes(row).take(found, axis=0)
             sums = children.cumsum(axis=1)
-            # Nor may it stay below 0, for that would find a first child of no value.
+            # Nor may it be below 0, which would find a first child of value 0.
             targets = np.minimum(np.maximum(targets, 0.0), np.nextafter(sums[:, -1], 0.0))
             child = (sums > targets[:, None]).argmax(axis=1)
             targets = targets - (sums[each, child] - children[each, child])
