@@ -1,16 +1,15 @@
 """`python -m learner --evaluate FILE`: many whole games by one network, in several processes.
 
-How many games each process plays is settled beforehand: would those be taken that end first, the
-short ones, the defeats, would count too often.
+How many games each process plays is fixed before the first starts. Taking the games that end first
+would count short ones, which are defeats, too often.
 """
 
-import dataclasses
 import json
 import os
 import subprocess
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Annotated, Any
@@ -18,17 +17,13 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from common.errors import InputError
-from common.press_latency import Delay
 from common.process.supervisor import Child
 from common.run.config import RunConfig, differences, to_json
 from common.run.folder import write_atomically
 from common.run.origin import origin_of
-from learner.evaluation.scores import Scores
-from learner.telemetry.provenance import Provenance
-from learner.telemetry.sinks import formats as figures
+from learner.evaluation.results import summarise, table
 from learner.telemetry.sinks.summary import strict
 
 _POLL = 0.5
@@ -39,28 +34,28 @@ class EvaluationOptions:
     """Test a network by whole games instead of training one."""
 
     evaluate: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """The network, such as runs/NAME/snapshots/best.safetensors. It plays under its run's settings,
-    but for those that are given: another --env, a --play.command-latency, a --camera.noise, a
-    --seed. --sync, --wait-action and --speed apply too."""
+    """Network to test, such as runs/NAME/snapshots/best.safetensors. It plays under its run's
+    settings, except for those given here: another --env, a --play.command-latency, a
+    --camera.noise, a --seed. --sync, --wait-action and --speed apply too."""
     games: int = 30
-    """Games, over all processes."""
+    """Number of games, over all processes."""
     test_steps: int = 0
-    """Play on until so many steps are done, over all processes, as the report's tests do."""
+    """Minimum number of agent steps, over all processes; the tests of 2017 played 125,000."""
     epsilon: float = 0.001
-    """Share of random decisions; the report's tests have 0.05."""
+    """Share of random actions, 0 to 1; the tests of 2017 had 0.05."""
     processes: int = 0
-    """Games at a time; 0 for as many as there are cores."""
+    """Number of games played at a time; 0 for as many as there are cores."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File for the results."""
+    """File for the results, as JSON."""
 
     def check(self) -> None:
-        """Refuse what cannot be played.
+        """Refuse options that cannot be played.
 
         Raises:
-            InputError: naming the flag.
+            InputError: an option is out of bounds; it names the flag.
         """
         if self.evaluate is not None and not self.evaluate.is_file():
-            raise InputError(f"{self.evaluate} is no file: name a network to evaluate.")
+            raise InputError(f"{self.evaluate} is not a file: name a network to evaluate.")
         for name, value, least in (
             ("--games", self.games, 1),
             ("--test-steps", self.test_steps, 0),
@@ -79,10 +74,10 @@ def evaluate(
     stop: threading.Event,
     console: Console | None = None,
 ) -> int:
-    """Play, print the table and write the JSON; the exit status.
+    """Play, print the table and write the JSON; returns the exit status.
 
     Args:
-        config: what to play under.
+        config: settings to play under.
         flags: more for each playing process, such as ``["--no-sync"]``.
 
     Raises:
@@ -90,7 +85,8 @@ def evaluate(
     """
     assert options.evaluate is not None
     console = console or Console(highlight=False)
-    changed = _changes(options.evaluate, config)
+    trained = origin_of(options.evaluate)
+    changed = differences(replace(trained, seed=config.seed), config) if trained else []
     columns = (TextColumn("games"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     found: list[dict[str, Any]] = []
     with Progress(*columns, console=console, transient=True) as progress:
@@ -101,8 +97,15 @@ def evaluate(
     if stop.is_set():
         console.print(f"stopped after {len(found)} games")
         return 130
-    content = _content(options, config, flags, changed, found)
-    console.print(_table(content))
+    about = {
+        "weights": str(options.evaluate),
+        "epsilon": options.epsilon,
+        "seed": config.seed,
+        "flags": list(flags),
+        "changed": changed,
+    }
+    content = summarise(about, found)
+    console.print(table(content))
     if options.json is not None:
         write_atomically(options.json, (json.dumps(strict(content), indent=2) + "\n").encode())
         console.print(f"wrote {options.json}")
@@ -164,72 +167,3 @@ def _read(at: int, child: Child, lines: "Queue[tuple[int, str | None]]") -> None
     for line in child.stdout:
         lines.put((at, line))
     lines.put((at, None))
-
-
-def _changes(weights: Path, config: RunConfig) -> list[str]:
-    """In what other settings than it was trained under the network plays."""
-    trained = origin_of(weights)
-    return differences(dataclasses.replace(trained, seed=config.seed), config) if trained else []
-
-
-def _content(
-    options: EvaluationOptions,
-    config: RunConfig,
-    flags: Sequence[str],
-    changed: list[str],
-    games: list[dict[str, Any]],
-) -> dict[str, Any]:
-    assert options.evaluate is not None
-    steps = sum(game["steps"] for game in games)
-    late = {
-        name: sum(game[name] for game in games)
-        for name in ("decisions", "missed_deadlines", "late_frames")
-    }
-    key_times = tuple(map(sum, zip(*(game["key_times"] for game in games), strict=True)))
-    return {
-        "weights": str(options.evaluate),
-        "epsilon": options.epsilon,
-        "seed": config.seed,
-        "flags": list(flags),
-        "changed": changed,
-        **dataclasses.asdict(Scores.of([game["score"] for game in games])),
-        "steps": steps,
-        "press_ms": dataclasses.asdict(Delay.of(key_times, "press")),
-        "release_ms": dataclasses.asdict(Delay.of(key_times, "release")),
-        "deadlines_kept_share": 1 - late["missed_deadlines"] / late["decisions"],
-        "late_frames": late["late_frames"],
-        "press_match_share": sum(game["matched"] for game in games) / steps,
-        "valid_frame_share": sum(game["valid"] for game in games) / steps,
-        "scores": [game["score"] for game in games],
-        "steps_of_games": [game["steps"] for game in games],
-        **dataclasses.asdict(Provenance.gather()),
-    }
-
-
-def _table(content: dict[str, Any]) -> Table:
-    table = Table(title=f"{content['weights']}, ε = {content['epsilon']:g}", title_justify="left")
-    table.add_column("")
-    table.add_column("score", justify="right")
-    low, high = content["iqm_low"], content["iqm_high"]
-    release, press = (Delay(**content[name]) for name in ("release_ms", "press_ms"))
-    hands = f"release {figures.delay(release)}, press {figures.delay(press)}"
-    for name, cell in (
-        *(("other than trained", change) for change in content["changed"]),
-        ("games", f"{content['games']}"),
-        ("mean ± deviation", f"{content['mean']:.2f} ± {content['deviation']:.2f}"),
-        ("interquartile mean (95 %)", f"{content['iqm']:.2f} ({low:.2f} to {high:.2f})"),
-        ("median", f"{content['median']:g}"),
-        ("least, most", f"{content['least']:g}, {content['most']:g}"),
-        ("steps", f"{content['steps']:,}"),
-        ("keys as commanded", f"{content['press_match_share']:.1%}"),
-        *((("command to keys, p50/p99 ms", hands),) if release.measured + press.measured else ()),
-        *(
-            (("deadlines kept", f"{content['deadlines_kept_share']:.2%}"),)
-            if "--no-sync" in content["flags"]
-            else ()
-        ),
-        ("frames valid", f"{content['valid_frame_share']:.1%}"),
-        ("every game", " ".join(f"{score:g}" for score in content["scores"])),
-    ):
-        table.add_row(name, cell)
-    return table

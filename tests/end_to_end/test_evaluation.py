@@ -89,7 +89,7 @@ def test_what_does_not_fit_other_settings_is_told(run: Path) -> None:
 
 def test_what_is_no_network_is_told(run: Path, tmp_path: Path) -> None:
     for weights, why in (
-        (tmp_path / "nothing", "is no file: name a network to evaluate"),
+        (tmp_path / "nothing", "is not a file: name a network to evaluate"),
         (run / "config.json", "not safetensors"),
     ):
         ended = _evaluate(weights)

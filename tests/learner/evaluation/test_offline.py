@@ -1,85 +1,114 @@
-"""What an evaluation's games are summed up to: its JSON and its table."""
+"""The processes of an evaluation, played by a script: who plays what, and what is said of them."""
 
 import io
 import json
+import sys
 import threading
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
 from rich.console import Console
 
-from actors.games import GamesOptions, games
-from common.press_latency import COUNTS, Delay, ms_of, place_of
-from common.run.config import PlayConfig
+from common.errors import InputError
 from common.run.presets import PRESETS
-from learner.evaluation import offline as evaluation
-from learner.evaluation.offline import EvaluationOptions
-from learner.telemetry.sinks.summary import strict
+from learner.evaluation import offline
+from learner.evaluation.offline import EvaluationOptions, evaluate, play
+from tests.patience import PATIENCE
 
-LATE_KEYS = PlayConfig(
-    hand="model",
-    release_latency=1,
-    press_latency=3,
-    eye="emulator",
-    random_starts=0,
-    max_game_frames=4 * 40,
-)
-
-
-def game(places: dict[int, int]) -> dict[str, Any]:
-    key_times = [places.get(place, 0) for place in range(COUNTS)]
-    late = {"decisions": 80, "missed_deadlines": 4, "late_frames": 7}
-    return {"score": -21.0, "steps": 50, "matched": 40, "valid": 50, **late, "key_times": key_times}
+CONFIG = replace(PRESETS["fast"], seed=7)
+PLAYS = """
+import json, sys
+told = dict(zip(sys.argv[3::2], sys.argv[4::2]))
+for game in range(int(told["--games"])):
+    print(json.dumps({name: told[name] for name in ("--seed", "--steps", "--epsilon")}), flush=True)
+"""
 
 
-def summed_up(played: list[dict[str, Any]], *flags: str) -> tuple[dict[str, Any], str]:
-    content = evaluation._content(EvaluationOptions(Path("w")), PRESETS["fast"], flags, [], played)
-    console = Console(width=100, file=io.StringIO(), record=True)
-    console.print(evaluation._table(content))
-    told: dict[str, Any] = json.loads(json.dumps(strict(content), allow_nan=False))
-    return told, console.export_text()
+@pytest.fixture
+def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file of a program that every child runs instead of Python."""
+    file = tmp_path / "program"
+    monkeypatch.setattr(sys, "executable", str(file))
+    return file
 
 
-def test_the_hands_of_all_games_are_summed_up() -> None:
-    first = {place_of("release", True, 1): 1, place_of("press", True, 3): 60}
-    second = {place_of("release", True, 2): 1, place_of("press", True, 4): 40}
-    content, table = summed_up([game(first), game(second)])
-    assert content["press_ms"] == asdict(Delay(100, 50.0, ms_of(4), ms_of(4)))
-    assert content["release_ms"] == asdict(Delay(2, ms_of(1), ms_of(2), ms_of(2)))
-    assert "command to keys, p50/p99 ms" in table
-    assert "release 17/33, press 50/67" in table
+PYTHON = sys.executable
 
 
-def test_hands_that_never_press_leave_a_gap_in_strict_json() -> None:
-    content, table = summed_up([game({place_of("press", False, 30): 10})])
-    assert content["press_ms"] == {"measured": 10, "p50": None, "p99": None, "watched": 500.0}
-    assert "release –, press >500" in table
+def write(program: Path, script: str) -> None:
+    program.write_text(f"#!{PYTHON}\n{script}\n")
+    program.chmod(0o755)
 
 
-def test_without_hands_there_is_no_row_of_them() -> None:
-    content, table = summed_up([game({}), game({})])
-    assert content["press_ms"]["measured"] == 0
-    assert "keys as commanded" in table
-    assert "command to keys" not in table
+def test_games_and_steps_are_shared_out_beforehand_with_seeds_of_their_own(program: Path) -> None:
+    write(program, PLAYS)
+    options = EvaluationOptions(Path("w"), games=7, test_steps=100, processes=3)
+    found = list(play(options, CONFIG, ["--sync", "x"], threading.Event()))
+    games = {at: [each for each in found if each["process"] == at] for at in range(3)}
+    assert [len(each) for each in games.values()] == [3, 2, 2]
+    assert [{each["--seed"] for each in own} for own in games.values()] == [
+        {"7000"}, {"7001"}, {"7002"}
+    ]  # fmt: skip
+    assert {each["--steps"] for each in found} == {"34"}
+    assert {each["--epsilon"] for each in found} == {"0.001"}
 
 
-def test_real_time_tells_how_many_decisions_were_in_time() -> None:
-    content, table = summed_up([game({}), game({})], "--no-sync")
-    assert content["deadlines_kept_share"] == 1 - 8 / 160
-    assert content["late_frames"] == 14
-    assert "95.00%" in table
-    assert "deadlines" not in summed_up([game({})], "--sync")[1]
+def test_no_more_processes_than_games(program: Path) -> None:
+    write(program, PLAYS)
+    options = EvaluationOptions(Path("w"), games=2, processes=9)
+    assert len(list(play(options, CONFIG, [], threading.Event()))) == 2
 
 
-def test_each_game_tells_what_its_own_hands_took() -> None:
-    config = replace(PRESETS["robot"], play=LATE_KEYS)
-    options = GamesOptions(weights=None, config="", games=2, epsilon=1.0)  # type: ignore[arg-type]
-    found = list(games(config, options, threading.Event()))
-    assert [each.steps for each in found] == [40, 40]
-    assert found[0].key_times != found[1].key_times
-    for each in found:
-        changes = sum(each.key_times)
-        assert 40 < changes <= 80  # most of 40 random commands among 18 release and press
-        reached = {place_of("release", True, 2), place_of("press", True, 4)}
-        assert {place for place, count in enumerate(each.key_times) if count} == reached
+def test_a_process_that_fails_is_quoted(program: Path) -> None:
+    write(
+        program, "import sys; print('error: weights of 4 actions.', file=sys.stderr); sys.exit(2)"
+    )
+    options = EvaluationOptions(Path("w"), games=2, processes=2)
+    with pytest.raises(InputError, match=r"could not be played: weights of 4 actions\.$"):
+        list(play(options, CONFIG, [], threading.Event()))
+
+
+def test_a_stop_ends_every_process(program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(program, "import time\nprint('{}', flush=True)\ntime.sleep(10_000)")
+    children: list[offline.Child] = []
+
+    started = offline.Child
+
+    def start(*arguments: Any, **streams: Any) -> offline.Child:
+        children.append(started(*arguments, **streams))
+        return children[-1]
+
+    monkeypatch.setattr(offline, "Child", start)
+    stop = threading.Event()
+    console = Console(file=io.StringIO())
+    options = EvaluationOptions(program, games=2, processes=2)
+    result: list[int] = []
+    games = threading.Thread(
+        target=lambda: result.append(evaluate(options, CONFIG, [], stop, console)), daemon=True
+    )
+    games.start()
+    stop.set()
+    games.join(PATIENCE)
+    assert result == [130]
+    assert [child.poll() for child in children] == [-9, -9]
+
+
+def test_results_are_printed_and_written(
+    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    game = {
+        "score": 3.0, "steps": 50, "matched": 40, "valid": 50, "decisions": 80,
+        "missed_deadlines": 4, "late_frames": 7, "key_times": [0] * 120,
+    }  # fmt: skip
+    write(program, f"print({json.dumps(game)!r}, flush=True)")
+    file = tmp_path / "results.json"
+    options = EvaluationOptions(program, games=2, processes=2, json=file)
+    console = Console(file=io.StringIO(), width=100, record=True)
+    assert evaluate(options, CONFIG, ["--sync"], threading.Event(), console) == 0
+    told = json.loads(file.read_text())
+    assert (told["games"], told["scores"], told["seed"], told["flags"]) == (
+        2, [3.0, 3.0], 7, ["--sync"]
+    )  # fmt: skip
+    assert "interquartile mean" in console.export_text()
