@@ -19,7 +19,6 @@ from actors.stream.weights_client import WeightsClient
 from common.errors import MessageError
 from common.protocol.ack import Ack
 from common.protocol.actor_stats import ActorStats
-from common.protocol.chunk import encode_chunk
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import load_weights
 from common.run.config import RunConfig
@@ -90,7 +89,7 @@ class Actor:
                 self._take_weights()
                 chunk = self._chunkers[step.stream].add(step, self._policy)
                 if chunk is not None:
-                    self._outbox.send(encode_chunk(chunk))
+                    self._outbox.send(chunk.encode())
                     self._steer(self._outbox.last_ack)
                     self._rest()
                 if self._stop.is_set():
@@ -145,7 +144,7 @@ class Actor:
         for chunker in self._chunkers:
             chunk = chunker.cut(self._policy)
             if chunk is not None:
-                self._outbox.post(encode_chunk(chunk))
+                self._outbox.post(chunk.encode())
         self._outbox.flush(FAREWELL)
         if self._outbox.unacknowledged:
             self._warn(f"{self._outbox.unacknowledged} chunks were never acknowledged.")

@@ -15,7 +15,7 @@ from actors.stream.heartbeat import Heartbeat
 from common.errors import InputError, MessageError
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
-from common.protocol.evaluation import EvaluationJob, EvaluationReport, decode_job, encode_report
+from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import load_weights
 
@@ -90,7 +90,7 @@ class Evaluator:
         for reply in self._tasks.get(payload=self._name.encode()):
             if reply.ok is not None:
                 try:
-                    task = decode_job(reply.ok.payload.to_bytes())
+                    task = EvaluationJob.decode(reply.ok.payload.to_bytes())
                     if task.kind == "test":
                         load_weights(self._policy.network, task.weights)
                     return task
@@ -122,10 +122,7 @@ class Evaluator:
 
     def _report(self, report: EvaluationReport) -> bool:
         """Whether the learner still wants this test; a learner that is away does not know it."""
-        for reply in self._reports.get(payload=encode_report(report)):
-            if reply.ok is not None:
-                return True
-        return False
+        return any(reply.ok is not None for reply in self._reports.get(payload=report.encode()))
 
     def _stats(self, leaving: bool) -> ActorStats:
         return self._tally.stats(self._name, "evaluator", self._incarnation, self._policy, leaving)

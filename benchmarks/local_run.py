@@ -23,7 +23,7 @@ from benchmarks.child import free_endpoint
 from benchmarks.chunk_watch import ChunkWatch
 from common.errors import InputError
 from common.process.supervisor import Child
-from common.protocol.actor_stats import ActorStats, decode_stats
+from common.protocol.actor_stats import ActorStats
 from common.protocol.announcement import find_run
 from common.run.config import EnvKind
 from common.transport.bus import connect
@@ -188,7 +188,7 @@ class LocalRun:
             raise self._process.failure("learner")
 
     def _hear(self, sample: zenoh.Sample) -> None:
-        stats = decode_stats(sample.payload.to_bytes())
+        stats = ActorStats.decode(sample.payload.to_bytes())
         with self._lock:
             self._heard.append((time.monotonic(), stats))
 

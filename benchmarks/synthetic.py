@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from common.protocol.chunk import FRAME_SHAPE, Chunk
+from common.protocol.chunk import Chunk
+from common.protocol.step_fields import FRAME_SHAPE
 
 _GAME_STEPS = 500
 _POOL = 16

@@ -22,7 +22,6 @@ from benchmarks.synthetic import Streams
 from common.errors import exit_on_input_error
 from common.process.allocator import keep_large_blocks
 from common.protocol.announcement import find_run
-from common.protocol.chunk import encode_chunk
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.transport.bus import connect
@@ -106,7 +105,7 @@ def send(
 
     def action() -> None:
         nonlocal size
-        payload = encode_chunk(streams.next())
+        payload = streams.next().encode()
         size = len(payload)
         outbox.send(payload)
 

@@ -7,7 +7,8 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from replay.chunk_statistics import MOST_FACTS, ChunkStatistics, facts_from_list, facts_to_list
+from common.checked import build
+from replay.chunk_statistics import MOST_FACTS, ChunkStatistics
 from replay.journal import Entry
 from replay.ring import Placement
 
@@ -151,7 +152,7 @@ class ChunkIndex:
         }
         yield self.counts_entry()
         for facts in self.facts:
-            yield {"kind": "facts", "facts": facts_to_list(facts)}
+            yield {"kind": "facts", "facts": facts}
         for record in self._chunks.values():
             yield {"kind": "held", "key": record.key, "placement": record.placement}
 
@@ -176,13 +177,13 @@ class ChunkIndex:
             self.duplicates = entry["duplicates"]
             self.refused = entry["refused"]
         elif kind == "facts":
-            self.facts.append(facts_from_list(entry["facts"]))
+            self.facts.append(build(ChunkStatistics, entry["facts"]))
         elif kind == "held":
             record = _record(entry)
             self._chunks[record.key] = record
             self.stored += record.placement.steps
         elif kind == "chunk":
-            self.accept(_record(entry), facts_from_list(entry["facts"]))
+            self.accept(_record(entry), build(ChunkStatistics, entry["facts"]))
         elif kind == "tail":
             self.evict(entry["tail"])
         else:
@@ -195,7 +196,7 @@ def chunk_entry(record: ChunkRecord, facts: ChunkStatistics) -> Entry:
         "kind": "chunk",
         "key": record.key,
         "placement": record.placement,
-        "facts": facts_to_list(facts),
+        "facts": facts,
     }
 
 
@@ -205,4 +206,4 @@ def tail_entry(tail: int) -> Entry:
 
 
 def _record(entry: dict[str, Any]) -> ChunkRecord:
-    return ChunkRecord(ChunkKey(*entry["key"]), Placement(*entry["placement"]))
+    return ChunkRecord(build(ChunkKey, entry["key"]), build(Placement, entry["placement"]))

@@ -10,9 +10,15 @@ from numpy.typing import NDArray
 from common.errors import InputError, MessageError
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
-from replay import messages
-from replay.batch import Batch
-from replay.chunk_statistics import Progress, decode_progress
+from replay.batch import Batch, SharedBatch
+from replay.chunk_statistics import Progress
+from replay.messages import (
+    HeldOutRequest,
+    HeldOutStates,
+    Priorities,
+    ProgressRequest,
+    SampleRequest,
+)
 from replay.questions import PendingQueries
 
 AHEAD = 3
@@ -66,7 +72,7 @@ class RemoteReplay:
                     answer = self._draws.take(left)
                 except TimeoutError:
                     return None
-                batch = messages.decode_sample_reply(answer) if answer else None
+                batch = SharedBatch.decode(answer) if answer else None
                 self._going_well = batch is not None
                 if batch is not None:
                     if batch.stacks.shape[2] != self._frame_stack:
@@ -82,8 +88,8 @@ class RemoteReplay:
         under_way = self._draws.open
         wanted = 1 + self._ahead if self._going_well else 1
         for place in range(under_way, wanted):
-            request = messages.encode_sample_request(drawn + place * self._batch_size, timeout)
-            self._draws.ask(request)
+            request = SampleRequest(drawn + place * self._batch_size, timeout)
+            self._draws.ask(request.encode())
 
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """See `Replay.update_priorities`.
@@ -98,7 +104,7 @@ class RemoteReplay:
         """
         self._advice.clear()
         if self._advice.open < MOST_ADVICE:
-            self._advice.ask(messages.encode_priorities(ids, priorities))
+            self._advice.ask(Priorities(ids, priorities).encode())
 
     def held_out(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """See `Replay.held_out`.
@@ -107,8 +113,9 @@ class RemoteReplay:
             InputError: `close` was called while the server was away.
             MessageError: so many states do not fit a message.
         """
-        answer = self._insist(self._keys.held_out, messages.encode_held_out_request(count))
-        return messages.decode_held_out_reply(answer)
+        answer = self._insist(self._keys.held_out, HeldOutRequest(count).encode())
+        held = HeldOutStates.decode(answer)
+        return held.frames, held.vectors
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
         """See `Replay.progress`.
@@ -116,8 +123,8 @@ class RemoteReplay:
         Raises:
             InputError: `close` was called while the server was away.
         """
-        request = messages.encode_progress_request(since, finished)
-        return decode_progress(self._insist(self._keys.progress, request))
+        request = ProgressRequest(since, finished).encode()
+        return Progress.decode(self._insist(self._keys.progress, request))
 
     def close(self) -> None:
         """Stop waiting for the server; the session stays open."""

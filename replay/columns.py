@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import InputError
-from common.protocol.chunk import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_SHAPE
 
 
 def _size(dtype: Any, shape: tuple[int, ...]) -> int:

@@ -1,72 +1,57 @@
-"""The small messages between `RemoteReplay` and `ReplayServer`; batches and facts have their own.
+"""The small messages between `RemoteReplay` and `ReplayServer`; batches and progress apart."""
 
-Every decoder raises `MessageError` for anything that its encoder would not write.
-"""
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from common.protocol.chunk import FRAME_SHAPE
-from common.protocol.wire import pack, pack_array, take, take_array, unpack
-from replay.batch import SharedBatch, decode_batch, encode_batch
+from common.checked import Count, Positive
+from common.protocol.message import Array, Message
+from common.protocol.step_fields import FRAME_SHAPE
+from common.protocol.wire import MAX_MESSAGE_BYTES
 
 NO_BATCH = b""
 """The answer to a draw when the limiter does not let go of one."""
-
-Held = tuple[NDArray[np.uint8], NDArray[np.float32]]
-Priorities = tuple[NDArray[np.int64], NDArray[np.float32]]
-
-
-def encode_sample_request(drawn: int, timeout: float) -> bytes:
-    return pack({"drawn": drawn, "timeout": timeout})
+MAX_HELD_OUT = MAX_MESSAGE_BYTES // (FRAME_SHAPE[0] * FRAME_SHAPE[1])
+"""States of one frame that fit a message."""
 
 
-def decode_sample_request(payload: bytes) -> tuple[int, float]:
-    message = unpack(payload)
-    return take(message, "drawn", int, 0), take(message, "timeout", float, 0.0)
+@dataclass(frozen=True)
+class SampleRequest(Message):
+    """See `replay.interface.Replay.sample`."""
+
+    drawn: Count
+    timeout: Positive
 
 
-def encode_sample_reply(batch: SharedBatch | None) -> bytes:
-    return NO_BATCH if batch is None else encode_batch(batch)
+@dataclass(frozen=True)
+class Priorities(Message):
+    """New priorities of the B steps called ``ids``."""
+
+    ids: Annotated[NDArray[np.int64], Array("B")]
+    priorities: Annotated[NDArray[np.float32], Array("B")]
 
 
-def decode_sample_reply(payload: bytes) -> SharedBatch | None:
-    return None if payload == NO_BATCH else decode_batch(payload)
+@dataclass(frozen=True)
+class HeldOutRequest(Message):
+    """Asks for states on which the mean max-Q is measured."""
+
+    count: Annotated[int, Ge(0), Le(MAX_HELD_OUT)]
 
 
-def encode_priorities(ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> bytes:
-    return pack({"ids": pack_array(ids), "priorities": pack_array(priorities)})
+@dataclass(frozen=True)
+class HeldOutStates(Message):
+    """The answer: N states of H frames, with vector observations of P numbers."""
+
+    frames: Annotated[NDArray[np.uint8], Array("N", "H", *FRAME_SHAPE)]
+    vectors: Annotated[NDArray[np.float32], Array("N", "P")]
 
 
-def decode_priorities(payload: bytes) -> Priorities:
-    message = unpack(payload)
-    ids = take_array(message, "ids", np.int64, (None,))
-    return ids, take_array(message, "priorities", np.float32, ids.shape)
+@dataclass(frozen=True)
+class ProgressRequest(Message):
+    """See `replay.interface.Replay.progress`."""
 
-
-def encode_held_out_request(count: int) -> bytes:
-    return pack({"count": count})
-
-
-def decode_held_out_request(payload: bytes) -> int:
-    return int(take(unpack(payload), "count", int, 0))
-
-
-def encode_held_out_reply(held: Held) -> bytes:
-    return pack({"frames": pack_array(held[0]), "vectors": pack_array(held[1])})
-
-
-def decode_held_out_reply(payload: bytes) -> Held:
-    message = unpack(payload)
-    frames = take_array(message, "frames", np.uint8, (None, None, *FRAME_SHAPE))
-    return frames, take_array(message, "vectors", np.float32, (len(frames), None))
-
-
-def encode_progress_request(since: int, finished: bool | None) -> bytes:
-    return pack({"since": since, "finished": finished})
-
-
-def decode_progress_request(payload: bytes) -> tuple[int, bool | None]:
-    message = unpack(payload)
-    silent = message.get("finished") is None
-    return take(message, "since", int, 0), None if silent else take(message, "finished", bool)
+    since: Count
+    finished: bool | None

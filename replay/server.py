@@ -17,14 +17,19 @@ import zenoh
 from zenoh.handlers import FifoChannel
 
 from common.errors import MessageError
-from common.protocol.ack import encode_ack
 from common.protocol.announcement import encode_announcement
-from common.protocol.chunk import decode_chunk
+from common.protocol.chunk import Chunk
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.run.config import RunConfig
-from replay import messages
-from replay.chunk_statistics import encode_progress
+from replay.messages import (
+    NO_BATCH,
+    HeldOutRequest,
+    HeldOutStates,
+    Priorities,
+    ProgressRequest,
+    SampleRequest,
+)
 from replay.replay_buffer import ReplayBuffer
 
 LONGEST_WAIT = 1.0
@@ -111,7 +116,7 @@ class ReplayServer:
     def _insert(self, query: zenoh.Query) -> None:
         actor = str(query.key_expr).rsplit("/", 1)[-1]
         try:
-            chunk = decode_chunk(_payload(query))
+            chunk = Chunk.decode(_payload(query))
             if (chunk.run, chunk.actor) != (self._keys.run, actor):
                 raise MessageError(
                     f"a chunk of {chunk.run}/{chunk.actor} at the key of {self._keys.run}/{actor}"
@@ -120,7 +125,7 @@ class ReplayServer:
             self._memory.refuse()
             raise
         ack = self._memory.insert(chunk)
-        query.reply(query.key_expr, encode_ack(ack))
+        query.reply(query.key_expr, ack.encode())
 
     def _answer_polls(self) -> None:
         """Throttled actors wait here, each at most `LONGEST_WAIT`, while inserts go on."""
@@ -131,7 +136,7 @@ class ReplayServer:
             except queue.Empty:
                 # A poll that comes meanwhile is due later than those that wait already.
                 ack = self._memory.await_release(max(waiting[0][0] - time.monotonic(), 0.0))
-                now, answer = time.monotonic(), encode_ack(ack)
+                now, answer = time.monotonic(), ack.encode()
                 going_on = ack.finished or not ack.throttle
                 while waiting and (going_on or waiting[0][0] <= now):
                     with waiting.pop(0)[1] as due:
@@ -142,22 +147,23 @@ class ReplayServer:
             waiting.append((time.monotonic() + LONGEST_WAIT, query))
 
     def _sample(self, query: zenoh.Query) -> None:
-        drawn, timeout = messages.decode_sample_request(_payload(query))
-        batch = self._memory.sample_shared(drawn, min(timeout, LONGEST_WAIT))
-        query.reply(self._keys.sample, messages.encode_sample_reply(batch))
+        asked = SampleRequest.decode(_payload(query))
+        batch = self._memory.sample_shared(asked.drawn, min(asked.timeout, LONGEST_WAIT))
+        query.reply(self._keys.sample, NO_BATCH if batch is None else batch.encode())
 
     def _priorities(self, query: zenoh.Query) -> None:
-        self._memory.update_priorities(*messages.decode_priorities(_payload(query)))
+        advice = Priorities.decode(_payload(query))
+        self._memory.update_priorities(advice.ids, advice.priorities)
         query.reply(self._keys.priorities, b"")
 
     def _held_out(self, query: zenoh.Query) -> None:
-        held = self._memory.held_out(messages.decode_held_out_request(_payload(query)))
-        query.reply(self._keys.held_out, messages.encode_held_out_reply(held))
+        held = self._memory.held_out(HeldOutRequest.decode(_payload(query)).count)
+        query.reply(self._keys.held_out, HeldOutStates(*held).encode())
 
     def _progress(self, query: zenoh.Query) -> None:
-        since, finished = messages.decode_progress_request(_payload(query))
-        progress = self._memory.progress(since, finished=finished)
-        query.reply(self._keys.progress, encode_progress(progress))
+        asked = ProgressRequest.decode(_payload(query))
+        progress = self._memory.progress(asked.since, finished=asked.finished)
+        query.reply(self._keys.progress, progress.encode())
 
     def _config_asked(self, query: zenoh.Query) -> None:
         # At the run's own key: those who look for any run ask at 'ale-robot/*/config'.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.proprioception import width_of
-from common.protocol.chunk import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_SHAPE
 from common.run.config import EnvKind, PlayConfig
 
 Observation: TypeAlias = NDArray[np.uint8] | dict[str, Any]

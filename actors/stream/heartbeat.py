@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import zenoh
 
-from common.protocol.actor_stats import ActorStats, Role, encode_stats
+from common.protocol.actor_stats import ActorStats, Role
 from common.protocol.run_keys import RunKeys
 
 PERIOD = 1.0
@@ -35,9 +35,9 @@ class Heartbeat:
         """Say the last counters and withdraw the token."""
         self._ended.set()
         self._thread.join()
-        self._publisher.put(encode_stats(self._stats(True)))
+        self._publisher.put(self._stats(True).encode())
         self._token.undeclare()  # type: ignore[no-untyped-call]
 
     def _beat(self) -> None:
         while not self._ended.wait(PERIOD):
-            self._publisher.put(encode_stats(self._stats(False)))
+            self._publisher.put(self._stats(False).encode())

@@ -13,7 +13,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from common.errors import InputError, MessageError
-from common.protocol.ack import Ack, decode_ack
+from common.protocol.ack import Ack
 
 ACK_TIMEOUT = 5.0
 """Seconds after which an insert without an answer is sent again."""
@@ -112,7 +112,7 @@ class InsertClient:
         for reply in self._querier.get(payload=b""):
             if reply.ok is not None:
                 try:
-                    self.last_ack = decode_ack(reply.ok.payload.to_bytes())
+                    self.last_ack = Ack.decode(reply.ok.payload.to_bytes())
                 except MessageError as error:
                     self._warn(f"the replay gave an answer that is none: {error}")
                     continue
@@ -170,7 +170,7 @@ class InsertClient:
         ack: Ack | None = None
         if reply.ok is not None:
             try:
-                ack = decode_ack(reply.ok.payload.to_bytes())
+                ack = Ack.decode(reply.ok.payload.to_bytes())
             except MessageError as error:
                 refusal = f"an answer that is none ({error})"
         elif reply.err is not None:

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.vision.layout import GAME_IN_PICTURE
-from common.protocol.chunk import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_SHAPE
 
 _FINER = 2
 """Oversampling: the game is unwarped this much finer than its frame and then averaged. A ball of

@@ -18,7 +18,7 @@ from actors.vision.lens import Lens
 from actors.vision.optics import WIDTH_ANGLE
 from actors.vision.quad import dark_quads
 from actors.vision.screen import Screen, homography_to
-from common.protocol.chunk import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_SHAPE
 
 _DARK = 0.4
 """Threshold between black (0) and light (1) below which a pixel is dark."""

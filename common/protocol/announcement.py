@@ -3,37 +3,46 @@
 import json
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import zenoh
 
 from common.errors import InputError, MessageError
+from common.protocol.message import Message
 from common.protocol.run_keys import RunKeys
-from common.protocol.wire import pack, take, unpack
 from common.run.config import RunConfig, from_mapping, to_json
 from common.transport.bus import check_name
 
 _PAUSE = 0.2
 
 
+@dataclass(frozen=True)
+class Announcement(Message):
+    """A run and its configuration, as JSON."""
+
+    run: str
+    config: bytes
+
+
 def encode_announcement(run: str, config: RunConfig) -> bytes:
-    return pack({"run": run, "config": to_json(config).encode()})
+    return Announcement(run, to_json(config).encode()).encode()
 
 
 def decode_announcement(payload: bytes) -> tuple[str, RunConfig]:
-    """Name and configuration of the run.
+    """Returns name and configuration of the run.
 
     Raises:
         MessageError: a malformed message.
         InputError: a configuration that this version does not know.
     """
-    message = unpack(payload)
+    told = Announcement.decode(payload)
     try:
-        mapping = json.loads(take(message, "config", bytes))
+        mapping = json.loads(told.config)
     except (ValueError, RecursionError):
         raise MessageError("the configuration is no JSON") from None
     config = from_mapping(RunConfig, mapping, "the hub's configuration")
     config.check()
-    return check_name("run", take(message, "run", str)), config
+    return check_name("run", told.run), config
 
 
 def find_run(

@@ -1,74 +1,38 @@
 """Evaluation jobs, from learner to evaluators, and their reports: which weights, which scores."""
 
-from typing import Any, Literal, NamedTuple, cast
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
-from common.errors import MessageError
-from common.protocol.chunk import Game, take_games
-from common.protocol.wire import pack, take, unpack
+from annotated_types import MaxLen
 
-MAX_GAMES = 10_000
+from common.checked import Count, Rows, Share
+from common.protocol.chunk import Game
+from common.protocol.message import Message
+from common.protocol.wire import MAX_ITEMS
+
+MAX_GAMES = MAX_ITEMS - 1
 
 
-class EvaluationJob(NamedTuple):
+@dataclass(frozen=True)
+class EvaluationJob(Message):
     """The learner's answer to an evaluator that asks for work."""
 
     kind: Literal["test", "wait", "finished"]
-    epoch: int = 0
-    steps: int = 0
-    """Decisions to play, then to the end of the first game if none has ended."""
-    epsilon: float = 0.0
+    epoch: Count = 0
+    steps: Count = 0
+    """Agent steps to play, then to the end of the first game if none has ended."""
+    epsilon: Share = 0.0
     weights: bytes = b""
+    """Unchecked weights."""
 
 
-class EvaluationReport(NamedTuple):
+@dataclass(frozen=True)
+class EvaluationReport(Message):
     """What an evaluator has played since its last report."""
 
     evaluator: str
-    epoch: int
-    steps: int
-    games: tuple[Game, ...]
+    epoch: Count
+    steps: Count
+    games: Annotated[Rows[Game], MaxLen(MAX_GAMES)]
     done: bool
     """The job is done."""
-
-
-def encode_job(job: EvaluationJob) -> bytes:
-    return pack(job._asdict())
-
-
-def decode_job(payload: bytes) -> EvaluationJob:
-    """Returns the job inside ``payload``, its weights unchecked.
-
-    Raises:
-        MessageError: the payload is malformed.
-    """
-    message = unpack(payload)
-    kind = take(message, "kind", str)
-    if kind not in ("test", "wait", "finished"):
-        raise MessageError(f"kind is {kind!r}")
-    return EvaluationJob(
-        cast(Literal["test", "wait", "finished"], kind),
-        take(message, "epoch", int, 0),
-        take(message, "steps", int, 0),
-        take(message, "epsilon", float, 0.0),
-        take(message, "weights", bytes),
-    )
-
-
-def encode_report(report: EvaluationReport) -> bytes:
-    return pack(report._asdict())
-
-
-def decode_report(payload: bytes) -> EvaluationReport:
-    """Returns the report inside ``payload``.
-
-    Raises:
-        MessageError: the payload is malformed.
-    """
-    message: dict[str, Any] = unpack(payload)
-    return EvaluationReport(
-        take(message, "evaluator", str),
-        take(message, "epoch", int, 0),
-        take(message, "steps", int, 0),
-        take_games(message, MAX_GAMES),
-        take(message, "done", bool),
-    )

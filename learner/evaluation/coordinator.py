@@ -13,7 +13,7 @@ import zenoh
 from zenoh.handlers import FifoChannel
 
 from common.errors import InputError, MessageError
-from common.protocol.evaluation import EvaluationJob, decode_report, encode_job
+from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.protocol.run_keys import RunKeys
 from common.run.config import ProtocolConfig
 from common.run.folder import write_atomically
@@ -203,14 +203,14 @@ class EvaluationCoordinator:
                     break
             else:
                 over = self._over and not self._tests
-                return encode_job(EvaluationJob("finished" if over else "wait"))
+                return EvaluationJob("finished" if over else "wait").encode()
         weights = self._file(test.epoch).read_bytes()
-        return encode_job(
-            EvaluationJob("test", test.epoch, shard, self._protocol.test_epsilon, weights)
-        )
+        return EvaluationJob(
+            "test", test.epoch, shard, self._protocol.test_epsilon, weights
+        ).encode()
 
     def _on_report(self, payload: bytes) -> bytes:
-        report = decode_report(payload)
+        report = EvaluationReport.decode(payload)
         with self._lock:
             shard = self._shards.get(report.evaluator)
             test = self._tests.get(report.epoch)

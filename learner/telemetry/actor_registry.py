@@ -9,7 +9,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from common.errors import MessageError
-from common.protocol.actor_stats import ActorStats, decode_stats
+from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
 from learner.telemetry.status import ActorStatus, TimeCounts
 
@@ -110,7 +110,7 @@ class ActorRegistry:
 
     def _on_stats(self, sample: zenoh.Sample) -> None:
         try:
-            stats = decode_stats(sample.payload.to_bytes())
+            stats = ActorStats.decode(sample.payload.to_bytes())
         except MessageError:
             return  # somebody else's noise on our key
         key = f"{stats.role}/{stats.name}"

@@ -7,7 +7,7 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from common.protocol.ack import Ack, encode_ack
+from common.protocol.ack import Ack
 from tests.patience import PATIENCE
 
 STORED = Ack("stored", throttle=False, finished=False, agent_steps=0, weights_version=0)
@@ -54,7 +54,7 @@ def answer(query: zenoh.Query, payload: bytes) -> None:
 
 
 def acknowledge(query: zenoh.Query, ack: Ack = STORED) -> None:
-    answer(query, encode_ack(ack))
+    answer(query, ack.encode())
 
 
 def refuse(query: zenoh.Query, sentence: str) -> None:

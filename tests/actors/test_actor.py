@@ -16,8 +16,8 @@ from actors.policy import Policy
 from actors.stream import insert_client as outbox_module
 from actors.stream import weights_client as weights_inbox
 from common.network import QNetwork
-from common.protocol.actor_stats import ActorStats, decode_stats
-from common.protocol.chunk import Chunk, decode_chunk
+from common.protocol.actor_stats import ActorStats
+from common.protocol.chunk import Chunk
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
 from common.run.config import StreamConfig
@@ -52,11 +52,11 @@ class Replay:
                 return
         payload = payload_of(query)
         if payload:
-            self.chunks.append(decode_chunk(payload))
+            self.chunks.append(Chunk.decode(payload))
         self.polls += not payload
         finished = self.ack.finished or len(self.chunks) >= self.limit
         status = self.ack.status if payload else "poll"
-        acknowledge(query, self.ack._replace(status=status, finished=finished))
+        acknowledge(query, replace(self.ack, status=status, finished=finished))
 
 
 class Stage:
@@ -75,7 +75,7 @@ class Stage:
         hub.declare_subscriber(KEYS.stats("actor", "a"), Callback(self._hear_stats, indirect=False))
 
     def _hear_stats(self, sample: zenoh.Sample) -> None:
-        self.stats.append(decode_stats(sample.payload.to_bytes()))
+        self.stats.append(ActorStats.decode(sample.payload.to_bytes()))
 
     def start(self, *envs: NumberedEnv) -> None:
         actor = Actor(
@@ -171,7 +171,7 @@ def test_a_wish_to_stop_in_the_middle_of_a_chunk_loses_no_step(stage: Stage) -> 
 
 def test_epsilon_follows_the_runs_steps(stage: Stage) -> None:
     half_way = CONFIG.replay.learning_starts + CONFIG.exploration.steps // 2
-    stage.replay.ack = STORED._replace(agent_steps=half_way)
+    stage.replay.ack = replace(STORED, agent_steps=half_way)
     stage.replay.limit = 1
     stage.start(NumberedEnv([GOES_ON]))
     stage.ended()
@@ -181,7 +181,7 @@ def test_epsilon_follows_the_runs_steps(stage: Stage) -> None:
 
 def test_while_the_learner_is_behind_it_pauses(stage: Stage) -> None:
     env = NumberedEnv([GOES_ON])
-    stage.replay.ack = STORED._replace(throttle=True)
+    stage.replay.ack = replace(STORED, throttle=True)
     stage.start(env)
     stage.has(1)
     # The window lets a second chunk go before the first answer is read, no more.
@@ -198,17 +198,17 @@ def test_while_the_learner_is_behind_it_pauses(stage: Stage) -> None:
 
 
 def test_a_finished_run_ends_it_even_in_a_pause(stage: Stage) -> None:
-    stage.replay.ack = STORED._replace(throttle=True)
+    stage.replay.ack = replace(STORED, throttle=True)
     stage.start(NumberedEnv([GOES_ON]))
     wait_until(lambda: stage.replay.polls >= 5, "it pauses")
-    stage.replay.ack = STORED._replace(throttle=True, finished=True)
+    stage.replay.ack = replace(STORED, throttle=True, finished=True)
     stage.ended()
     assert stage.farewell().leaving
 
 
 def test_a_run_that_is_over_is_left_after_one_step(stage: Stage) -> None:
     env = NumberedEnv([GOES_ON])
-    stage.replay.ack = STORED._replace(finished=True)
+    stage.replay.ack = replace(STORED, finished=True)
     stage.start(env)
     stage.ended()
     assert len(env.moments) <= 1
@@ -217,7 +217,7 @@ def test_a_run_that_is_over_is_left_after_one_step(stage: Stage) -> None:
 def test_whoever_has_no_weights_fetches_the_newest(stage: Stage) -> None:
     learned = encode_weights(QNetwork(6))
     stage.serve_weights(5, learned)
-    stage.replay.ack = STORED._replace(weights_version=5)
+    stage.replay.ack = replace(STORED, weights_version=5)
     stage.replay.limit = 1
     stage.start(NumberedEnv([GOES_ON]))
     stage.ended()
@@ -239,13 +239,13 @@ def test_weights_that_are_only_a_broadcast_behind_are_not_fetched(stage: Stage) 
     mine = encode_weights(QNetwork(6))
     stage.serve_weights(100, mine)
     slack = 2 * CONFIG.learning.publish_period
-    stage.replay.ack = STORED._replace(weights_version=100 + slack)
+    stage.replay.ack = replace(STORED, weights_version=100 + slack)
     stage.start(NumberedEnv([GOES_ON]))
     stage.has(1)
     stage.serve_weights(100 + slack, encode_weights(QNetwork(6)))
     stage.has(4)
     assert {chunk.weights_version for chunk in stage.replay.chunks} == {100}
-    stage.replay.ack = STORED._replace(weights_version=101 + slack)
+    stage.replay.ack = replace(STORED, weights_version=101 + slack)
     wait_until(lambda: stage.policy.weights_version == 100 + slack, "it has fetched")
     stage.stop.set()
     stage.ended()
@@ -255,11 +255,11 @@ def test_weights_that_are_only_a_broadcast_behind_are_not_fetched(stage: Stage) 
 def test_a_learner_that_comes_back_with_older_weights_is_followed(stage: Stage) -> None:
     before, after = (encode_weights(QNetwork(6)) for _ in range(2))
     stage.serve_weights(100_000, before)
-    stage.replay.ack = STORED._replace(weights_version=100_000)
+    stage.replay.ack = replace(STORED, weights_version=100_000)
     stage.start(NumberedEnv([GOES_ON]))
     wait_until(lambda: stage.policy.weights_version == 100_000, "it has fetched")
     stage.serve_weights(50, after)
-    stage.replay.ack = STORED._replace(weights_version=50)
+    stage.replay.ack = replace(STORED, weights_version=50)
     wait_until(lambda: stage.policy.weights_version == 50, "it has fetched again")
     stage.stop.set()
     stage.ended()
@@ -286,7 +286,7 @@ def test_broadcast_weights_are_used_and_stamped(stage: Stage) -> None:
 def test_weights_that_do_not_fit_are_told_and_not_used(stage: Stage) -> None:
     mine = encode_weights(stage.policy.network)
     stage.serve_weights(5, encode_weights(QNetwork(18)))
-    stage.replay.ack = STORED._replace(weights_version=5)
+    stage.replay.ack = replace(STORED, weights_version=5)
     stage.start(NumberedEnv([GOES_ON]))
     stage.has(1)
     stage.stop.set()

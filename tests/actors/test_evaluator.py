@@ -13,9 +13,9 @@ from actors.evaluator import Evaluator
 from actors.policy import Policy
 from common.errors import InputError
 from common.network import QNetwork
-from common.protocol.actor_stats import ActorStats, decode_stats
+from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
-from common.protocol.evaluation import EvaluationJob, EvaluationReport, decode_report, encode_job
+from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
 from tests.actors.hub_stubs import PendingQueries, answer, ignore, payload_of, refuse
@@ -66,12 +66,12 @@ class Stage:
     def give(self, task: EvaluationJob) -> None:
         query = self.tasks.next()
         assert payload_of(query) == b"e"
-        answer(query, encode_job(task))
+        answer(query, task.encode())
 
     def report(self) -> EvaluationReport:
         """The next report, which the learner takes."""
         query = self.reports.next()
-        found = decode_report(payload_of(query))
+        found = EvaluationReport.decode(payload_of(query))
         answer(query, b"")
         return found
 
@@ -191,9 +191,9 @@ def test_a_test_that_the_learner_does_not_want_any_more_ends(stage: Stage) -> No
     ("payload", "sentence"),
     [
         (b"garbage", "not msgpack"),
-        (encode_job(EvaluationJob("test", 1, 10, 0.0, b"no weights")), "not safetensors"),
+        (EvaluationJob("test", 1, 10, 0.0, b"no weights").encode(), "not safetensors"),
         (
-            encode_job(EvaluationJob("test", 1, 10, 0.0, encode_weights(QNetwork(4)))),
+            EvaluationJob("test", 1, 10, 0.0, encode_weights(QNetwork(4))).encode(),
             "where the network has",
         ),
     ],
@@ -242,7 +242,7 @@ def test_it_lives_and_says_so_until_it_leaves(stage: Stage, hub: zenoh.Session) 
     heard: list[ActorStats] = []
 
     def receive(sample: zenoh.Sample) -> None:
-        heard.append(decode_stats(sample.payload.to_bytes()))
+        heard.append(ActorStats.decode(sample.payload.to_bytes()))
 
     hub.declare_subscriber(KEYS.stats("evaluator", "e"), Callback(receive, indirect=False))
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))

@@ -11,7 +11,7 @@ from benchmarks import replay
 from benchmarks.pace import slice_per_second
 from benchmarks.synthetic import Streams
 from common.errors import InputError
-from common.protocol.chunk import decode_chunk, encode_chunk
+from common.protocol.chunk import Chunk
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *flags: str) -> None:
@@ -64,7 +64,7 @@ def test_settings_that_cannot_work(
 
 def test_chunks_of_noise_are_chunks() -> None:
     streams = Streams("r", actors=("a", "b"), steps=8, frame_stack=4)
-    chunks = [decode_chunk(encode_chunk(streams.next())) for _ in range(5)]
+    chunks = [Chunk.decode(streams.next().encode()) for _ in range(5)]
     assert [(each.actor, each.sequence) for each in chunks] == [
         ("a", 0),
         ("b", 0),

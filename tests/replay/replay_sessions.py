@@ -3,8 +3,8 @@
 import zenoh
 
 from common.errors import MessageError
-from common.protocol.ack import Ack, decode_ack
-from common.protocol.chunk import Chunk, encode_chunk
+from common.protocol.ack import Ack
+from common.protocol.chunk import Chunk
 from common.protocol.run_keys import RunKeys
 from tests.replay.replay_reference import RUN
 
@@ -26,4 +26,4 @@ def ask(session: zenoh.Session, key: str, payload: bytes) -> bytes:
 
 
 def insert(session: zenoh.Session, chunk: Chunk) -> Ack:
-    return decode_ack(ask(session, KEYS.insert(chunk.actor), encode_chunk(chunk)))
+    return Ack.decode(ask(session, KEYS.insert(chunk.actor), chunk.encode()))

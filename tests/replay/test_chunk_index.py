@@ -3,9 +3,10 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.checked import build
 from common.protocol.chunk import Game
 from replay.chunk_index import ChunkIndex, ChunkKey, ChunkRecord, Received, chunk_entry, tail_entry
-from replay.chunk_statistics import MOST_FACTS, ChunkStatistics, facts_from_list, facts_to_list
+from replay.chunk_statistics import MOST_FACTS, ChunkStatistics
 from replay.ring import Placement
 
 
@@ -96,6 +97,6 @@ def test_steps_beside_a_chunk_cross_chunks_but_no_gap() -> None:
 
 
 def test_a_journal_from_before_incarnations_were_kept_is_read() -> None:
-    told = facts_to_list(facts(0))
-    assert facts_from_list(told) == facts(0)
-    assert facts_from_list(told[:-1]) == facts(0, incarnation=0)
+    told = json.loads(json.dumps(facts(0)))
+    assert build(ChunkStatistics, told) == facts(0)
+    assert build(ChunkStatistics, told[:-1]) == facts(0, incarnation=0)

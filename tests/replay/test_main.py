@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,7 +89,8 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
     started[1].wait_until_it_serves()
     learner.join(PATIENCE)
     after = remote.progress(0)
-    assert found[0] == after._replace(
+    assert found[0] == replace(
+        after,
         resident_bytes=found[0].resident_bytes,  # type: ignore[attr-defined]
         private_bytes=found[0].private_bytes,  # type: ignore[attr-defined]
     )

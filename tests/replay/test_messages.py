@@ -1,4 +1,6 @@
-from collections.abc import Callable
+"""Messages between learner and replay: each comes through whole, and nothing else does."""
+
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -9,10 +11,17 @@ from hypothesis.extra import numpy as hnp
 
 from common.errors import MessageError
 from common.protocol.chunk import Game
+from common.protocol.message import Message
 from common.protocol.wire import MAX_MESSAGE_BYTES, pack, unpack
-from replay import messages
-from replay.batch import SharedBatch, decode_batch, encode_batch
-from replay.chunk_statistics import ChunkStatistics, Progress, decode_progress, encode_progress
+from replay.batch import SharedBatch
+from replay.chunk_statistics import ChunkStatistics, Progress
+from replay.messages import (
+    HeldOutRequest,
+    HeldOutStates,
+    Priorities,
+    ProgressRequest,
+    SampleRequest,
+)
 
 
 def a_batch(count: int, frame_stack: int, width: int) -> SharedBatch:
@@ -39,7 +48,7 @@ def a_batch(count: int, frame_stack: int, width: int) -> SharedBatch:
 @pytest.mark.parametrize(("count", "frame_stack", "width"), [(1, 4, 0), (3, 1, 5), (0, 4, 2)])
 def test_a_batch_comes_through_whole(count: int, frame_stack: int, width: int) -> None:
     batch = a_batch(count, frame_stack, width)
-    for name, array in decode_batch(encode_batch(batch))._asdict().items():
+    for name, array in vars(SharedBatch.decode(batch.encode())).items():
         expected = getattr(batch, name)
         assert array.dtype == expected.dtype
         np.testing.assert_array_equal(array, expected)
@@ -47,7 +56,7 @@ def test_a_batch_comes_through_whole(count: int, frame_stack: int, width: int) -
 
 @pytest.mark.parametrize(("count", "frame_stack", "width"), [(1, 4, 0), (3, 1, 5), (0, 4, 2)])
 def test_a_batch_can_be_made_whole(count: int, frame_stack: int, width: int) -> None:
-    shared = decode_batch(encode_batch(a_batch(count, frame_stack, width)))
+    shared = SharedBatch.decode(a_batch(count, frame_stack, width).encode())
     batch = shared.whole()
     assert batch.s_tm1.shape == batch.s_t.shape == (count, frame_stack, 84, 84)
     for at in range(count):
@@ -65,7 +74,7 @@ def test_a_stack_of_frames_that_are_not_there_is_refused(wrong: int) -> None:
     batch = a_batch(1, 4, 0)
     batch.stacks[1, 0, 2] = wrong
     with pytest.raises(MessageError, match="5 frames"):
-        decode_batch(encode_batch(batch))
+        SharedBatch.decode(batch.encode())
 
 
 def test_a_small_message_cannot_ask_for_huge_states() -> None:
@@ -73,7 +82,8 @@ def test_a_small_message_cannot_ask_for_huge_states() -> None:
     batch = a_batch(1, 4, 0)
     stacks = np.zeros((2, count + 1, 4), np.int32)
     empty = np.zeros(count + 1, np.float32)
-    large = batch._replace(
+    large = replace(
+        batch,
         stacks=stacks,
         ids=np.zeros(count + 1, np.int64),
         a_tm1=np.zeros(count + 1, np.uint8),
@@ -84,19 +94,15 @@ def test_a_small_message_cannot_ask_for_huge_states() -> None:
         x_t=empty[:, None],
     )
     with pytest.raises(MessageError, match="over the bound"):
-        decode_batch(encode_batch(large))
+        SharedBatch.decode(large.encode())
 
 
-def test_the_answer_may_be_that_there_is_no_batch() -> None:
-    assert messages.decode_sample_reply(messages.encode_sample_reply(None)) is None
-
-
-@pytest.mark.parametrize("name", SharedBatch._fields)
+@pytest.mark.parametrize("name", [each.name for each in fields(SharedBatch)])
 def test_a_batch_without_one_of_its_arrays_is_refused(name: str) -> None:
-    message = unpack(encode_batch(a_batch(2, 4, 0)))
+    message = unpack(a_batch(2, 4, 0).encode())
     del message["schema"], message[name]
     with pytest.raises(MessageError, match=name):
-        decode_batch(pack(message))
+        SharedBatch.decode(pack(message))
 
 
 FACTS = st.builds(
@@ -121,76 +127,69 @@ def test_progress_comes_through_whole(
     facts: tuple[ChunkStatistics, ...], throttle: bool, number: int
 ) -> None:
     progress = Progress(number, 1, 2, 3, 4, 5, throttle, 6, 7, number, facts)
-    assert decode_progress(encode_progress(progress)) == progress
+    assert Progress.decode(progress.encode()) == progress
 
 
 @pytest.mark.parametrize("bad", [None, [], [1], [[1, 2, 3]], [[0, 1, 1, "a", 1, 0, 0, 0, 0, []]]])
 def test_facts_of_other_kinds_are_refused(bad: Any) -> None:
-    message = unpack(encode_progress(Progress(0, 1, 2, 3, 4, 5, False, 6, 7, 8, ())))
+    message = unpack(Progress(0, 1, 2, 3, 4, 5, False, 6, 7, 8, ()).encode())
     del message["schema"]
     with pytest.raises(MessageError):
-        decode_progress(pack({**message, "facts": bad} if bad != [] else {"facts": bad}))
+        Progress.decode(pack({**message, "facts": bad} if bad != [] else {"facts": bad}))
 
 
 def test_requests_come_through_whole() -> None:
-    assert messages.decode_sample_request(messages.encode_sample_request(640, 0.5)) == (640, 0.5)
-    assert messages.decode_held_out_request(messages.encode_held_out_request(9)) == 9
-    request = messages.encode_progress_request(3, True)
-    assert messages.decode_progress_request(request) == (3, True)
+    for request in (SampleRequest(640, 0.5), HeldOutRequest(9), ProgressRequest(3, True)):
+        assert type(request).decode(request.encode()) == request
+    assert ProgressRequest.decode(ProgressRequest(3, None).encode()).finished is None
 
 
 @given(hnp.arrays(np.float32, st.integers(0, 9), elements=st.floats(0, 1, width=32)))
 def test_priorities_come_through_whole(priorities: Any) -> None:
     ids = np.arange(len(priorities)) + 2**40
-    found = messages.decode_priorities(messages.encode_priorities(ids, priorities))
-    np.testing.assert_array_equal(found[0], ids)
-    np.testing.assert_array_equal(found[1], priorities)
+    found = Priorities.decode(Priorities(ids, priorities).encode())
+    np.testing.assert_array_equal(found.ids, ids)
+    np.testing.assert_array_equal(found.priorities, priorities)
 
 
 def test_held_out_states_come_through_whole() -> None:
     batch = a_batch(3, 4, 2).whole()
-    held = messages.decode_held_out_reply(
-        messages.encode_held_out_reply((batch.s_tm1, batch.x_tm1))
-    )
-    np.testing.assert_array_equal(held[0], batch.s_tm1)
-    np.testing.assert_array_equal(held[1], batch.x_tm1)
+    held = HeldOutStates.decode(HeldOutStates(batch.s_tm1, batch.x_tm1).encode())
+    np.testing.assert_array_equal(held.frames, batch.s_tm1)
+    np.testing.assert_array_equal(held.vectors, batch.x_tm1)
 
 
-DECODERS: list[Callable[[bytes], object]] = [
-    decode_batch,
-    decode_progress,
-    messages.decode_sample_request,
-    messages.decode_priorities,
-    messages.decode_held_out_request,
-    messages.decode_held_out_reply,
-    messages.decode_progress_request,
+KINDS: list[type[Message]] = [
+    SharedBatch,
+    Progress,
+    SampleRequest,
+    Priorities,
+    HeldOutRequest,
+    HeldOutStates,
+    ProgressRequest,
 ]
 
 
-@given(st.sampled_from(DECODERS), st.binary(max_size=60))
-def test_random_bytes_are_refused(decode: Callable[[bytes], object], payload: bytes) -> None:
+@given(st.sampled_from(KINDS), st.binary(max_size=60))
+def test_random_bytes_are_refused(kind: type[Message], payload: bytes) -> None:
     with pytest.raises(MessageError):
-        decode(payload)
+        kind.decode(payload)
 
 
 @given(
-    st.sampled_from(DECODERS),
+    st.sampled_from(KINDS),
     st.dictionaries(
         st.sampled_from(["ids", "drawn", "timeout", "count", "since", "facts", "frames", "stacks"]),
         st.none() | st.integers(-(2**63), 2**63) | st.floats() | st.text(max_size=3) | st.just([]),
     ),
 )
 def test_maps_of_anything_are_decoded_or_refused(
-    decode: Callable[[bytes], object], message: dict[str, Any]
+    kind: type[Message], message: dict[str, Any]
 ) -> None:
     try:
-        decoded = decode(pack(message))
+        decoded = kind.decode(pack(message))
     except MessageError:
         return
     # What passes can only be the requests whose every field may be among these.
-    assert decode in (
-        messages.decode_sample_request,
-        messages.decode_held_out_request,
-        messages.decode_progress_request,
-    )
-    assert decoded is not None
+    assert kind in (SampleRequest, HeldOutRequest)
+    assert vars(decoded) == message

@@ -15,13 +15,12 @@ from zenoh.handlers import FifoChannel
 
 from benchmarks.child import free_endpoint
 from common.errors import InputError, MessageError
-from common.protocol.ack import Ack, decode_ack
+from common.protocol.ack import Ack
 from common.protocol.announcement import find_run
-from common.protocol.chunk import encode_chunk
 from common.protocol.wire import pack
 from common.transport.bus import connect, open_hub
-from replay import messages
 from replay.client import AHEAD, MOST_ADVICE, RemoteReplay
+from replay.messages import NO_BATCH, Priorities, SampleRequest
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 from tests.patience import PATIENCE
@@ -119,14 +118,14 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
 def test_a_chunk_at_another_actors_key_is_refused(place: Place) -> None:
     chunk = Actor("a", 4).live([GOES_ON], np.random.default_rng(0))
     with pytest.raises(MessageError, match="test/a at the key of test/b"):
-        ask(place.session, KEYS.insert("b"), encode_chunk(chunk))
+        ask(place.session, KEYS.insert("b"), chunk.encode())
     assert place.memory.progress(0).refused == 1
 
 
 def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> None:
     dice = random.Random(0)
     actor = Actor("a", 4)
-    good = encode_chunk(actor.live([GOES_ON, TERMINATES], np.random.default_rng(0)))
+    good = actor.live([GOES_ON, TERMINATES], np.random.default_rng(0)).encode()
     junk = [dice.randbytes(dice.randrange(1, 300)) for _ in range(30)]
     junk += [good[: dice.randrange(1, len(good))] for _ in range(30)]
     for _ in range(30):  # the head of the message, where its structure is
@@ -136,7 +135,7 @@ def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> No
     refused = 0
     for message in junk:
         try:
-            decode_ack(ask(place.session, KEYS.insert("a"), message))
+            Ack.decode(ask(place.session, KEYS.insert("a"), message))
         except MessageError:
             refused += 1
     assert refused > 60
@@ -153,10 +152,10 @@ def test_a_poll_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> No
     actor, rng = Actor("a", 4), np.random.default_rng(0)
     assert insert(place.session, actor.live([GOES_ON] * 100, rng)).throttle
     key = KEYS.insert("a")
-    assert decode_ack(ask(place.session, key, b"")).throttle  # after its second
+    assert Ack.decode(ask(place.session, key, b"")).throttle  # after its second
     found: list[Ack] = []
     held = [
-        threading.Thread(target=lambda: found.append(decode_ack(ask(place.session, key, b""))))
+        threading.Thread(target=lambda: found.append(Ack.decode(ask(place.session, key, b""))))
         for _ in range(3)
     ]
     for thread in held:
@@ -167,7 +166,7 @@ def test_a_poll_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> No
         thread.join(PATIENCE)
     assert [ack.status for ack in found] == ["poll"] * 3
     for _ in until_late():  # draws have a thread of their own
-        ack = decode_ack(ask(place.session, key, b""))
+        ack = Ack.decode(ask(place.session, key, b""))
         if not ack.throttle:
             break
     assert not ack.throttle
@@ -248,8 +247,8 @@ def test_no_number_is_told_that_is_not_yet_true_while_nothing_is_to_be_had(place
         for _ in range(4):
             with next_of(asked) as query:
                 assert query.payload is not None
-                told.append(messages.decode_sample_request(query.payload.to_bytes())[0])
-                query.reply(KEYS.sample, messages.NO_BATCH)
+                told.append(SampleRequest.decode(query.payload.to_bytes()).drawn)
+                query.reply(KEYS.sample, NO_BATCH)
         place.remote.close()
         waiting.join(PATIENCE)
     assert told == [32] * 4
@@ -269,8 +268,7 @@ def test_priorities_are_told_in_order_and_only_so_many_without_an_answer(
         for query in queries:
             with query:
                 assert query.payload is not None
-                ids, _ = messages.decode_priorities(query.payload.to_bytes())
-                told += ids.tolist()
+                told += Priorities.decode(query.payload.to_bytes()).ids.tolist()
                 query.reply(KEYS.priorities, b"")
         assert heard.try_recv() is None
         for _ in until_late():  # heard again, once it is known that the others were heard

@@ -12,7 +12,7 @@ from actors.loop import play
 from actors.policy import Policy
 from actors.stream.chunker import Chunker
 from common.network import QNetwork
-from common.protocol.chunk import Chunk, Game, decode_chunk, encode_chunk
+from common.protocol.chunk import Chunk, Game
 from tests.actors.numbered_env import CUT, GAME_OVER, GOES_ON, LOSES_A_LIFE, Moment, NumberedEnv
 
 POLICY = Policy(QNetwork(6), 6, np.random.default_rng(0))  # ε is 1: its network is never asked
@@ -139,7 +139,7 @@ def test_the_other_columns_are_what_was_lived_through(
 @given(SCRIPTS, st.integers(1, 40), st.integers(1, 9))
 def test_what_a_chunker_makes_a_receiver_takes(script: list[str], turns: int, length: int) -> None:
     for chunk in live([script], turns, length).chunks[0]:
-        assert (decode_chunk(encode_chunk(chunk)).frames == chunk.frames).all()
+        assert (Chunk.decode(chunk.encode()).frames == chunk.frames).all()
 
 
 def test_chunks_are_numbered_by_stream() -> None:

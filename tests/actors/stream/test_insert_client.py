@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import pytest
 import zenoh
@@ -84,7 +85,7 @@ def test_chunks_arrive_and_their_acks_count(replay: PendingQueries, sender: Send
         query = replay.next()
         assert str(query.key_expr) == KEY
         assert payload_of(query) == b"chunk %d" % number
-        ack = STORED._replace(agent_steps=64 * number, weights_version=number)
+        ack = replace(STORED, agent_steps=64 * number, weights_version=number)
         acknowledge(query, ack)
         sender.settled()
         assert sender.outbox.last_ack == ack
@@ -225,7 +226,7 @@ def test_a_poll_is_answered_by_what_to_do(replay: PendingQueries, sender: Sender
     polling = sender.beside(lambda: found.append(sender.outbox.poll()))
     query = replay.next()
     assert payload_of(query) == b""
-    ack = STORED._replace(status="poll", throttle=True, agent_steps=5)
+    ack = replace(STORED, status="poll", throttle=True, agent_steps=5)
     acknowledge(query, ack)
     joined(polling)
     assert found == [ack]

@@ -12,7 +12,7 @@ from actors.loop import play
 from actors.policy import Policy
 from actors.stream.chunker import Chunker
 from common.network import QNetwork
-from common.protocol.chunk import Chunk, decode_chunk, encode_chunk
+from common.protocol.chunk import Chunk
 from tests.actors.numbered_env import CUT, GAME_OVER, GOES_ON, LOSES_A_LIFE, NumberedEnv
 
 WIDTH = 3
@@ -68,7 +68,7 @@ def test_every_chunk_has_the_vectors_of_its_own_states(
         if rest is not None:
             chunks[stream].append(rest)
         moments = inner[stream].moments
-        received = [decode_chunk(encode_chunk(chunk)) for chunk in chunks[stream]]
+        received = [Chunk.decode(chunk.encode()) for chunk in chunks[stream]]
         vectors = np.concatenate([chunk.vectors for chunk in received])
         assert vectors.tolist() == [vector_of(moment.state).tolist() for moment in moments]
         finals = np.concatenate([chunk.final_vectors for chunk in received])

@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.protocol.chunk import FRAME_SHAPE, Chunk, Game
+from common.protocol.chunk import Chunk, Game
+from common.protocol.step_fields import FRAME_SHAPE
 
 NAMES = st.text("abcdefghijklmnopqrstuvwxyz0123456789-._", min_size=1, max_size=64)
 COUNTS = st.integers(0, 2**63 - 1)

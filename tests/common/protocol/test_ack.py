@@ -1,5 +1,6 @@
 """The acknowledgement of an insert."""
 
+import dataclasses
 from typing import Any
 
 import pytest
@@ -7,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import MessageError
-from common.protocol.ack import Ack, decode_ack, encode_ack
+from common.protocol.ack import Ack
 from common.protocol.wire import pack
 
 COUNTS = st.integers(0, 2**63 - 1)
@@ -25,15 +26,15 @@ GOOD = Ack("stored", throttle=False, finished=False, agent_steps=640, weights_ve
     )
 )
 def test_an_ack_survives_the_wire(ack: Ack) -> None:
-    assert decode_ack(encode_ack(ack)) == ack
+    assert Ack.decode(ack.encode()) == ack
 
 
-@pytest.mark.parametrize("name", Ack._fields)
+@pytest.mark.parametrize("name", [each.name for each in dataclasses.fields(Ack)])
 def test_a_missing_field_is_told(name: str) -> None:
-    message: dict[str, Any] = GOOD._asdict()
+    message: dict[str, Any] = dataclasses.asdict(GOOD)
     del message[name]
     with pytest.raises(MessageError, match=name):
-        decode_ack(pack(message))
+        Ack.decode(pack(message))
 
 
 @pytest.mark.parametrize(
@@ -51,10 +52,10 @@ def test_a_missing_field_is_told(name: str) -> None:
 )
 def test_a_wrong_field_is_told(name: str, value: Any) -> None:
     with pytest.raises(MessageError, match=name):
-        decode_ack(pack(GOOD._asdict() | {name: value}))
+        Ack.decode(pack(dataclasses.asdict(GOOD) | {name: value}))
 
 
 @given(st.binary(max_size=50))
 def test_anything_else_is_refused(payload: bytes) -> None:
     with pytest.raises(MessageError):
-        decode_ack(payload)
+        Ack.decode(payload)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.errors import MessageError
-from common.protocol.chunk import Chunk, Game, decode_chunk, encode_chunk
+from common.protocol.chunk import Chunk, Game
 from tests.common.protocol.chunk_strategies import chunks, example_chunk, same
 
 ARRAYS = [name for name, value in vars(example_chunk()).items() if isinstance(value, np.ndarray)]
@@ -18,25 +18,25 @@ NUMBERS = ["incarnation", "stream", "sequence", "weights_version"]
 
 
 def message_of(chunk: Chunk) -> dict[str, Any]:
-    message: dict[str, Any] = msgpack.unpackb(encode_chunk(chunk))
+    message: dict[str, Any] = msgpack.unpackb(chunk.encode())
     return message
 
 
 def refused(message: dict[str, Any], match: str | None = None) -> None:
     with pytest.raises(MessageError, match=match):
-        decode_chunk(msgpack.packb(message))
+        Chunk.decode(msgpack.packb(message))
 
 
 @settings(max_examples=50)
 @given(chunks())
 def test_any_chunk_survives_the_wire(chunk: Chunk) -> None:
-    found = decode_chunk(encode_chunk(chunk))
+    found = Chunk.decode(chunk.encode())
     assert same(found, chunk)
     assert len(found) == len(chunk.actions)
 
 
 def test_the_arrays_are_views_of_the_message() -> None:
-    found = decode_chunk(encode_chunk(example_chunk()))
+    found = Chunk.decode(example_chunk().encode())
     for name in ARRAYS:
         assert not getattr(found, name).flags.writeable, name
         assert not getattr(found, name).flags.owndata, name
@@ -44,7 +44,7 @@ def test_the_arrays_are_views_of_the_message() -> None:
 
 def test_the_message_is_little_larger_than_its_frames() -> None:
     chunk = example_chunk()
-    assert len(encode_chunk(chunk)) < (2 + 3 + 1) * 84 * 84 + 1_000
+    assert len(chunk.encode()) < (2 + 3 + 1) * 84 * 84 + 1_000
 
 
 @pytest.mark.parametrize("name", [each.name for each in dataclasses.fields(Chunk)])
@@ -109,7 +109,7 @@ def test_an_array_of_another_dtype_shape_or_size_is_refused(name: str, change: s
 def test_a_chunk_has_1_to_1024_steps(steps: int) -> None:
     message = message_of(example_chunk())
     message["actions"] = {"dtype": "|u1", "shape": [steps], "data": bytes(steps)}
-    refused(message, f"{steps} steps")
+    refused(message, f"T is {steps} where 1 to 1024 are allowed")
 
 
 def test_a_chunk_of_1024_steps_is_taken() -> None:
@@ -129,7 +129,7 @@ def test_a_chunk_of_1024_steps_is_taken() -> None:
         final_frames=np.zeros((0, 84, 84), np.uint8),
         final_vectors=np.zeros((0, 0), np.float32),
     )
-    assert same(decode_chunk(encode_chunk(chunk)), chunk)
+    assert same(Chunk.decode(chunk.encode()), chunk)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_a_chunk_of_1024_steps_is_taken() -> None:
         ({"vectors": np.full((3, 2), np.inf, np.float32)}, "finite"),
         ({"final_vectors": np.full((1, 2), np.nan, np.float32)}, "finite"),
         ({"terminated": np.array([False, False, True])}, "both terminated and truncated"),
-        ({"elapsed": np.array([1, 0, 1], np.uint8)}, "at least one decision"),
+        ({"elapsed": np.array([1, 0, 1], np.uint8)}, "at least one agent step"),
         ({"truncated": np.array([False, False, False])}, "final_frames"),
         ({"truncated": np.array([True, False, True])}, "final_frames"),
         ({"final_vectors": np.zeros((1, 3), np.float32)}, "final_vectors"),
@@ -149,16 +149,16 @@ def test_a_chunk_of_1024_steps_is_taken() -> None:
                 "vectors": np.zeros((3, 1_025), np.float32),
                 "final_vectors": np.zeros((1, 1_025), np.float32),
             },
-            "1025 numbers",
+            "P is 1025",
         ),
-        ({"games": (Game(0.0, 1),) * 4}, "3 games at most"),
+        ({"games": (Game(0.0, 1),) * 4}, "4 games where 3 at most"),
     ],
 )
 def test_what_no_actor_could_have_lived_through_is_refused(
     changes: dict[str, Any], match: str
 ) -> None:
     with pytest.raises(MessageError, match=match):
-        decode_chunk(encode_chunk(example_chunk(**changes)))
+        Chunk.decode(example_chunk(**changes).encode())
 
 
 @pytest.mark.parametrize("name", ["terminated", "truncated", "valid", "matched", "explored"])
@@ -188,13 +188,13 @@ def test_a_boolean_is_0_or_1(name: str) -> None:
     ],
 )
 def test_a_game_is_a_score_and_steps(game: Any) -> None:
-    refused(message_of(example_chunk()) | {"games": [game]}, "score and steps")
+    refused(message_of(example_chunk()) | {"games": [game]}, "games")
 
 
 @settings(max_examples=300)
 @given(st.data())
 def test_flipped_bytes_are_refused_or_make_another_valid_chunk(data: st.DataObject) -> None:
-    payload = bytearray(encode_chunk(example_chunk()))
+    payload = bytearray(example_chunk().encode())
     # Pixels are free to change, so flip only the bytes around them.
     pixels = {value for frame in (1, 2, 3) for value in _run_of(payload, frame)}
     others = sorted(set(range(len(payload))) - pixels)
@@ -213,22 +213,22 @@ def _run_of(payload: bytearray, value: int) -> range:
 @settings(max_examples=100)
 @given(st.data())
 def test_a_chunk_cut_short_or_drawn_out_is_refused(data: st.DataObject) -> None:
-    payload = encode_chunk(example_chunk())
+    payload = example_chunk().encode()
     with pytest.raises(MessageError):
-        decode_chunk(payload[: data.draw(st.integers(0, len(payload) - 1))])
+        Chunk.decode(payload[: data.draw(st.integers(0, len(payload) - 1))])
     with pytest.raises(MessageError):
-        decode_chunk(payload + data.draw(st.binary(min_size=1, max_size=9)))
+        Chunk.decode(payload + data.draw(st.binary(min_size=1, max_size=9)))
 
 
 @given(st.binary(max_size=300))
 def test_random_bytes_are_refused(payload: bytes) -> None:
     with pytest.raises(MessageError):
-        decode_chunk(payload)
+        Chunk.decode(payload)
 
 
 def _refused_or_valid(payload: bytes) -> None:
     try:
-        found = decode_chunk(payload)
+        found = Chunk.decode(payload)
     except MessageError:
         return
-    assert same(decode_chunk(encode_chunk(found)), found)
+    assert same(Chunk.decode(found.encode()), found)

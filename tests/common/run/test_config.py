@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from common.errors import InputError, MessageError
 from common.proprioception import width_of
-from common.protocol.chunk import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_SHAPE
 from common.run.config import (
     MAX_WAIT,
     RENAMED,
@@ -28,8 +28,8 @@ from common.run.config import (
     to_json,
 )
 from common.run.presets import PRESETS
-from replay.batch import SharedBatch, encode_batch
-from replay.messages import encode_held_out_reply
+from replay.batch import SharedBatch
+from replay.messages import HeldOutStates
 
 GOOD = PRESETS["fast"]
 
@@ -117,21 +117,19 @@ def test_ranges(field: str, least: int, most: int, sentence: str) -> None:
 def test_states_that_travel_together_fit_a_message() -> None:
     def held(states: int, frame_stack: int) -> bytes:
         frames = np.zeros((states, frame_stack, *FRAME_SHAPE), np.uint8)
-        return encode_held_out_reply((frames, np.zeros((states, width_of("robot")), np.float32)))
+        return HeldOutStates(frames, np.zeros((states, width_of("robot")), np.float32)).encode()
 
     def minibatch(steps: int, frame_stack: int) -> bytes:
         vectors = np.zeros((steps, width_of("robot")), np.float32)
-        return encode_batch(
-            SharedBatch(
-                frames=np.zeros((2 * steps * frame_stack, *FRAME_SHAPE), np.uint8),
-                stacks=np.zeros((2, steps, frame_stack), np.int32),
-                ids=np.zeros(steps, np.int64),
-                a_tm1=np.zeros(steps, np.uint8),
-                **{name: np.zeros(steps, np.float32) for name in ("r_t", "discount_t", "weights")},
-                x_tm1=vectors,
-                x_t=vectors,
-            )
-        )
+        return SharedBatch(
+            frames=np.zeros((2 * steps * frame_stack, *FRAME_SHAPE), np.uint8),
+            stacks=np.zeros((2, steps, frame_stack), np.int32),
+            ids=np.zeros(steps, np.int64),
+            a_tm1=np.zeros(steps, np.uint8),
+            **{name: np.zeros(steps, np.float32) for name in ("r_t", "discount_t", "weights")},
+            x_tm1=vectors,
+            x_t=vectors,
+        ).encode()
 
     for frame_stack in (2, 4, 16):
         config = changed("play.vector", True, changed("play.frame_stack", frame_stack))

@@ -11,7 +11,7 @@ import zenoh
 import learner.evaluation.coordinator as module
 from common.errors import InputError
 from common.protocol.chunk import Game
-from common.protocol.evaluation import EvaluationJob, EvaluationReport, decode_job, encode_report
+from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
 from learner.evaluation.coordinator import EpochTest, EvaluationCoordinator
 from tests.learner.conftest import KEYS
@@ -53,13 +53,13 @@ def _test(epoch: int) -> EpochTest:
 def _ask(client: zenoh.Session, name: str) -> EvaluationJob:
     (reply,) = client.get(KEYS.task, payload=name.encode(), timeout=PATIENCE)
     assert reply.ok is not None
-    return decode_job(reply.ok.payload.to_bytes())
+    return EvaluationJob.decode(reply.ok.payload.to_bytes())
 
 
 def _report(client: zenoh.Session, name: str, epoch: int, steps: int, scores: list[float],
             done: bool) -> bool:  # fmt: skip
     report = EvaluationReport(name, epoch, steps, tuple(Game(score, 10) for score in scores), done)
-    (reply,) = client.get(KEYS.report, payload=encode_report(report), timeout=PATIENCE)
+    (reply,) = client.get(KEYS.report, payload=report.encode(), timeout=PATIENCE)
     return reply.ok is not None
 
 

@@ -9,7 +9,7 @@ import pytest
 import zenoh
 
 import learner.telemetry.actor_registry as module
-from common.protocol.actor_stats import ActorStats, encode_stats
+from common.protocol.actor_stats import ActorStats
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.status import TimeCounts
 from tests.learner.conftest import KEYS
@@ -41,7 +41,7 @@ def test_an_actor_from_its_arrival_to_its_leave(
     token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
     _until(lambda: roster.alive("actor") == {"a1"})
     assert roster.alive("evaluator") == set()
-    client.put(KEYS.stats("actor", "a1"), encode_stats(STATS))
+    client.put(KEYS.stats("actor", "a1"), STATS.encode())
     _until(lambda: roster.counts() == (10, 2))
     (actor,) = roster.actors()
     assert (actor.name, actor.alive, actor.steps, actor.made) == ("a1", True, 640, 10)
@@ -49,7 +49,7 @@ def test_an_actor_from_its_arrival_to_its_leave(
     assert (actor.late_frames, actor.waits_given_up) == (6, 7)
     assert (actor.held_share, actor.valid_share, actor.match_share) == (0.25, 0.75, 0.5)
 
-    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, leaving=True, made=11)))
+    client.put(KEYS.stats("actor", "a1"), replace(STATS, leaving=True, made=11).encode())
     _until(lambda: roster.counts() == (11, 2))
     token.undeclare()
     _until(lambda: bool(notes.extend(roster.take_notes()) or "a1 left" in notes))
@@ -66,7 +66,7 @@ def test_one_that_goes_without_a_word_was_lost(
     roster = ActorRegistry(hub, KEYS)
     token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
     _until(lambda: roster.alive("actor") == {"a1"})
-    client.put(KEYS.stats("actor", "a1"), encode_stats(STATS))
+    client.put(KEYS.stats("actor", "a1"), STATS.encode())
     _until(lambda: roster.counts() == (10, 2))
     token.undeclare()
     notes: list[str] = []
@@ -77,8 +77,8 @@ def test_one_that_goes_without_a_word_was_lost(
 def test_counts_add_up_over_restarts_of_actor_and_learner(sessions: Sessions) -> None:
     hub, client = sessions
     roster = ActorRegistry(hub, KEYS)
-    client.put(KEYS.stats("actor", "a1"), encode_stats(STATS))
-    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, incarnation=8, made=5)))
+    client.put(KEYS.stats("actor", "a1"), STATS.encode())
+    client.put(KEYS.stats("actor", "a1"), replace(STATS, incarnation=8, made=5).encode())
     _until(lambda: roster.counts() == (15, 4))
     again = ActorRegistry(client, KEYS)
     again.restore(json.loads(json.dumps(roster.state())))
@@ -88,7 +88,7 @@ def test_counts_add_up_over_restarts_of_actor_and_learner(sessions: Sessions) ->
         steps=1_280, decisions=1_400, missed_deadlines=10, late_frames=12, waits_given_up=14
     )
     # The new subscription may be unknown to the hub yet: heartbeats come again and again.
-    beat = encode_stats(replace(STATS, incarnation=8, made=6))
+    beat = replace(STATS, incarnation=8, made=6).encode()
     _until(lambda: hub.put(KEYS.stats("actor", "a1"), beat) or again.counts() == (16, 4))
 
 
@@ -106,8 +106,8 @@ def test_noise_is_passed_over(sessions: Sessions) -> None:
     hub, client = sessions
     roster = ActorRegistry(hub, KEYS)
     client.put(KEYS.stats("actor", "a1"), b"noise")
-    client.put(KEYS.stats("actor", "somebody-else"), encode_stats(STATS))
-    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, made=3)))
+    client.put(KEYS.stats("actor", "somebody-else"), STATS.encode())
+    client.put(KEYS.stats("actor", "a1"), replace(STATS, made=3).encode())
     _until(lambda: roster.counts() != (0, 0))
     assert roster.counts() == (3, 2)
 
@@ -119,7 +119,7 @@ def test_one_that_left_is_still_counted(
     hub, client = sessions
     roster = ActorRegistry(hub, KEYS)
     token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
-    client.put(KEYS.stats("actor", "a1"), encode_stats(replace(STATS, leaving=True)))
+    client.put(KEYS.stats("actor", "a1"), replace(STATS, leaving=True).encode())
     _until(lambda: roster.counts() == (10, 2) and roster.alive("actor") == {"a1"})
     assert not roster.actors()[0].left
     token.undeclare()

@@ -1,0 +1,111 @@
+"""`Message`: a dataclass that travels. Its declaration is all that codec and checks need.
+
+Scalars are checked by `common.checked`, arrays against the dtype and the `Array` of their
+annotation::
+
+    @dataclass(frozen=True)
+    class Priorities(Message):
+        ids: Annotated[NDArray[np.int64], Array("B")]
+        priorities: Annotated[NDArray[np.float32], Array("B")]
+"""
+
+import dataclasses
+from typing import Any, ClassVar, Self, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import GetCoreSchemaHandler, ValidationInfo
+from pydantic_core import CoreSchema, core_schema
+
+from common.checked import Invalid, build
+from common.errors import MessageError
+from common.protocol.wire import pack, pack_array, take_array, unpack
+
+
+class Array:
+    """The shape of an array: sizes, and letters, each of one size throughout its message.
+
+    Booleans are 0 or 1, floats finite, and none is further from 0 than ``most``.
+    """
+
+    def __init__(self, *shape: int | str, most: float = float(np.finfo(np.float32).max)) -> None:
+        self.shape = shape
+        self.most = most
+
+    def __get_pydantic_core_schema__(self, source: Any, _: GetCoreSchemaHandler) -> CoreSchema:
+        dtype = dtype_of(source)
+
+        def take(packed: Any, info: ValidationInfo[Any]) -> NDArray[Any]:
+            return self._take(packed, str(info.field_name), dtype, *info.context)
+
+        return core_schema.with_info_plain_validator_function(take)
+
+    def _take(
+        self,
+        packed: Any,
+        name: str,
+        dtype: np.dtype[Any],
+        sizes: dict[str, int],
+        limits: dict[str, tuple[int, int]],
+    ) -> NDArray[Any]:
+        wanted = tuple(sizes.get(size) if isinstance(size, str) else size for size in self.shape)
+        array = take_array(packed, name, dtype, wanted)
+        for letter, size in zip(self.shape, array.shape, strict=True):
+            if isinstance(letter, str):
+                sizes[letter] = size
+                least, most = limits.get(letter, (0, size))
+                if not least <= size <= most:
+                    raise MessageError(f"{letter} is {size} where {least} to {most} are allowed")
+        if dtype == np.bool_ and array.size and array.view(np.uint8).max() > 1:
+            raise MessageError(f"{name} should be booleans")
+        if dtype.kind == "f" and not (np.abs(array) <= self.most).all():
+            raise MessageError(f"{name} should be finite, and from -{self.most:g} to {self.most:g}")
+        return array
+
+
+def dtype_of(annotation: Any) -> np.dtype[Any]:
+    """Returns the dtype of an annotation such as ``NDArray[np.uint8]``."""
+    dtype: np.dtype[Any] = np.dtype(get_args(get_args(annotation)[1])[0])
+    return dtype
+
+
+class Message:
+    """What every message can do; a message itself is a frozen dataclass of its fields."""
+
+    LIMITS: ClassVar[dict[str, tuple[int, int]]] = {}
+    """Least and most for the letters of its arrays' shapes, where they are bounded."""
+
+    def encode(self) -> bytes:
+        """Returns the message as msgpack.
+
+        Raises:
+            MessageError: it is larger than a receiver accepts.
+        """
+        message: dict[str, Any] = {}
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            message[field.name] = pack_array(value) if isinstance(value, np.ndarray) else value
+        return pack(message)
+
+    @classmethod
+    def decode(cls, payload: bytes) -> Self:
+        """Returns the message inside ``payload``; its arrays are read-only views of the payload.
+
+        Raises:
+            MessageError: the payload is not what `encode` writes, or breaks a bound.
+        """
+        fields = unpack(payload)
+        del fields["schema"]
+        try:
+            message = build(cls, fields, context=({}, cls.LIMITS))
+        except Invalid as error:
+            raise MessageError(str(error)) from None
+        message.check()
+        return message
+
+    def check(self) -> None:
+        """Checks what holds between the fields.
+
+        Raises:
+            MessageError: it does not hold.
+        """

@@ -1,0 +1,83 @@
+"""What there is to say of a step: the one declaration of each field.
+
+The chunk's codec, the ring's files and what a minibatch carries follow from it. To add a field,
+add its line here, fill it in `actors.stream.chunker`, and use it.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.checked import MAX_SIZE
+from common.protocol.message import Array, dtype_of
+
+FRAME_SHAPE = (84, 84)
+
+
+class Column(Array):
+    """An array of T steps that the ring keeps in a file of its own.
+
+    Args:
+        drawn: whether minibatches carry it, in `replay.batch.Batch.drawn`.
+    """
+
+    def __init__(self, *shape: int | str, drawn: bool = False, most: float = MAX_SIZE) -> None:
+        super().__init__("T", *shape, most=most)
+        self.drawn = drawn
+
+
+class Flag(Array):
+    """Booleans of T steps that the ring keeps in ``bit`` of its file of flags."""
+
+    def __init__(self, bit: int, *, drawn: bool = False) -> None:
+        super().__init__("T")
+        self.bit = bit
+        self.drawn = drawn
+
+
+@dataclass(frozen=True)
+class StepFields:
+    """T consecutive steps of one environment; P numbers make a vector observation.
+
+    A field that is neither `Column` nor `Flag` is counted by the replay and not kept.
+    """
+
+    actions: Annotated[NDArray[np.uint8], Column()]
+    frames: Annotated[NDArray[np.uint8], Column(*FRAME_SHAPE)]
+    """Newest frame of each state."""
+    rewards: Annotated[NDArray[np.float32], Column()]
+    terminated: Annotated[NDArray[np.bool_], Flag(1)]
+    truncated: Annotated[NDArray[np.bool_], Flag(2)]
+    elapsed: Annotated[NDArray[np.uint8], Column()]
+    """Agent steps of game time that the step took: 1 unless the actor waits for its keys."""
+    valid: Annotated[NDArray[np.bool_], Flag(4)]
+    """The state's newest frame was really seen."""
+    matched: Annotated[NDArray[np.bool_], Array("T")]
+    """The keys pressed at the step's end were the commanded ones."""
+    explored: Annotated[NDArray[np.bool_], Flag(16)]
+    """The action was random."""
+    vectors: Annotated[NDArray[np.float32], Column("P")]
+    """Vector observation of each state; P may be 0."""
+
+
+class StepField(NamedTuple):
+    """One field of the table."""
+
+    dtype: np.dtype[Any]
+    array: Array
+
+
+def step_fields(kind: type) -> dict[str, StepField]:
+    """Returns the fields of ``kind`` that have one row for each step, by name."""
+    found: dict[str, StepField] = {}
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        annotation, *metadata = get_args(hint) or (hint,)
+        array = next((each for each in metadata if isinstance(each, Array)), None)
+        if array is not None and array.shape[:1] == ("T",):
+            found[name] = StepField(dtype_of(annotation), array)
+    return found
+
+
+STEP_FIELDS = step_fields(StepFields)
