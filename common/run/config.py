@@ -7,8 +7,11 @@ to every actor that asks, and refuses to resume a run under another one.
 import dataclasses
 import json
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar
 
+from annotated_types import Ge, Le, Lt
+
+from common.checked import Invalid, build
 from common.errors import InputError
 from common.proprioception import width_of
 from common.protocol.wire import MAX_MESSAGE_BYTES
@@ -49,25 +52,31 @@ RENAMED = {
 
 T = TypeVar("T")
 
+Whole = Annotated[int, Ge(0)]
+FromOne = Annotated[int, Ge(1)]
+Amount = Annotated[float, Ge(0)]
+Fraction = Annotated[float, Ge(0), Le(1)]
+Latency = Annotated[int, Ge(0), Le(MAX_DELAY)]
+
 
 @dataclass(frozen=True)
 class PlayConfig:
     """How the game is played; the defaults are the report's section 4."""
 
-    frame_stack: int = 4
+    frame_stack: Annotated[int, Ge(2), Le(MAX_FRAME_STACK)] = 4
     """Frames that make a state."""
-    frame_skip: int = 4
+    frame_skip: FromOne = 4
     """Emulator frames per decision; 4 at 60 Hz are 66.7 ms."""
-    random_starts: int = 30
+    random_starts: Whole = 30
     """Most random actions at the start of a game."""
     minimal_actions: bool = False
     """Offer the game's own actions (Pong: 6) instead of all 18."""
-    max_game_frames: int = 108_000
+    max_game_frames: Whole = 108_000
     """A game longer than this (30 minutes at 60 Hz) is truncated; 0 for no bound."""
     read_keys: Literal["frame", "decision"] = "frame"
     """When the robot's controller is read: before every emulator frame, as a console does, or once
     per decision before the arms move, as in 2017."""
-    wait_bound: int = 8
+    wait_bound: Annotated[int, Ge(1), Le(MAX_WAIT)] = 8
     """Most decisions that a robot waits for its commanded keys, where it waits at all."""
     vector: bool = False
     """Show the last commands and keys, and a robot's joints, beside the frames."""
@@ -76,11 +85,11 @@ class PlayConfig:
     hand: Literal["arm", "model"] = "arm"
     """What presses a robot's keys: its hands, or a model of them with the next three, which the
     bare emulator has as well."""
-    command_latency: int = 0
+    command_latency: Latency = 0
     """Command latency of the modelled hand, in agent steps."""
-    release_latency: int = 0
+    release_latency: Latency = 0
     """Emulator frames until the modelled hand releases the keys of the previous command."""
-    press_latency: int = 0
+    press_latency: Latency = 0
     """Emulator frames until the modelled hand presses the keys of the new command."""
 
 
@@ -88,23 +97,23 @@ class PlayConfig:
 class CameraConfig:
     """How far the robot's camera is from a perfect one; all off by default."""
 
-    noise: float = 0.0
+    noise: Annotated[float, Ge(0), Le(255)] = 0.0
     """Standard deviation of each pixel's noise, in grey levels of 255."""
-    blur: float = 0.0
+    blur: Annotated[float, Ge(0), Le(20)] = 0.0
     """Standard deviation of the blur, in pixels."""
-    exposure: float = 0.0
+    exposure: Annotated[float, Ge(0), Le(0.9)] = 0.0
     """Most by which the brightness differs from game to game, as a share."""
-    colour_gain: float = 0.0
+    colour_gain: Annotated[float, Ge(0), Le(0.9)] = 0.0
     """Most by which each colour's gain differs from game to game, as a share."""
-    distortion: float = 0.0
+    distortion: Annotated[float, Ge(0), Le(0.3)] = 0.0
     """Radial lens distortion k₁, at the half width of the picture."""
-    latency: int = 0
+    latency: Annotated[int, Ge(0), Le(3)] = 0
     """Latency of the picture, 0 to 3 agent steps."""
-    camera_jitter: float = 0.0
+    camera_jitter: Annotated[float, Ge(0), Le(45)] = 0.0
     """Most by which the head's yaw and pitch differ from game to game, in degrees."""
-    screen_jitter: float = 0.0
+    screen_jitter: Annotated[float, Ge(0), Le(0.5)] = 0.0
     """Most by which the screen's distance differs from game to game, as a share."""
-    ambient: float = 0.0
+    ambient: Annotated[float, Ge(0), Le(0.9)] = 0.0
     """Light that falls on the screen beside the projector's, as a share of white."""
 
 
@@ -112,9 +121,9 @@ class CameraConfig:
 class StreamConfig:
     """How an actor's steps travel to the replay."""
 
-    chunk_steps: int = 64
+    chunk_steps: Annotated[int, Ge(1), Le(MAX_CHUNK_STEPS)] = 64
     """Steps per chunk."""
-    window: int = 4
+    window: FromOne = 4
     """Chunks an actor may have unacknowledged."""
 
 
@@ -122,17 +131,17 @@ class StreamConfig:
 class ReplayConfig:
     """What is remembered and how it is drawn."""
 
-    capacity: int = 1_000_000
+    capacity: Whole = 1_000_000
     """Slots of the ring, one frame (7,056 bytes) each."""
-    learning_starts: int = 50_000
+    learning_starts: Whole = 50_000
     """Random steps before the first update; they are also the random-policy baseline."""
     sampler: Literal["uniform", "prioritised"] = "uniform"
     """Draw every step alike, or in proportion to its last TD error."""
-    priority_exponent: float = 0.6
+    priority_exponent: Amount = 0.6
     """α of prioritised replay (Schaul et al. 2016, equation 1)."""
-    importance_exponent: float = 0.4
+    importance_exponent: Amount = 0.4
     """β of its importance weights."""
-    ratio_tolerance: int = 1_000
+    ratio_tolerance: Whole = 1_000
     """Steps by which actors may run ahead of the learner, or it ahead of them."""
 
 
@@ -143,7 +152,7 @@ class LearningConfig:
     algorithm: str = "dqn"
     """Algorithm: 'dqn' (with --learning.target double: Double DQN; equations 2 to 4 of the report)
     or 'qr_dqn' (quantile regression, Dabney et al. 2018)."""
-    quantiles: int = 51
+    quantiles: Annotated[int, Ge(1), Le(MAX_QUANTILES)] = 51
     """Number of quantiles of each action's return that qr_dqn learns."""
     target: Literal["dqn", "double"] = "double"
     """Who chooses the next action: the target network (equation 3) or the online one (4)."""
@@ -154,44 +163,44 @@ class LearningConfig:
     """Divisor of dqn's loss: the batch, or, as Keras did in 2017, batch × actions."""
     optimizer: Literal["adam", "rmsprop"] = "adam"
     """Optimizer: Adam, or RMSprop by the formula of Keras and PyTorch."""
-    learning_rate: float = 1e-4
+    learning_rate: Amount = 1e-4
     """Of the optimizer, constant."""
-    rmsprop_decay: float = 0.95
+    rmsprop_decay: Annotated[float, Ge(0), Lt(1)] = 0.95
     """ρ of RMSprop."""
-    optimizer_epsilon: float = 1.5e-4
+    optimizer_epsilon: Amount = 1.5e-4
     """ε in the optimizer's denominator."""
-    gradient_norm: float = 10.0
+    gradient_norm: Amount = 10.0
     """Longest gradient allowed; 0 for no bound."""
     initial_weights: Literal["torch", "glorot"] = "torch"
     """PyTorch's own, or Keras': Glorot uniform with zero biases."""
     scale_pixels: bool = True
     """Divide pixels by 255 before the first layer."""
-    vector_scale: float = 1.0
+    vector_scale: Amount = 1.0
     """Factor of the vector observation where it joins the convolutions' features, which are some
     0.04 at first: numbers of 1 move the layer after them far more than what is seen does."""
     dueling: bool = False
     """Value and advantages from half of the hidden units each (Wang et al. 2016)."""
-    random_shift: int = 0
+    random_shift: Annotated[int, Ge(0), Le(MAX_SHIFT)] = 0
     """Most pixels by which a drawn state is shifted, up or down and left or right (DrQ, Yarats et
     al. 2021)."""
     clip_rewards: bool = True
     """Learn from each decision's reward clipped to [-1, 1]; scores are never clipped."""
-    discount: float = 0.99
+    discount: Fraction = 0.99
     """γ per decision."""
-    n_step: int = 3
+    n_step: FromOne = 3
     """Rewards summed before the network's estimate takes over; 1 in the report."""
     watkins_cut: bool = False
     """End an n-step return before the first random action after its own (Watkins 1989): what comes
     of that says nothing of the policy that is learned."""
-    batch_size: int = 32
+    batch_size: FromOne = 32
     """Transitions per update."""
-    train_period: int = 4
+    train_period: FromOne = 4
     """Agent steps per update."""
-    target_update_period: int = 2_000
+    target_update_period: FromOne = 2_000
     """Updates between copies to the target network."""
-    publish_period: int = 50
+    publish_period: FromOne = 50
     """Updates between broadcasts of the weights."""
-    checkpoint_period: int = 5_000
+    checkpoint_period: FromOne = 5_000
     """Updates between checkpoints; one is also written at each epoch's end and at the stop."""
 
 
@@ -199,11 +208,11 @@ class LearningConfig:
 class ExplorationConfig:
     """ε of the training actors: linear in the run's agent steps after the warm-up."""
 
-    start: float = 1.0
+    start: Fraction = 1.0
     """ε during the warm-up and at its end."""
-    end: float = 0.02
+    end: Fraction = 0.02
     """ε from then on."""
-    steps: int = 100_000
+    steps: Whole = 100_000
     """Agent steps from one to the other, over all actors."""
     ez_greedy: bool = False
     """Let a random action last for 3 + Zipf(2) decisions, 12 at most (εz-greedy, Dabney et al.
@@ -217,13 +226,13 @@ class ExplorationConfig:
 class ProtocolConfig:
     """Epochs and tests, as in the report: train, then test that epoch's snapshot."""
 
-    epoch_steps: int = 250_000
+    epoch_steps: FromOne = 250_000
     """Agent steps of training per epoch, over all actors."""
-    test_steps: int = 125_000
+    test_steps: FromOne = 125_000
     """Agent steps of testing per epoch, over all evaluators."""
-    test_epsilon: float = 0.05
+    test_epsilon: Fraction = 0.05
     """ε of the evaluators."""
-    held_out_states: int = 1_024
+    held_out_states: FromOne = 1_024
     """States, drawn once after the warm-up, on which the mean max-Q is measured."""
 
 
@@ -237,7 +246,7 @@ class RunConfig:
     """'ale': the emulator alone (ALE-Only). 'robot': through NAO's camera and hands (ALE-Robot)."""
     game: str = "pong"
     """Any game that ale-py bundles, in snake_case."""
-    seed: int = 1
+    seed: Annotated[int, Ge(0), Lt(MAX_SEED)] = 1
     """Of the first weights, the minibatches and the actors' games."""
     play: PlayConfig = field(default_factory=PlayConfig)
     camera: CameraConfig = field(default_factory=CameraConfig)
@@ -264,82 +273,13 @@ class RunConfig:
         return schedule.start + (schedule.end - schedule.start) * min(max(done, 0.0), 1.0)
 
     def check(self) -> None:
-        """Refuse settings that cannot work.
+        """Refuses settings that cannot work, alone (the bounds beside each field) or together.
 
         Raises:
             InputError: with the field at fault and what to choose.
         """
+        from_mapping(RunConfig, dataclasses.asdict(self), "")
         learning, replay, stream = self.learning, self.replay, self.stream
-        if not 0 <= self.seed < MAX_SEED:
-            raise InputError(f"seed is {self.seed}: choose a number from 0 to {MAX_SEED - 1}.")
-        for group in (
-            self.play,
-            self.camera,
-            stream,
-            replay,
-            learning,
-            self.exploration,
-            self.protocol,
-        ):
-            for name, value in dataclasses.asdict(group).items():
-                if isinstance(value, (int, float)) and not 0 <= value < float("inf"):
-                    raise InputError(f"{name} is {value}: choose a number that is not negative.")
-        for name, value in (
-            ("play.frame_skip", self.play.frame_skip),
-            ("stream.chunk_steps", stream.chunk_steps),
-            ("stream.window", stream.window),
-            ("learning.quantiles", learning.quantiles),
-            ("learning.batch_size", learning.batch_size),
-            ("learning.train_period", learning.train_period),
-            ("learning.n_step", learning.n_step),
-            ("learning.target_update_period", learning.target_update_period),
-            ("learning.publish_period", learning.publish_period),
-            ("learning.checkpoint_period", learning.checkpoint_period),
-            ("protocol.epoch_steps", self.protocol.epoch_steps),
-            ("protocol.test_steps", self.protocol.test_steps),
-        ):
-            if value < 1:
-                raise InputError(f"{name} is {value}: choose 1 or more.")
-        for name, value, most in (
-            ("play.command_latency", self.play.command_latency, MAX_DELAY),
-            ("play.release_latency", self.play.release_latency, MAX_DELAY),
-            ("play.press_latency", self.play.press_latency, MAX_DELAY),
-            ("camera.noise", self.camera.noise, 255),
-            ("camera.blur", self.camera.blur, 20),
-            ("camera.exposure", self.camera.exposure, 0.9),
-            ("camera.colour_gain", self.camera.colour_gain, 0.9),
-            ("camera.distortion", self.camera.distortion, 0.3),
-            ("camera.latency", self.camera.latency, 3),
-            ("camera.camera_jitter", self.camera.camera_jitter, 45),
-            ("camera.screen_jitter", self.camera.screen_jitter, 0.5),
-            ("camera.ambient", self.camera.ambient, 0.9),
-            ("learning.random_shift", learning.random_shift, MAX_SHIFT),
-            ("learning.quantiles", learning.quantiles, MAX_QUANTILES),
-            ("stream.chunk_steps", stream.chunk_steps, MAX_CHUNK_STEPS),
-        ):
-            if value > most:
-                raise InputError(f"{name} is {value}: choose at most {most}.")
-        if not 2 <= self.play.frame_stack <= MAX_FRAME_STACK:
-            raise InputError(
-                f"play.frame_stack is {self.play.frame_stack}: choose a number from 2 to "
-                f"{MAX_FRAME_STACK}."
-            )
-        if not 1 <= self.play.wait_bound <= MAX_WAIT:
-            raise InputError(
-                f"play.wait_bound is {self.play.wait_bound}: choose a number from 1 to {MAX_WAIT}."
-            )
-        for name, share in (
-            ("exploration.start", self.exploration.start),
-            ("exploration.end", self.exploration.end),
-            ("protocol.test_epsilon", self.protocol.test_epsilon),
-            ("learning.discount", learning.discount),
-        ):
-            if share > 1:
-                raise InputError(f"{name} is {share}: choose a number from 0 to 1.")
-        if learning.rmsprop_decay >= 1:
-            raise InputError(
-                f"learning.rmsprop_decay is {learning.rmsprop_decay}: choose less than 1."
-            )
         # States travel in one message; a minibatch has two of each step.
         state_bytes = self.play.frame_stack * _FRAME_BYTES + 4 * self.vector_width + _STEP_BYTES
         most_states = (MAX_MESSAGE_BYTES - _HEAD_BYTES) // state_bytes
@@ -347,7 +287,7 @@ class RunConfig:
             ("protocol.held_out_states", self.protocol.held_out_states, most_states),
             ("learning.batch_size", learning.batch_size, most_states // 2),
         ):
-            if not 1 <= count <= most:
+            if count > most:
                 raise InputError(
                     f"{name} is {count}: choose a number from 1 to {most}, as many as travel in "
                     f"one message with {self.play.frame_stack} frames each."
@@ -378,18 +318,20 @@ def to_json(config: Any) -> str:
 
 
 def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool = False) -> T:
-    """Build configuration dataclass ``kind`` from plain data, strictly.
+    """Returns configuration dataclass ``kind`` built from plain data, strictly.
 
     Args:
         fill: take the default of a field that is missing in a group. For files, which may be older
             than the field; so a new field's default is what was done before there was one.
 
     Raises:
-        InputError: a field is missing, unknown or of the wrong type; ``where`` names the place.
+        InputError: a field is missing, unknown, of the wrong type or out of bounds; ``where`` names
+            the place.
     """
-    return _built(
-        kind, _with_present_names(data) if fill else data, where, complete=True, fill=fill
-    )
+    try:
+        return build(kind, _with_present_names(data) if fill else data, where, fill=fill)
+    except Invalid as error:
+        raise InputError(f"{error}.") from None
 
 
 def _with_present_names(data: Any) -> Any:
@@ -403,31 +345,6 @@ def _with_present_names(data: Any) -> Any:
         if isinstance(fields, dict) and old in fields and new not in fields:
             fields[new] = fields.pop(old)
     return named
-
-
-def _built(kind: type[T], data: Any, where: str, *, complete: bool, fill: bool) -> T:
-    if not isinstance(data, dict):
-        raise InputError(f"{where} should be a table of settings.")
-    hints = get_type_hints(kind)
-    unequal = set(data) ^ set(hints) if complete else set(data) - set(hints)
-    if unequal:
-        raise InputError(f"{where} has a missing or unknown field: {', '.join(sorted(unequal))}.")
-    values = {name: _typed(hints[name], data[name], f"{where}.{name}", fill) for name in data}
-    return kind(**values)
-
-
-def _typed(hint: Any, value: Any, where: str, fill: bool) -> Any:
-    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
-        return _built(hint, value, where, complete=not fill, fill=fill)
-    if get_origin(hint) is Literal:
-        if value not in get_args(hint):
-            raise InputError(f"{where} is {value!r}: choose one of {', '.join(get_args(hint))}.")
-        return value
-    if hint is float and type(value) is int and abs(value) < 2**53:
-        return float(value)
-    if type(value) is not hint:
-        raise InputError(f"{where} is {value!r}, which is not a {hint.__name__}.")
-    return value
 
 
 def differences(old: RunConfig, new: RunConfig) -> list[str]:
