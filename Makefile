@@ -39,20 +39,9 @@ test-lowest:  ## the test suite with the oldest versions that pyproject.toml all
 	$(VENV)-lowest/bin/python -m pytest -m "not slow"
 
 bench: setup  ## measure all speeds on this machine, half an hour; the tables of benchmarks/RESULTS.md
-	$(BIN)/python -m benchmarks.learner_updates --json $(RESULTS)/learner_updates.json
-	$(BIN)/python -m benchmarks.env_steps --json $(RESULTS)/env_steps.json
-	$(BIN)/python -m benchmarks.env_steps --beside-learner --json $(RESULTS)/env_steps_beside.json
-	$(BIN)/python -m benchmarks.actor_steps --json $(RESULTS)/actor_steps.json
-	$(BIN)/python -m benchmarks.replay --json $(RESULTS)/replay.json
-	$(BIN)/python -m benchmarks.transport --json $(RESULTS)/transport.json
-	$(BIN)/python -m benchmarks.epochs_per_day --env ale --json $(RESULTS)/epochs_ale.json
-	$(BIN)/python -m benchmarks.epochs_per_day --env robot --learner="--envs 2" --evaluators 2 \
-		--json $(RESULTS)/epochs_robot.json
-	$(BIN)/python -m benchmarks.epochs_per_day --env robot --no-sync --actors 10 --evaluators 5 \
-		--json $(RESULTS)/epochs_robot_async.json
-	$(BIN)/python -m benchmarks.scaling --env robot --json $(RESULTS)/scaling.json -o docs/scaling.png
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
-	$(BIN)/python -m benchmarks.peers --json $(RESULTS)/peers.json
+	$(BIN)/python -m benchmarks all
+	$(BIN)/python -m benchmarks.figures.plot --figure scaling $(RESULTS)/scaling.json -o docs/scaling.png
 	$(BIN)/python -m benchmarks.figures.results_page
 
 check: setup  ## ruff and mypy

@@ -1,7 +1,17 @@
-"""What a benchmark with processes of its own needs: an address for them, and a way to end."""
+"""What a benchmark with processes of its own needs: an address for them, and a way to end.
 
+`Helper` is a process that works on demand, `run_module` one that is waited for.
+"""
+
+import contextlib
 import signal
 import socket
+import subprocess
+import sys
+from typing import Self
+
+from common.errors import InputError
+from common.process.supervisor import Child
 
 
 def free_endpoint() -> str:
@@ -14,3 +24,57 @@ def free_endpoint() -> str:
 def end_as_by_ctrl_c() -> None:
     """Let SIGTERM unwind this process, so that nothing it started is left behind."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+def run_module(module: str, *arguments: str) -> None:
+    """Runs ``python -m module`` on this terminal, and waits until it has ended.
+
+    Raises:
+        InputError: it failed, and has said why.
+    """
+    ended = subprocess.run([sys.executable, "-m", module, *arguments], check=False)
+    if ended.returncode:
+        raise InputError(f"python -m {module} ended with exit code {ended.returncode}, see above.")
+
+
+class Helper:
+    """A child process that answers on its standard output what it reads on its standard input.
+
+    A context manager that starts and ends it.
+
+    Args:
+        name: what people call it.
+    """
+
+    def __init__(self, name: str, module: str, *arguments: str) -> None:
+        self.name = name
+        self._module = module
+        self._arguments = arguments
+
+    def __enter__(self) -> Self:
+        self._process = Child(
+            self._module, *self._arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.end()
+
+    def say(self, line: str) -> None:
+        """Writes a line to it; that it is gone is noticed by `hear`."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.write(f"{line}\n")
+            self._process.stdin.flush()
+
+    def hear(self) -> str:
+        """Returns its next line.
+
+        Raises:
+            InputError: it ended, and has said why.
+        """
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            raise InputError(f"the process of {self.name} failed, see above.")
+        return line.strip()

@@ -1,22 +1,20 @@
 """`python -m benchmarks.env_steps`: decisions per second of environments on one core.
 
-No policy, no stream: random actions. The kinds of environment take turns, so that a slow moment
-of the machine falls on all of them. Where a decision's time goes is measured in turns of their
-own, so that the stopwatches are not in the rates.
+No policy, no stream: random actions. The kinds of environment take turns. Where a decision's time
+goes is measured in turns of their own, so that the stopwatches are not in the rates.
 """
 
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any, Literal
+from functools import partial
+from typing import Any, Literal, NamedTuple
 from unittest.mock import patch
 
 import cv2
 import gymnasium
 import numpy as np
-import tyro
 
 from actors.envs import make_env
 from actors.envs.emulator import Emulator
@@ -24,8 +22,8 @@ from actors.robots.nao.room import Room
 from actors.robots.nao.sensor import Sensor
 from actors.vision.screen_detector import ScreenDetector
 from benchmarks.neighbour import neighbour
-from benchmarks.report import publish
-from common.errors import InputError, exit_on_input_error
+from benchmarks.pace import Spread, in_turns
+from benchmarks.report import BenchmarkOptions, Report, main
 from common.run.config import CameraConfig
 from common.run.presets import PRESETS
 
@@ -48,7 +46,7 @@ hands' control and reading the keys; detection includes unwarping to 84×84."""
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(BenchmarkOptions):
     """Time the environments' decisions: the emulator alone, and the robot."""
 
     game: str = "pong"
@@ -63,23 +61,24 @@ class Options:
     """The robot's camera; perfect by default."""
     beside_learner: bool = False
     """Let another process train a network on another core meanwhile."""
-    json: Path | None = None
-    """File for the results."""
+
+    def check(self) -> None:
+        super().check()
+        self.require_positive("envs", "decisions", "turns")
 
 
-@dataclass
-class Pace:
-    """What was counted of one kind of environment."""
+class Turn(NamedTuple):
+    """What was counted in one turn of one kind of environment."""
 
-    rates: list[float] = field(default_factory=list)
-    """Decisions per second, turn by turn."""
-    steps: int = 0
-    decisions: int = 0
+    steps: int
+    decisions: int
+    seconds: float
+    parts: dict[str, float]
+    """µs that each part of a decision takes; empty unless stopwatches ran."""
 
     @property
     def per_second(self) -> float:
-        """Decisions per second: the median turn's."""
-        return float(np.median(self.rates))
+        return self.decisions / self.seconds
 
 
 class Player:
@@ -103,8 +102,8 @@ class Player:
             env.reset(seed=number)
         self._rng = np.random.default_rng(1)
 
-    def play(self, steps: int, pace: Pace) -> float:
-        """Play so many steps; the seconds that each decision took."""
+    def play(self, steps: int) -> Turn:
+        """Plays so many steps."""
         actions = self._rng.integers(18, size=steps)
         decisions = 0
         began = time.perf_counter()
@@ -114,11 +113,7 @@ class Player:
             decisions += info["elapsed"]
             if terminated or truncated:
                 env.reset()
-        each = (time.perf_counter() - began) / decisions
-        pace.rates.append(1 / each)
-        pace.steps += steps
-        pace.decisions += decisions
-        return each
+        return Turn(steps, decisions, time.perf_counter() - began, {})
 
     def close(self) -> None:
         """Close all environments."""
@@ -148,70 +143,55 @@ def stopwatches() -> Iterator[dict[str, float]]:
         yield spent
 
 
-def break_down(player: Player, steps: int) -> dict[str, float]:
-    """µs that each part of a decision takes, and the rest; what resets take is in it too."""
-    pace = Pace()
+def break_down(player: Player, steps: int) -> Turn:
+    """Plays with stopwatches; what resets take is in the parts too."""
     with stopwatches() as spent:
-        each = player.play(steps, pace)
-    parts = {part: seconds / pace.decisions * 1e6 for part, seconds in spent.items()}
-    return {**parts, "rest": each * 1e6 - sum(parts.values())}
+        turn = player.play(steps)
+    parts = {part: seconds / turn.decisions * 1e6 for part, seconds in spent.items()}
+    rest = 1e6 / turn.per_second - sum(parts.values())
+    return turn._replace(parts={**parts, "rest": rest})
 
 
-def measure(options: Options) -> tuple[dict[Kind, Pace], dict[str, float]]:
-    """Paces by kind, and the medians of where the time of a robot's decision goes, µs."""
-    players = {kind: Player(kind, options) for kind in _TITLES}
-    paces: dict[Kind, Pace] = {}
-    breakdowns: list[dict[str, float]] = []
-    for turn in range(options.turns + 1):
-        if turn <= 1:  # the first turn warms up
-            paces = {kind: Pace() for kind in players}
-            breakdowns.clear()
-        for kind, player in players.items():
-            player.play(options.decisions, paces[kind])
-        breakdowns.append(break_down(players["robot_sync"], options.decisions))
-    for player in players.values():
-        player.close()
-    return paces, {
-        part: float(np.median([found[part] for found in breakdowns])) for part in breakdowns[0]
-    }
-
-
-def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.env_steps")
-    if min(options.envs, options.decisions, options.turns) < 1:
-        raise InputError("choose 1 or more environments, decisions and turns.")
+def measure(options: Options) -> Report:
     cv2.setNumThreads(1)
-    with neighbour() if options.beside_learner else nullcontext():
-        paces, breakdown = measure(options)
-    alone = paces["ale"].per_second
-    count = f"{options.envs} environments" if options.envs > 1 else "one environment"
-    publish(
-        f"{options.game}: decisions of 66.7 ms, {count} in one process, one core"
-        f"{', beside an updating learner' if options.beside_learner else ''}",
-        [
+    with ExitStack() as stack:
+        if options.beside_learner:
+            stack.enter_context(neighbour())
+        players = {kind: stack.enter_context(closing(Player(kind, options))) for kind in _TITLES}
+        contenders = {
+            kind: partial(player.play, options.decisions) for kind, player in players.items()
+        }
+        parts = partial(break_down, players["robot_sync"], options.decisions)
+        played = in_turns({**contenders, "parts": parts}, options.turns)
+    parted = [turn.parts for turn in played.pop("parts")]
+    breakdown = {part: float(np.median([each[part] for each in parted])) for part in parted[0]}
+    paces = {kind: Spread.of([turn.per_second for turn in played[kind]]) for kind in _TITLES}
+    rows = []
+    for kind, pace in paces.items():
+        decisions = sum(turn.decisions for turn in played[kind])
+        rows.append(
             {
                 "kind": _TITLES[kind],
-                "decisions": pace.decisions,
-                "per step": pace.decisions / pace.steps,
-                "per second": pace.per_second,
-                "least": min(pace.rates),
-                "most": max(pace.rates),
-                "of ALE-Only": pace.per_second / alone,
+                "decisions": decisions,
+                "per step": decisions / sum(turn.steps for turn in played[kind]),
+                **pace.cells(),
+                "of ALE-Only": pace.median / paces["ale"].median,
             }
-            for kind, pace in paces.items()
-        ],
-        options.json,
+        )
+    count = f"{options.envs} environments" if options.envs > 1 else "one environment"
+    return Report.of(
+        f"{options.game}: decisions of 66.7 ms, {count} in one process, one core"
+        f"{', beside an updating learner' if options.beside_learner else ''}",
+        rows,
         {
-            **{kind: pace.per_second for kind, pace in paces.items()},
+            **{kind: pace.median for kind, pace in paces.items()},
             "envs": options.envs,
             "breakdown_us": breakdown,
         },
-    )
-    print(
         "A robot's decision: "
-        + ", ".join(f"{part} {micros:.0f} µs" for part, micros in breakdown.items())
+        + ", ".join(f"{part} {micros:.0f} µs" for part, micros in breakdown.items()),
     )
 
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    main("env_steps", Options, measure)

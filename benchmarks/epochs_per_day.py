@@ -10,16 +10,14 @@ training of the next, which it slows down.
 """
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import tyro
 
-from benchmarks.child import end_as_by_ctrl_c
 from benchmarks.local_run import LocalRun, Pace, Setting
-from benchmarks.report import publish
-from common.errors import InputError, exit_on_input_error
+from benchmarks.report import BenchmarkOptions, Report, main
 from common.run.presets import PRESETS
 from learner.telemetry.sinks.summary import epochs_per_day
 
@@ -30,14 +28,17 @@ _UNTIL_TEST = 10.0
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(BenchmarkOptions):
     """Measure local mode's real processes at the report's ratio of updates to steps."""
 
-    setting: tyro.conf.OmitArgPrefixes[Setting]
+    setting: tyro.conf.OmitArgPrefixes[Setting] = field(default_factory=Setting)
     seconds: float = 20.0
-    """Of each of the three windows; starting and settling take as long again or longer."""
-    json: Path | None = None
-    """File for the results."""
+    """Seconds of each of the three windows; starting and settling take as long or longer."""
+
+    def check(self) -> None:
+        super().check()
+        self.setting.check()
+        self.require_positive("seconds")
 
 
 class Paces(NamedTuple):
@@ -85,7 +86,7 @@ def overlapped(alone: float, beside: float, test: float) -> float:
     return _DAY / (testing + rest / alone)
 
 
-def measure(setting: Setting, seconds: float) -> Paces:
+def paces_of(setting: Setting, seconds: float) -> Paces:
     """The windows, in runs of their own."""
     with _folder() as folder, LocalRun(setting, Path(folder)) as run:
         run.settle()
@@ -166,28 +167,23 @@ def describe(setting: Setting) -> str:
     )
 
 
-def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.epochs_per_day")
-    setting = options.setting
-    setting.check()
-    if not options.seconds > 0:
-        raise InputError(f"--seconds is {options.seconds}: choose a number above 0.")
-    end_as_by_ctrl_c()
-    paces = measure(setting, options.seconds)
-    publish(
-        f"Local mode, {describe(setting)}, batches of 32, an update per 4 steps (samples per "
-        "insert; staleness in updates, p50; CPU of learner + actors + evaluator)",
-        [row("idle", paces.training), row("testing", paces.testing)],
-        options.json,
-        summary(setting, paces),
-    )
+def measure(options: Options) -> Report:
+    paces = paces_of(options.setting, options.seconds)
+    notes = []
     if paces.epochs_per_day is not None and paces.epochs_per_day_overlapped is not None:
-        print(
+        notes.append(
             f"{paces.epochs_per_day:.1f} epochs a day, training and tests one after the other (the "
             f"tests at {paces.test_alone:,.0f} steps/s); "
             f"{paces.epochs_per_day_overlapped:.1f} as local mode does it, side by side."
         )
+    return Report.of(
+        f"Local mode, {describe(options.setting)}, batches of 32, an update per 4 steps (samples "
+        "per insert; staleness in updates, p50; CPU of learner + actors + evaluator)",
+        [row("idle", paces.training), row("testing", paces.testing)],
+        summary(options.setting, paces),
+        *notes,
+    )
 
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    main("epochs_per_day", Options, measure)

@@ -1,7 +1,6 @@
 """`python -m benchmarks.learner_updates`: how long an update takes, where, and how exact it is.
 
-* by threads and precision; the settings take turns, a few updates each, so that a slow moment of
-  the machine falls on all of them alike
+* by threads and precision; the settings take turns, a few updates each
 * by kind of work, from PyTorch's profiler; on the CPU only
 * bfloat16 against float32: two learners learn from the same minibatches, whose frames a random
   policy saw in the emulator
@@ -11,21 +10,22 @@ import itertools
 import os
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-import tyro
 from torch.profiler import ProfilerActivity, profile
 
+from benchmarks.pace import in_turns
 from benchmarks.peer_update import noise_batch
 from benchmarks.random_play import random_play
 from benchmarks.replay import draw
-from benchmarks.report import show, write
-from common.errors import InputError, exit_on_input_error
+from benchmarks.report import BenchmarkOptions, Report, Table, main
+from common.errors import InputError
 from common.network import build_network
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
@@ -53,7 +53,7 @@ _KINDS: dict[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(BenchmarkOptions):
     """Time updates of the fast preset's Double DQN."""
 
     device: DeviceChoice = "cpu"
@@ -66,12 +66,10 @@ class Options:
     """Updates per turn."""
     compared: int = 1_000
     """Updates in which bfloat16 is compared with float32; 0 for none."""
-    json: Path | None = None
-    """File for the results."""
 
     def check(self) -> None:
-        if min(self.batch_size, self.rounds, self.turn) < 1:
-            raise InputError("choose 1 or more transitions, rounds and updates.")
+        super().check()
+        self.require_positive("batch_size", "rounds", "turn")
         if self.compared < 0:
             raise InputError(f"--compared is {self.compared}: choose 0 or more.")
 
@@ -86,20 +84,25 @@ def algorithm_of(
 def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]]:
     """A row for each number of threads and precision."""
     batch = noise_batch(options.batch_size, device)
-    threads = sorted({1, _cores()}) if device.type == "cpu" else [1]
-    settings = list(itertools.product(threads, (False, True)))
+    threads = sorted({1, len(os.sched_getaffinity(0))}) if device.type == "cpu" else [1]
     algorithms = {bfloat16: algorithm_of(bfloat16, device) for bfloat16 in (False, True)}
-    seconds: dict[tuple[int, bool], list[float]] = {setting: [] for setting in settings}
-    for turn in range(options.rounds + 1):
-        for count, bfloat16 in settings:
-            torch.set_num_threads(count)
-            for _ in range(options.turn):
-                began = time.perf_counter()
-                algorithms[bfloat16].update(algorithms[bfloat16].prepare(batch))
-                if device.type == "cuda":
-                    torch.cuda.synchronize()
-                if turn:  # the first turn warms up
-                    seconds[count, bfloat16].append(time.perf_counter() - began)
+
+    def turn(count: int, bfloat16: bool) -> list[float]:
+        """Seconds of each update."""
+        torch.set_num_threads(count)
+        algorithm = algorithms[bfloat16]
+        seconds = []
+        for _ in range(options.turn):
+            began = time.perf_counter()
+            algorithm.update(algorithm.prepare(batch))
+            if device.type == "cuda":
+                torch.cuda.synchronize()
+            seconds.append(time.perf_counter() - began)
+        return seconds
+
+    settings = itertools.product(threads, (False, True))
+    turns = in_turns({setting: partial(turn, *setting) for setting in settings}, options.rounds)
+    seconds = {setting: list(itertools.chain(*each)) for setting, each in turns.items()}
     plain = float(np.median(seconds[1, False]))
     return [
         {
@@ -169,46 +172,20 @@ def compare_precisions(updates: int, device: torch.device) -> list[dict[str, Any
     ]
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
-
-
-def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.learner_updates")
-    options.check()
+def measure(options: Options) -> Report:
     device = choose_device(options.device, "auto").torch
-    parts: list[tuple[str, str, Callable[[], list[dict[str, Any]]]]] = [
-        (
-            "rows",
-            f"Double DQN update, batch {options.batch_size}, 84×84×4, "
-            f"{options.rounds * options.turn} updates each",
-            lambda: time_settings(options, device),
-        )
-    ]
+    updates = options.rounds * options.turn
+    title = f"Double DQN update, batch {options.batch_size}, 84×84×4, {updates} updates each"
+    tables = {"rows": Table(title, time_settings(options, device))}
     if device.type == "cpu":
-        parts.append(
-            (
-                "kinds",
-                "The same in bfloat16 on one thread, by kind of work",
-                lambda: time_kinds(options),
-            )
-        )
+        kinds = "The same in bfloat16 on one thread, by kind of work"
+        tables["kinds"] = Table(kinds, time_kinds(options))
     if options.compared:
-        parts.append(
-            (
-                "precisions",
-                "bfloat16 against float32, the same minibatches of real frames",
-                lambda: compare_precisions(options.compared, device),
-            )
-        )
-    content: dict[str, Any] = {}
-    for name, title, measure in parts:
-        rows = measure()
-        show(title, rows)
-        content[name] = rows
-    if options.json is not None:
-        write(options.json, {"title": parts[0][1], **content})
+        precisions = "bfloat16 against float32, the same minibatches of real frames"
+        tables["precisions"] = Table(precisions, compare_precisions(options.compared, device))
+    rows = {name: table.rows for name, table in tables.items()}
+    return Report(list(tables.values()), {"title": title, **rows})
 
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    main("learner_updates", Options, measure)

@@ -1,8 +1,8 @@
 """`LocalRun`: a run of local mode in a temporary folder, watched from outside while it works.
 
-Nothing in the watched processes knows of it. Steps, updates and staleness come from the facts of
-chunks, which the replay tells whoever asks; the evaluators' steps from their heartbeats; processor
-time from /proc. A window begins and ends as a chunk is accepted.
+Nothing in the watched processes knows of it. Steps, updates and staleness come from the statistics
+of chunks, which the replay tells whoever asks; the evaluators' steps from their heartbeats;
+processor time from /proc. A window begins and ends as a chunk is accepted.
 """
 
 import math
@@ -19,24 +19,17 @@ import numpy as np
 import zenoh
 from zenoh.handlers import Callback
 
-from benchmarks.child import free_endpoint
-from benchmarks.chunk_watch import ChunkWatch
+from benchmarks.hosted_run import HostedRun
 from common.errors import InputError
-from common.process.supervisor import Child
 from common.protocol.actor_stats import ActorStats
-from common.protocol.announcement import find_run
 from common.run.config import EnvKind
-from common.transport.bus import connect
 from replay.chunk_statistics import ChunkStatistics
-from replay.client import RemoteReplay
 from replay.limiter import RateLimiter
 
 ROLES = ("learner", "actors", "evaluator")
 NEVER = 10**9
 """Steps of an epoch, or of a test, that does not end while it is watched."""
-_RUN = "bench"
 _WARMUP = 256
-_START = 120.0
 _SETTLE = 3.0
 _LONGEST_SETTLE = 40.0
 _POLL = 0.02
@@ -115,7 +108,7 @@ class Pace(NamedTuple):
     """Of the time of all usable cores, by role."""
 
 
-class LocalRun:
+class LocalRun(HostedRun):
     """`python -m learner --local`; a context manager that ends it.
 
     Args:
@@ -132,60 +125,31 @@ class LocalRun:
         epoch_steps: int = NEVER,
         steps: int = NEVER,
     ) -> None:
+        super().__init__(
+            "learner",
+            folder,
+            *("--local", "--protocol.epoch-steps", str(epoch_steps), "--steps", str(steps)),
+            *("--protocol.test-steps", str(NEVER)),
+            *setting.flags(),
+        )
         self._setting = setting
-        self._folder = folder
-        self._epoch_steps = epoch_steps
-        self._steps = steps
         self._lock = threading.Lock()
         self._heard: list[tuple[float, ActorStats]] = []
         self._facts: list[ChunkStatistics] = []
 
     def __enter__(self) -> Self:
-        endpoint = free_endpoint()
-        flags = [
-            *("--local", "--run", _RUN, "--runs", str(self._folder), "--listen", endpoint),
-            *("--protocol.epoch-steps", str(self._epoch_steps), "--steps", str(self._steps)),
-            *("--protocol.test-steps", str(NEVER)),
-            *self._setting.flags(),
-        ]
-        self._process = Child("learner", *flags, log=self._folder / "learner.log")
-        try:
-            self._join(endpoint)
-        except BaseException:
-            self._process.end()
-            raise
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._session.close()  # type: ignore[no-untyped-call]
-        self._process.end()
-
-    def _join(self, endpoint: str) -> None:
-        try:
-            self._session = connect(endpoint, _START, self._is_over)
-            keys, config = find_run(self._session, _RUN, _START, self._is_over)
-        except KeyboardInterrupt:
-            if self._is_over():
-                raise self._process.failure("learner") from None
-            raise
-        self._config = config
+        super().__enter__()
+        config = self.config
         self._limiter = RateLimiter(
             config.samples_per_insert,
             config.replay.learning_starts,
             config.replay.ratio_tolerance,
             config.learning.batch_size,
         )
-        self._watch = ChunkWatch(RemoteReplay(self._session, keys, config))
-        self._subscriber = self._session.declare_subscriber(
-            keys.stats("*", "*"), Callback(self._hear, indirect=False)
+        self._subscriber = self.session.declare_subscriber(
+            self.keys.stats("*", "*"), Callback(self._hear, indirect=False)
         )
-
-    def _is_over(self) -> bool:
-        return self._process.poll() is not None
-
-    def _check(self) -> None:
-        if self._is_over():
-            raise self._process.failure("learner")
+        return self
 
     def _hear(self, sample: zenoh.Sample) -> None:
         stats = ActorStats.decode(sample.payload.to_bytes())
@@ -197,7 +161,7 @@ class LocalRun:
     def settle(self) -> None:
         """Wait until one side waits for the other, as it will from then on; 40 s at most."""
         began = None
-        ratio, steps = self._limiter.samples_per_insert, self._config.stream.chunk_steps
+        ratio, steps = self._limiter.samples_per_insert, self.config.stream.chunk_steps
         most = self._limiter.tolerance * ratio
         while True:
             mark = self._mark()
@@ -229,14 +193,14 @@ class LocalRun:
                 found = {stats.name for _, stats in self._heard if holds(stats)}
             if len(found) == count:
                 return
-            self._check()
+            self.check()
             time.sleep(_POLL)
 
     def _mark(self) -> Mark:
         """The moment at which the next chunk is accepted."""
-        now, facts = self._watch.next(self._check)
+        now, facts = self.next_chunks()
         self._facts += facts
-        return Mark(now, facts[-1], _cpu_times(self._process.pid))
+        return Mark(now, facts[-1], _cpu_times(self.process.pid))
 
     # ------------------------------------------------------------------ measuring
 
@@ -244,7 +208,7 @@ class LocalRun:
         """Test steps per second, of all evaluators, watched for so many seconds."""
         began = time.monotonic()
         time.sleep(seconds)
-        self._check()
+        self.check()
         return rate_of_tests(self._heard_between(began, time.monotonic()))
 
     def _heard_between(self, begin: float, end: float) -> list[tuple[float, ActorStats]]:
@@ -270,7 +234,7 @@ class LocalRun:
             train_steps_per_second=steps / wall,
             updates_per_second=updates / wall,
             test_steps_per_second=rate_of_tests(stamped),
-            samples_per_insert=updates * self._config.learning.batch_size / steps,
+            samples_per_insert=updates * self.config.learning.batch_size / steps,
             staleness_p50=float(np.percentile(staleness, 50)),
             staleness_p95=float(np.percentile(staleness, 95)),
             deadlines_kept=None if self._setting.sync else deadlines_kept(heard),

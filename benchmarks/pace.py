@@ -1,20 +1,66 @@
-"""How often something can be done in a second."""
+"""How often something can be done in a second, on a machine whose speed changes by the minute.
 
+What is compared takes turns (`in_turns`), so that a slow moment falls on all alike and ratios hold;
+a figure is the median of turns beside the least and the most (`Spread`).
+"""
+
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 SLICES = 5
 
+K = TypeVar("K")
+T = TypeVar("T")
+
+
+class Spread(NamedTuple):
+    """A figure over several turns."""
+
+    median: float
+    least: float
+    most: float
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "Spread":
+        """Returns the median, the least and the most of ``values``."""
+        return cls(float(np.median(values)), min(values), max(values))
+
+    def cells(self, name: str = "per second") -> dict[str, float]:
+        """Returns three columns of a table, the median under ``name``."""
+        return {name: self.median, "least": self.least, "most": self.most}
+
+
+def in_turns(
+    contenders: Mapping[K, Callable[[], T]], turns: int, *, warm_up: int = 1, tell: bool = False
+) -> dict[K, list[T]]:
+    """Lets each contender work once a turn; returns what each returned, turn by turn.
+
+    Args:
+        warm_up: turns before these, which do not count.
+        tell: print each turn's end.
+    """
+    found: dict[K, list[T]] = {name: [] for name in contenders}
+    for turn in range(1 - warm_up, turns + 1):
+        for name, work in contenders.items():
+            result = work()
+            if turn > 0:
+                found[name].append(result)
+        if tell:
+            print(f"turn {turn} of {turns}", file=sys.stderr, flush=True)
+    return found
+
 
 def per_second(action: Callable[[], object], seconds: float) -> float:
-    """Calls of ``action`` per second: the median of five slices, so that one bad moment is none."""
+    """Returns the calls of ``action`` per second: the median of five slices of ``seconds``."""
     return float(np.median([slice_per_second(action, seconds / SLICES) for _ in range(SLICES)]))
 
 
 def slice_per_second(action: Callable[[], object], seconds: float) -> float:
-    """Calls of ``action`` per second, over at least ``seconds`` and one call."""
+    """Returns the calls of ``action`` per second, over at least ``seconds`` and one call."""
     calls = 0
     began = time.perf_counter()
     while True:

@@ -5,21 +5,19 @@ hand them in; ours takes chunks. Each is measured in a process of its own: what 
 depends on what the process has allocated before, up to tenfold.
 """
 
-import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import torch
 import tyro
 
+from benchmarks.child import Helper
 from benchmarks.pace import slice_per_second
 from benchmarks.replay import BATCH, draw, draw_and_rate, fill, prioritised, unlimited
 from benchmarks.synthetic import Streams
-from common.errors import InputError
-from common.process.supervisor import Child
 from replay.replay_buffer import ReplayBuffer
 
 _CHUNK = 64
@@ -192,43 +190,25 @@ def make(options: Options) -> Filled:
     return Cpprb(size, share, prioritised=prioritised)
 
 
-class Elsewhere:
+class Elsewhere(Helper):
     """A replay in a process of its own; a context manager that ends it."""
 
     def __init__(self, who: Who, size: int, folder: Path, *, prioritised: bool = False) -> None:
-        self.name = NAMES[who]
-        self._arguments = [
+        super().__init__(
+            NAMES[who],
+            "benchmarks.peer_replays",
             *("--who", who, "--size", str(size), "--folder", str(folder)),
             "--prioritised" if prioritised else "--no-prioritised",
-        ]
-
-    def __enter__(self) -> Self:
-        self._process = Child(
-            "benchmarks.peer_replays",
-            *self._arguments,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
         )
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._process.kill()  # what it holds is thrown away
-        self._process.communicate()
 
     def rate(self, work: Literal["insert", "draw"], seconds: float) -> float:
-        """Steps inserted, or batches drawn, per second.
+        """Returns steps inserted, or batches drawn, per second.
 
         Raises:
             InputError: the process failed, and has said why.
         """
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        try:
-            self._process.stdin.write(f"{work} {seconds}\n")
-            self._process.stdin.flush()
-            return float(self._process.stdout.readline())
-        except (BrokenPipeError, ValueError):
-            raise InputError(f"the process of {self.name} failed, see above.") from None
+        self.say(f"{work} {seconds}")
+        return float(self.hear())
 
 
 def main() -> None:

@@ -14,13 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
-from benchmarks.child import end_as_by_ctrl_c
 from benchmarks.pace import per_second
-from benchmarks.report import publish
+from benchmarks.report import BenchmarkOptions, Report, main
 from benchmarks.synthetic import Streams
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError
 from common.run.config import ReplayConfig, RunConfig
 from common.run.presets import PRESETS
 from replay.batch import Batch
@@ -32,25 +30,23 @@ _NO_BOUND = 10**9
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(BenchmarkOptions):
     """Time inserts and draws of the replay, and weigh it."""
 
     sizes: tuple[int, ...] = (10_000, 100_000, 1_000_000)
     """Capacities; the replay is full when it is measured."""
     seconds: float = 5.0
-    """Of each figure."""
+    """Seconds of each figure."""
     chunk_steps: int = 64
     """Steps of a chunk."""
     actors: int = 8
     """Actors whose chunks take turns."""
     folder: Path | None = None
     """Folder for the files, 7.1 KB a step; a temporary one by default."""
-    json: Path | None = None
-    """File for the results."""
 
     def check(self) -> None:
-        if min(self.chunk_steps, self.actors) < 1 or not self.seconds > 0:
-            raise InputError("choose 1 or more steps and actors, and seconds above 0.")
+        super().check()
+        self.require_positive("chunk_steps", "actors", "seconds")
         if not self.sizes or min(self.sizes) < 4 * self.chunk_steps:
             raise InputError(f"--sizes: choose sizes of {4 * self.chunk_steps} or more.")
         if self.folder is not None and not self.folder.is_dir():
@@ -98,7 +94,7 @@ def draw_and_rate(memory: ReplayBuffer, rng: np.random.Generator) -> Callable[[]
     return action
 
 
-def measure(capacity: int, options: Options, folder: Path) -> dict[str, Any]:
+def measure_size(capacity: int, options: Options, folder: Path) -> dict[str, Any]:
     """All figures of one size."""
     config = unlimited(capacity)
     names = tuple(f"actor-{number}" for number in range(1, options.actors + 1))
@@ -151,24 +147,20 @@ def row(found: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.replay")
-    options.check()
-    end_as_by_ctrl_c()
+def measure(options: Options) -> Report:
     sizes = []
     for capacity in options.sizes:
         with tempfile.TemporaryDirectory(
             prefix="ale-robot-bench-", dir=options.folder, ignore_cleanup_errors=True
         ) as folder:
-            sizes.append(measure(capacity, options, Path(folder) / "replay"))
-    publish(
+            sizes.append(measure_size(capacity, options, Path(folder) / "replay"))
+    return Report.of(
         f"Replay, per second: steps inserted in chunks of {options.chunk_steps} (first into fresh "
         f"files), batches of {BATCH} (prioritised: with priority updates)",
         [row(each) for each in sizes],
-        options.json,
         {"batch_size": BATCH, "chunk_steps": options.chunk_steps, "sizes": sizes},
     )
 
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    main("replay", Options, measure)

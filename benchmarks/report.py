@@ -1,54 +1,139 @@
-"""Prints a measurement as a table for people, and writes it as JSON for machines."""
+"""What every benchmark and experiment shares: its command line, its table and its JSON.
+
+A benchmark is a module with ``Options`` (a `BenchmarkOptions` of its flags), ``measure(options) ->
+Report``, and ``main(NAME, Options, measure)`` at its end. `benchmarks.registry` lists it.
+"""
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple, TypeVar
 
+import tyro
 from rich.console import Console
-from rich.table import Table
+from rich.table import Table as RichTable
 
+from benchmarks.child import end_as_by_ctrl_c
+from common.errors import InputError, exit_on_input_error
 from learner.telemetry.provenance import Provenance
 
+Row = Mapping[str, Any]
+_MOST_PADDED = 12
+"""Columns of a table that fits a terminal with spaces around each cell."""
 
-def publish(
-    title: str,
-    rows: Sequence[Mapping[str, Any]],
-    file: Path | None,
-    summary: Mapping[str, Any] | None = None,
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkOptions:
+    """The flags that every benchmark has."""
+
+    json: Path | None = None
+    """File for the results, as JSON."""
+
+    def check(self) -> None:
+        """Refuse what cannot be measured.
+
+        Raises:
+            InputError: naming the flag.
+        """
+        if self.json is not None and not self.json.parent.is_dir():
+            raise InputError(f"there is no folder {self.json.parent}: make it, or name another.")
+
+    def require_positive(self, *names: str) -> None:
+        """Refuse fields, numbers or tuples of numbers, that are not above 0, and empty tuples.
+
+        Raises:
+            InputError: naming the flag.
+        """
+        for name in names:
+            value = getattr(self, name)
+            numbers = value if isinstance(value, tuple) else (value,)
+            if not numbers or not min(numbers) > 0:
+                flag = name.replace("_", "-")
+                what = "above 0" if isinstance(value, float) else "of 1 or more"
+                raise InputError(f"--{flag} is {value}: choose a number {what}.")
+
+
+class Table(NamedTuple):
+    """Rows that all have the same keys."""
+
+    title: str
+    rows: Sequence[Row]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a benchmark found, for people and for machines."""
+
+    tables: Sequence[Table]
+    """For people."""
+    content: Row
+    """For machines; versions, commit and machine are added to it."""
+    notes: Sequence[str] = field(default=())
+    """Sentences below the tables."""
+
+    @classmethod
+    def of(cls, title: str, rows: Sequence[Row], summary: Row, *notes: str) -> "Report":
+        """Returns a report of one table, whose rows are for machines too, before ``summary``."""
+        return cls([Table(title, rows)], {"title": title, **summary, "rows": rows}, notes)
+
+    def publish(self, file: Path | None) -> None:
+        """Prints the tables, and writes the JSON unless ``file`` is None."""
+        for table in self.tables:
+            show(*table)
+        for note in self.notes:
+            print(note)
+        if file is not None:
+            write(file, self.content)
+
+
+O = TypeVar("O", bound=BenchmarkOptions)  # noqa: E741
+
+
+def main(name: str, options: type[O], measure: Callable[[O], Report]) -> None:
+    """Runs a benchmark as ``python -m benchmarks.NAME``; ends the process unless all went well."""
+    end_as_by_ctrl_c()
+    exit_on_input_error(lambda: run(name, options, measure, sys.argv[1:]))
+
+
+def run(
+    name: str, options: type[O], measure: Callable[[O], Report], arguments: Sequence[str]
 ) -> None:
-    """Show ``rows`` (all with the same keys), and write them.
+    """Measures as ``arguments`` say, and publishes what came of it.
 
-    Args:
-        file: where the same goes as JSON, with versions and commit; None for nowhere.
-        summary: what else goes into the JSON, beside the rows.
+    Raises:
+        InputError: the arguments are refused, or something that was measured failed.
     """
-    show(title, rows)
-    if file is not None:
-        write(file, {"title": title, **(summary or {}), "rows": rows})
+    given = tyro.cli(options, prog=f"python -m benchmarks.{name}", args=list(arguments))
+    given.check()
+    measure(given).publish(given.json)
 
 
-def show(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print ``rows`` (all with the same keys) over the machine they were measured on."""
+def show(title: str, rows: Sequence[Row]) -> None:
+    """Prints ``rows`` over the machine they were measured on."""
     machine = Provenance.gather().machine
-    table = Table(title=title, caption=f"{machine.cpu}, {machine.cores} cores")
+    wide = len(rows[0]) > _MOST_PADDED
+    table = RichTable(title=title, padding=(0, 0) if wide else (0, 1))
+    table.caption = f"{machine.cpu}, {machine.cores} cores"
     for name in rows[0]:
-        table.add_column(name, justify="left" if isinstance(rows[0][name], str) else "right")
+        side: Literal["left", "right"] = "left" if isinstance(rows[0][name], str) else "right"
+        table.add_column(name, justify=side, no_wrap=wide, min_width=3 if wide else None)
     for row in rows:
         table.add_row(*map(cell, row.values()))
     Console().print(table)
 
 
-def write(file: Path, content: Mapping[str, Any]) -> None:
-    """Write ``content`` as JSON, with versions and commit."""
+def write(file: Path, content: Row) -> None:
+    """Writes ``content`` as JSON, with versions, commit and machine."""
     file.parent.mkdir(parents=True, exist_ok=True)
     whole = {**content, **dataclasses.asdict(Provenance.gather())}
     file.write_text(json.dumps(whole, indent=2) + "\n")
 
 
 def cell(value: object) -> str:
-    """A value as it stands in a table."""
+    """Returns a value as it stands in a table."""
     if value is None:
         return "–"
     if not isinstance(value, float):

@@ -4,32 +4,26 @@ A real replay process, real outboxes and the learner's real client, each in a pr
 meet on loopback. Encoding, decoding, checking, storing and journaling are all in it.
 """
 
-import contextlib
 import json
-import subprocess
 import tempfile
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
-import tyro
-
-from benchmarks.child import end_as_by_ctrl_c, free_endpoint
-from benchmarks.report import publish
-from common.errors import InputError, exit_on_input_error
-from common.process.supervisor import Child
+from benchmarks.child import Helper
+from benchmarks.hosted_run import RUN, HostedRun
+from benchmarks.report import BenchmarkOptions, Report, main
 from common.run.config import StreamConfig
-
-_RUN = "bench"
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(BenchmarkOptions):
     """Time the way between actors, replay and a learner elsewhere."""
 
     seconds: float = 5.0
-    """Of each figure."""
+    """Seconds of each figure."""
     senders: int = 1
     """Actor processes that send."""
     window: int = StreamConfig().window
@@ -40,77 +34,53 @@ class Options:
     """Steps in the replay."""
     sampler: Literal["uniform", "prioritised"] = "prioritised"
     """How batches are drawn; prioritised ones are also given new priorities, by an RPC more."""
-    json: Path | None = None
-    """File for the results."""
 
     def check(self) -> None:
-        if min(self.senders, self.window, self.chunk_steps) < 1 or not self.seconds > 0:
-            raise InputError("choose 1 or more senders, chunks and steps, and seconds above 0.")
+        super().check()
+        self.require_positive("senders", "window", "chunk_steps", "seconds")
 
 
-class Exchange:
+class Exchange(HostedRun):
     """The replay process, and those that talk to it; a context manager that ends them."""
 
     def __init__(self, options: Options, folder: Path) -> None:
-        self._options = options
-        self._folder = folder
-        self._endpoint = free_endpoint()
-        self._spoken = 0
-
-    def __enter__(self) -> Self:
-        options = self._options
-        self._server = Child(
+        super().__init__(
             "replay",
-            *("--run", _RUN, "--runs", str(self._folder), "--listen", self._endpoint),
+            folder,
             *("--preset", "paper", "--replay.sampler", options.sampler),
             *("--replay.capacity", str(options.capacity), "--replay.learning-starts", "64"),
             *("--replay.ratio-tolerance", str(10**9)),
             *("--stream.chunk-steps", str(options.chunk_steps)),
-            stdout=subprocess.DEVNULL,
         )
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._server.end()
+        self._options = options
+        self._clients = 0
 
     def measure(self, roles: Sequence[str], window: int | None = None) -> list[dict[str, Any]]:
-        """What processes of these roles count while all work at once; in the same order.
+        """Returns what processes of these roles count while all work at once; in the same order.
 
         Raises:
             InputError: one of them failed, and has said why.
         """
-        clients = [self._client(role, window or self._options.window) for role in roles]
-        try:
+        with ExitStack() as stack:
+            clients = [
+                stack.enter_context(self._client(role, window or self._options.window))
+                for role in roles
+            ]
             for client in clients:
-                if self._hear(client) != "ready":
-                    raise InputError("a process of the measurement failed, see above.")
+                client.hear()  # that it is ready
             for client in clients:
-                assert client.stdin is not None
-                with contextlib.suppress(BrokenPipeError):
-                    client.stdin.write("go\n")
-                    client.stdin.flush()
-            answers = [self._hear(client) for client in clients]
-            if not all(answers):
-                raise InputError("a process of the measurement failed, see above.")
-            return [json.loads(answer) for answer in answers]
-        finally:
-            for client in clients:
-                client.end()
+                client.say("go")
+            return [json.loads(client.hear()) for client in clients]
 
-    def _client(self, role: str, window: int) -> Child:
-        self._spoken += 1  # a name of its own, for sequence numbers begin anew
-        return Child(
+    def _client(self, role: str, window: int) -> Helper:
+        self._clients += 1  # a name of its own, for sequence numbers begin anew
+        return Helper(
+            f"the measurement ({role})",
             "benchmarks.transport_client",
-            *("--role", role, "--connect", self._endpoint, "--run", _RUN),
+            *("--role", role, "--connect", self.endpoint, "--run", RUN),
             *("--seconds", str(self._options.seconds), "--window", str(window)),
-            *("--name", f"sender-{self._spoken}"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
+            *("--name", f"sender-{self._clients}"),
         )
-
-    def _hear(self, client: Child) -> str:
-        assert client.stdout is not None
-        return client.stdout.readline().strip()
 
 
 def together(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -131,10 +101,7 @@ def row(work: str, found: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.transport")
-    options.check()
-    end_as_by_ctrl_c()
+def measure(options: Options) -> Report:
     senders = ["send"] * options.senders
     with (
         tempfile.TemporaryDirectory(prefix="ale-robot-bench-") as folder,
@@ -145,7 +112,7 @@ def main() -> None:
         sample = exchange.measure(["draw"])[0]
         *sent, sample_at_once = exchange.measure([*senders, "draw"])
     insert_at_once = together(sent)
-    publish(
+    return Report.of(
         f"Zenoh on loopback: chunks of {options.chunk_steps} steps from {options.senders} "
         f"sender{'s' if options.senders > 1 else ''}, {options.sampler} batches of 32",
         [
@@ -155,7 +122,6 @@ def main() -> None:
             row("at once: chunks", insert_at_once),
             row("at once: batches", sample_at_once),
         ],
-        options.json,
         {
             "chunk_steps": options.chunk_steps,
             "batch_size": 32,
@@ -172,4 +138,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    main("transport", Options, measure)

@@ -4,41 +4,37 @@
 wall clock) take folders of runs, or their ``epochs.csv`` under any name, those of 2017 too; runs
 that are the same but for the seed become thin lines with their mean as a thick one.
 `--figure delay` takes tables of `python -m benchmarks.lab.ladder` or `python -m
-benchmarks.lab.actuation_latency`,
-`--figure histogram` files of `python -m learner --evaluate … --json`.
+benchmarks.lab.actuation_latency`, `--figure histogram` files of `python -m learner --evaluate …
+--json`, `--figure scaling` one of `python -m benchmarks.scaling --json`.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import tyro
 from matplotlib.figure import Figure
 
 from benchmarks.figures.plot_delay import delay_figure, read_ladders
 from benchmarks.figures.plot_histogram import histogram_figure, read_evaluation
 from benchmarks.figures.plot_runs import Phase, epochs_figure, progress_figure, read_groups
+from benchmarks.figures.plot_scaling import scaling_figure
+from benchmarks.figures.plot_style import check_picture, save
 from common.errors import InputError, exit_on_input_error
-
-_SUFFIXES = (".png", ".svg", ".pdf")
 
 
 @dataclass(frozen=True)
 class Options:
-    """Draw runs, or the results of ladder and evaluation."""
+    """Draw runs, or the results of ladder, evaluation and scaling."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
     """Folders of runs or their CSV files; of delay and histogram, the files of results."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("figure.png")
     """Picture to write: .png, .svg or .pdf."""
-    figure: Literal["epochs", "progress", "delay", "histogram"] = "epochs"
+    figure: Literal["epochs", "progress", "delay", "histogram", "scaling"] = "epochs"
     """Reward and mean max-Q by epoch; reward by steps and wall clock; score by delay of the keys
-    (from ladder.csv or late_keys.csv); scores of the games of evaluations (from their JSON)."""
+    (from ladder.csv or late_keys.csv); scores of the games of evaluations (from their JSON);
+    steps per second by number of actors (from scaling.json)."""
     phase: Phase = "test"
     """Whose rewards epochs and progress show: each epoch's test, or its training with its ε."""
 
@@ -53,8 +49,7 @@ class Options:
         for path in self.paths:
             if not path.exists():
                 raise InputError(f"{path} is not there: name a run's folder or a file of results.")
-        if self.output.suffix not in _SUFFIXES:
-            raise InputError(f"{self.output} is no {', '.join(_SUFFIXES)}: choose one of these.")
+        check_picture(self.output)
 
 
 def draw(options: Options) -> Figure:
@@ -68,19 +63,14 @@ def draw(options: Options) -> Figure:
             return delay_figure(read_ladders(options.paths))
         case "histogram":
             return histogram_figure([read_evaluation(path) for path in options.paths])
+        case "scaling":
+            return scaling_figure(options.paths[0])
 
 
 def main() -> None:
     options = tyro.cli(Options, prog="python -m benchmarks.figures.plot")
     options.check()
-    figure = draw(options)
-    try:
-        figure.savefig(options.output, dpi=150)
-    except OSError as error:
-        raise InputError(f"cannot write {options.output}: {error.strerror}.") from None
-    finally:
-        plt.close(figure)
-    print(f"wrote {options.output}")
+    save(draw(options), options.output)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,12 @@
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
+
+import matplotlib
+
+matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -10,6 +15,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from common.errors import InputError
+
+_SUFFIXES = (".png", ".svg", ".pdf")
 RANDOM = "#c1121f"
 """Red, as in the report."""
 INK = "#333333"
@@ -36,6 +44,33 @@ class Series(NamedTuple):
 
     name: str
     lines: list[Points]
+
+
+def check_picture(path: Path) -> None:
+    """Refuse a file that is no picture, or has no folder.
+
+    Raises:
+        InputError: naming the file.
+    """
+    if path.suffix not in _SUFFIXES:
+        raise InputError(f"{path} is no {', '.join(_SUFFIXES)}: choose one of these.")
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder {path.parent}: make it, or name another.")
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Writes ``figure``, says so, and closes it.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        figure.savefig(path, dpi=150)
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}.") from None
+    finally:
+        plt.close(figure)
+    print(f"wrote {path}")
 
 
 def panels(count: int, width: float = 5.2, height: float = 3.8) -> tuple[Figure, list[Axes]]:

@@ -26,7 +26,8 @@ from typing import Any, Literal
 
 import tyro
 
-from benchmarks.lab.policy import EPSILON, evaluate, present_names, run, train
+from benchmarks.child import run_module
+from benchmarks.lab.policy import EPSILON, evaluate, present_names, train
 from common.errors import InputError, exit_on_input_error
 from common.run.folder import RunFolder, write_atomically
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
@@ -182,7 +183,7 @@ def main() -> None:
     if options.delay and options.rung != "R2":
         raise InputError("--delay is for --rung R2.")
     if options.rung == "R0":
-        run("actors", "--check", "--game", options.game)
+        run_module("actors", "--check", "--game", options.game)
         return
     for seed in range(options.seed, options.seed + options.seeds):
         add_row(options.output, climb(options, seed))

@@ -5,15 +5,12 @@ and `present_names` are about the flags that both take.
 """
 
 import json
-import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.child import free_endpoint
-from common.errors import InputError
+from benchmarks.child import free_endpoint, run_module
 from common.process.command_line import PRESENT_FLAGS
 from common.run.folder import RunFolder
 
@@ -30,7 +27,7 @@ def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
     resumed = ["--resume"] if folder.checkpoint.exists() else []
     place = ["--run", folder.name, "--runs", str(folder.path.parent)]
     address = ["--listen", free_endpoint()]
-    run("learner", "--local", *place, "--steps", f"{steps}", *resumed, *address, *flags)
+    run_module("learner", "--local", *place, "--steps", f"{steps}", *resumed, *address, *flags)
 
 
 def evaluate(
@@ -47,20 +44,9 @@ def evaluate(
     with tempfile.TemporaryDirectory(prefix="ale-robot-") as folder:
         found = Path(folder) / "evaluation.json"
         asked = ["--games", f"{games}", "--epsilon", f"{epsilon}", "--json", str(found)]
-        run("learner", "--evaluate", str(network), *asked, *flags)
+        run_module("learner", "--evaluate", str(network), *asked, *flags)
         content: dict[str, Any] = json.loads(found.read_bytes())
         return content
-
-
-def run(module: str, *arguments: str) -> None:
-    """Runs ``python -m module`` on this terminal.
-
-    Raises:
-        InputError: it failed.
-    """
-    ended = subprocess.run([sys.executable, "-m", module, *arguments], check=False)
-    if ended.returncode:
-        raise InputError(f"python -m {module} ended with exit code {ended.returncode}, see above.")
 
 
 def press_latency(frames: int) -> list[str]:

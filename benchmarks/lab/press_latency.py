@@ -4,21 +4,13 @@ Half of the changes begin after the old keys were held for a while, half one dec
 old command, as in play. Times are whole emulator frames of 16.7 ms.
 """
 
-import dataclasses
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import matplotlib.pyplot as plt
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 from actors.robots.nao.latency import (
     DECISION_MS,
@@ -29,35 +21,31 @@ from actors.robots.nao.latency import (
     short_name,
 )
 from actors.robots.nao.room import Room
-from common.errors import InputError, exit_on_input_error
-from learner.telemetry.provenance import Provenance
+from benchmarks.figures.plot_style import check_picture, save
+from benchmarks.report import BenchmarkOptions, Report, Table, main
+from common.errors import InputError
 
 _NAMES = [short_name(action) for action in range(18)]
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(BenchmarkOptions):
     """Measure how promptly the robot's hands obey."""
 
     repetitions: int = 4
     """Times that each of the 306 changes is made from held keys, and again in play."""
     seed: int = 1
-    """Of the order of the changes."""
-    json: Path | None = None
-    """File for the results."""
+    """Seed of the order of the changes."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Picture of the table: .png, .svg or .pdf."""
 
     def check(self) -> None:
-        if self.repetitions < 1:
-            raise InputError(f"--repetitions is {self.repetitions}: choose 1 or more.")
+        super().check()
+        self.require_positive("repetitions")
         if self.seed < 0:
             raise InputError(f"--seed is {self.seed}: choose a number that is not negative.")
-        if self.output is not None and self.output.suffix not in (".png", ".svg", ".pdf"):
-            raise InputError(f"{self.output} should end in .png, .svg or .pdf.")
-        for path in (self.json, self.output):
-            if path is not None and not path.parent.is_dir():
-                raise InputError(f"there is no folder {path.parent}: make it, or name another.")
+        if self.output is not None:
+            check_picture(self.output)
 
 
 def _or_null(ms: float) -> float | None:
@@ -88,41 +76,42 @@ def content(latency: Latency, settled: Latency, unsettled: Latency) -> dict[str,
         "actions": _NAMES,
         "table_ms": rows(latency.table_ms),
         "worst_ms": rows(latency.worst_ms),
-        **dataclasses.asdict(Provenance.gather()),
     }
 
 
-def show(latency: Latency, settled: Latency, unsettled: Latency) -> None:
-    """Print the medians pair by pair, and what all came to."""
-    console = Console()
-    table = Table(title="Command to keys, ms: from (row) to (column), median", padding=(0, 0))
-    table.add_column("")
-    for name in _NAMES:
-        table.add_column(name, justify="right", min_width=3, no_wrap=True)
-    for name, row in zip(_NAMES, latency.table_ms, strict=True):
-        table.add_row(name, *("" if np.isnan(ms) else f"{ms:.0f}" for ms in row))
-    console.print(table)
-    for title, found in (
-        ("all", latency),
-        ("from held keys", settled),
-        ("one decision after the last command", unsettled),
-    ):
-        console.print(
-            f"{title}: {found.count} changes, p50 {found.p50_ms:.1f} ms, p99 {found.p99_ms:.1f} ms,"
-            f" {found.unreached} not reached, {found.stray_share:.1%} over a key of neither",
-            highlight=False,
-        )
+def table(latency: Latency) -> Table:
+    """The medians, pair by pair."""
+    return Table(
+        "Command to keys, ms: from (row) to (column), median",
+        [
+            {"": name}
+            | {to: "" if np.isnan(ms) else f"{ms:.0f}" for to, ms in zip(_NAMES, row, strict=True)}
+            for name, row in zip(_NAMES, latency.table_ms, strict=True)
+        ],
+    )
+
+
+def sentences(latency: Latency, settled: Latency, unsettled: Latency) -> list[str]:
+    """What all changes came to, and whether the goals are kept."""
     kept = (
         latency.p50_ms <= DECISION_MS + 0.1
         and latency.p99_ms <= 2 * DECISION_MS + 0.1
         and not latency.unreached
         and latency.stray_share <= MOST_STRAYS
     )
-    console.print(
+    return [
+        *(
+            f"{title}: {found.count} changes, p50 {found.p50_ms:.1f} ms, p99 {found.p99_ms:.1f} ms,"
+            f" {found.unreached} not reached, {found.stray_share:.1%} over a key of neither"
+            for title, found in (
+                ("all", latency),
+                ("from held keys", settled),
+                ("one decision after the last command", unsettled),
+            )
+        ),
         "goals: p50 ≤ 66.7 ms, p99 ≤ 133.3 ms, all reached, strays ≤ 5 %: "
         + ("kept" if kept else "missed"),
-        highlight=False,
-    )
+    ]
 
 
 def draw(latency: Latency, output: Path) -> None:
@@ -144,13 +133,10 @@ def draw(latency: Latency, output: Path) -> None:
     bar = figure.colorbar(image, ax=axes, shrink=0.8)
     bar.set_label("median, ms")
     bar.set_ticks([0, DECISION_MS, 2 * DECISION_MS], labels=["0", "66.7", "133.3"])
-    figure.savefig(output, dpi=110)
-    plt.close(figure)
+    save(figure, output)
 
 
-def main() -> int:
-    options = tyro.cli(Options, prog="python -m benchmarks.lab.press_latency")
-    options.check()
+def measure(options: Options) -> Report:
     room = Room()
     found = list(changes(room, options.repetitions, options.seed))
     room.close()
@@ -159,14 +145,10 @@ def main() -> int:
         Latency.of([change for change in found if change.settled]),
         Latency.of([change for change in found if not change.settled]),
     )
-    show(*parts)
-    if options.json is not None:
-        options.json.write_text(json.dumps(content(*parts), indent=2) + "\n")
     if options.output is not None:
         draw(parts[0], options.output)
-        print(f"wrote {options.output}")
-    return 0
+    return Report([table(parts[0])], content(*parts), sentences(*parts))
 
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    main("lab.press_latency", Options, measure)

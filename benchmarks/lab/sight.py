@@ -26,8 +26,8 @@ from benchmarks.lab.sight_poses import (
     measure,
 )
 from benchmarks.lab.sight_probe import QUANTITIES, collect, probe
-from benchmarks.report import show, write
-from common.errors import InputError, exit_on_input_error
+from benchmarks.report import BenchmarkOptions, Report, Table, main
+from common.errors import InputError
 
 MOST_PIXELS = 1.5
 MOST_DIFFERENCE = 8.0
@@ -39,7 +39,7 @@ _FOUND, _LOST = (255, 0, 255), (255, 160, 0)
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(BenchmarkOptions):
     """Measure what the robot's eye makes of its camera's pictures."""
 
     games: tuple[str, ...] = ("pong", "breakout", "space_invaders", "asteroids")
@@ -50,10 +50,16 @@ class Options:
     """Pictures of Pong for the probe; fewer than two thirds have the ball in play."""
     seed: int = 1
     """Of poses, play and faults."""
-    json: Path | None = None
-    """File for the results."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """PNG of samples with the corners found."""
+
+    def check(self) -> None:
+        super().check()
+        self.require_positive("poses")
+        if not self.games or self.frames < 200:
+            raise InputError("choose one game or more, and 200 frames or more.")
+        for game in self.games:
+            check_game(game)
 
 
 class Album:
@@ -139,12 +145,7 @@ def goals(
     return kept
 
 
-def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.lab.sight")
-    if not options.games or options.poses < 1 or options.frames < 200:
-        raise InputError("choose one game or more, 1 pose or more, and 200 frames or more.")
-    for game in options.games:
-        check_game(game)
+def measure_sight(options: Options) -> Report:
     cv2.setNumThreads(1)
     album = Album(options.games)
     tallies = look_around(options, album)
@@ -159,25 +160,28 @@ def main() -> None:
         }
         for game in options.games
     ]
-    show(
-        f"Worst corner of each picture, pixels at 320×240; ±{MOST_TURN:.0f}° yaw and pitch, "
-        f"±{MOST_AWAY:.0%} distance",
-        [_row({"camera": name, **figures}, "difference") for name, figures in by_case.items()],
-    )
-    show(
-        "84×84 frame against the emulator's own, mean absolute difference in grey levels",
-        [_row(row, "p50_px", "p95_px", "max_px") for row in by_game],
-    )
     read = read_off(options)
-    show("Linear probe from single frames of Pong, R² on later play", [_row(r) for r in read])
     kept = goals(by_case, by_game, read)
-    print(
-        f"goals: corners p95 ≤ {MOST_PIXELS} px, Pong ≤ {MOST_DIFFERENCE:.0f} of 255, "
-        "R² ≥ 0.98 for paddles and ≥ 0.95 for the ball: "
-        + ", ".join(f"{name} {'kept' if well else 'MISSED'}" for name, well in kept.items())
-    )
-    if options.json is not None:
-        content = {
+    if options.output is not None:
+        options.output.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(options.output), album.page()[:, :, ::-1])
+        print(f"wrote {options.output}")
+    return Report(
+        [
+            Table(
+                f"Worst corner of each picture, pixels at 320×240; ±{MOST_TURN:.0f}° yaw and pitch,"
+                f" ±{MOST_AWAY:.0%} distance",
+                [_row({"camera": name, **each}, "difference") for name, each in by_case.items()],
+            ),
+            Table(
+                "84×84 frame against the emulator's own, mean absolute difference in grey levels",
+                [_row(row, "p50_px", "p95_px", "max_px") for row in by_game],
+            ),
+            Table(
+                "Linear probe from single frames of Pong, R² on later play", [_row(r) for r in read]
+            ),
+        ],
+        {
             "title": "Sight",
             "poses": options.poses,
             "faults": asdict(FAULTS),
@@ -185,12 +189,13 @@ def main() -> None:
             "games": by_game,
             "probe": read,
             "goals": kept,
-        }
-        write(options.json, content)
-    if options.output is not None:
-        options.output.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(options.output), album.page()[:, :, ::-1])
-        print(f"wrote {options.output}")
+        },
+        [
+            f"goals: corners p95 ≤ {MOST_PIXELS} px, Pong ≤ {MOST_DIFFERENCE:.0f} of 255, "
+            "R² ≥ 0.98 for paddles and ≥ 0.95 for the ball: "
+            + ", ".join(f"{name} {'kept' if well else 'MISSED'}" for name, well in kept.items())
+        ],
+    )
 
 
 def _row(figures: dict[str, Any], *without: str) -> dict[str, Any]:
@@ -205,4 +210,4 @@ def _row(figures: dict[str, Any], *without: str) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    main("lab.sight", Options, measure_sight)

@@ -11,8 +11,7 @@ import tyro
 
 from benchmarks.lab.ladder import FLAGS, Rung
 from benchmarks.lab.policy import EPSILON, evaluate, press_latency
-from benchmarks.report import publish
-from common.errors import InputError, exit_on_input_error
+from benchmarks.report import BenchmarkOptions, Report, main
 
 _TITLES: dict[Rung, str] = {
     "R1": "the emulator alone",
@@ -24,18 +23,20 @@ _TITLES: dict[Rung, str] = {
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(BenchmarkOptions):
     """Play games by a trained network on each rung of the ladder."""
 
     network: tyro.conf.Positional[Path]
     """A published policy, or a checkpoint in its run's folder; without the body's feedback, which
     is not the same on all rungs."""
     games: int = 10
-    """On each rung."""
+    """Games on each rung."""
     epsilon: float = EPSILON
     """Share of random decisions."""
-    json: Path | None = None
-    """File for the results."""
+
+    def check(self) -> None:
+        super().check()
+        self.require_positive("games")
 
 
 def rung_flags(rung: Rung) -> list[str]:
@@ -45,15 +46,12 @@ def rung_flags(rung: Rung) -> list[str]:
     return [part for pair in flags.items() for part in pair]
 
 
-def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.lab.transfer")
-    if options.games < 1:
-        raise InputError(f"--games is {options.games}: choose 1 or more.")
+def measure(options: Options) -> Report:
     found = {
         rung: evaluate(options.network, options.games, options.epsilon, rung_flags(rung))
         for rung in _TITLES
     }
-    publish(
+    return Report.of(
         f"{options.network.stem} on every rung, not trained anew; {options.games} games each, "
         f"ε = {options.epsilon:g}",
         [
@@ -67,10 +65,9 @@ def main() -> None:
             }
             for rung, each in found.items()
         ],
-        options.json,
         {"rungs": found},
     )
 
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    main("lab.transfer", Options, measure)

@@ -2,13 +2,13 @@
 
 import json
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from benchmarks import actor_steps
+from benchmarks import actor_steps, hosted_run
+from benchmarks.report import run
 from common.errors import InputError
 from common.process.supervisor import Child
 
@@ -31,7 +31,8 @@ def test_an_actor_plays_on_a_core_of_its_own(
         if process:
             bound.append(os.sched_getaffinity(process))
 
-    monkeypatch.setattr(actor_steps, "Child", watched)
+    for module in (actor_steps, hosted_run):
+        monkeypatch.setattr(module, "Child", watched)
     monkeypatch.setattr(os, "sched_setaffinity", noted)
     with (
         actor_steps._one_core_set_apart() as core,
@@ -49,7 +50,7 @@ def test_an_actor_plays_on_a_core_of_its_own(
 def test_a_rate_is_steps_between_two_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     marks = iter([(1.0, 64), (2.0, 128), (2.5, 192), (6.0, 448), (7.0, 512)])
     hub = object.__new__(actor_steps.Hub)
-    hub._actors, hub._endpoint, hub._core = 0, "", 0
+    hub._actors, hub.endpoint, hub._core = 0, "", 0
     monkeypatch.setattr(hub, "_next_chunk", lambda *_: actor_steps.Mark(*next(marks)))
     monkeypatch.setattr(actor_steps, "_FIRST", 3)
     monkeypatch.setattr(actor_steps, "Child", lambda *_, **__: Process())
@@ -81,11 +82,8 @@ def test_table_and_json(
 
     results = tmp_path / "actor.json"
     monkeypatch.setattr(actor_steps, "Hub", Told)
-    monkeypatch.setattr(actor_steps, "end_as_by_ctrl_c", lambda: None)
-    monkeypatch.setattr(
-        sys, "argv", ["actor_steps", "--turns", "2", "--envs", "1", "4", "--json", str(results)]
-    )
-    actor_steps.main()
+    arguments = ["--turns", "2", "--envs", "1", "4", "--json", str(results)]
+    run("actor_steps", actor_steps.Options, actor_steps.measure, arguments)
     found = json.loads(results.read_text())
     assert found["ale"] == {"1": 4.0, "4": 40.0}
     assert found["robot"] == {"1": 3.0, "4": 30.0}
@@ -100,6 +98,6 @@ def test_table_and_json(
 
 
 def test_settings_that_cannot_work() -> None:
-    for options in ({"envs": ()}, {"envs": (0,)}, {"turns": 0}, {"seconds": 0.0}):
-        with pytest.raises(InputError, match="environments"):
-            actor_steps.Options(**options).check()  # type: ignore[arg-type]
+    for name, value in (("envs", ()), ("envs", (0,)), ("turns", 0), ("seconds", 0.0)):
+        with pytest.raises(InputError, match=f"--{name} is"):
+            actor_steps.Options(**{name: value}).check()  # type: ignore[arg-type]

@@ -8,13 +8,13 @@ import pytest
 
 from actors.robots.nao.room import Room
 from benchmarks import env_steps
+from benchmarks.report import run
 
 
 def test_the_command_writes_rates_and_a_breakdown(tmp_path: Path) -> None:
     file = tmp_path / "speed.json"
     words = ["--envs", "2", "--decisions", "6", "--turns", "2", "--json", str(file)]
-    with patch("sys.argv", ["env_steps", *words]):
-        env_steps.main()
+    run("env_steps", env_steps.Options, env_steps.measure, words)
     content = json.loads(file.read_text())
     assert content["envs"] == 2
     for kind, row in zip(("robot_sync", "robot_wait", "ale"), content["rows"], strict=True):
@@ -36,7 +36,7 @@ def test_parts_add_up_to_the_whole_and_stopwatches_go_again() -> None:
         return now
 
     with patch("benchmarks.env_steps.time.perf_counter", clock):
-        parts = env_steps.break_down(player, 10)
+        parts = env_steps.break_down(player, 10).parts
     player.close()
     # Every call of a part takes one tick of this clock, and there is a tick after each.
     assert parts["detection"] == pytest.approx(1.0)

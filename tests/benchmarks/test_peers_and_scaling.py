@@ -1,14 +1,12 @@
-"""`benchmarks.peers` and `benchmarks.scaling`: who is compared with whom, and what is drawn."""
+"""`benchmarks.peers` and `benchmarks.scaling`: who is compared with whom, and how often."""
 
 import importlib.util
 import json
-import sys
 import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import torch
@@ -17,20 +15,24 @@ from benchmarks import peer_update, peers, scaling
 from benchmarks.epochs_per_day import Paces
 from benchmarks.local_run import LocalRun, Pace, Setting
 from benchmarks.peer_replays import Elsewhere
+from benchmarks.report import run
 from common.errors import InputError
 
 
-def test_medians_of_turns_after_the_first() -> None:
-    told = {"fast": iter([99.0, 4.0, 6.0, 5.0]), "slow": iter([99.0, 1.0, 1.0, 7.0])}
+def test_medians_of_turns_after_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = {"ours": iter([99.0, 4.0, 6.0, 5.0]), "slow": iter([99.0, 1.0, 1.0, 7.0])}
     order: list[str] = []
 
     def rate(name: str, seconds: float) -> float:
         order.append(name)
         return next(told[name]) / seconds
 
-    contenders = [peers.Contender(name, partial(rate, name)) for name in told]
-    assert peers.in_turns(contenders, 3, 0.5) == {"fast": 10.0, "slow": 2.0}
-    assert order == ["fast", "slow"] * 4
+    monkeypatch.setattr(peers, "_SHORT_TURNS", 3)
+    monkeypatch.setattr(peers, "_SHORT_TURN", 0.5)
+    contenders = {name: partial(rate, name) for name in told}
+    (found,) = peers.in_short_turns("work", contenders)
+    assert (found["peer"], found["peer_per_second"], found["ours_per_second"]) == ("slow", 2, 10)
+    assert order == ["ours", "slow"] * 4
 
 
 def test_our_replay_in_a_process_of_its_own(tmp_path: Path) -> None:
@@ -53,8 +55,8 @@ def test_a_replay_that_cannot_be_had_says_so(tmp_path: Path) -> None:
 
 
 def test_each_peer_beside_ours() -> None:
-    found = peers.against_ours("draw", {"a": 10.0, "ours": 30.0, "b": 60.0})
-    assert [(each.peer, each.peer_per_second, each.ratio) for each in found] == [
+    found = peers.against_ours("draw", {"a": [10.0], "ours": [30.0], "b": [60.0]})
+    assert [(each["peer"], each["peer_per_second"], each["ratio"]) for each in found] == [
         ("a", 10.0, 3.0),
         ("b", 60.0, 0.5),
     ]
@@ -68,11 +70,9 @@ def test_what_is_not_installed_is_passed_over(
     monkeypatch.setattr(
         peers,
         "compare_updates",
-        lambda: peers.against_ours("updates", {"PyTorch": 20.0, "ours": 50.0}),
+        lambda: peers.against_ours("updates", {"PyTorch": [20.0], "ours": [50.0]}),
     )
-    monkeypatch.setattr(peers, "end_as_by_ctrl_c", lambda: None)
-    monkeypatch.setattr(sys, "argv", ["peers", "--json", str(results)])
-    peers.main()
+    run("peers", peers.Options, peers.measure, ["--json", str(results)])
     printed = capsys.readouterr().out
     assert "stable-baselines3 is not installed" in printed
     assert "cpprb is not installed" in printed
@@ -102,32 +102,26 @@ def pace(train: float, test: float) -> Pace:
     return Pace(10.0, train, train / 4, test, 8.0, 20.0, 40.0, None, dict.fromkeys("lae", 0.2))
 
 
-def test_table_and_figure_of_scaling(
+def test_a_row_for_each_number_of_actors(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     def measured(setting: Setting, seconds: float) -> Paces:
         return Paces(pace(100.0 * setting.actors, 0.0), pace(80.0 * setting.actors, 500.0), 900.0)
 
-    results, figure = tmp_path / "scaling.json", tmp_path / "scaling.png"
-    monkeypatch.setattr(scaling, "measure", measured)
-    monkeypatch.setattr(scaling, "end_as_by_ctrl_c", lambda: None)
-    flags = ["--numbers", "1", "3", "--json", str(results), "-o", str(figure)]
-    monkeypatch.setattr(sys, "argv", ["scaling", *flags])
-    scaling.main()
+    results = tmp_path / "scaling.json"
+    monkeypatch.setattr(scaling, "paces_of", measured)
+    flags = ["--numbers", "1", "3", "--json", str(results)]
+    run("scaling", scaling.Options, scaling.measure, flags)
     found = json.loads(results.read_text())
     assert [each["train_steps_per_second"] for each in found["scaling"]] == [100.0, 300.0]
     assert [each["actors"] for each in found["scaling"]] == [1, 3]
-    drawn = cv2.imread(str(figure))
-    assert drawn is not None
-    assert min(drawn.shape[:2]) > 300
-    assert "wrote" in capsys.readouterr().out
+    assert [row["train/s"] for row in found["rows"]] == [100.0, 300.0]
+    assert "3: 300.0 steps/s" in capsys.readouterr().out
 
 
 def test_settings_that_cannot_work() -> None:
     with pytest.raises(InputError, match="numbers"):
         scaling.Options(Setting(), numbers=(0,)).check()
-    with pytest.raises(InputError, match="png"):
-        scaling.Options(Setting(), output=Path("figure.gif")).check()
     with pytest.raises(InputError, match="only"):
         peers.Options(only=()).check()
 

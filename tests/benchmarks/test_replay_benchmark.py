@@ -1,33 +1,27 @@
 """`python -m benchmarks.replay` on small rings, and the chunks of noise it inserts."""
 
 import json
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
-from benchmarks import replay
-from benchmarks.pace import slice_per_second
+from benchmarks import replay, report
 from benchmarks.synthetic import Streams
 from common.errors import InputError
 from common.protocol.chunk import Chunk
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *flags: str) -> None:
-    monkeypatch.setattr(sys, "argv", ["replay", *flags])
-    monkeypatch.setattr(replay, "end_as_by_ctrl_c", lambda: None)
-    replay.main()
+def run(*flags: str) -> None:
+    report.run("replay", replay.Options, replay.measure, flags)
 
 
-def test_figures_of_each_size(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_figures_of_each_size(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     results, files = tmp_path / "replay.json", tmp_path / "files"
     files.mkdir()
     flags = ("--seconds", "0.05", "--folder", str(files), "--json", str(results))
     began = time.monotonic()
-    run(monkeypatch, "--sizes", "512", "1024", *flags)
+    run("--sizes", "512", "1024", *flags)
     lasted = time.monotonic() - began
     found = json.loads(results.read_text())
     assert [each["capacity"] for each in found["sizes"]] == [512, 1_024]
@@ -55,11 +49,9 @@ def test_figures_of_each_size(
         (["--folder", "no/such/folder"], "no folder"),
     ],
 )
-def test_settings_that_cannot_work(
-    monkeypatch: pytest.MonkeyPatch, flags: list[str], complaint: str
-) -> None:
+def test_settings_that_cannot_work(flags: list[str], complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
-        run(monkeypatch, *flags)
+        run(*flags)
 
 
 def test_chunks_of_noise_are_chunks() -> None:
@@ -73,9 +65,3 @@ def test_chunks_of_noise_are_chunks() -> None:
         ("a", 2),
     ]
     assert all(len(each) == 8 and len(each.context) == 3 for each in chunks)
-
-
-def test_a_slice_has_at_least_one_call() -> None:
-    calls: list[int] = []
-    assert slice_per_second(lambda: calls.append(1), 0.0) > 0
-    assert calls == [1]

@@ -1,13 +1,13 @@
 """`benchmarks.transport` with real processes, for a moment."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from benchmarks import transport
+from benchmarks.report import run
 from common.errors import InputError
 
 
@@ -73,9 +73,8 @@ def test_table_and_json(
 
     results = tmp_path / "transport.json"
     monkeypatch.setattr(transport, "Exchange", Told)
-    monkeypatch.setattr(transport, "end_as_by_ctrl_c", lambda: None)
-    monkeypatch.setattr(sys, "argv", ["transport", "--senders", "2", "--json", str(results)])
-    transport.main()
+    arguments = ["--senders", "2", "--json", str(results)]
+    run("transport", transport.Options, transport.measure, arguments)
     found = json.loads(results.read_text())
     assert found["insert_one_at_a_time"]["calls_per_second"] == 5.0
     assert found["insert"]["calls_per_second"] == 40.0

@@ -280,6 +280,23 @@ def test_runs_of_other_lengths_are_other_lines(tmp_path: Path) -> None:
     assert len(lines(draw(Options((path,), figure="delay")).axes[0])) == 2
 
 
+def test_rates_against_actors() -> None:
+    published = ROOT / "benchmarks" / "results" / "scaling.json"
+    figure = draw(Options((published,), figure="scaling"))
+    found = json.loads(published.read_text())["scaling"]
+    assert names(figure) == ["training, evaluator idle", "training beside a test", "that test"]
+    for line, rate in zip(
+        lines(figure.axes[0]),
+        (
+            "train_steps_per_second",
+            "train_steps_per_second_beside_test",
+            "test_steps_per_second_beside_training",
+        ),
+        strict=True,
+    ):
+        assert line == [(each["actors"], each[rate]) for each in found]
+
+
 def evaluation(path: Path, scores: list[float]) -> Path:
     found = {"scores": scores, "mean": 17.5, "deviation": 2.0, "iqm": 18.25}
     path.write_text(json.dumps(found))
@@ -342,6 +359,7 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
         ("delay", robots, "no row of R1 or R2"),
         ("delay", broken, "damaged in row 1"),
         ("histogram", text, "holds no evaluation"),
+        ("scaling", text, "holds no scaling"),
         ("histogram", evaluation(tmp_path / "none.json", []), "has no scores"),
     ):
         with pytest.raises(InputError, match=words):

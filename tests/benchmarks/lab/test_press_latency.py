@@ -1,12 +1,12 @@
 """`python -m benchmarks.lab.press_latency` on hands that always take two frames."""
 
 import json
-import sys
 from pathlib import Path
 
 import cv2
 import pytest
 
+from benchmarks import report
 from benchmarks.lab import press_latency
 from common.actions import KEYS_OF_ACTION, Keys
 from common.errors import InputError
@@ -35,17 +35,21 @@ class TwoFrames:
         pass
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *flags: str) -> int:
+def run(monkeypatch: pytest.MonkeyPatch, *flags: str) -> None:
     monkeypatch.setattr(press_latency, "Room", TwoFrames)
-    monkeypatch.setattr(sys, "argv", ["press_latency", "--repetitions", "1", *flags])
-    return press_latency.main()
+    report.run(
+        "lab.press_latency",
+        press_latency.Options,
+        press_latency.measure,
+        ["--repetitions", "1", *flags],
+    )
 
 
 def test_table_picture_and_json(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     results, picture = tmp_path / "latency.json", tmp_path / "latency.png"
-    assert run(monkeypatch, "--json", str(results), "-o", str(picture)) == 0
+    run(monkeypatch, "--json", str(results), "-o", str(picture))
     printed = capsys.readouterr().out
     assert printed.count("│ 33") + printed.count("│33") > 200
     assert "34 not reached" in printed

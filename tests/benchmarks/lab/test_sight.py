@@ -14,6 +14,7 @@ from actors.robots.nao.sensor import PERFECT_CAMERA
 from benchmarks.lab import sight
 from benchmarks.lab.sight_poses import FAULTS, ActorCounters, Case, Look, cases, corners_in, measure
 from benchmarks.lab.sight_probe import collect, probe
+from benchmarks.report import run
 from common.run.config import CameraConfig
 
 GAMES = ("pong", "space_invaders", "asteroids")
@@ -114,8 +115,8 @@ def test_the_command_writes_results_and_a_picture(tmp_path: Path) -> None:
     words = ["--games", "pong", "--poses", "1", "--frames", "400"]
     words += ["--json", str(results), "-o", str(picture)]
     few = [Case("perfect"), Case("all faults", FAULTS)]
-    with patch("sys.argv", ["sight", *words]), patch.object(sight, "cases", lambda: few):
-        sight.main()
+    with patch.object(sight, "cases", lambda: few):
+        run("lab.sight", sight.Options, sight.measure_sight, words)
     content = json.loads(results.read_text())
     assert set(content["corners"]) == {case.name for case in few}
     assert content["corners"]["perfect"]["pictures"] == 1

@@ -1,7 +1,6 @@
 """`benchmarks.lab.transfer`: the same network on every rung."""
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import pytest
 from benchmarks.lab import transfer
 from benchmarks.lab.ladder import FLAGS, Rung
 from benchmarks.lab.policy import evaluate
+from benchmarks.report import run
 from common.errors import InputError
 from common.process.command_line import parse_run
 from common.run.config import RunConfig
@@ -45,8 +45,7 @@ def test_table_and_json(
     results = tmp_path / "transfer.json"
     monkeypatch.setattr(transfer, "evaluate", told)
     arguments = [str(POLICY), "--games", "3", "--json", str(results)]
-    monkeypatch.setattr(sys, "argv", ["transfer", *arguments])
-    transfer.main()
+    run("lab.transfer", transfer.Options, transfer.measure, arguments)
     content = json.loads(results.read_text())
     assert [row["mean"] for row in content["rows"]] == [7.0, 5.0, 7.0, 7.0, 7.0]
     assert list(content["rungs"]) == list(FLAGS)

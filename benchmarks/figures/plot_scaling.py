@@ -1,0 +1,42 @@
+"""The figure of what more actors bring: agent steps per second against their number."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.figures.plot_style import Series, draw_series, label, legend, panels
+from common.errors import InputError
+
+_LINES = {
+    "training, evaluator idle": "train_steps_per_second",
+    "training beside a test": "train_steps_per_second_beside_test",
+    "that test": "test_steps_per_second_beside_training",
+}
+
+
+def scaling_figure(path: Path) -> Figure:
+    """Returns the figure of what `python -m benchmarks.scaling` wrote at ``path``.
+
+    Raises:
+        InputError: it wrote something else.
+    """
+    try:
+        found = json.loads(path.read_text())["scaling"]
+        series = [
+            Series(name, [np.array([(each["actors"], each[rate]) for each in found], np.float64)])
+            for name, rate in _LINES.items()
+        ]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(
+            f"{path} holds no scaling ({error!r}): write it with "
+            "python -m benchmarks.scaling --json FILE."
+        ) from None
+    figure, (axes,) = panels(1, width=6.5)
+    draw_series(axes, series)
+    axes.set_xticks([each["actors"] for each in found])
+    axes.set_ylim(bottom=0)
+    label(axes, "actors", "agent steps per second")
+    legend(figure, axes)
+    return figure

@@ -1,0 +1,88 @@
+"""`HostedRun`: a replay, or a learner with one, at work in a process of its own.
+
+It is watched from outside: what actors send is seen as the replay accepts it, by the statistics of
+chunks that it tells whoever asks.
+"""
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Self
+
+from benchmarks.child import free_endpoint
+from common.process.supervisor import Child
+from common.protocol.announcement import find_run
+from common.transport.bus import connect
+from replay.chunk_statistics import ChunkStatistics
+from replay.client import RemoteReplay
+
+RUN = "bench"
+_START = 120.0
+"""Seconds until the process serves its run."""
+_POLL = 0.02
+
+
+class HostedRun:
+    """``python -m MODULE`` with a run in ``folder``; a context manager that ends it.
+
+    Args:
+        flags: of the module, but for the run's name, folder and address.
+    """
+
+    def __init__(self, module: str, folder: Path, *flags: str) -> None:
+        self._module = module
+        self._folder = folder
+        self._flags = flags
+        self._seen = 0
+        self.endpoint = free_endpoint()
+
+    def __enter__(self) -> Self:
+        place = ("--run", RUN, "--runs", str(self._folder), "--listen", self.endpoint)
+        with ExitStack() as stack:
+            log = self._folder / f"{self._module}.log"
+            self.process = Child(self._module, *place, *self._flags, log=log)
+            stack.callback(self.process.end)
+            try:
+                self.session = connect(self.endpoint, _START, self._is_over)
+                stack.callback(self.session.close)
+                self.keys, self.config = find_run(self.session, RUN, _START, self._is_over)
+            except KeyboardInterrupt:
+                self.check()  # the wait may have been broken off because the process ended
+                raise
+            self._replay = RemoteReplay(self.session, self.keys, self.config)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def _is_over(self) -> bool:
+        return self.process.poll() is not None
+
+    def check(self) -> None:
+        """Refuse a process that ended by itself.
+
+        Raises:
+            InputError: with the last line that it said.
+        """
+        if self._is_over():
+            raise self.process.failure(self._module)
+
+    def next_chunks(
+        self, check: Callable[[], None] = lambda: None
+    ) -> tuple[float, tuple[ChunkStatistics, ...]]:
+        """Waits for chunks; returns the moment at which they were seen, and their statistics.
+
+        Args:
+            check: raises where none will come any more.
+        """
+        while True:
+            facts = self._replay.progress(self._seen).facts
+            now = time.monotonic()
+            self.check()
+            check()
+            if facts:
+                self._seen = facts[-1].index + 1
+                return now, facts
+            time.sleep(_POLL)

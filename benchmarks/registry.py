@@ -1,0 +1,55 @@
+"""The benchmarks of speed, what each measures, and with which flags the published tables are made.
+
+To add one, write its module (see `benchmarks.report`) and name it here.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+RESULTS = Path(__file__).parent / "results"
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """A module ``benchmarks.NAME``."""
+
+    measures: str
+    published: Mapping[str, str]
+    """Flags, as in a shell, by the result for which they are given: RESULT.json."""
+
+
+BENCHMARKS = {
+    "learner_updates": Benchmark(
+        "one Double DQN update: by threads and precision, by kind of work, bfloat16's exactness",
+        {"learner_updates": ""},
+    ),
+    "env_steps": Benchmark(
+        "agent steps of environments on one core, and what one is made of",
+        {"env_steps": "", "env_steps_beside": "--beside-learner"},
+    ),
+    "actor_steps": Benchmark(
+        "agent steps of a whole actor on one core, with network, stream and statistics",
+        {"actor_steps": ""},
+    ),
+    "replay": Benchmark(
+        "inserts and minibatches of the replay in one process, and its memory", {"replay": ""}
+    ),
+    "transport": Benchmark(
+        "chunks in and minibatches out of a replay process, over Zenoh", {"transport": ""}
+    ),
+    "epochs_per_day": Benchmark(
+        "a whole local run: training, tests, and how many of the 2017 epochs a day has room for",
+        {
+            "epochs_ale": "--env ale",
+            "epochs_robot": '--env robot --learner="--envs 2" --evaluators 2',
+            "epochs_robot_async": "--env robot --no-sync --actors 10 --evaluators 5",
+        },
+    ),
+    "scaling": Benchmark("a whole local run with more and more actors", {"scaling": "--env robot"}),
+    "peers": Benchmark(
+        "training, replay and update beside stable-baselines3, cpprb and plain PyTorch",
+        {"peers": ""},
+    ),
+}
+"""By name, in the order in which `make bench` runs them."""

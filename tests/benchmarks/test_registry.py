@@ -1,0 +1,89 @@
+"""The registry: every benchmark that it names is a module, and nothing is measured outside it."""
+
+import importlib
+import json
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import is_dataclass
+from pathlib import Path
+
+import pytest
+import tyro
+
+from benchmarks import __main__ as command
+from benchmarks.registry import BENCHMARKS, RESULTS
+from benchmarks.report import BenchmarkOptions, Report, run
+from common.errors import InputError
+from tests.paths import ROOT
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_a_benchmark_is_a_module_that_takes_its_published_flags(name: str) -> None:
+    module = importlib.import_module(f"benchmarks.{name}")
+    assert is_dataclass(module.Options)
+    assert f'main("{name}", Options, measure)' in Path(module.__file__ or "").read_text()
+    for result, flags in BENCHMARKS[name].published.items():
+        options = tyro.cli(module.Options, args=shlex.split(flags))
+        options.check()
+        published = json.loads((RESULTS / f"{result}.json").read_text())
+        assert {"title", "rows", "machine", "git_commit"} <= set(published)
+
+
+def test_every_module_that_measures_is_registered() -> None:
+    modules = (ROOT / "benchmarks").glob("*.py")
+    named = [re.findall(r'^    main\("(\w+)"', each.read_text(), re.MULTILINE) for each in modules]
+    assert {name for names in named for name in names} == set(BENCHMARKS)
+
+
+def test_all_are_run_with_their_published_flags(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[Sequence[str]] = []
+    monkeypatch.setattr(command, "run_module", lambda *words: told.append(words))
+    command.main(["all"])
+    assert len(told) == sum(len(each.published) for each in BENCHMARKS.values())
+    (robot,) = [words for words in told if words[-1].endswith("epochs_robot.json")]
+    assert robot[:-2] == (
+        "benchmarks.epochs_per_day",
+        *("--env", "robot", "--learner=--envs 2", "--evaluators", "2"),
+    )
+    assert all(words[-2] == "--json" for words in told)
+
+
+def test_without_a_name_all_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    command.main([])
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in BENCHMARKS)
+
+
+@pytest.mark.parametrize("words", [["nothing"], ["all", "--seconds", "1"]])
+def test_what_cannot_be_run_is_refused(words: list[str]) -> None:
+    with pytest.raises(InputError, match="benchmark"):
+        command.main(words)
+
+
+def test_one_is_run_by_its_name_with_its_own_flags() -> None:
+    words = [sys.executable, "-m", "benchmarks", "replay", "--sizes", "1"]
+    ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "choose sizes of 256 or more" in ended.stderr
+
+
+def test_a_benchmark_from_outside_has_the_same_table_and_json(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def measure(options: BenchmarkOptions) -> Report:
+        return Report.of("A title", [{"what": "x", "rate": 2.5}], {"more": 1}, "A sentence.")
+
+    file = tmp_path / "new.json"
+    run("new", BenchmarkOptions, measure, ["--json", str(file)])
+    printed = capsys.readouterr().out
+    assert "A title" in printed
+    assert "A sentence." in printed
+    found = json.loads(file.read_text())
+    assert list(found)[:3] == ["title", "more", "rows"]
+    assert found["rows"] == [{"what": "x", "rate": 2.5}]
+    assert found["machine"]["cores"] > 0
+    with pytest.raises(InputError, match="no folder"):
+        run("new", BenchmarkOptions, measure, ["--json", str(tmp_path / "none" / "new.json")])
