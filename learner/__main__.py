@@ -5,7 +5,7 @@ import shlex
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -27,7 +27,7 @@ from common.run.folder import RunFolder, write_atomically
 from common.run.origin import origin_of
 from common.transport.bus import DEFAULT_ENDPOINT, connect, from_here, open_hub
 from learner.algorithm.registry import build_algorithm
-from learner.assembly import build_learner
+from learner.assembly import assembled_learner
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
 from learner.evaluation.offline import EvaluationOptions, evaluate
 from learner.health_guard import STALL_MINUTES
@@ -304,15 +304,12 @@ def main() -> int:
         if options.connect is None
         else remote_replay(options, options.connect, folder, stop)
     )
-    with end_with_any_thread(stop), place as (session, replay, endpoint), open_display() as display:
-        learner = build_learner(
-            session,
-            config,
-            folder,
-            replay,
-            algorithm,
-            device,
-            display,
+    with (
+        end_with_any_thread(stop),
+        place as (session, replay, endpoint),
+        open_display() as display,
+        assembled_learner(
+            *(session, config, folder, replay, algorithm, device, display),
             steps_goal=options.steps,
             resume=options.resume and folder.checkpoint.exists(),
             clock_mode=clock_mode(options),
@@ -320,31 +317,25 @@ def main() -> int:
             stall_minutes=options.stall_minutes,
             force=options.force,
             stop=stop,
-        )
+        ) as learner,
+        ExitStack() as stack,
+    ):
         learner.start()
-        children = (
-            launch(
-                from_here(endpoint),
-                folder.name,
-                options.actors,
-                options.envs,
-                options.evaluators,
+        children = None
+        if options.local:
+            children = launch(
+                *(from_here(endpoint), folder.name),
+                *(options.actors, options.envs, options.evaluators),
                 folder.path / "logs",
                 [*clock_flags(options), *certificate_flags(options)],
                 low_priority=options.sync,
             )
-            if options.local
-            else None
+            stack.callback(children.close)
+        display.line(
+            f"run {folder.name} in {folder.path}: {config.game} ({config.env}), preset "
+            f"{config.preset}, on {device.name}; actors find it at {endpoint}."
         )
-        try:
-            display.line(
-                f"run {folder.name} in {folder.path}: {config.game} ({config.env}), preset "
-                f"{config.preset}, on {device.name}; actors find it at {endpoint}."
-            )
-            learner.run(children)
-        finally:
-            if children is not None:
-                children.close()
+        learner.run(children)
     again = going_on(sys.argv[1:], folder.name, done=learner.done)
     if learner.failed is not None:
         print(

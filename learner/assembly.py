@@ -1,6 +1,8 @@
 """What a learner is made of: builds its parts, from a checkpoint if there is one."""
 
 import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from functools import partial
 
 import zenoh
@@ -14,6 +16,8 @@ from learner.clock import RunClock
 from learner.device import Device
 from learner.disk_room import DiskRoom
 from learner.evaluation.coordinator import EvaluationCoordinator
+from learner.evaluation.service import EvaluationService
+from learner.evaluation.snapshots import Snapshots
 from learner.health_guard import HealthGuard
 from learner.phases import Phases
 from learner.prefetch import Prefetcher, to_device
@@ -30,7 +34,8 @@ from learner.training import Learner
 from replay.interface import Replay
 
 
-def build_learner(
+@contextmanager
+def assembled_learner(
     session: zenoh.Session,
     config: RunConfig,
     folder: RunFolder,
@@ -46,8 +51,8 @@ def build_learner(
     stall_minutes: float,
     force: bool,
     stop: threading.Event,
-) -> Learner:
-    """Returns the learner of the run in ``folder``, not yet started.
+) -> Iterator[Learner]:
+    """Yields the learner of the run in ``folder``, not yet started.
 
     Args:
         steps_goal: agent steps, warm-up included, after which it ends by itself.
@@ -66,7 +71,8 @@ def build_learner(
     progress = RunProgress(config)
     registry = ActorRegistry(session, keys)
     evaluation = EvaluationCoordinator(
-        *(session, keys, folder.snapshots, config.protocol),
+        Snapshots(folder.snapshots),
+        config.protocol,
         evaluators=lambda: registry.alive("evaluator"),
         seconds=clock.seconds,
     )
@@ -117,4 +123,5 @@ def build_learner(
     )
     if state is not None:
         learner.restore(state)
-    return learner
+    with closing(EvaluationService(session, keys, evaluation)):
+        yield learner

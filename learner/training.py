@@ -136,6 +136,7 @@ class Learner:
 
     def _publish(self) -> None:
         """Broadcast the weights; their version is the number of updates that made them."""
+        self._check_loss()
         self._published = self.phases.updates
         self.broadcast(encode_weights(self.algorithm.online), str(self._published).encode())
         self._publish_schedule.restart()
@@ -168,7 +169,6 @@ class Learner:
             if self.phases.is_finite:
                 self._checkpoint()
             self.telemetry.close(self._moment())
-            self.evaluation.close()
 
     def _train(self) -> None:
         """The main loop."""

@@ -1,28 +1,25 @@
-"""Hands each epoch's snapshot to the evaluators and gathers their games."""
+"""Splits the test of each epoch's snapshot into shards for the evaluators, and gathers games.
 
-import json
+A state machine without threads: `give_job` and `take_report` answer evaluators
+(`learner.evaluation.service` lets them ask from other processes), the rest is the training loop's.
+"""
+
 import math
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
-import zenoh
-from zenoh.handlers import FifoChannel
-
-from common.errors import InputError, MessageError
+from common.errors import MessageError
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
-from common.protocol.run_keys import RunKeys
 from common.run.config import ProtocolConfig
-from common.run.folder import write_atomically
+from learner.evaluation.snapshots import Snapshots
 
-_NEWCOMER = 5.0
-"""Seconds after its task in which an evaluator without a liveliness token is not yet given up."""
-_MOST_WAITING = 4
+NEWCOMER = 5.0
+"""Seconds after its job in which an evaluator whose presence is unknown is not yet given up."""
+MOST_WAITING = 4
 """Tests that wait for the first evaluator; each keeps a snapshot on disk."""
-_QUEUE = 256
 
 
 @dataclass
@@ -35,8 +32,9 @@ class EpochTest:
     replay_memory_count: int
     meanq: float | None
     remaining: int
-    """Steps that nobody has been asked to play yet."""
+    """Agent steps that nobody has been asked to play yet."""
     steps: int = 0
+    """Agent steps played."""
     scores: list[float] = field(default_factory=list)
     began: float | None = None
     """Seconds of the run at which the first evaluator took it."""
@@ -44,173 +42,148 @@ class EpochTest:
 
 @dataclass
 class _Shard:
+    """An evaluator's part of a test."""
+
     epoch: int
     left: int
     given: float
 
 
 class EvaluationCoordinator:
-    """Serves evaluators from a thread of its own; `take_finished` gives the results.
+    """The tests of a run that are not over; safe to call from any thread.
 
     Args:
-        snapshots: folder for the weights of tests that are not over, and the best so far.
-        evaluators: tells the names of the living evaluators.
+        evaluators: tells the names of the evaluators that are present.
         seconds: tells the run's time.
+        now: monotonic seconds.
     """
 
     def __init__(
         self,
-        session: zenoh.Session,
-        keys: RunKeys,
-        snapshots: Path,
+        snapshots: Snapshots,
         protocol: ProtocolConfig,
         evaluators: Callable[[], set[str]],
         seconds: Callable[[], float],
+        now: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._protocol = protocol
         self._snapshots = snapshots
+        self._protocol = protocol
         self._evaluators = evaluators
         self._seconds = seconds
+        self._now = now
         self._lock = threading.Lock()
         self._tests: dict[int, EpochTest] = {}
         self._shards: dict[str, _Shard] = {}
         self._finished: list[EpochTest] = []
         self._given_up: list[int] = []
         self._over = False
-        snapshots.mkdir(parents=True, exist_ok=True)
-        self._queryables: list[Any] = []
-        self._threads: list[threading.Thread] = []
-        for key, answer in ((keys.task, self._on_task), (keys.report, self._on_report)):
-            queryable = session.declare_queryable(key, FifoChannel(_QUEUE))
-            thread = threading.Thread(
-                target=_serve, args=(queryable, answer), name="examiner", daemon=True
-            )
-            thread.start()
-            self._queryables.append(queryable)
-            self._threads.append(thread)
 
-    def close(self) -> None:
-        """Stop answering.
-
-        A thread that still waits for Zenoh when the interpreter ends would bring the process down
-        with "FATAL: exception not rethrown".
-        """
-        for queryable in self._queryables:
-            queryable.undeclare()
-        for thread in self._threads:
-            thread.join()
+    # ------------------------------------------------------------------ for the training loop
 
     def add(self, test: EpochTest, weights: bytes) -> None:
         """Have ``weights`` tested; where nobody tests, only the newest few wait for somebody."""
-        write_atomically(self._file(test.epoch), weights)
+        self._snapshots.write(test.epoch, weights)
         nobody = not self._evaluators()
         with self._lock:
             self._tests[test.epoch] = test
             given = {shard.epoch for shard in self._shards.values()}
             waiting = sorted(self._tests.keys() - given)
-            for epoch in waiting[:-_MOST_WAITING] if nobody else ():
+            for epoch in waiting[:-MOST_WAITING] if nobody else ():
                 del self._tests[epoch]
                 self._given_up.append(epoch)
 
     def sweep(self) -> None:
-        """Delete the snapshots of tests that were given up, which no checkpoint needs any more."""
+        """Delete the snapshots of tests that were given up, once no checkpoint needs them."""
         while self._given_up:
-            self._file(self._given_up.pop()).unlink(missing_ok=True)
-
-    def restore(self, state: list[dict[str, Any]]) -> None:
-        """Take up the tests of a checkpoint; each is played anew."""
-        for each in state:
-            test = EpochTest(**each)
-            test.remaining, test.steps, test.scores, test.began = (
-                self._protocol.test_steps,
-                0,
-                [],
-                None,
-            )
-            if not self._file(test.epoch).exists():
-                raise InputError(
-                    f"{self._file(test.epoch)} is missing, which epoch {test.epoch}'s test needs: "
-                    "put it back, or start a new run."
-                )
-            with self._lock:
-                self._tests[test.epoch] = test
-
-    def state(self) -> list[dict[str, Any]]:
-        """Tests whose result was not taken yet, of JSON's types."""
-        with self._lock:
-            return [asdict(test) for test in (*self._finished, *self._tests.values())]
-
-    @property
-    def pending(self) -> int:
-        """Tests that are not over."""
-        return len(self._tests)
-
-    @property
-    def steps_left(self) -> int:
-        """Steps that are still to be played."""
-        with self._lock:
-            wanted = len(self._tests) * self._protocol.test_steps
-            return max(wanted - sum(test.steps for test in self._tests.values()), 0)
-
-    def finish(self) -> None:
-        """From now on evaluators for which there is no work are sent home."""
-        self._over = True
+            self._snapshots.remove(self._given_up.pop())
 
     def take_finished(self) -> EpochTest | None:
-        """A test that is over, once; also notices evaluators that were lost."""
-        living = self._evaluators()
-        now = time.monotonic()
+        """Returns each test that is over, once; also notices evaluators that were lost."""
+        present = self._evaluators()
+        now = self._now()
         with self._lock:
             for name, shard in list(self._shards.items()):
-                if name not in living and now - shard.given > _NEWCOMER:
+                if name not in present and now - shard.given > NEWCOMER:
                     self._give_back(name)
             return self._finished.pop(0) if self._finished else None
 
     def settle(self, test: EpochTest, best_before: float | None) -> None:
         """Drop the snapshot of a test that is recorded, unless it is the best so far."""
-        snapshot = self._file(test.epoch)
         mean = sum(test.scores) / len(test.scores) if test.scores else None
-        if mean is not None and (best_before is None or mean > best_before):
-            snapshot.replace(self._snapshots / "best.safetensors")
-            card = {
-                "epoch": test.epoch,
-                "mean_score": mean,
-                "games": len(test.scores),
-                "epsilon": self._protocol.test_epsilon,
-                "train_steps": test.total_train_steps,
-                "updates": test.weight_updates,
-            }
-            write_atomically(self._snapshots / "best.json", json.dumps(card, indent=2).encode())
-        else:
-            snapshot.unlink(missing_ok=True)
+        if mean is None or (best_before is not None and mean <= best_before):
+            self._snapshots.remove(test.epoch)
+            return
+        card = {
+            "epoch": test.epoch,
+            "mean_score": mean,
+            "games": len(test.scores),
+            "epsilon": self._protocol.test_epsilon,
+            "train_steps": test.total_train_steps,
+            "updates": test.weight_updates,
+        }
+        self._snapshots.keep_as_best(test.epoch, card)
 
-    def _file(self, epoch: int) -> Path:
-        return self._snapshots / f"epoch-{epoch:04d}.safetensors"
+    def finish(self) -> None:
+        """From now on evaluators for which there is no job are sent home."""
+        self._over = True
 
-    def _on_task(self, payload: bytes) -> bytes:
-        name = payload[:200].decode(errors="replace")
-        everyone = len(self._evaluators() | {name})
+    @property
+    def pending(self) -> int:
+        """Number of tests that are not over."""
+        return len(self._tests)
+
+    @property
+    def steps_left(self) -> int:
+        """Agent steps that are still to be played."""
         with self._lock:
-            if name in self._shards:
-                self._give_back(name)  # it asks again, so it has given up what it had
-            for test in self._tests.values():
-                if test.remaining > 0:
-                    share = math.ceil(self._protocol.test_steps / everyone)
-                    shard = min(share, test.remaining)
-                    test.remaining -= shard
-                    test.began = self._seconds() if test.began is None else test.began
-                    self._shards[name] = _Shard(test.epoch, shard, time.monotonic())
-                    break
-            else:
-                over = self._over and not self._tests
-                return EvaluationJob("finished" if over else "wait").encode()
-        weights = self._file(test.epoch).read_bytes()
-        return EvaluationJob(
-            "test", test.epoch, shard, self._protocol.test_epsilon, weights
-        ).encode()
+            wanted = len(self._tests) * self._protocol.test_steps
+            return max(wanted - sum(test.steps for test in self._tests.values()), 0)
 
-    def _on_report(self, payload: bytes) -> bytes:
-        report = EvaluationReport.decode(payload)
+    def state(self) -> list[dict[str, Any]]:
+        """Returns the tests whose result was not taken yet, of JSON's types."""
+        with self._lock:
+            return [asdict(test) for test in (*self._finished, *self._tests.values())]
+
+    def restore(self, state: list[dict[str, Any]]) -> None:
+        """Take up the tests of a checkpoint; each is played again from its start.
+
+        Raises:
+            InputError: a snapshot is missing.
+        """
+        again = {"remaining": self._protocol.test_steps, "steps": 0, "scores": [], "began": None}
+        for each in state:
+            test = EpochTest(**each | again)
+            self._snapshots.require(test.epoch)
+            with self._lock:
+                self._tests[test.epoch] = test
+
+    # ------------------------------------------------------------------ for the evaluators
+
+    def give_job(self, evaluator: str) -> EvaluationJob:
+        """Returns what an evaluator should do now: its shard of the oldest test, if there is one.
+
+        One that asks again has given up the shard it had.
+        """
+        everyone = len(self._evaluators() | {evaluator})
+        with self._lock:
+            if evaluator in self._shards:
+                self._give_back(evaluator)
+            test = next((each for each in self._tests.values() if each.remaining > 0), None)
+            if test is None:
+                return EvaluationJob("finished" if self._over and not self._tests else "wait")
+            steps = min(math.ceil(self._protocol.test_steps / everyone), test.remaining)
+            test.remaining -= steps
+            test.began = self._seconds() if test.began is None else test.began
+            self._shards[evaluator] = _Shard(test.epoch, steps, self._now())
+        weights = self._snapshots.read(test.epoch)
+        return EvaluationJob("test", test.epoch, steps, self._protocol.test_epsilon, weights)
+
+    def take_report(self, report: EvaluationReport) -> None:
+        """Count what an evaluator has played since its last report.
+
+        Raises:
+            MessageError: it has no shard of that test any more.
+        """
         with self._lock:
             shard = self._shards.get(report.evaluator)
             test = self._tests.get(report.epoch)
@@ -222,10 +195,9 @@ class EvaluationCoordinator:
             if report.done:
                 del self._shards[report.evaluator]
                 self._close_if_done(test)
-        return b"ok"
 
-    def _give_back(self, name: str) -> None:
-        shard = self._shards.pop(name)
+    def _give_back(self, evaluator: str) -> None:
+        shard = self._shards.pop(evaluator)
         test = self._tests[shard.epoch]
         test.remaining += max(shard.left, 0)
         self._close_if_done(test)
@@ -235,13 +207,3 @@ class EvaluationCoordinator:
         if test.remaining == 0 and not busy:
             del self._tests[test.epoch]
             self._finished.append(test)
-
-
-def _serve(queryable: Any, answer: Callable[[bytes], bytes]) -> None:
-    for query in queryable:
-        with query:
-            payload = query.payload.to_bytes() if query.payload is not None else b""
-            try:
-                query.reply(query.key_expr, answer(payload))
-            except MessageError as error:
-                query.reply_err(str(error).encode())

@@ -206,7 +206,6 @@ class World:
                 settle=lambda test, best: self.log.append(("settle", test.epoch, best)),
                 sweep=lambda: self.log.append("sweep"),
                 finish=lambda: self.log.append("evaluators may leave"),
-                close=lambda: None,
                 pending=_Count(self),
             ),
             "registry": SimpleNamespace(
@@ -387,15 +386,27 @@ def test_a_full_disk_pauses_training_and_nothing_is_lost() -> None:
 @pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
 def test_a_loss_that_diverges_ends_the_run_and_keeps_what_was_good(sampler: Any) -> None:
     config = replace(CONFIG, replay=replace(CONFIG.replay, sampler=sampler))
-    world = World(config, loss=lambda update: 0.5 if update < 30 else float("nan"))
+    world = World(config, loss=lambda update: 0.5 if update < 33 else float("nan"))
+    world.update_seconds = 1.0
     learner = world.learner()
     learner.start()
-    with pytest.raises(InputError, match=r"became non-finite at update \d+: .*--initial FILE\.$"):
+    with pytest.raises(InputError, match=r"became non-finite at update 33: .*--initial FILE\.$"):
         learner.run()
-    assert [state["updates"] for state in world.checkpoints][-1] < 30
-    assert all(version < 30 for _, version, _ in world.published) or sampler == "uniform"
-    assert len(world.priorities) == (29 if sampler == "prioritised" else 0)
+    assert world.checkpoints[-1]["updates"] == 25
+    assert len(world.priorities) == (32 if sampler == "prioritised" else 0)
     assert world.log[-1][0] == "summary"
+
+
+def test_nothing_of_a_network_that_diverged_between_two_looks_is_published_or_kept() -> None:
+    for first in (10, 25):
+        world = World(loss=lambda update, first=first: 0.5 if update < first else float("nan"))  # type: ignore[misc]
+        world.update_seconds = 0.0
+        learner = world.learner()
+        learner.start()
+        with pytest.raises(InputError, match=f"non-finite at update {first}:"):
+            learner.run()
+        assert max(version for _, version, _ in world.published) < first
+        assert max(state["updates"] for state in world.checkpoints) < first
 
 
 def test_priorities_go_back_to_a_prioritised_replay() -> None:

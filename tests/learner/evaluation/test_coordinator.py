@@ -1,45 +1,44 @@
 """Tests are handed out, shared, taken back from the lost, and counted once."""
 
-import threading
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import zenoh
 
-import learner.evaluation.coordinator as module
-from common.errors import InputError
+from common.errors import InputError, MessageError
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
-from learner.evaluation.coordinator import EpochTest, EvaluationCoordinator
-from tests.learner.conftest import KEYS
-from tests.patience import PATIENCE
+from learner.evaluation.coordinator import NEWCOMER, EpochTest, EvaluationCoordinator
+from learner.evaluation.snapshots import Snapshots
 
 PROTOCOL = replace(ProtocolConfig(), test_steps=100, test_epsilon=0.05)
 
 
-Sessions = tuple[zenoh.Session, zenoh.Session]
+class Place:
+    """A coordinator, who is present, and the time."""
+
+    def __init__(self, folder: Path, *present: str) -> None:
+        self.present = set(present)
+        self.now = 1_000.0
+        self.coordinator = EvaluationCoordinator(
+            Snapshots(folder), PROTOCOL, lambda: self.present, lambda: 12.5, lambda: self.now
+        )
+
+    def ask(self, name: str) -> EvaluationJob:
+        return self.coordinator.give_job(name)
+
+    def report(self, name: str, epoch: int, steps: int, scores: list[float], done: bool) -> bool:
+        """Whether the report is taken."""
+        games = tuple(Game(score, 10) for score in scores)
+        try:
+            self.coordinator.take_report(EvaluationReport(name, epoch, steps, games, done))
+        except MessageError:
+            return False
+        return True
 
 
-class Evaluators:
-    """Who lives; the examiner asks."""
-
-    def __init__(self, *names: str) -> None:
-        self.living = set(names)
-
-    def __call__(self) -> set[str]:
-        return self.living
-
-
-def _examiner(
-    hub: zenoh.Session, folder: Path, living: Callable[[], set[str]]
-) -> EvaluationCoordinator:
-    return EvaluationCoordinator(hub, KEYS, folder, PROTOCOL, living, lambda: 12.5)
-
-
-def _test(epoch: int) -> EpochTest:
+def epoch_test(epoch: int) -> EpochTest:
     return EpochTest(
         epoch=epoch,
         weight_updates=epoch * 10,
@@ -50,163 +49,159 @@ def _test(epoch: int) -> EpochTest:
     )
 
 
-def _ask(client: zenoh.Session, name: str) -> EvaluationJob:
-    (reply,) = client.get(KEYS.task, payload=name.encode(), timeout=PATIENCE)
-    assert reply.ok is not None
-    return EvaluationJob.decode(reply.ok.payload.to_bytes())
+def test_one_evaluator_plays_a_whole_test(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e")
+    coordinator = tests.coordinator
+    assert tests.ask("e").kind == "wait"
+    coordinator.add(epoch_test(1), b"weights of 1")
 
+    assert tests.ask("e") == EvaluationJob("test", 1, 100, 0.05, b"weights of 1")
+    assert tests.report("e", 1, 60, [-3.0], done=False)
+    assert coordinator.take_finished() is None
+    assert coordinator.steps_left == 40
+    assert tests.report("e", 1, 50, [5.0], done=True)
 
-def _report(client: zenoh.Session, name: str, epoch: int, steps: int, scores: list[float],
-            done: bool) -> bool:  # fmt: skip
-    report = EvaluationReport(name, epoch, steps, tuple(Game(score, 10) for score in scores), done)
-    (reply,) = client.get(KEYS.report, payload=report.encode(), timeout=PATIENCE)
-    return reply.ok is not None
-
-
-def test_one_evaluator_plays_a_whole_test(sessions: Sessions, tmp_path: Path) -> None:
-    hub, client = sessions
-    examiner = _examiner(hub, tmp_path, Evaluators("e"))
-    assert _ask(client, "e").kind == "wait"
-    examiner.add(_test(1), b"weights of 1")
-
-    assert _ask(client, "e") == EvaluationJob("test", 1, 100, 0.05, b"weights of 1")
-    assert _report(client, "e", 1, 60, [-3.0], done=False)
-    assert examiner.take_finished() is None
-    assert examiner.steps_left == 40
-    assert _report(client, "e", 1, 50, [5.0], done=True)
-
-    done = examiner.take_finished()
+    done = coordinator.take_finished()
     assert done is not None
     assert (done.epoch, done.steps, done.scores, done.began) == (1, 110, [-3.0, 5.0], 12.5)
-    assert examiner.pending == 0
-    assert _ask(client, "e").kind == "wait"
-    examiner.finish()
-    assert _ask(client, "e").kind == "finished"
+    assert coordinator.pending == 0
+    assert tests.ask("e").kind == "wait"
+    coordinator.finish()
+    assert tests.ask("e").kind == "finished"
 
 
-def test_two_evaluators_share_a_test(sessions: Sessions, tmp_path: Path) -> None:
-    hub, client = sessions
-    examiner = _examiner(hub, tmp_path, Evaluators("e", "f"))
-    examiner.add(_test(1), b"w")
-    examiner.add(_test(2), b"v")
-    assert [_ask(client, name).steps for name in ("e", "f")] == [50, 50]
-    assert _report(client, "e", 1, 50, [1.0], done=True)
-    assert examiner.take_finished() is None
-    assert _ask(client, "e").epoch == 2
-    assert _report(client, "f", 1, 55, [2.0], done=True)
-    done = examiner.take_finished()
+def test_two_evaluators_share_a_test(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e", "f")
+    tests.coordinator.add(epoch_test(1), b"w")
+    tests.coordinator.add(epoch_test(2), b"v")
+    assert [tests.ask(name).steps for name in ("e", "f")] == [50, 50]
+    assert tests.report("e", 1, 50, [1.0], done=True)
+    assert tests.coordinator.take_finished() is None
+    assert tests.ask("e").epoch == 2
+    assert tests.report("f", 1, 55, [2.0], done=True)
+    done = tests.coordinator.take_finished()
     assert done is not None
     assert (done.steps, sorted(done.scores)) == (105, [1.0, 2.0])
 
 
-def test_where_nobody_tests_only_the_newest_wait_and_the_others_files_go(
-    sessions: Sessions, tmp_path: Path
-) -> None:
-    hub, client = sessions
-    evaluators = Evaluators("e")
-    examiner = _examiner(hub, tmp_path, evaluators)
-    examiner.add(_test(1), b"1")
-    assert _ask(client, "e").epoch == 1
-    evaluators.living = set()  # but what it was given is still its own
+def test_while_a_test_is_pending_nobody_is_sent_home(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e", "f")
+    tests.coordinator.add(epoch_test(1), b"w")
+    tests.coordinator.finish()
+    assert [tests.ask(name).kind for name in ("e", "f", "g")] == ["test", "test", "wait"]
+
+
+def test_where_nobody_tests_only_the_newest_wait_and_the_others_files_go(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e")
+    coordinator = tests.coordinator
+    coordinator.add(epoch_test(1), b"1")
+    assert tests.ask("e").epoch == 1
+    tests.present = set()  # but what it was given is still its own
     for epoch in range(2, 9):
-        examiner.add(_test(epoch), b"w")
-    assert sorted(test["epoch"] for test in examiner.state()) == [1, 5, 6, 7, 8]
+        coordinator.add(epoch_test(epoch), b"w")
+    assert sorted(test["epoch"] for test in coordinator.state()) == [1, 5, 6, 7, 8]
     assert len(list(tmp_path.iterdir())) == 8  # until a checkpoint needs them no more
-    examiner.sweep()
+    coordinator.sweep()
     assert sorted(file.name for file in tmp_path.iterdir()) == [
         f"epoch-{epoch:04d}.safetensors" for epoch in (1, 5, 6, 7, 8)
     ]
-    evaluators.living = {"e"}
+    tests.present = {"e"}
     for epoch in (9, 10):
-        examiner.add(_test(epoch), b"w")
-    assert examiner.pending == 7
+        coordinator.add(epoch_test(epoch), b"w")
+    assert coordinator.pending == 7
 
 
-def test_what_a_lost_evaluator_left_is_played_by_another(
-    sessions: Sessions, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "_NEWCOMER", 0.0)
-    hub, client = sessions
-    evaluators = Evaluators("e")
-    examiner = _examiner(hub, tmp_path, evaluators)
-    examiner.add(_test(1), b"w")
-    _ask(client, "e")
-    assert _report(client, "e", 1, 30, [4.0], done=False)
+def test_what_a_lost_evaluator_left_is_played_by_another(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e")
+    tests.coordinator.add(epoch_test(1), b"w")
+    tests.ask("e")
+    assert tests.report("e", 1, 30, [4.0], done=False)
 
-    evaluators.living = set()
-    assert examiner.take_finished() is None
+    tests.present = set()
+    tests.now += NEWCOMER
+    assert tests.coordinator.take_finished() is None
+    assert tests.report("e", 1, 0, [], done=False), "its presence may not be known yet"
+    tests.now += 0.1
+    assert tests.coordinator.take_finished() is None
 
-    assert not _report(client, "e", 1, 10, [9.0], done=False), "it was given up"
-    assert _ask(client, "f").steps == 70
-    assert _report(client, "f", 1, 70, [6.0], done=True)
-    done = examiner.take_finished()
+    assert not tests.report("e", 1, 10, [9.0], done=False), "it was given up"
+    assert tests.ask("f").steps == 70
+    assert tests.report("f", 1, 70, [6.0], done=True)
+    done = tests.coordinator.take_finished()
     assert done is not None
     assert (done.steps, done.scores) == (100, [4.0, 6.0])
 
 
-def test_an_evaluator_that_asks_again_has_given_up_its_task(
-    sessions: Sessions, tmp_path: Path
-) -> None:
-    hub, client = sessions
-    examiner = _examiner(hub, tmp_path, Evaluators("e"))
-    examiner.add(_test(1), b"w")
-    assert _ask(client, "e").steps == 100
-    assert _ask(client, "e").steps == 100
-    assert _report(client, "e", 1, 100, [1.0], done=True)
-    assert examiner.take_finished() is not None
-    assert examiner.take_finished() is None
+def test_an_evaluator_that_is_present_may_take_its_time(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e")
+    tests.coordinator.add(epoch_test(1), b"w")
+    tests.ask("e")
+    tests.now += 1e6
+    assert tests.coordinator.take_finished() is None
+    assert tests.report("e", 1, 100, [1.0], done=True)
 
 
-def test_the_best_snapshot_is_kept_and_others_go(sessions: Sessions, tmp_path: Path) -> None:
-    examiner = _examiner(sessions[0], tmp_path, Evaluators())
+def test_an_evaluator_that_asks_again_has_given_up_its_job(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e")
+    tests.coordinator.add(epoch_test(1), b"w")
+    assert tests.ask("e").steps == 100
+    assert tests.ask("e").steps == 100
+    assert tests.report("e", 1, 100, [1.0], done=True)
+    assert tests.coordinator.take_finished() is not None
+    assert tests.coordinator.take_finished() is None
+
+
+@pytest.mark.parametrize(("name", "epoch"), [("f", 1), ("e", 2)])
+def test_a_report_of_somebody_elses_test_is_refused(tmp_path: Path, name: str, epoch: int) -> None:
+    tests = Place(tmp_path, "e")
+    tests.coordinator.add(epoch_test(1), b"w")
+    tests.coordinator.add(epoch_test(2), b"v")
+    tests.ask("e")
+    assert not tests.report(name, epoch, 10, [], done=True)
+    assert tests.coordinator.pending == 2
+
+
+def test_the_best_snapshot_is_kept_and_others_go(tmp_path: Path) -> None:
+    coordinator = Place(tmp_path).coordinator
     best: float | None = None
-    for epoch, score in ((1, -20.0), (2, 3.0), (3, 1.0)):
-        test = replace(_test(epoch), scores=[score])
-        examiner.add(test, f"weights of {epoch}".encode())
-        examiner.settle(test, best)
-        best = score if best is None else max(best, score)
+    for epoch, scores in ((1, [-20.0]), (2, [2.0, 4.0]), (3, [1.0]), (4, [3.0]), (5, [])):
+        test = replace(epoch_test(epoch), scores=scores)
+        coordinator.add(test, f"weights of {epoch}".encode())
+        coordinator.settle(test, best)
+        if scores:
+            mean = sum(scores) / len(scores)
+            best = mean if best is None else max(best, mean)
     assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 2"
-    assert '"epoch": 2' in (tmp_path / "best.json").read_text()
+    card = (tmp_path / "best.json").read_text()
+    assert '"epoch": 2' in card
+    assert '"mean_score": 3.0' in card
     assert not list(tmp_path.glob("epoch-*"))
 
 
-def test_a_pending_test_survives_a_restart(sessions: Sessions, tmp_path: Path) -> None:
-    hub, client = sessions
-    examiner = _examiner(hub, tmp_path, Evaluators("e"))
-    examiner.add(_test(4), b"w")
-    _ask(client, "e")
-    _report(client, "e", 4, 30, [4.0], done=False)
-    again = EvaluationCoordinator.__new__(
-        EvaluationCoordinator
-    )  # its queryables would compete with the first one's
-    again.__dict__.update(examiner.__dict__ | {"_tests": {}, "_shards": {}})
+def test_a_pending_test_survives_a_restart(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e")
+    tests.coordinator.add(epoch_test(4), b"w")
+    tests.ask("e")
+    tests.report("e", 4, 30, [4.0], done=False)
+    state = tests.coordinator.state()
 
-    again.restore(examiner.state())
+    again = Place(tmp_path, "e")
+    again.coordinator.restore(state)
 
-    assert again.state()[0] | {"remaining": 100, "steps": 0, "scores": []} == again.state()[0]
+    assert again.coordinator.state() == [
+        state[0] | {"remaining": 100, "steps": 0, "scores": [], "began": None}
+    ]
+    assert again.ask("e") == EvaluationJob("test", 4, 100, 0.05, b"w")
     (tmp_path / "epoch-0004.safetensors").unlink()
     with pytest.raises(InputError, match="epoch-0004"):
-        again.restore(examiner.state())
+        Place(tmp_path).coordinator.restore(state)
 
 
-def test_junk_is_refused_and_the_examiner_goes_on(sessions: Sessions, tmp_path: Path) -> None:
-    hub, client = sessions
-    examiner = _examiner(hub, tmp_path, Evaluators("e"))
-    (reply,) = client.get(KEYS.report, payload=b"junk", timeout=PATIENCE)
-    assert reply.err is not None
-    assert not _report(client, "e", 9, 10, [], done=True)
-    examiner.add(_test(1), b"w")
-    assert _ask(client, "e").kind == "test"
-
-
-def test_a_closed_examiner_answers_nobody_and_leaves_no_thread(
-    sessions: Sessions, tmp_path: Path
-) -> None:
-    hub, client = sessions
-    before = set(threading.enumerate())
-    examiner = _examiner(hub, tmp_path, Evaluators("e1"))
-    assert len(set(threading.enumerate()) - before) == 2
-    assert _ask(client, "e1").kind == "wait"
-    examiner.close()
-    assert not any(thread.is_alive() for thread in set(threading.enumerate()) - before)
-    assert list(client.get(KEYS.task, payload=b"e1")) == []
+def test_a_finished_test_that_was_not_taken_is_in_the_state(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e")
+    tests.coordinator.add(epoch_test(1), b"w")
+    tests.ask("e")
+    tests.report("e", 1, 100, [4.0], done=True)
+    assert [test["epoch"] for test in tests.coordinator.state()] == [1]
+    tests.coordinator.take_finished()
+    assert tests.coordinator.state() == []
