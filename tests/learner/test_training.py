@@ -77,6 +77,8 @@ class World:
     actors: set[str] = field(default_factory=set)
     scores: list[float] = field(default_factory=lambda: [1.0])
     """Score of each test in turn; the last for all others."""
+    test_seconds: float = 0.0
+    """How long each test takes."""
     gates: tuple[Gate, ...] = ()
     said: list[str] = field(default_factory=list)
     log: list[Any] = field(default_factory=list)
@@ -152,9 +154,10 @@ class World:
     def add(self, test: Any, weights: bytes) -> None:
         self.log.append(("test", test.epoch, weights))
         self.pending.append(test)
+        self.added = self.now
 
     def take_finished(self) -> Any:
-        if not self.pending or not self.evaluators:
+        if not self.pending or not self.evaluators or self.now < self.added + self.test_seconds:
             return None
         test = self.pending.pop(0)
         score = self.scores.pop(0) if len(self.scores) > 1 else self.scores[0]
@@ -484,6 +487,13 @@ def test_the_last_epoch_is_tested_before_the_end() -> None:
                       (2, "test", 50)]  # fmt: skip
     assert "evaluators may leave" in world.log
     assert world.checkpoints[-1]["tests"] == []
+
+
+def test_the_last_test_may_take_longer_than_a_run_may_stand_still() -> None:
+    world = World(test_seconds=1_500.0, gates=(RED,))
+    assert run(world, steps_goal=300).failed is None
+    assert world.now > 2_500.0
+    assert world.rows[-1].phase == "test"
 
 
 def test_a_few_steps_at_the_end_are_no_epoch() -> None:
