@@ -1,4 +1,4 @@
-"""Everything a run can be told, as frozen dataclasses; the command line is made from them.
+"""Configuration of a run: frozen dataclasses, from which the command line is generated.
 
 One `RunConfig` describes one experiment. The learner writes it into the run's folder, gives it
 to every actor that asks, and refuses to resume a run under another one.
@@ -25,11 +25,11 @@ MAX_DELAY = 60
 MAX_QUANTILES = 256
 
 _FRAME_BYTES = 84 * 84 + 4
-"""Of a frame in a message, with its place in a state."""
+"""Size of a frame in a message, with its place in a state."""
 _STEP_BYTES = 32
-"""Of all else that a message has of a step."""
+"""Size of a step's other fields in a message."""
 _HEAD_BYTES = 65_536
-"""Of a message, for all that does not grow with its steps."""
+"""Size of the parts of a message that do not grow with its steps."""
 
 EnvKind = Literal["ale", "robot"]
 PresetName = Literal["paper", "fast", "robot"]
@@ -61,30 +61,30 @@ Latency = Annotated[int, Ge(0), Le(MAX_DELAY)]
 
 @dataclass(frozen=True)
 class PlayConfig:
-    """How the game is played; the defaults are the report's section 4."""
+    """Game, observation and hands; the defaults are the 2017 settings."""
 
     frame_stack: Annotated[int, Ge(2), Le(MAX_FRAME_STACK)] = 4
-    """Frames that make a state."""
+    """Frames per state."""
     frame_skip: FromOne = 4
-    """Emulator frames per decision; 4 at 60 Hz are 66.7 ms."""
+    """Emulator frames per agent step; 4 at 60 Hz are 66.7 ms."""
     random_starts: Whole = 30
-    """Most random actions at the start of a game."""
+    """Maximum number of random actions at the start of a game."""
     minimal_actions: bool = False
-    """Offer the game's own actions (Pong: 6) instead of all 18."""
+    """Action set: the game's own actions (Pong: 6) instead of all 18."""
     max_game_frames: Whole = 108_000
-    """A game longer than this (30 minutes at 60 Hz) is truncated; 0 for no bound."""
+    """Emulator frames after which a game is truncated (108,000 are 30 minutes); 0 for no bound."""
     read_keys: Literal["frame", "decision"] = "frame"
-    """When the robot's controller is read: before every emulator frame, as a console does, or once
-    per decision before the arms move, as in 2017."""
+    """Time at which the robot's controller is read: before every emulator frame, as a console does,
+    or once per agent step before the arms move, as in 2017."""
     wait_bound: Annotated[int, Ge(1), Le(MAX_WAIT)] = 8
-    """Most decisions that a robot waits for its commanded keys, where it waits at all."""
+    """Maximum number of agent steps to wait for the commanded keys, with --wait-action."""
     vector: bool = False
-    """Show the last commands and keys, and a robot's joints, beside the frames."""
+    """Proprioception beside the frames: last commands, pressed keys, and a robot's joints."""
     eye: Literal["camera", "emulator"] = "camera"
-    """What a robot's state shows: its camera's picture, or the emulator's own."""
+    """Source of a robot's frames: its camera's picture, or the emulator's own."""
     hand: Literal["arm", "model"] = "arm"
-    """What presses a robot's keys: its hands, or a model of them with the next three, which the
-    bare emulator has as well."""
+    """Actuator of a robot's keys: its arms, or a model with the next three latencies. The bare
+    emulator always has the model."""
     command_latency: Latency = 0
     """Command latency of the modelled hand, in agent steps."""
     release_latency: Latency = 0
@@ -95,103 +95,104 @@ class PlayConfig:
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """How far the robot's camera is from a perfect one; all off by default."""
+    """Faults of the robot's camera; all are off by default."""
 
     noise: Annotated[float, Ge(0), Le(255)] = 0.0
-    """Standard deviation of each pixel's noise, in grey levels of 255."""
+    """Standard deviation of each pixel's noise, grey levels of 255."""
     blur: Annotated[float, Ge(0), Le(20)] = 0.0
-    """Standard deviation of the blur, in pixels."""
+    """Standard deviation of the blur, pixels."""
     exposure: Annotated[float, Ge(0), Le(0.9)] = 0.0
-    """Most by which the brightness differs from game to game, as a share."""
+    """Maximum relative change of the brightness between games."""
     colour_gain: Annotated[float, Ge(0), Le(0.9)] = 0.0
-    """Most by which each colour's gain differs from game to game, as a share."""
+    """Maximum relative change of each colour's gain between games."""
     distortion: Annotated[float, Ge(0), Le(0.3)] = 0.0
-    """Radial lens distortion k₁, at the half width of the picture."""
+    """Radial lens distortion k₁, at half the picture's width."""
     latency: Annotated[int, Ge(0), Le(3)] = 0
-    """Latency of the picture, 0 to 3 agent steps."""
+    """Latency of the picture, agent steps."""
     camera_jitter: Annotated[float, Ge(0), Le(45)] = 0.0
-    """Most by which the head's yaw and pitch differ from game to game, in degrees."""
+    """Maximum change of the head's yaw and pitch between games, degrees."""
     screen_jitter: Annotated[float, Ge(0), Le(0.5)] = 0.0
-    """Most by which the screen's distance differs from game to game, as a share."""
+    """Maximum relative change of the screen's distance between games."""
     ambient: Annotated[float, Ge(0), Le(0.9)] = 0.0
-    """Light that falls on the screen beside the projector's, as a share of white."""
+    """Ambient light on the screen, as a share of white."""
 
 
 @dataclass(frozen=True)
 class StreamConfig:
-    """How an actor's steps travel to the replay."""
+    """Stream of an actor's steps to the replay."""
 
     chunk_steps: Annotated[int, Ge(1), Le(MAX_CHUNK_STEPS)] = 64
     """Steps per chunk."""
     window: FromOne = 4
-    """Chunks an actor may have unacknowledged."""
+    """Maximum number of unacknowledged chunks per actor."""
 
 
 @dataclass(frozen=True)
 class ReplayConfig:
-    """What is remembered and how it is drawn."""
+    """Replay buffer and sampler."""
 
     capacity: Whole = 1_000_000
     """Slots of the ring, one frame (7,056 bytes) each."""
     learning_starts: Whole = 50_000
-    """Random steps before the first update; they are also the random-policy baseline."""
+    """Random agent steps before the first update; they are also the random-policy baseline."""
     sampler: Literal["uniform", "prioritised"] = "uniform"
-    """Draw every step alike, or in proportion to its last TD error."""
+    """Sampler: uniform, or in proportion to each step's last TD error."""
     priority_exponent: Amount = 0.6
     """α of prioritised replay (Schaul et al. 2016, equation 1)."""
     importance_exponent: Amount = 0.4
-    """β of its importance weights."""
+    """β of the importance weights of prioritised replay."""
     ratio_tolerance: Whole = 1_000
-    """Steps by which actors may run ahead of the learner, or it ahead of them."""
+    """Agent steps by which actors may run ahead of the learner, or the learner ahead of them."""
 
 
 @dataclass(frozen=True)
 class LearningConfig:
-    """The update and its schedule."""
+    """Algorithm, update and schedule."""
 
     algorithm: str = "dqn"
-    """Algorithm: 'dqn' (with --learning.target double: Double DQN; equations 2 to 4 of the report)
+    """Algorithm: 'dqn' (with --learning.target double: Double DQN; equations 2 to 4 of 2017)
     or 'qr_dqn' (quantile regression, Dabney et al. 2018)."""
     quantiles: Annotated[int, Ge(1), Le(MAX_QUANTILES)] = 51
     """Number of quantiles of each action's return that qr_dqn learns."""
     target: Literal["dqn", "double"] = "double"
-    """Who chooses the next action: the target network (equation 3) or the online one (4)."""
+    """Network that chooses the next action: the target network (dqn) or the online network
+    (double)."""
     loss: Literal["mse", "huber"] = "huber"
-    """Loss of dqn: δ² of the TD error δ, as in the report; or ½δ², growing only linearly beyond
+    """Loss of dqn: δ² of the TD error δ, as in 2017; or ½δ², growing only linearly beyond
     |δ| = 1. That of qr_dqn is the quantile Huber loss."""
     loss_mean_over: Literal["batch", "outputs"] = "batch"
     """Divisor of dqn's loss: the batch, or, as Keras did in 2017, batch × actions."""
     optimizer: Literal["adam", "rmsprop"] = "adam"
     """Optimizer: Adam, or RMSprop by the formula of Keras and PyTorch."""
     learning_rate: Amount = 1e-4
-    """Of the optimizer, constant."""
+    """Learning rate of the optimizer, constant."""
     rmsprop_decay: Annotated[float, Ge(0), Lt(1)] = 0.95
     """ρ of RMSprop."""
     optimizer_epsilon: Amount = 1.5e-4
     """ε in the optimizer's denominator."""
     gradient_norm: Amount = 10.0
-    """Longest gradient allowed; 0 for no bound."""
+    """Maximum norm of the gradient; 0 for no bound."""
     initial_weights: Literal["torch", "glorot"] = "torch"
-    """PyTorch's own, or Keras': Glorot uniform with zero biases."""
+    """Initial weights: PyTorch's, or Keras' (Glorot uniform with zero biases)."""
     scale_pixels: bool = True
-    """Divide pixels by 255 before the first layer."""
+    """Scaling of pixels by 1/255 before the first layer."""
     vector_scale: Amount = 1.0
-    """Factor of the vector observation where it joins the convolutions' features, which are some
-    0.04 at first: numbers of 1 move the layer after them far more than what is seen does."""
+    """Factor of the vector observation where it joins the convolutions' features. These are about
+    0.04 at first, so values near 1 dominate the next layer."""
     dueling: bool = False
-    """Value and advantages from half of the hidden units each (Wang et al. 2016)."""
+    """Dueling heads: value and advantages from half of the hidden units each (Wang et al. 2016)."""
     random_shift: Annotated[int, Ge(0), Le(MAX_SHIFT)] = 0
-    """Most pixels by which a drawn state is shifted, up or down and left or right (DrQ, Yarats et
-    al. 2021)."""
+    """Maximum random shift of a sampled state in each direction, pixels (DrQ, Yarats et al.
+    2021)."""
     clip_rewards: bool = True
-    """Learn from each decision's reward clipped to [-1, 1]; scores are never clipped."""
+    """Clipping of each agent step's reward to [-1, 1]; scores are never clipped."""
     discount: Fraction = 0.99
-    """γ per decision."""
+    """γ per agent step."""
     n_step: FromOne = 3
-    """Rewards summed before the network's estimate takes over; 1 in the report."""
+    """Agent steps of the n-step return; 1 in 2017."""
     watkins_cut: bool = False
-    """End an n-step return before the first random action after its own (Watkins 1989): what comes
-    of that says nothing of the policy that is learned."""
+    """Watkins cut: an n-step return ends before its next random action (Watkins 1989), whose
+    outcome does not belong to the learned policy."""
     batch_size: FromOne = 32
     """Transitions per update."""
     train_period: FromOne = 4
@@ -201,39 +202,39 @@ class LearningConfig:
     publish_period: FromOne = 50
     """Updates between broadcasts of the weights."""
     checkpoint_period: FromOne = 5_000
-    """Updates between checkpoints; one is also written at each epoch's end and at the stop."""
+    """Updates between checkpoints; each epoch's end and the run's end write one too."""
 
 
 @dataclass(frozen=True)
 class ExplorationConfig:
-    """ε of the training actors: linear in the run's agent steps after the warm-up."""
+    """ε of the training actors, linear in the run's agent steps after learning starts."""
 
     start: Fraction = 1.0
-    """ε during the warm-up and at its end."""
+    """ε until learning starts."""
     end: Fraction = 0.02
-    """ε from then on."""
+    """ε after `steps`."""
     steps: Whole = 100_000
-    """Agent steps from one to the other, over all actors."""
+    """Agent steps from start to end, over all actors."""
     ez_greedy: bool = False
-    """Let a random action last for 3 + Zipf(2) decisions, 12 at most (εz-greedy, Dabney et al.
-    2021), begun as seldom as keeps the share of random decisions at ε."""
+    """εz-greedy exploration (Dabney et al. 2021): a random action lasts for 3 + Zipf(2) agent
+    steps, at most 12, and starts so seldom that the share of random steps is ε."""
     per_env: bool = False
-    """Raise ε to a power from 1 to 8, another one for each environment of an actor (Ape-X, Horgan
-    et al. 2018)."""
+    """ε by environment: ε to a power from 1 to 8, different for each environment of an actor
+    (Ape-X, Horgan et al. 2018)."""
 
 
 @dataclass(frozen=True)
 class ProtocolConfig:
-    """Epochs and tests, as in the report: train, then test that epoch's snapshot."""
+    """Epochs and tests as in 2017: train, then test that epoch's snapshot."""
 
     epoch_steps: FromOne = 250_000
     """Agent steps of training per epoch, over all actors."""
     test_steps: FromOne = 125_000
-    """Agent steps of testing per epoch, over all evaluators."""
+    """Agent steps of the test per epoch, over all evaluators."""
     test_epsilon: Fraction = 0.05
     """ε of the evaluators."""
     held_out_states: FromOne = 1_024
-    """States, drawn once after the warm-up, on which the mean max-Q is measured."""
+    """States, drawn once when learning starts, on which the mean max-Q is measured."""
 
 
 @dataclass(frozen=True)
@@ -241,13 +242,14 @@ class RunConfig:
     """One experiment. Two processes belong to the same run when their RunConfigs are equal."""
 
     preset: PresetName = "robot"
-    """Settings to start from; every other flag overrides it."""
+    """Preset of settings; every other flag overrides it."""
     env: EnvKind = "robot"
-    """'ale': the emulator alone (ALE-Only). 'robot': through NAO's camera and hands (ALE-Robot)."""
+    """Environment: 'ale', the emulator alone (ALE-Only); 'robot', NAO's camera and hands
+    (ALE-Robot)."""
     game: str = "pong"
-    """Any game that ale-py bundles, in snake_case."""
+    """Game: any that ale-py bundles, in snake_case."""
     seed: Annotated[int, Ge(0), Lt(MAX_SEED)] = 1
-    """Of the first weights, the minibatches and the actors' games."""
+    """Seed of the initial weights, the minibatches and the actors' games."""
     play: PlayConfig = field(default_factory=PlayConfig)
     camera: CameraConfig = field(default_factory=CameraConfig)
     stream: StreamConfig = field(default_factory=StreamConfig)
@@ -258,16 +260,16 @@ class RunConfig:
 
     @property
     def samples_per_insert(self) -> float:
-        """Times each stored step is drawn on average (the report: 32 / 4 = 8)."""
+        """Times that each stored step is drawn on average (2017: 32 / 4 = 8)."""
         return self.learning.batch_size / self.learning.train_period
 
     @property
     def vector_width(self) -> int:
-        """Numbers of the vector observation that stands beside the frames; 0 for none."""
+        """Width of the vector observation beside the frames; 0 for none."""
         return width_of(self.env) if self.play.vector else 0
 
     def epsilon_at(self, agent_steps: int) -> float:
-        """ε after this many agent steps, the warm-up included, over all actors."""
+        """Returns ε after ``agent_steps`` of all actors, those before learning starts included."""
         schedule = self.exploration
         done = (agent_steps - self.replay.learning_starts) / max(schedule.steps, 1)
         return schedule.start + (schedule.end - schedule.start) * min(max(done, 0.0), 1.0)
@@ -299,7 +301,7 @@ class RunConfig:
             )
         if replay.capacity < replay.learning_starts + 2 * stream.chunk_steps:
             raise InputError(
-                f"replay.capacity is {replay.capacity}, but the warm-up alone needs "
+                f"replay.capacity is {replay.capacity}, but replay.learning_starts needs "
                 f"{replay.learning_starts + 2 * stream.chunk_steps} slots: raise it or "
                 "lower replay.learning_starts."
             )
@@ -313,7 +315,7 @@ class RunConfig:
 
 
 def to_json(config: Any) -> str:
-    """A configuration dataclass as readable JSON."""
+    """Returns a configuration dataclass as readable JSON."""
     return json.dumps(dataclasses.asdict(config), indent=2)
 
 
@@ -321,8 +323,8 @@ def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool 
     """Returns configuration dataclass ``kind`` built from plain data, strictly.
 
     Args:
-        fill: take the default of a field that is missing in a group. For files, which may be older
-            than the field; so a new field's default is what was done before there was one.
+        fill: take the default of a field that is missing in a group, for files that are older than
+            the field. The default of a new field must therefore be the former behaviour.
 
     Raises:
         InputError: a field is missing, unknown, of the wrong type or out of bounds; ``where`` names

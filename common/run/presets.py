@@ -1,7 +1,9 @@
-"""The three presets: the report's settings, a fast ALE-Only, the robot's, with reasons.
+"""The three presets, with a reason for each value.
 
-Where `paper` differs from the 2017 code: a game is cut after 30 minutes, and the random steps that
-fill the replay first are played by the actors like all others.
+`paper` has the 2017 settings (R. Vargas, "Atari-playing Robot",
+https://github.com/renattou/ALE-Robot), `fast` learns ALE-Only sooner, and `robot` is for the robot.
+`paper` differs from the code of 2017 in two things: a game is truncated after 30 minutes, and the
+actors play the random steps before learning starts like all others.
 """
 
 from dataclasses import replace
@@ -20,29 +22,29 @@ _PAPER = RunConfig(
     preset="paper",
     env="ale",
     play=PlayConfig(
-        minimal_actions=True,  # report, section 4: Pong's own 6
+        minimal_actions=True,  # 2017, section 4: Pong's own 6
         read_keys="decision",  # as the code of 2017 did, before the arms move
     ),
     replay=ReplayConfig(
-        capacity=1_000_000,  # report, table of settings; Mnih et al. 2015
+        capacity=1_000_000,  # 2017, table of settings; Mnih et al. 2015
         learning_starts=50_000,  # the code of 2017
     ),
     learning=LearningConfig(
-        target="double",  # report, equation 4
-        loss="mse",  # report, equation 2
+        target="double",  # 2017, equation 4
+        loss="mse",  # 2017, equation 2
         loss_mean_over="outputs",  # Keras' mean, in the code of 2017
-        optimizer="rmsprop",  # report, with the settings of Mnih et al. 2015
+        optimizer="rmsprop",  # 2017, with the settings of Mnih et al. 2015
         learning_rate=2.5e-4,
         rmsprop_decay=0.95,
         optimizer_epsilon=0.01,
         gradient_norm=0.0,  # unbounded in 2017
         initial_weights="glorot",  # Keras' default
         scale_pixels=False,  # the code of 2017 fed 0 to 255
-        n_step=1,  # report, equation 2
+        n_step=1,  # 2017, equation 2
         target_update_period=2_500,  # 10,000 agent steps at one update per 4
     ),
     exploration=ExplorationConfig(start=1.0, end=0.1, steps=1_000_000),  # Mnih et al. 2015
-    protocol=ProtocolConfig(epoch_steps=250_000, test_steps=125_000),  # report
+    protocol=ProtocolConfig(epoch_steps=250_000, test_steps=125_000),  # 2017
 )
 
 _FAST = RunConfig(
@@ -75,8 +77,8 @@ _FAST = RunConfig(
         ez_greedy=True,  # Dabney et al. 2021; one decision moves a paddle little
     ),
     protocol=ProtocolConfig(
-        epoch_steps=50_000,  # a fifth of the report's
-        test_steps=10_000,  # some five whole games; the report's half as long as the training
+        epoch_steps=50_000,  # a fifth of 2017's
+        test_steps=10_000,  # about five whole games; 2017 tested half as long as it trained
     ),
 )
 
@@ -84,13 +86,13 @@ _ROBOT = replace(
     _FAST,
     preset="robot",
     env="robot",
-    # Minimal actions as in fast; the other keys move hands for nothing. No vector: by pixels alone
-    # two runs were at 18 points after 501,000 and 551,000 steps; with it one was after 651,000, and
+    # Minimal actions as in fast; other keys move the hands without effect. No vector: without it
+    # two runs had 18 points after 501,000 and 551,000 steps; with it one had after 651,000, and
     # another was behind them all at 200,000 (benchmarks/RESULTS.md).
     play=PlayConfig(minimal_actions=True),
-    replay=replace(_FAST.replay, capacity=300_000),  # its steps are dearer: remember more of them
-    # n = 5 also reaches beyond the time from a command to what the eye sees of it, and a hand that
-    # turned back at each decision, for want of lasting exploration, would hardly move at all.
+    replay=replace(_FAST.replay, capacity=300_000),  # its steps cost more: keep more of them
+    # n = 5 also covers the latency from a command to its effect in the camera picture. Without
+    # εz-greedy a hand would turn back at each agent step and hardly move.
 )
 
 PRESETS: dict[PresetName, RunConfig] = {"paper": _PAPER, "fast": _FAST, "robot": _ROBOT}
