@@ -23,9 +23,11 @@ from common.network import build_network
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import parse
 from common.process.lifeline import leave_with_parent, on_signals
-from common.protocol.announcement import find_run
+from common.protocol.run_keys import check_name
 from common.run.config import MAX_SEED, EnvKind, RunConfig
-from common.transport.bus import DEFAULT_ENDPOINT, check_name, connect
+from common.run.join import find_run
+from common.transport.endpoint import DEFAULT_ENDPOINT
+from common.transport.zenoh_transport import connect
 from viewer.options import LookingOptions
 
 
@@ -158,11 +160,10 @@ def main() -> int:
     def warn(text: str) -> None:
         print(f"{name}: {text}", file=sys.stderr, flush=True)
 
-    session = connect(
+    with connect(
         options.connect, options.patience, stop.is_set, certificates=options.certificates
-    )
-    try:
-        keys, config = find_run(session, options.run, options.patience, stop.is_set)
+    ) as transport:
+        keys, config = find_run(transport, options.run, options.patience, stop.is_set)
         options.check_against(config)
         incarnation = time.time_ns()
         entropy = (
@@ -200,7 +201,7 @@ def main() -> int:
         try:
             if options.evaluator:
                 Evaluator(
-                    session,
+                    transport,
                     keys,
                     name,
                     incarnation,
@@ -212,7 +213,7 @@ def main() -> int:
                 ).run(int(seeds[0]))
             else:
                 Actor(
-                    session,
+                    transport,
                     config,
                     keys,
                     name,
@@ -226,8 +227,6 @@ def main() -> int:
         finally:
             for env in envs:
                 env.close()
-    finally:
-        session.close()  # type: ignore[no-untyped-call]
     return 0
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import gymnasium
-import zenoh
 
 from actors.counters import ActorCounters
 from actors.loop import play
@@ -22,6 +21,7 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import load_weights
 from common.run.config import RunConfig
+from common.transport.interface import Transport
 
 FAREWELL = 2.0
 """Seconds that a leaving actor waits for its last acknowledgements."""
@@ -40,7 +40,7 @@ class Actor:
 
     def __init__(
         self,
-        session: zenoh.Session,
+        transport: Transport,
         config: RunConfig,
         keys: RunKeys,
         name: str,
@@ -61,9 +61,9 @@ class Actor:
         self._has_weights = False
         self._name = name
         self._incarnation = incarnation
-        self._inbox = WeightsClient(session, keys)
+        self._inbox = WeightsClient(transport, keys)
         self._outbox = InsertClient(
-            session,
+            transport,
             keys.insert(name),
             config.stream.window,
             patience=patience,
@@ -74,7 +74,7 @@ class Actor:
             Chunker(keys.run, name, incarnation, stream, config.stream.chunk_steps)
             for stream in range(len(envs))
         ]
-        self._heartbeat = Heartbeat(session, keys, "actor", name, self._stats)
+        self._heartbeat = Heartbeat(transport, keys, "actor", name, self._stats)
 
     def run(self, seeds: Sequence[int]) -> None:
         """Play until the run is over or ``stop`` is set; ``seeds`` has one for each environment.

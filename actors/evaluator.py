@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import gymnasium
-import zenoh
 
 from actors.counters import ActorCounters
 from actors.loop import play
@@ -18,6 +17,7 @@ from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import load_weights
+from common.transport.interface import Transport, Unanswered
 
 _ASK_AGAIN = 0.5
 _TIMEOUT = 5.0
@@ -36,7 +36,7 @@ class Evaluator:
 
     def __init__(
         self,
-        session: zenoh.Session,
+        transport: Transport,
         keys: RunKeys,
         name: str,
         incarnation: int,
@@ -55,9 +55,9 @@ class Evaluator:
         self._stop = stop
         self._warn = warn
         self._tally = ActorCounters()
-        self._tasks = session.declare_querier(keys.task, timeout=_TIMEOUT)
-        self._reports = session.declare_querier(keys.report, timeout=_TIMEOUT)
-        self._heartbeat = Heartbeat(session, keys, "evaluator", name, self._stats)
+        self._tasks = transport.requester(keys.task, _TIMEOUT)
+        self._reports = transport.requester(keys.report, _TIMEOUT)
+        self._heartbeat = Heartbeat(transport, keys, "evaluator", name, self._stats)
 
     def run(self, seed: int) -> None:
         """Test until the run is finished or ``stop`` is set.
@@ -87,15 +87,15 @@ class Evaluator:
             self._heartbeat.close()
 
     def _ask(self) -> EvaluationJob | None:
-        for reply in self._tasks.get(payload=self._name.encode()):
-            if reply.ok is not None:
-                try:
-                    task = EvaluationJob.decode(reply.ok.payload.to_bytes())
-                    if task.kind == "test":
-                        load_weights(self._policy.network, task.weights)
-                    return task
-                except MessageError as error:
-                    self._warn(f"a task was not taken: {error}")
+        try:
+            task = EvaluationJob.decode(self._tasks.request(self._name.encode()).result().payload)
+            if task.kind == "test":
+                load_weights(self._policy.network, task.weights)
+            return task
+        except MessageError as error:
+            self._warn(f"a task was not taken: {error}")
+        except Unanswered:
+            pass
         return None
 
     def _test(self, task: EvaluationJob, seed: int) -> None:
@@ -122,7 +122,11 @@ class Evaluator:
 
     def _report(self, report: EvaluationReport) -> bool:
         """Whether the learner still wants this test; a learner that is away does not know it."""
-        return any(reply.ok is not None for reply in self._reports.get(payload=report.encode()))
+        try:
+            self._reports.request(report.encode()).result()
+        except (MessageError, Unanswered):
+            return False
+        return True
 
     def _stats(self, leaving: bool) -> ActorStats:
         return self._tally.stats(self._name, "evaluator", self._incarnation, self._policy, leaving)

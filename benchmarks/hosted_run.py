@@ -12,8 +12,8 @@ from typing import Self
 
 from benchmarks.child import free_endpoint
 from common.process.supervisor import Child
-from common.protocol.announcement import find_run
-from common.transport.bus import connect
+from common.run.join import find_run
+from common.transport.zenoh_transport import connect
 from replay.chunk_statistics import ChunkStatistics
 from replay.client import RemoteReplay
 
@@ -44,13 +44,13 @@ class HostedRun:
             self.process = Child(self._module, *place, *self._flags, log=log)
             stack.callback(self.process.end)
             try:
-                self.session = connect(self.endpoint, _START, self._is_over)
-                stack.callback(self.session.close)
-                self.keys, self.config = find_run(self.session, RUN, _START, self._is_over)
+                self.transport = connect(self.endpoint, _START, self._is_over)
+                stack.callback(self.transport.close)
+                self.keys, self.config = find_run(self.transport, RUN, _START, self._is_over)
             except KeyboardInterrupt:
                 self.check()  # the wait may have been broken off because the process ended
                 raise
-            self._replay = RemoteReplay(self.session, self.keys, self.config)
+            self._replay = RemoteReplay(self.transport, self.keys, self.config)
             self._stack = stack.pop_all()
         return self
 

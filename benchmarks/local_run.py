@@ -16,13 +16,12 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
-import zenoh
-from zenoh.handlers import Callback
 
 from benchmarks.hosted_run import HostedRun
 from common.errors import InputError
 from common.protocol.actor_stats import ActorStats
 from common.run.config import EnvKind
+from common.transport.interface import Envelope
 from replay.chunk_statistics import ChunkStatistics
 from replay.limiter import RateLimiter
 
@@ -146,13 +145,11 @@ class LocalRun(HostedRun):
             config.replay.ratio_tolerance,
             config.learning.batch_size,
         )
-        self._subscriber = self.session.declare_subscriber(
-            self.keys.stats("*", "*"), Callback(self._hear, indirect=False)
-        )
+        self.transport.subscribe(self.keys.stats("*", "*"), self._hear)
         return self
 
-    def _hear(self, sample: zenoh.Sample) -> None:
-        stats = ActorStats.decode(sample.payload.to_bytes())
+    def _hear(self, message: Envelope) -> None:
+        stats = ActorStats.decode(message.payload)
         with self._lock:
             self._heard.append((time.monotonic(), stats))
 

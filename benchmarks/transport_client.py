@@ -10,21 +10,22 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import tyro
-import zenoh
 
 from actors.stream.insert_client import InsertClient
 from benchmarks.synthetic import Streams
 from common.errors import exit_on_input_error
 from common.process.allocator import keep_large_blocks
-from common.protocol.announcement import find_run
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
-from common.transport.bus import connect
+from common.run.join import find_run
+from common.transport.interface import Envelope, Requester, Transport, Unanswered
+from common.transport.zenoh_transport import connect
 from replay.client import RemoteReplay
 
 _PATIENCE = 60.0
@@ -47,24 +48,41 @@ class Options:
     """Chunks that the sender may have unacknowledged."""
 
 
-class TimedOutbox(InsertClient):
-    """An outbox that notes how long each chunk was on its way."""
+class TimedTransport:
+    """A transport whose requests' ways there and back are timed."""
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
         self.latencies: list[float] = []
-        """Seconds from a chunk's (latest) sending to its acknowledgement."""
+        """Seconds from the sending of a request to its answer."""
 
-    def _post(self, letter: Any) -> None:
-        letter.sent = time.perf_counter()
-        super()._post(letter)
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
 
-    def _settle(self, letter: Any, reply: zenoh.Reply) -> bool:
-        now = time.perf_counter()
-        settled = super()._settle(letter, reply)
-        if settled:
-            self.latencies.append(now - letter.sent)
-        return settled
+    def requester(self, key: str, deadline: float) -> "TimedRequester":
+        return TimedRequester(self._transport.requester(key, deadline), self.latencies)
+
+
+class TimedRequester:
+    """Notes in ``latencies`` how long each request took that was answered."""
+
+    def __init__(self, requester: Requester, latencies: list[float]) -> None:
+        self._requester = requester
+        self._latencies = latencies
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._requester, name)
+
+    def request(self, payload: bytes) -> Future[Envelope]:
+        sent = time.perf_counter()
+
+        def note(future: Future[Envelope]) -> None:
+            if not isinstance(future.exception(), Unanswered):
+                self._latencies.append(time.perf_counter() - sent)
+
+        future = self._requester.request(payload)
+        future.add_done_callback(note)
+        return future
 
 
 def _work(action: Callable[[], None], options: Options) -> tuple[int, float]:
@@ -84,11 +102,12 @@ def _work(action: Callable[[], None], options: Options) -> tuple[int, float]:
 
 
 def send(
-    session: zenoh.Session, keys: RunKeys, config: RunConfig, options: Options
+    transport: Transport, keys: RunKeys, config: RunConfig, options: Options
 ) -> dict[str, Any]:
     """Encode and send chunks, as fast as the window lets it."""
-    outbox = TimedOutbox(
-        session,
+    timed = TimedTransport(transport)
+    outbox = InsertClient(
+        cast(Transport, timed),
         keys.insert(options.name),
         options.window,
         patience=_PATIENCE,
@@ -112,7 +131,7 @@ def send(
     calls, seconds = _work(action, options)
     outbox.flush(_FLUSH)
     return {
-        **_rates(calls, seconds, outbox.latencies[-calls:]),
+        **_rates(calls, seconds, timed.latencies[-calls:]),
         "transitions_per_second": calls * config.stream.chunk_steps / seconds,
         "megabytes_per_second": calls * size / seconds / 1e6,
         "retried": outbox.retried,
@@ -122,10 +141,10 @@ def send(
 
 
 def draw(
-    session: zenoh.Session, keys: RunKeys, config: RunConfig, options: Options
+    transport: Transport, keys: RunKeys, config: RunConfig, options: Options
 ) -> dict[str, Any]:
     """Draw batches one after the other; megabytes are those learned from, made whole."""
-    replay = RemoteReplay(session, keys, config)
+    replay = RemoteReplay(transport, keys, config)
     rng = np.random.default_rng(1)
     latencies: list[float] = []
     size = 0
@@ -162,13 +181,13 @@ def _rates(calls: int, seconds: float, latencies: list[float]) -> dict[str, Any]
 def main() -> None:
     options = tyro.cli(Options, prog="python -m benchmarks.transport_client")
     keep_large_blocks()
-    session = connect(options.connect, _PATIENCE)
+    transport = connect(options.connect, _PATIENCE)
     try:
-        keys, config = find_run(session, options.run, _PATIENCE, lambda: False)
+        keys, config = find_run(transport, options.run, _PATIENCE, lambda: False)
         part = send if options.role == "send" else draw
-        print(json.dumps(part(session, keys, config, options)), flush=True)
+        print(json.dumps(part(transport, keys, config, options)), flush=True)
     finally:
-        session.close()  # type: ignore[no-untyped-call]
+        transport.close()
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import torch
 import tyro
-import zenoh
 
 from actors.envs import count_actions
 from common.errors import InputError, exit_on_input_error
@@ -20,12 +19,14 @@ from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunFlags, parse_run
 from common.process.lifeline import on_signals
 from common.process.threads import end_with_any_thread
-from common.protocol.announcement import find_run
 from common.protocol.weights import encode_weights, load_weights_file
 from common.run.config import RunConfig, differences
 from common.run.folder import RunFolder, write_atomically
+from common.run.join import find_run
 from common.run.origin import origin_of
-from common.transport.bus import DEFAULT_ENDPOINT, connect, from_here, open_hub
+from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
+from common.transport.interface import Transport
+from common.transport.zenoh_transport import connect, open_hub
 from learner.algorithm.registry import build_algorithm
 from learner.assembly import assembled_learner
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
@@ -159,50 +160,44 @@ def stored_config(options: LearnerOptions) -> RunConfig | None:
 @contextmanager
 def hosted_replay(
     options: LearnerOptions, config: RunConfig, folder: RunFolder, actions: int
-) -> Iterator[tuple[zenoh.Session, Replay, str]]:
+) -> Iterator[tuple[Transport, Replay, str]]:
     """Hub and replay in this process; also the address at which they are found."""
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
-    session = open_hub(options.listen, options.certificates)
-    try:
+    with open_hub(options.listen, options.certificates) as transport:
         memory = ReplayBuffer(config, folder.replay, actions)
         try:
-            with ReplayServer(session, memory, config, folder.name):
-                yield session, memory, options.listen
+            with ReplayServer(transport, memory, config, folder.name):
+                yield transport, memory, options.listen
         finally:
             memory.close()
-    finally:
-        session.close()  # type: ignore[no-untyped-call]
 
 
 @contextmanager
 def remote_replay(
     options: LearnerOptions, endpoint: str, folder: RunFolder, stop: threading.Event
-) -> Iterator[tuple[zenoh.Session, Replay, str]]:
+) -> Iterator[tuple[Transport, Replay, str]]:
     """Hub and replay of another process, which must serve this run."""
-    session = connect(
+    with connect(
         endpoint,
         options.patience,
         stop.is_set,
         role="learner",
         certificates=options.certificates,
-    )
-    try:
-        keys, config = find_run(session, folder.name, options.patience, stop.is_set)
+    ) as transport:
+        keys, config = find_run(transport, folder.name, options.patience, stop.is_set)
         if unequal := differences(config, options.config):
             raise InputError(
                 f"the replay at {endpoint} serves {folder.name} with another configuration "
                 f"({'; '.join(unequal[:5])}): give both processes the same flags."
             )
-        replay = RemoteReplay(session, keys, config)
+        replay = RemoteReplay(transport, keys, config)
 
         def let_go() -> None:
             stop.wait()
             replay.close()
 
         threading.Thread(target=let_go, name="let-go", daemon=True).start()
-        yield session, replay, endpoint
-    finally:
-        session.close()  # type: ignore[no-untyped-call]
+        yield transport, replay, endpoint
 
 
 def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
@@ -306,10 +301,10 @@ def main() -> int:
     )
     with (
         end_with_any_thread(stop),
-        place as (session, replay, endpoint),
+        place as (transport, replay, endpoint),
         open_display() as display,
         assembled_learner(
-            *(session, config, folder, replay, algorithm, device, display),
+            *(transport, config, folder, replay, algorithm, device, display),
             steps_goal=options.steps,
             resume=options.resume and folder.checkpoint.exists(),
             clock_mode=clock_mode(options),

@@ -5,11 +5,10 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from functools import partial
 
-import zenoh
-
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from common.transport.interface import Transport
 from learner.algorithm.interface import Algorithm
 from learner.checkpoint import load_checkpoint, save_checkpoint
 from learner.clock import RunClock
@@ -36,7 +35,7 @@ from replay.interface import Replay
 
 @contextmanager
 def assembled_learner(
-    session: zenoh.Session,
+    transport: Transport,
     config: RunConfig,
     folder: RunFolder,
     replay: Replay,
@@ -69,7 +68,7 @@ def assembled_learner(
     state = load_checkpoint(folder.checkpoint, algorithm) if resume else None
     clock = RunClock()
     progress = RunProgress(config)
-    registry = ActorRegistry(session, keys)
+    registry = ActorRegistry(transport, keys)
     evaluation = EvaluationCoordinator(
         Snapshots(folder.snapshots),
         config.protocol,
@@ -88,9 +87,6 @@ def assembled_learner(
         *(keys, config, device, steps_goal, progress, registry),
         *(records, means, evaluation, clock.seconds),
     )
-    weights = session.declare_publisher(
-        keys.weights, congestion_control=zenoh.CongestionControl.DROP
-    )
     learner = Learner(
         config=config,
         steps_goal=steps_goal,
@@ -102,7 +98,7 @@ def assembled_learner(
             lambda batch: algorithm.prepare(to_device(batch, device.torch)),
             config.learning.batch_size,
         ),
-        broadcast=lambda payload, version: weights.put(payload, attachment=version),
+        broadcast=transport.publisher(keys.weights).publish,
         save=partial(save_checkpoint, folder.checkpoint, algorithm),
         progress=progress,
         phases=Phases(config, progress, records, clock),
@@ -123,5 +119,5 @@ def assembled_learner(
     )
     if state is not None:
         learner.restore(state)
-    with closing(EvaluationService(session, keys, evaluation)):
+    with closing(EvaluationService(transport, keys, evaluation)):
         yield learner

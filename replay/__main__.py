@@ -17,7 +17,8 @@ from common.process.command_line import RunFlags, parse_run
 from common.process.lifeline import on_signals
 from common.process.output import silence
 from common.run.folder import RunFolder
-from common.transport.bus import DEFAULT_ENDPOINT, open_hub
+from common.transport.endpoint import DEFAULT_ENDPOINT
+from common.transport.zenoh_transport import open_hub
 from replay.chunk_statistics import Progress
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
@@ -59,11 +60,10 @@ def main() -> None:
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     stop = threading.Event()
     on_signals(stop)
-    session = open_hub(options.listen, options.certificates)
-    try:
+    with open_hub(options.listen, options.certificates) as transport:
         memory = ReplayBuffer(config, folder.replay, actions)
         try:
-            with ReplayServer(session, memory, config, folder.name):
+            with ReplayServer(transport, memory, config, folder.name):
                 _say(f"replay of run {folder.name} in {folder.replay}, at {options.listen}.")
                 _say(_line(memory.progress(sys.maxsize)))
                 while not stop.wait(_REPORT_EVERY):
@@ -71,8 +71,6 @@ def main() -> None:
             _say(_line(memory.progress(sys.maxsize)))
         finally:
             memory.close()
-    finally:
-        session.close()  # type: ignore[no-untyped-call]
 
 
 def _say(text: str) -> None:

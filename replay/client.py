@@ -2,14 +2,16 @@
 
 import threading
 import time
+from collections import deque
+from concurrent.futures import Future, wait
 
 import numpy as np
-import zenoh
 from numpy.typing import NDArray
 
 from common.errors import InputError, MessageError
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
+from common.transport.interface import Envelope, Requester, Transport, Unanswered
 from replay.batch import Batch, SharedBatch
 from replay.chunk_statistics import Progress
 from replay.messages import (
@@ -19,18 +21,19 @@ from replay.messages import (
     ProgressRequest,
     SampleRequest,
 )
-from replay.questions import PendingQueries
 
 AHEAD = 3
 """Minibatches that are asked for before they are wanted: enough to keep both sides at work, few
 enough to stay fresh."""
 MOST_ADVICE = 64
 """Messages of priorities that may be unanswered."""
+DEADLINE = 5.0
+"""Seconds for an answer, before the server counts as away."""
 _PAUSE = 0.2
 
 
 class RemoteReplay:
-    """Implements `replay.interface.Replay` by queries.
+    """Implements `replay.interface.Replay` by requests.
 
     A server that is away is waited for: `sample` answers None, as when actors are behind, and
     `held_out` and `progress` return when it is back.
@@ -40,17 +43,20 @@ class RemoteReplay:
     """
 
     def __init__(
-        self, session: zenoh.Session, keys: RunKeys, config: RunConfig, ahead: int = AHEAD
+        self, transport: Transport, keys: RunKeys, config: RunConfig, ahead: int = AHEAD
     ) -> None:
-        self._session = session
-        self._keys = keys
         self._frame_stack = config.play.frame_stack
         self._batch_size = config.learning.batch_size
         self._ahead = ahead
         self._going_well = False
         self._drawing = threading.Lock()
-        self._draws = PendingQueries(session, keys.sample)
-        self._advice = PendingQueries(session, keys.priorities)
+        self._advising = threading.Lock()
+        self._sample, self._priorities, self._held_out, self._progress = self._requesters = [
+            transport.requester(key, DEADLINE)
+            for key in (keys.sample, keys.priorities, keys.held_out, keys.progress)
+        ]
+        self._draws: deque[Future[Envelope]] = deque()  # oldest first
+        self._advice: deque[Future[Envelope]] = deque()
         self._closed = threading.Event()
 
     def sample(self, drawn: int, timeout: float) -> Batch | None:
@@ -68,10 +74,9 @@ class RemoteReplay:
             while not self._closed.is_set():
                 left = max(ends - time.monotonic(), 0.0)
                 self._ask_for_batches(drawn, left)
-                try:
-                    answer = self._draws.take(left)
-                except TimeoutError:
+                if not wait([self._draws[0]], left).done:
                     return None
+                answer = _answer(self._draws.popleft())
                 batch = SharedBatch.decode(answer) if answer else None
                 self._going_well = batch is not None
                 if batch is not None:
@@ -85,11 +90,10 @@ class RemoteReplay:
             return None
 
     def _ask_for_batches(self, drawn: int, timeout: float) -> None:
-        under_way = self._draws.open
         wanted = 1 + self._ahead if self._going_well else 1
-        for place in range(under_way, wanted):
+        for place in range(len(self._draws), wanted):
             request = SampleRequest(drawn + place * self._batch_size, timeout)
-            self._draws.ask(request.encode())
+            self._draws.append(self._sample.request(request.encode()))
 
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """See `Replay.update_priorities`.
@@ -102,9 +106,12 @@ class RemoteReplay:
         Raises:
             MessageError: the server refused an earlier message.
         """
-        self._advice.clear()
-        if self._advice.open < MOST_ADVICE:
-            self._advice.ask(Priorities(ids, priorities).encode())
+        with self._advising:
+            while self._advice and self._advice[0].done():
+                _answer(self._advice.popleft())
+            if len(self._advice) < MOST_ADVICE:
+                message = Priorities(ids, priorities)
+                self._advice.append(self._priorities.request(message.encode()))
 
     def held_out(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """See `Replay.held_out`.
@@ -113,8 +120,7 @@ class RemoteReplay:
             InputError: `close` was called while the server was away.
             MessageError: so many states do not fit a message.
         """
-        answer = self._insist(self._keys.held_out, HeldOutRequest(count).encode())
-        held = HeldOutStates.decode(answer)
+        held = HeldOutStates.decode(self._insist(self._held_out, HeldOutRequest(count).encode()))
         return held.frames, held.vectors
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
@@ -124,21 +130,30 @@ class RemoteReplay:
             InputError: `close` was called while the server was away.
         """
         request = ProgressRequest(since, finished).encode()
-        return Progress.decode(self._insist(self._keys.progress, request))
+        return Progress.decode(self._insist(self._progress, request))
 
     def close(self) -> None:
-        """Stop waiting for the server; the session stays open."""
+        """Stop waiting for the server; the transport stays open."""
         self._closed.set()
-        self._draws.close()
+        for requester in self._requesters:
+            requester.close()
 
-    def _insist(self, key: str, request: bytes) -> bytes:
-        while (answer := self._ask(key, request)) is None:
+    def _insist(self, requester: Requester, request: bytes) -> bytes:
+        while (answer := _answer(requester.request(request))) is None:
             if self._closed.wait(_PAUSE):
                 raise InputError("the replay did not answer before this process stopped.")
         return answer
 
-    def _ask(self, key: str, request: bytes) -> bytes | None:
-        """The answer; None if there is no server, or none that answers in time."""
-        question = PendingQueries(self._session, key)
-        question.ask(request)
-        return question.take()
+
+def _answer(future: Future[Envelope]) -> bytes | None:
+    """The answer, once it is there; None if there is no server, or none that answers in time.
+
+    Raises:
+        MessageError: the server refused.
+    """
+    try:
+        return future.result().payload
+    except Unanswered:
+        return None
+    except MessageError as error:
+        raise MessageError(f"the replay refused a request: {error}") from None

@@ -1,23 +1,42 @@
-"""For all tests: Zenoh for those that want it, and no test by the clock.
-
-Zenoh is a free address, a hub that listens there, and a client.
-"""
+"""For all tests: a hub and a client, within this process or by Zenoh; no test by the clock."""
 
 from collections.abc import Iterator
 
 import pytest
-import zenoh
 from hypothesis import HealthCheck, settings
 
 from benchmarks.child import free_endpoint
-from common.transport import bus
-from common.transport.bus import connect, open_hub
+from common.transport import zenoh_transport
+from common.transport.in_process import InProcessHub
+from common.transport.interface import Transport
+from common.transport.zenoh_transport import ZenohTransport, connect, open_hub
+from tests.patience import PATIENCE
 
 # A busy machine may take its time over an example.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")
 # Nor does a link break because the machine stood still for some seconds.
-bus.LEASE_MS = 60_000
+zenoh_transport.LEASE_MS = 60_000
+
+
+@pytest.fixture
+def meeting() -> InProcessHub:
+    """Where ``hub`` and ``client`` meet, and others may join them."""
+    return InProcessHub()
+
+
+@pytest.fixture
+def hub(meeting: InProcessHub) -> Iterator[Transport]:
+    """The transport of the process that hosts the replay."""
+    with meeting.connect() as transport:
+        yield transport
+
+
+@pytest.fixture
+def client(meeting: InProcessHub, hub: Transport) -> Iterator[Transport]:
+    """The transport of another process."""
+    with meeting.connect() as transport:
+        yield transport
 
 
 @pytest.fixture
@@ -27,15 +46,13 @@ def endpoint() -> str:
 
 
 @pytest.fixture
-def hub(endpoint: str) -> Iterator[zenoh.Session]:
-    session = open_hub(endpoint)
-    yield session
-    session.close()  # type: ignore[no-untyped-call]
+def zenoh_hub(endpoint: str) -> Iterator[ZenohTransport]:
+    with open_hub(endpoint) as transport:
+        yield transport
 
 
 @pytest.fixture
-def session(hub: zenoh.Session, endpoint: str) -> Iterator[zenoh.Session]:
-    """A client of ``hub``."""
-    session = connect(endpoint, 60.0)
-    yield session
-    session.close()  # type: ignore[no-untyped-call]
+def zenoh_client(zenoh_hub: ZenohTransport, endpoint: str) -> Iterator[ZenohTransport]:
+    """A client of ``zenoh_hub``."""
+    with connect(endpoint, PATIENCE) as transport:
+        yield transport

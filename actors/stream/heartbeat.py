@@ -1,12 +1,11 @@
-"""The actor's voice: its liveliness token, and its counters once a second."""
+"""An actor's presence, and its counters once a second."""
 
 import threading
 from collections.abc import Callable
 
-import zenoh
-
 from common.protocol.actor_stats import ActorStats, Role
 from common.protocol.run_keys import RunKeys
+from common.transport.interface import Transport
 
 PERIOD = 1.0
 
@@ -16,28 +15,26 @@ class Heartbeat:
 
     def __init__(
         self,
-        session: zenoh.Session,
+        transport: Transport,
         keys: RunKeys,
         role: Role,
         name: str,
         stats: Callable[[bool], ActorStats],
     ) -> None:
         self._stats = stats
-        self._publisher = session.declare_publisher(
-            keys.stats(role, name), congestion_control=zenoh.CongestionControl.DROP
-        )
-        self._token = session.liveliness().declare_token(keys.live(role, name))
+        self._publisher = transport.publisher(keys.stats(role, name))
+        self._presence = transport.announce(keys.live(role, name))
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Say the last counters and withdraw the token."""
+        """Say the last counters and be present no longer."""
         self._ended.set()
         self._thread.join()
-        self._publisher.put(self._stats(True).encode())
-        self._token.undeclare()  # type: ignore[no-untyped-call]
+        self._publisher.publish(self._stats(True).encode())
+        self._presence.close()
 
     def _beat(self) -> None:
         while not self._ended.wait(PERIOD):
-            self._publisher.put(self._stats(False).encode())
+            self._publisher.publish(self._stats(False).encode())

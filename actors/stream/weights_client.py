@@ -1,12 +1,12 @@
 """Receives the learner's weights: each broadcast, or the latest there is for a late joiner."""
 
+import contextlib
 import threading
 
-import zenoh
-from zenoh.handlers import Callback
-
+from common.errors import MessageError
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
+from common.transport.interface import Envelope, Transport, Unanswered
 
 _FETCH_TIMEOUT = 5.0
 
@@ -17,14 +17,11 @@ class WeightsClient:
     Not those of the largest version: a learner that was killed comes back with an older one.
     """
 
-    def __init__(self, session: zenoh.Session, keys: RunKeys) -> None:
-        self._session = session
-        self._keys = keys
+    def __init__(self, transport: Transport, keys: RunKeys) -> None:
         self._lock = threading.Lock()
         self._latest: tuple[int, bytes] | None = None
-        self._subscriber = session.declare_subscriber(
-            keys.weights, Callback(self._receive, indirect=False)
-        )
+        self._requester = transport.requester(keys.latest_weights, _FETCH_TIMEOUT)
+        self._subscription = transport.subscribe(keys.weights, self._receive)
 
     def take(self) -> tuple[int, bytes] | None:
         """Version and safetensors bytes, once each."""
@@ -36,17 +33,15 @@ class WeightsClient:
 
     def fetch(self) -> None:
         """Ask for the latest weights; broadcasts may be dropped on their way."""
-        for reply in self._session.get(self._keys.latest_weights, timeout=_FETCH_TIMEOUT):
-            if reply.ok is not None:
-                self._receive(reply.ok)
+        with contextlib.suppress(Unanswered, MessageError):  # there are none yet
+            self._receive(self._requester.request(b"").result())
 
-    def _receive(self, sample: zenoh.Sample) -> None:
-        if sample.attachment is None or len(sample.payload) > MAX_MESSAGE_BYTES:
+    def _receive(self, message: Envelope) -> None:
+        if len(message.payload) > MAX_MESSAGE_BYTES:
             return
         try:
-            version = int(sample.attachment.to_bytes())
+            version = int(message.attachment)
         except ValueError:
             return
-        payload = sample.payload.to_bytes()
         with self._lock:
-            self._latest = (version, payload)
+            self._latest = (version, message.payload)

@@ -1,8 +1,26 @@
 """`RunKeys`: the key expressions by which the processes of a run speak to each other."""
 
+import re
 from dataclasses import dataclass
 
+from common.errors import InputError
+
 NAMESPACE = "ale-robot"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+def check_name(kind: str, name: str) -> str:
+    """``name`` if it can be part of a key expression and of a path.
+
+    Raises:
+        InputError: it cannot; ``kind`` says what was being named.
+    """
+    if not _NAME.fullmatch(name):
+        raise InputError(
+            f"{kind} {name!r} cannot be used: up to 64 letters, digits, '.', '_' or '-', "
+            "a letter or digit first."
+        )
+    return name
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import IO, Literal, get_args
 
 from common.errors import InputError
+from common.protocol.run_keys import check_name
 from common.run.config import RunConfig, differences, from_mapping, to_json
-from common.transport.bus import check_name
 
 
 def write_atomically(path: Path, content: bytes) -> None:

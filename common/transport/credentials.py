@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from common.errors import InputError
+from common.transport.endpoint import check_endpoint
 
 Role = Literal["hub", "learner", "actor"]
 """As what a process joins a run; the common name in its certificate. Evaluators are actors."""
@@ -62,3 +63,24 @@ class Credentials:
             "transport/link/tls/enable_mtls": True,
             "transport/link/tls/verify_name_on_connect": True,
         }
+
+
+def check_certificates(endpoint: str, certificates: Path | None, role: Role) -> Credentials | None:
+    """By what a process proves its role at ``endpoint``; None at one where nobody asks.
+
+    Args:
+        certificates: the folder that holds them.
+
+    Raises:
+        InputError: ``endpoint`` is no address, or it and the certificates do not fit each other.
+    """
+    check_endpoint(endpoint)
+    if endpoint.startswith("tcp/"):
+        if certificates is not None:
+            raise InputError(f"--certificates are for tls: write {endpoint} as tls{endpoint[3:]}.")
+        return None
+    if certificates is None:
+        raise InputError(
+            f"{endpoint} needs --certificates FOLDER: make one with deploy/certificates.sh."
+        )
+    return Credentials.find(certificates, role)

@@ -5,12 +5,10 @@ import time
 from dataclasses import asdict, fields
 from typing import Any
 
-import zenoh
-from zenoh.handlers import Callback
-
 from common.errors import MessageError
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
+from common.transport.interface import Envelope, Transport
 from learner.telemetry.status import ActorStatus, TimeCounts
 
 _LAST_WORDS = 1.0
@@ -22,7 +20,7 @@ LEFT_SHOWN = 10.0
 class ActorRegistry:
     """Listens to heartbeats and liveliness tokens; safe to ask from any thread."""
 
-    def __init__(self, session: zenoh.Session, keys: RunKeys) -> None:
+    def __init__(self, transport: Transport, keys: RunKeys) -> None:
         self._lock = threading.Lock()
         self._stats: dict[int, ActorStats] = {}  # by incarnation: every process there ever was
         self._heard: dict[str, float] = {}
@@ -31,12 +29,8 @@ class ActorRegistry:
         self._notes: list[str] = []
         self._gone: dict[str, float] = {}
         self._subscriptions = (
-            session.declare_subscriber(
-                keys.stats("*", "*"), Callback(self._on_stats, indirect=False)
-            ),
-            session.liveliness().declare_subscriber(
-                keys.live("*", "*"), Callback(self._on_token, indirect=False), history=True
-            ),
+            transport.subscribe(keys.stats("*", "*"), self._on_stats),
+            transport.watch_presence(keys.live("*", "*"), self._on_presence),
         )
 
     def restore(self, state: list[dict[str, Any]]) -> None:
@@ -108,22 +102,21 @@ class ActorRegistry:
                 found.append(_status(name, role, alive, left, silent, stats))
             return tuple(found)
 
-    def _on_stats(self, sample: zenoh.Sample) -> None:
+    def _on_stats(self, message: Envelope) -> None:
         try:
-            stats = ActorStats.decode(sample.payload.to_bytes())
+            stats = ActorStats.decode(message.payload)
         except MessageError:
             return  # somebody else's noise on our key
         key = f"{stats.role}/{stats.name}"
-        if not str(sample.key_expr).endswith("/" + key):
+        if not message.key.endswith("/" + key):
             return
         with self._lock:
             self._stats[stats.incarnation] = stats
             self._newest[key] = stats.incarnation
             self._heard[key] = time.monotonic()
 
-    def _on_token(self, sample: zenoh.Sample) -> None:
-        key = "/".join(str(sample.key_expr).split("/")[-2:])
-        alive = sample.kind == zenoh.SampleKind.PUT
+    def _on_presence(self, key: str, alive: bool) -> None:
+        key = "/".join(key.split("/")[-2:])
         with self._lock:
             before = self._alive.get(key)
             self._alive[key] = alive

@@ -1,4 +1,4 @@
-"""A training actor, over Zenoh, with a replay that the test plays."""
+"""A training actor, with a replay that the test plays."""
 
 import threading
 from collections.abc import Iterator
@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import zenoh
-from zenoh.handlers import Callback
 
 from actors import actor as actor_module
 from actors.actor import Actor
@@ -22,8 +20,9 @@ from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
 from common.run.config import StreamConfig
 from common.run.presets import PRESETS
-from tests.actors.hub_stubs import STORED, acknowledge, payload_of
+from common.transport.interface import Envelope, Request, Transport
 from tests.actors.numbered_env import CUT, GAME_OVER, GOES_ON, NumberedEnv
+from tests.hub_stubs import STORED
 from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")
@@ -34,52 +33,50 @@ SCRIPT = [*[GOES_ON] * 4, GAME_OVER, GOES_ON, CUT]
 class Replay:
     """Stores every chunk and answers ``ack``; after ``limit`` chunks the run is finished."""
 
-    def __init__(self, hub: zenoh.Session) -> None:
+    def __init__(self, hub: Transport) -> None:
         self.ack = STORED
         self.limit = 10**9
         self.silent = False
         self.unanswered = 0
         self.polls = 0
         self.chunks: list[Chunk] = []
-        self._queryable = hub.declare_queryable(
-            KEYS.insert("*"), Callback(self._answer, indirect=False)
-        )
+        hub.serve(KEYS.insert("*"), self._answer)
 
-    def _answer(self, query: zenoh.Query) -> None:
+    def _answer(self, request: Request) -> bytes | None:
+        payload = request.payload
         if self.silent:
-            self.unanswered += bool(payload_of(query))
-            with query:
-                return
-        payload = payload_of(query)
+            self.unanswered += bool(payload)
+            request.drop()
+            return None
         if payload:
             self.chunks.append(Chunk.decode(payload))
         self.polls += not payload
         finished = self.ack.finished or len(self.chunks) >= self.limit
         status = self.ack.status if payload else "poll"
-        acknowledge(query, replace(self.ack, status=status, finished=finished))
+        return replace(self.ack, status=status, finished=finished).encode()
 
 
 class Stage:
     """An actor at work in a thread."""
 
-    def __init__(self, hub: zenoh.Session, session: zenoh.Session) -> None:
+    def __init__(self, hub: Transport, client: Transport) -> None:
         self.hub = hub
         self.replay = Replay(hub)
         self.warnings: list[str] = []
         self.stop = threading.Event()
         self.policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
         self.stats: list[ActorStats] = []
-        self._session = session
-        self._served: Any = None
+        self._client = client
+        self._served: Envelope | None = None
         self._thread: threading.Thread | None = None
-        hub.declare_subscriber(KEYS.stats("actor", "a"), Callback(self._hear_stats, indirect=False))
+        hub.subscribe(KEYS.stats("actor", "a"), self._hear_stats)
 
-    def _hear_stats(self, sample: zenoh.Sample) -> None:
-        self.stats.append(ActorStats.decode(sample.payload.to_bytes()))
+    def _hear_stats(self, message: Envelope) -> None:
+        self.stats.append(ActorStats.decode(message.payload))
 
     def start(self, *envs: NumberedEnv) -> None:
         actor = Actor(
-            self._session,
+            self._client,
             CONFIG,
             KEYS,
             "a",
@@ -107,26 +104,18 @@ class Stage:
         return self.stats[-1]
 
     def serve_weights(self, version: int, payload: bytes) -> None:
-        def serve(query: zenoh.Query) -> None:
-            with query:
-                version, payload = self._served
-                attachment = str(version).encode()
-                query.reply(KEYS.latest_weights, payload, attachment=attachment)
-
         if self._served is None:
-            self.hub.declare_queryable(KEYS.latest_weights, Callback(serve, indirect=False))
-        self._served = version, payload
+            self.hub.serve(KEYS.latest_weights, lambda _: self._served)
+        self._served = Envelope(payload, b"%d" % version)
 
 
 @pytest.fixture
-def stage(
-    hub: zenoh.Session, session: zenoh.Session, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Stage]:
+def stage(hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     # An answer that is slow on a busy machine is still one.
     monkeypatch.setattr(actor_module, "FAREWELL", PATIENCE)
     monkeypatch.setattr(outbox_module, "ACK_TIMEOUT", PATIENCE)
     monkeypatch.setattr(weights_inbox, "_FETCH_TIMEOUT", PATIENCE)
-    stage = Stage(hub, session)
+    stage = Stage(hub, client)
     yield stage
     stage.stop.set()
     stage.ended()
@@ -272,7 +261,7 @@ def test_broadcast_weights_are_used_and_stamped(stage: Stage) -> None:
     stage.has(1)
 
     def arrived() -> bool:
-        stage.hub.put(KEYS.weights, learned, attachment=b"7")
+        stage.hub.publisher(KEYS.weights).publish(learned, b"7")
         return stage.policy.weights_version == 7
 
     wait_until(arrived, "the broadcast is taken")

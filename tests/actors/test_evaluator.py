@@ -1,12 +1,10 @@
-"""The evaluator, over Zenoh, with a learner that the test plays."""
+"""The evaluator, with a learner that the test plays."""
 
 import threading
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
-import zenoh
-from zenoh.handlers import Callback
 
 from actors import evaluator as evaluator_module
 from actors.evaluator import Evaluator
@@ -18,8 +16,9 @@ from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
-from tests.actors.hub_stubs import PendingQueries, answer, ignore, payload_of, refuse
+from common.transport.interface import Envelope, Transport
 from tests.actors.numbered_env import GAME_OVER, GOES_ON, NumberedEnv
+from tests.hub_stubs import PendingRequests
 from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")
@@ -30,19 +29,19 @@ TEN_STEPS_A_GAME = [*[GOES_ON] * 9, GAME_OVER]
 class Stage:
     """An evaluator at work in a thread, and the learner's side of its keys."""
 
-    def __init__(self, hub: zenoh.Session, session: zenoh.Session) -> None:
-        self.tasks = PendingQueries(hub, KEYS.task)
-        self.reports = PendingQueries(hub, KEYS.report)
+    def __init__(self, hub: Transport, client: Transport) -> None:
+        self.tasks = PendingRequests(hub, KEYS.task)
+        self.reports = PendingRequests(hub, KEYS.report)
         self.warnings: list[str] = []
         self.stop = threading.Event()
         self.failure: Exception | None = None
-        self._session = session
+        self._client = client
         self._thread: threading.Thread | None = None
 
     def start(self, env: NumberedEnv, patience: float = 300.0) -> Policy:
         policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
         evaluator = Evaluator(
-            self._session,
+            self._client,
             KEYS,
             "e",
             9,
@@ -65,14 +64,14 @@ class Stage:
 
     def give(self, task: EvaluationJob) -> None:
         query = self.tasks.next()
-        assert payload_of(query) == b"e"
-        answer(query, task.encode())
+        assert query.payload == b"e"
+        query.reply(task.encode())
 
     def report(self) -> EvaluationReport:
         """The next report, which the learner takes."""
         query = self.reports.next()
-        found = EvaluationReport.decode(payload_of(query))
-        answer(query, b"")
+        found = EvaluationReport.decode(query.payload)
+        query.reply(b"")
         return found
 
     def test(self) -> list[EvaluationReport]:
@@ -95,12 +94,10 @@ class Stage:
 
 
 @pytest.fixture
-def stage(
-    hub: zenoh.Session, session: zenoh.Session, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Stage]:
+def stage(hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     monkeypatch.setattr(evaluator_module, "_ASK_AGAIN", 0.02)
     monkeypatch.setattr(evaluator_module, "_TIMEOUT", PATIENCE / 2)  # whatever holds the test up
-    stage = Stage(hub, session)
+    stage = Stage(hub, client)
     yield stage
     stage.close()
 
@@ -181,7 +178,7 @@ def test_a_test_that_the_learner_does_not_want_any_more_ends(stage: Stage) -> No
     env = NumberedEnv(TEN_STEPS_A_GAME)
     stage.start(env)
     stage.give(task(steps=1_000))
-    refuse(stage.reports.next(), "epoch 3 is not being tested")
+    stage.reports.next().refuse("epoch 3 is not being tested")
     stage.give(FINISHED)
     stage.ended()
     assert len(env.moments) == 10
@@ -203,7 +200,7 @@ def test_a_task_that_is_none_is_told_and_not_played(
 ) -> None:
     env = NumberedEnv(TEN_STEPS_A_GAME)
     stage.start(env)
-    answer(stage.tasks.next(), payload)
+    stage.tasks.next().reply(payload)
     stage.give(FINISHED)
     stage.ended()
     assert env.moments == []
@@ -214,7 +211,7 @@ def test_a_task_that_is_none_is_told_and_not_played(
 def test_a_learner_that_was_away_for_a_moment_is_asked_again(stage: Stage) -> None:
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))
     for _ in range(3):
-        ignore(stage.tasks.next())
+        stage.tasks.next().drop()
     stage.give(task(steps=10))
     assert len(stage.test()) == 1
 
@@ -232,26 +229,24 @@ def test_a_wish_to_stop_ends_a_test(stage: Stage) -> None:
     stage.give(task(steps=10**9))
     query = stage.reports.next()
     stage.stop.set()
-    answer(query, b"")
+    query.reply(b"")
     stage.ended()
     assert len(env.moments) == 10
     assert stage.failure is None
 
 
-def test_it_lives_and_says_so_until_it_leaves(stage: Stage, hub: zenoh.Session) -> None:
+def test_it_lives_and_says_so_until_it_leaves(stage: Stage, hub: Transport) -> None:
     heard: list[ActorStats] = []
 
-    def receive(sample: zenoh.Sample) -> None:
-        heard.append(ActorStats.decode(sample.payload.to_bytes()))
+    def receive(message: Envelope) -> None:
+        heard.append(ActorStats.decode(message.payload))
 
-    hub.declare_subscriber(KEYS.stats("evaluator", "e"), Callback(receive, indirect=False))
+    hub.subscribe(KEYS.stats("evaluator", "e"), receive)
+    presence: list[tuple[str, bool]] = []
+    hub.watch_presence(KEYS.live("*", "*"), lambda *news: presence.append(news))
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))
 
-    def tokens() -> list[str]:
-        replies = hub.liveliness().get(KEYS.live("*", "*"))
-        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
-
-    wait_until(lambda: tokens() == [KEYS.live("evaluator", "e")], "it is alive")
+    wait_until(lambda: presence == [(KEYS.live("evaluator", "e"), True)], "it is alive")
     stage.give(task(steps=10))
     stage.test()
     stage.give(FINISHED)
@@ -262,4 +257,4 @@ def test_it_lives_and_says_so_until_it_leaves(stage: Stage, hub: zenoh.Session) 
     # Frames 5 and 10 of 11 were not seen; the keys matched at the even ones.
     assert last.valid_share == 0.8
     assert last.match_share == 0.5
-    wait_until(lambda: tokens() == [], "it is gone")
+    wait_until(lambda: presence[1:] == [(KEYS.live("evaluator", "e"), False)], "it is gone")

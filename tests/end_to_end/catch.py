@@ -22,8 +22,8 @@ from actors.evaluator import Evaluator
 from actors.policy import Policy
 from common.network import build_network
 from common.process.lifeline import on_signals
-from common.protocol.announcement import find_run
-from common.transport.bus import connect
+from common.run.join import find_run
+from common.transport.zenoh_transport import connect
 
 CELLS = 7
 CELL = 84 // CELLS
@@ -80,8 +80,8 @@ def main(endpoint: str, name: str, role: str) -> None:
     torch.set_num_threads(1)
     stop = threading.Event()
     on_signals(stop)
-    session = connect(endpoint, PATIENCE, stop.is_set)
-    keys, config = find_run(session, None, PATIENCE, stop.is_set)
+    transport = connect(endpoint, PATIENCE, stop.is_set)
+    keys, config = find_run(transport, None, PATIENCE, stop.is_set)
     policy = Policy(build_network(config, len(MOVES)), len(MOVES), np.random.default_rng(1))
     common: dict[str, Any] = {
         "patience": PATIENCE,
@@ -90,10 +90,10 @@ def main(endpoint: str, name: str, role: str) -> None:
     }
     incarnation = time.time_ns()
     if role == "evaluator":
-        Evaluator(session, keys, name, incarnation, Catch(), policy, **common).run(7)
+        Evaluator(transport, keys, name, incarnation, Catch(), policy, **common).run(7)
     else:
-        Actor(session, config, keys, name, incarnation, [Catch()], policy, **common).run([3])
-    session.close()  # type: ignore[no-untyped-call]
+        Actor(transport, config, keys, name, incarnation, [Catch()], policy, **common).run([3])
+    transport.close()
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Self
 
 from benchmarks.child import free_endpoint
-from common.transport.bus import check_endpoint
+from common.transport.endpoint import check_endpoint
 
 
 class Link:

@@ -13,7 +13,7 @@ from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.run.folder import write_atomically
 from common.run.presets import PRESETS
-from common.transport.bus import connect
+from common.transport.zenoh_transport import connect
 from replay.chunk_statistics import Progress
 from replay.client import RemoteReplay
 from tests.end_to_end.conftest import ROOT, SMALL, Program, Stage
@@ -44,16 +44,16 @@ def test_three_actors_of_which_one_is_killed(stage: Stage) -> None:
 
 
 def _progress(stage: Stage) -> Progress:
-    session = connect(stage.endpoint, PATIENCE)
+    transport = connect(stage.endpoint, PATIENCE)
     config: RunConfig = PRESETS["fast"]
-    remote = RemoteReplay(session, RunKeys("r"), config)
+    remote = RemoteReplay(transport, RunKeys("r"), config)
     too_late = threading.Timer(PATIENCE, remote.close)  # by itself it asks for ever
     too_late.start()
     try:
         return remote.progress(0)
     finally:
         too_late.cancel()
-        session.close()  # type: ignore[no-untyped-call]
+        transport.close()
 
 
 def _replay(stage: Stage, *arguments: str) -> None:

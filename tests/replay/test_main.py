@@ -15,11 +15,11 @@ import pytest
 from benchmarks.child import free_endpoint
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
-from common.transport.bus import connect
+from common.transport.zenoh_transport import connect
 from replay.client import RemoteReplay
 from tests.patience import PATIENCE
 from tests.replay.replay_reference import GOES_ON, RUN, TERMINATES, Actor
-from tests.replay.replay_sessions import KEYS, insert
+from tests.replay.replay_requests import KEYS, insert
 
 FLAGS = [
     *("--play.no-minimal-actions", "--replay.capacity", "400", "--replay.learning-starts", "50"),
@@ -71,12 +71,12 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
     endpoint = free_endpoint()
     started.append(Process(tmp_path, endpoint))
     started[0].wait_until_it_serves()
-    session = connect(endpoint, PATIENCE)
+    transport = connect(endpoint, PATIENCE)
     actor, rng = Actor("a", 4), np.random.default_rng(0)
     chunks = [actor.live([GOES_ON] * 15 + [TERMINATES], rng) for _ in range(30)]  # the ring turns
     for chunk in chunks[:-1]:
-        assert insert(session, chunk).status == "stored"
-    remote = RemoteReplay(session, KEYS, CONFIG)
+        assert insert(transport, chunk).status == "stored"
+    remote = RemoteReplay(transport, KEYS, CONFIG)
     before = remote.progress(0)
     assert before.stored == 25 * 16
     started[0].process.send_signal(signal.SIGKILL)
@@ -96,15 +96,15 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
     )
     assert after.facts == before.facts
     assert (after.agent_steps, after.stored, after.samplable) == (29 * 16, 400, 400)
-    assert insert(session, chunks[-2]).status == "duplicate"
-    assert insert(session, chunks[0]).status == "duplicate"  # evicted, but not forgotten
-    assert insert(session, chunks[-1]).status == "stored"
+    assert insert(transport, chunks[-2]).status == "duplicate"
+    assert insert(transport, chunks[0]).status == "duplicate"  # evicted, but not forgotten
+    assert insert(transport, chunks[-1]).status == "stored"
     batch = remote.sample(0, 20.0)
     assert batch is not None
     frames = np.concatenate([chunk.frames for chunk in chunks])
     for at, id_ in enumerate(batch.ids):
         assert (batch.s_tm1[at, -1] == frames[id_]).all()
-    session.close()  # type: ignore[no-untyped-call]
+    transport.close()
     started[1].process.send_signal(signal.SIGINT)
     assert started[1].ended() == 0
     assert re.search(r"480 steps, 400 stored, .* 30 accepted, 2 duplicate", started[1].lines[-1])
@@ -139,10 +139,10 @@ def test_that_nobody_reads_what_it_says_is_no_reason_to_end(tmp_path: Path) -> N
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
         process.stdout.close()
-        session = connect(endpoint, PATIENCE)
+        transport = connect(endpoint, PATIENCE)
         chunk = Actor("a", 4).live([GOES_ON] * 15 + [TERMINATES], np.random.default_rng(0))
-        assert insert(session, chunk).status == "stored"
-        session.close()  # type: ignore[no-untyped-call]
+        assert insert(transport, chunk).status == "stored"
+        transport.close()
         process.send_signal(signal.SIGTERM)
         _, errors = process.communicate(timeout=PATIENCE)
         assert (process.returncode, errors) == (0, b"")

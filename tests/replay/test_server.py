@@ -1,4 +1,4 @@
-"""Server and client over a real Zenoh session, in one process."""
+"""Replay server and remote replay."""
 
 import random
 import threading
@@ -6,26 +6,23 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import zenoh
-from zenoh.handlers import FifoChannel
 
-from benchmarks.child import free_endpoint
 from common.errors import InputError, MessageError
 from common.protocol.ack import Ack
-from common.protocol.announcement import find_run
 from common.protocol.wire import pack
-from common.transport.bus import connect, open_hub
+from common.run.join import find_run
+from common.transport.interface import Envelope, Transport
 from replay.client import AHEAD, MOST_ADVICE, RemoteReplay
 from replay.messages import NO_BATCH, Priorities, SampleRequest
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
+from tests.hub_stubs import PendingRequests
 from tests.patience import PATIENCE
 from tests.replay.replay_reference import GOES_ON, RUN, TERMINATES, Actor, make_config
-from tests.replay.replay_sessions import KEYS, ask, insert
+from tests.replay.replay_requests import KEYS, ask, insert
 
 
 def until_late() -> Iterator[None]:
@@ -36,27 +33,19 @@ def until_late() -> Iterator[None]:
         time.sleep(0.001)
 
 
-def next_of(queryable: zenoh.Queryable[Any]) -> zenoh.Query:
-    """The next question; fails when none comes."""
-    for _ in until_late():
-        if (query := queryable.try_recv()) is not None:
-            return query
-    raise AssertionError("nobody asks")
-
-
 @dataclass
 class Place:
-    """A served replay, and a client's session."""
+    """A served replay, and a client's transport."""
 
     memory: ReplayBuffer
     server: ReplayServer
-    hub: zenoh.Session
-    session: zenoh.Session
+    hub: Transport
+    client: Transport
     remote: RemoteReplay
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Iterator[Place]:
+def place(tmp_path: Path, hub: Transport, client: Transport) -> Iterator[Place]:
     config = make_config(
         capacity=256,
         learning_starts=20,
@@ -65,24 +54,19 @@ def place(tmp_path: Path) -> Iterator[Place]:
         chunk_steps=8,
         window=2,
     )
-    endpoint = free_endpoint()
-    hub = open_hub(endpoint)
     memory = ReplayBuffer(config, tmp_path)
-    session = connect(endpoint, PATIENCE)
-    remote = RemoteReplay(session, KEYS, config)
-    place = Place(memory, ReplayServer(hub, memory, config, RUN), hub, session, remote)
+    remote = RemoteReplay(client, KEYS, config)
+    place = Place(memory, ReplayServer(hub, memory, config, RUN), hub, client, remote)
     try:
         yield place
     finally:
         remote.close()
         place.server.close()
         memory.close()
-        session.close()  # type: ignore[no-untyped-call]
-        hub.close()  # type: ignore[no-untyped-call]
 
 
 def test_the_hub_announces_its_run(place: Place) -> None:
-    keys, config = find_run(place.session, None, PATIENCE, lambda: False)
+    keys, config = find_run(place.client, None, PATIENCE, lambda: False)
     assert keys == KEYS
     assert config.replay.capacity == 256
 
@@ -91,8 +75,8 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
     actor, rng = Actor("a", 4), np.random.default_rng(0)
     chunk = actor.live([GOES_ON] * 20 + [TERMINATES], rng)
     assert place.remote.sample(0, 0.0) is None
-    assert insert(place.session, chunk) == Ack("stored", False, False, 21, 0)
-    assert insert(place.session, chunk).status == "duplicate"
+    assert insert(place.client, chunk) == Ack("stored", False, False, 21, 0)
+    assert insert(place.client, chunk).status == "duplicate"
     batch = place.remote.sample(0, PATIENCE)
     assert batch is not None
     assert batch.s_tm1.shape == (16, 4, 84, 84)
@@ -112,13 +96,13 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
     assert (progress.accepted, progress.duplicates, progress.refused) == (1, 1, 0)
     assert progress.facts == place.memory.progress(0).facts
     assert place.remote.progress(1, finished=True).facts == ()
-    assert insert(place.session, actor.live([GOES_ON], rng)).finished
+    assert insert(place.client, actor.live([GOES_ON], rng)).finished
 
 
 def test_a_chunk_at_another_actors_key_is_refused(place: Place) -> None:
     chunk = Actor("a", 4).live([GOES_ON], np.random.default_rng(0))
     with pytest.raises(MessageError, match="test/a at the key of test/b"):
-        ask(place.session, KEYS.insert("b"), chunk.encode())
+        ask(place.client, KEYS.insert("b"), chunk.encode())
     assert place.memory.progress(0).refused == 1
 
 
@@ -135,7 +119,7 @@ def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> No
     refused = 0
     for message in junk:
         try:
-            Ack.decode(ask(place.session, KEYS.insert("a"), message))
+            Ack.decode(ask(place.client, KEYS.insert("a"), message))
         except MessageError:
             refused += 1
     assert refused > 60
@@ -143,30 +127,30 @@ def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> No
     for key in (KEYS.sample, KEYS.priorities, KEYS.held_out, KEYS.progress):
         for message in (b"", b"\x81", good, pack({}), pack({"count": -1, "drawn": 2**63})):
             with pytest.raises(MessageError):
-                ask(place.session, key, message)
+                ask(place.client, key, message)
     after = Actor("b", 4).live([GOES_ON] * 20, np.random.default_rng(0))
-    assert insert(place.session, after).status == "stored"
+    assert insert(place.client, after).status == "stored"
 
 
 def test_a_poll_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> None:
     actor, rng = Actor("a", 4), np.random.default_rng(0)
-    assert insert(place.session, actor.live([GOES_ON] * 100, rng)).throttle
+    assert insert(place.client, actor.live([GOES_ON] * 100, rng)).throttle
     key = KEYS.insert("a")
-    assert Ack.decode(ask(place.session, key, b"")).throttle  # after its second
+    assert Ack.decode(ask(place.client, key, b"")).throttle  # after its second
     found: list[Ack] = []
     held = [
-        threading.Thread(target=lambda: found.append(Ack.decode(ask(place.session, key, b""))))
+        threading.Thread(target=lambda: found.append(Ack.decode(ask(place.client, key, b""))))
         for _ in range(3)
     ]
     for thread in held:
         thread.start()
-    assert insert(place.session, actor.live([GOES_ON], rng)).status == "stored"
+    assert insert(place.client, actor.live([GOES_ON], rng)).status == "stored"
     assert place.remote.sample(10_000, 0.0) is None  # nothing to draw, but it tells its count
     for thread in held:
         thread.join(PATIENCE)
     assert [ack.status for ack in found] == ["poll"] * 3
     for _ in until_late():  # draws have a thread of their own
-        ack = Ack.decode(ask(place.session, key, b""))
+        ack = Ack.decode(ask(place.client, key, b""))
         if not ack.throttle:
             break
     assert not ack.throttle
@@ -174,31 +158,25 @@ def test_a_poll_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> No
 
 def test_the_newest_weights_wait_for_late_joiners(place: Place) -> None:
     with pytest.raises(MessageError, match="no weights yet"):
-        ask(place.session, KEYS.latest_weights, b"")
-    publisher = place.session.declare_publisher(KEYS.weights)
+        ask(place.client, KEYS.latest_weights, b"")
+    publisher = place.client.publisher(KEYS.weights)
     actor, rng = Actor("a", 4), np.random.default_rng(0)
-    publisher.put(b"unversioned")
-    publisher.put(b"odd", attachment=b"-1")
-    arrived = threading.Event()
-    watch = place.session.declare_subscriber(KEYS.weights, lambda _: arrived.set())
+    publisher.publish(b"unversioned")
+    publisher.publish(b"odd", b"-1")
     for version in (50, 100):
-        publisher.put(b"weights %d" % version, attachment=str(version).encode())
-    assert arrived.wait(PATIENCE)
-    for _ in until_late():  # the server has a thread of its own for them
-        ack = insert(place.session, actor.live([GOES_ON], rng))
+        publisher.publish(b"weights %d" % version, b"%d" % version)
+    for _ in until_late():
+        ack = insert(place.client, actor.live([GOES_ON], rng))
         if ack.weights_version == 100:
             break
     assert ack.weights_version == 100
-    for reply in place.session.get(KEYS.latest_weights, timeout=20.0):
-        assert reply.ok is not None
-        assert reply.ok.payload.to_bytes() == b"weights 100"
-        assert reply.ok.attachment is not None
-        assert reply.ok.attachment.to_bytes() == b"100"
-    watch.undeclare()  # type: ignore[no-untyped-call]
+    requester = place.client.requester(KEYS.latest_weights, PATIENCE)
+    answer = requester.request(b"").result()
+    assert answer == Envelope(b"weights 100", b"100", KEYS.latest_weights)
 
 
 def test_a_learner_waits_for_a_server_that_is_away(place: Place) -> None:
-    insert(place.session, Actor("a", 4).live([GOES_ON] * 30, np.random.default_rng(0)))
+    insert(place.client, Actor("a", 4).live([GOES_ON] * 30, np.random.default_rng(0)))
     place.server.close()
     assert place.remote.sample(0, 0.3) is None
     place.remote.update_priorities(np.arange(2), np.ones(2, np.float32))
@@ -213,13 +191,13 @@ def test_a_learner_waits_for_a_server_that_is_away(place: Place) -> None:
 
 def test_asking_ahead_gives_no_batch_too_many_and_none_too_few(place: Place) -> None:
     actor, rng = Actor("a", 4), np.random.default_rng(0)
-    insert(place.session, actor.live([GOES_ON] * 60, rng))
+    insert(place.client, actor.live([GOES_ON] * 60, rng))
     batches = 0
     while place.memory.sample(16 * batches, 0.0) is not None:
         batches += 1
     assert 10 < batches < 1_000
     for ahead in (0, AHEAD):
-        remote = RemoteReplay(place.session, KEYS, make_config(), ahead)
+        remote = RemoteReplay(place.client, KEYS, make_config(), ahead)
         for number in range(batches):
             assert remote.sample(16 * number, PATIENCE) is not None
         assert remote.sample(16 * batches, 0.5) is None
@@ -227,7 +205,7 @@ def test_asking_ahead_gives_no_batch_too_many_and_none_too_few(place: Place) -> 
 
 
 def test_a_batch_is_no_older_than_those_asked_for_ahead(place: Place) -> None:
-    insert(place.session, Actor("a", 4).live([GOES_ON] * 60, np.random.default_rng(0)))
+    insert(place.client, Actor("a", 4).live([GOES_ON] * 60, np.random.default_rng(0)))
     for _ in range(3):
         assert place.remote.sample(0, PATIENCE) is not None
     place.memory.update_priorities(np.arange(57), np.eye(57, dtype=np.float32)[7] * 1e9)
@@ -240,17 +218,17 @@ def test_a_batch_is_no_older_than_those_asked_for_ahead(place: Place) -> None:
 def test_no_number_is_told_that_is_not_yet_true_while_nothing_is_to_be_had(place: Place) -> None:
     """Or held actors would be let go by batches that the learner has not had."""
     place.server.close()
-    with place.session.declare_queryable(KEYS.sample, FifoChannel(16)) as asked:
-        told = []
-        waiting = threading.Thread(target=place.remote.sample, args=(32, 10 * PATIENCE))
-        waiting.start()
-        for _ in range(4):
-            with next_of(asked) as query:
-                assert query.payload is not None
-                told.append(SampleRequest.decode(query.payload.to_bytes()).drawn)
-                query.reply(KEYS.sample, NO_BATCH)
-        place.remote.close()
-        waiting.join(PATIENCE)
+    asked = PendingRequests(place.client, KEYS.sample)
+    told = []
+    waiting = threading.Thread(target=place.remote.sample, args=(32, 10 * PATIENCE))
+    waiting.start()
+    for _ in range(4):
+        request = asked.next()
+        told.append(SampleRequest.decode(request.payload).drawn)
+        request.reply(NO_BATCH)
+    place.remote.close()
+    waiting.join(PATIENCE)
+    asked.close()
     assert told == [32] * 4
 
 
@@ -258,26 +236,25 @@ def test_priorities_are_told_in_order_and_only_so_many_without_an_answer(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Or, on a slow machine, the first would be given up before the last is told.
-    monkeypatch.setattr("replay.questions.PATIENCE", PATIENCE)
+    monkeypatch.setattr("replay.client.DEADLINE", PATIENCE)
+    remote = RemoteReplay(place.client, KEYS, make_config())
     place.server.close()
-    with place.session.declare_queryable(KEYS.priorities, FifoChannel(1_000)) as heard:
-        for number in range(MOST_ADVICE + 5):
-            place.remote.update_priorities(np.array([number]), np.ones(1, np.float32))
-        queries = [next_of(heard) for _ in range(MOST_ADVICE)]
-        told = []
-        for query in queries:
-            with query:
-                assert query.payload is not None
-                told += Priorities.decode(query.payload.to_bytes()).ids.tolist()
-                query.reply(KEYS.priorities, b"")
-        assert heard.try_recv() is None
-        for _ in until_late():  # heard again, once it is known that the others were heard
-            place.remote.update_priorities(np.array([1_000]), np.ones(1, np.float32))
-            if (last := heard.try_recv()) is not None:
-                last.drop()  # type: ignore[no-untyped-call]
-                break
-        else:
-            raise AssertionError("not heard again")
+    heard = PendingRequests(place.client, KEYS.priorities)
+    for number in range(MOST_ADVICE + 5):
+        remote.update_priorities(np.array([number]), np.ones(1, np.float32))
+    told = []
+    for request in [heard.next() for _ in range(MOST_ADVICE)]:
+        told += Priorities.decode(request.payload).ids.tolist()
+        request.reply(b"")
+    assert not list(heard.waiting())
+    for _ in until_late():  # heard again, once it is known that the others were heard
+        remote.update_priorities(np.array([1_000]), np.ones(1, np.float32))
+        if list(heard.waiting()):
+            break
+    else:
+        raise AssertionError("not heard again")
+    remote.close()
+    heard.close()
     assert told == list(range(MOST_ADVICE))
 
 
@@ -297,7 +274,7 @@ def test_refused_priorities_are_told_at_a_later_call(place: Place) -> None:
 
 
 def test_batches_under_way_to_a_server_that_dies_are_asked_for_again(place: Place) -> None:
-    insert(place.session, Actor("a", 4).live([GOES_ON] * 30, np.random.default_rng(0)))
+    insert(place.client, Actor("a", 4).live([GOES_ON] * 30, np.random.default_rng(0)))
     for _ in range(3):
         assert place.remote.sample(0, PATIENCE) is not None
     place.server.close()

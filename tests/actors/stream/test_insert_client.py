@@ -1,4 +1,4 @@
-"""The outbox, over Zenoh: nothing is lost, whatever the other side does."""
+"""The insert client: nothing is lost, whatever the other side does."""
 
 import threading
 import time
@@ -6,32 +6,23 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import pytest
-import zenoh
 
 from actors.stream import insert_client as outbox_module
 from actors.stream.insert_client import InsertClient
 from common.errors import InputError, MessageError
 from common.protocol.run_keys import RunKeys
-from common.transport.bus import connect, open_hub
-from tests.actors.hub_stubs import (
-    PATIENCE,
-    STORED,
-    PendingQueries,
-    acknowledge,
-    answer,
-    ignore,
-    payload_of,
-    refuse,
-)
-from tests.patience import wait_until
+from common.transport.in_process import InProcessHub
+from common.transport.interface import Request, Transport
+from tests.hub_stubs import STORED, PendingRequests, acknowledge
+from tests.patience import PATIENCE, wait_until
 
 KEY = RunKeys("r").insert("a")
 WINDOW = 2
 
 
 @pytest.fixture
-def replay(hub: zenoh.Session) -> Iterator[PendingQueries]:
-    questions = PendingQueries(hub, RunKeys("r").insert("*"))
+def replay(hub: Transport) -> Iterator[PendingRequests]:
+    questions = PendingRequests(hub, RunKeys("r").insert("*"))
     yield questions
     questions.close()
 
@@ -39,11 +30,11 @@ def replay(hub: zenoh.Session) -> Iterator[PendingQueries]:
 class Sender:
     """An outbox, what it warned of, and a way to let it wait in a thread of its own."""
 
-    def __init__(self, session: zenoh.Session, patience: float = 300.0) -> None:
+    def __init__(self, client: Transport, patience: float = 300.0) -> None:
         self.stop = threading.Event()
         self.warnings: list[str] = []
         self.outbox = InsertClient(
-            session,
+            client,
             KEY,
             WINDOW,
             patience=patience,
@@ -66,10 +57,10 @@ class Sender:
 
 @pytest.fixture
 def sender(
-    replay: PendingQueries, session: zenoh.Session, monkeypatch: pytest.MonkeyPatch
+    replay: PendingRequests, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Sender]:
     monkeypatch.setattr(outbox_module, "ACK_TIMEOUT", PATIENCE)  # whatever holds the test up
-    sender = Sender(session)
+    sender = Sender(client)
     yield sender
     sender.stop.set()
 
@@ -79,12 +70,12 @@ def joined(thread: threading.Thread) -> None:
     assert not thread.is_alive()
 
 
-def test_chunks_arrive_and_their_acks_count(replay: PendingQueries, sender: Sender) -> None:
+def test_chunks_arrive_and_their_acks_count(replay: PendingRequests, sender: Sender) -> None:
     for number in range(5):
         sender.outbox.post(b"chunk %d" % number)
         query = replay.next()
-        assert str(query.key_expr) == KEY
-        assert payload_of(query) == b"chunk %d" % number
+        assert query.key == KEY
+        assert query.payload == b"chunk %d" % number
         ack = replace(STORED, agent_steps=64 * number, weights_version=number)
         acknowledge(query, ack)
         sender.settled()
@@ -94,12 +85,12 @@ def test_chunks_arrive_and_their_acks_count(replay: PendingQueries, sender: Send
 
 
 def test_send_returns_while_there_is_room_and_waits_at_the_window(
-    replay: PendingQueries, sender: Sender
+    replay: PendingRequests, sender: Sender
 ) -> None:
     sender.outbox.send(b"first")  # returns: one more may be under way
     waiting = sender.beside(lambda: sender.outbox.send(b"second"))
     first, second = replay.next(), replay.next()
-    assert [payload_of(first), payload_of(second)] == [b"first", b"second"]
+    assert [first.payload, second.payload] == [b"first", b"second"]
     waiting.join(0.3)
     assert waiting.is_alive()
     assert sender.outbox.unacknowledged == WINDOW
@@ -111,7 +102,7 @@ def test_send_returns_while_there_is_room_and_waits_at_the_window(
     assert sender.counts() == (2, 2, 0, 0)
 
 
-def test_never_more_than_the_window_is_under_way(replay: PendingQueries, sender: Sender) -> None:
+def test_never_more_than_the_window_is_under_way(replay: PendingRequests, sender: Sender) -> None:
     sent = [b"%d" % number for number in range(20)]
 
     def send_all() -> None:
@@ -120,13 +111,13 @@ def test_never_more_than_the_window_is_under_way(replay: PendingQueries, sender:
 
     working = sender.beside(send_all)
     arrived: list[bytes] = []
-    open_queries: list[zenoh.Query] = []
+    open_queries: list[Request] = []
     while len(arrived) < len(sent):
         open_queries.append(replay.next())
-        arrived.append(payload_of(open_queries[-1]))
+        arrived.append(open_queries[-1].payload)
         # The last answer may have let the next one go already, but never two.
         open_queries += (found := list(replay.waiting()))
-        arrived += map(payload_of, found)
+        arrived += (each.payload for each in found)
         assert len(open_queries) <= WINDOW
         if len(open_queries) == WINDOW or len(arrived) == len(sent):
             acknowledge(open_queries.pop(0))
@@ -138,7 +129,7 @@ def test_never_more_than_the_window_is_under_way(replay: PendingQueries, sender:
     assert sender.counts() == (20, 20, 0, 0)
 
 
-def test_a_wish_to_stop_ends_the_wait(replay: PendingQueries, sender: Sender) -> None:
+def test_a_wish_to_stop_ends_the_wait(replay: PendingRequests, sender: Sender) -> None:
     sender.outbox.send(b"first")
     waiting = sender.beside(lambda: sender.outbox.send(b"second"))
     first, second = replay.next(), replay.next()
@@ -146,33 +137,33 @@ def test_a_wish_to_stop_ends_the_wait(replay: PendingQueries, sender: Sender) ->
     joined(waiting)
     assert sender.outbox.unacknowledged == 2
     for query in (first, second):
-        ignore(query)
+        query.drop()
 
 
 def test_a_query_that_ended_without_an_answer_is_sent_again(
-    replay: PendingQueries, sender: Sender
+    replay: PendingRequests, sender: Sender
 ) -> None:
     sender.outbox.post(b"chunk")
     flushing = sender.beside(lambda: sender.outbox.flush(PATIENCE))
     for _ in range(2):
         query = replay.next()
-        assert payload_of(query) == b"chunk"
-        ignore(query)
+        assert query.payload == b"chunk"
+        query.drop()
     acknowledge(replay.next())
     joined(flushing)
     assert sender.counts() == (1, 1, 2, 0)
 
 
 def test_an_insert_without_an_answer_is_sent_again_after_its_time(
-    replay: PendingQueries, session: zenoh.Session, monkeypatch: pytest.MonkeyPatch
+    replay: PendingRequests, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(outbox_module, "ACK_TIMEOUT", 0.3)
-    sender = Sender(session)
+    sender = Sender(client)
     sender.outbox.post(b"chunk")
     too_late = replay.next()
     flushing = sender.beside(lambda: sender.outbox.flush(PATIENCE))
     again = replay.next()  # comes only if it was sent again
-    assert payload_of(too_late) == payload_of(again) == b"chunk"
+    assert too_late.payload == again.payload == b"chunk"
     acknowledge(too_late)  # nobody listens any more
     acknowledge(again)
 
@@ -188,13 +179,13 @@ def test_an_insert_without_an_answer_is_sent_again_after_its_time(
     assert sender.warnings == []
 
 
-def test_a_refusal_is_told_and_final(replay: PendingQueries, sender: Sender) -> None:
+def test_a_refusal_is_told_and_final(replay: PendingRequests, sender: Sender) -> None:
     sender.outbox.post(b"bad chunk")
-    refuse(replay.next(), "frames has shape [1] where … is expected")
+    replay.next().refuse("frames has shape [1] where … is expected")
     sender.settled()
     sender.outbox.post(b"good chunk")
     query = replay.next()
-    assert payload_of(query) == b"good chunk"
+    assert query.payload == b"good chunk"
     acknowledge(query)
     sender.settled()
     assert sender.counts() == (2, 1, 0, 1)
@@ -203,29 +194,29 @@ def test_a_refusal_is_told_and_final(replay: PendingQueries, sender: Sender) -> 
     ]
 
 
-def test_an_answer_that_is_none_counts_as_a_refusal(replay: PendingQueries, sender: Sender) -> None:
+def test_a_malformed_reply_counts_as_a_refusal(replay: PendingRequests, sender: Sender) -> None:
     sender.outbox.post(b"chunk")
-    answer(replay.next(), b"garbage")
+    replay.next().reply(b"garbage")
     sender.settled()
     wait_until(lambda: sender.warnings, "it is told")
     assert sender.counts() == (1, 0, 0, 1)
-    assert "an answer that is none" in sender.warnings[0]
+    assert "a malformed reply" in sender.warnings[0]
     assert sender.outbox.last_ack is None
 
 
-def test_flush_gives_up_after_its_time(replay: PendingQueries, sender: Sender) -> None:
+def test_flush_gives_up_after_its_time(replay: PendingRequests, sender: Sender) -> None:
     sender.outbox.post(b"chunk")
     query = replay.next()
     sender.outbox.flush(0.05)
     assert sender.outbox.unacknowledged == 1
-    ignore(query)
+    query.drop()
 
 
-def test_a_poll_is_answered_by_what_to_do(replay: PendingQueries, sender: Sender) -> None:
+def test_a_poll_is_answered_by_what_to_do(replay: PendingRequests, sender: Sender) -> None:
     found: list[object] = []
     polling = sender.beside(lambda: found.append(sender.outbox.poll()))
     query = replay.next()
-    assert payload_of(query) == b""
+    assert query.payload == b""
     ack = replace(STORED, status="poll", throttle=True, agent_steps=5)
     acknowledge(query, ack)
     joined(polling)
@@ -234,23 +225,23 @@ def test_a_poll_is_answered_by_what_to_do(replay: PendingQueries, sender: Sender
     assert sender.counts() == (0, 0, 0, 0)
 
 
-def test_a_poll_that_nobody_hears_is_no_answer(session: zenoh.Session) -> None:
-    sender = Sender(session)
+def test_a_poll_that_nobody_hears_is_no_answer(client: Transport) -> None:
+    sender = Sender(client)
     assert sender.outbox.poll() is None
     assert sender.outbox.last_ack is None
 
 
-def test_a_hub_that_starts_anew_in_the_middle_gets_everything(endpoint: str) -> None:
-    hub = open_hub(endpoint)
-    before = PendingQueries(hub, KEY)
-    session = connect(endpoint, PATIENCE)
-    sender = Sender(session)
+def test_a_hub_that_starts_anew_in_the_middle_gets_everything(meeting: InProcessHub) -> None:
+    hub = meeting.connect()
+    before = PendingRequests(hub, KEY)
+    client = meeting.connect()
+    sender = Sender(client)
     try:
         sender.outbox.send(b"0")
         acknowledge(before.next())
         sender.settled()
         sender.outbox.send(b"1")
-        lost = before.next()
+        before.next()
 
         def send_the_rest() -> None:
             for number in range(2, 6):
@@ -258,16 +249,15 @@ def test_a_hub_that_starts_anew_in_the_middle_gets_everything(endpoint: str) -> 
             sender.outbox.flush(PATIENCE)
 
         working = sender.beside(send_the_rest)
-        also_lost = before.next()
-        hub.close()  # type: ignore[no-untyped-call]
-        del lost, also_lost
-        hub = open_hub(endpoint)
-        after = PendingQueries(hub, KEY)
+        before.next()
+        hub.close()
+        hub = meeting.connect()
+        after = PendingRequests(hub, KEY)
         stored: set[bytes] = set()
 
         def done() -> bool:
             for query in after.waiting():  # an answer that came too late is asked for again
-                stored.add(payload_of(query))
+                stored.add(query.payload)
                 acknowledge(query)
             return not working.is_alive()
 
@@ -278,16 +268,16 @@ def test_a_hub_that_starts_anew_in_the_middle_gets_everything(endpoint: str) -> 
         assert retried >= 2
     finally:
         sender.stop.set()
-        session.close()  # type: ignore[no-untyped-call]
-        hub.close()  # type: ignore[no-untyped-call]
+        client.close()
+        hub.close()
 
 
 @pytest.mark.parametrize("way", ["send", "poll"])
-def test_patience_with_a_hub_that_went_away_ends(endpoint: str, way: str) -> None:
-    hub = open_hub(endpoint)
-    replay = PendingQueries(hub, KEY)
-    session = connect(endpoint, PATIENCE)
-    sender = Sender(session, patience=0.5)
+def test_patience_with_a_hub_that_went_away_ends(meeting: InProcessHub, way: str) -> None:
+    hub = meeting.connect()
+    replay = PendingRequests(hub, KEY)
+    client = meeting.connect()
+    sender = Sender(client, patience=0.5)
 
     def wait_for_it() -> None:
         while True:
@@ -300,15 +290,17 @@ def test_patience_with_a_hub_that_went_away_ends(endpoint: str, way: str) -> Non
         if way == "send":
             sender.outbox.post(b"chunk")
             replay.next()
-        hub.close()  # type: ignore[no-untyped-call]
+        hub.close()
         with pytest.raises(InputError, match=r"went away and did not come back .* --resume"):
             wait_for_it()
     finally:
-        session.close()  # type: ignore[no-untyped-call]
+        client.close()
 
 
 class LaterClock:
     """The real one, put forward by ten minutes."""
+
+    sleep = time.sleep
 
     @staticmethod
     def monotonic() -> float:
@@ -316,10 +308,10 @@ class LaterClock:
 
 
 def test_patience_counts_from_when_the_hub_last_answered(
-    hub: zenoh.Session, session: zenoh.Session, monkeypatch: pytest.MonkeyPatch
+    hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    replay = PendingQueries(hub, KEY)
-    sender = Sender(session, patience=300.0)
+    replay = PendingRequests(hub, KEY)
+    sender = Sender(client, patience=300.0)
     monkeypatch.setattr(outbox_module, "time", LaterClock)
     sender.outbox.send(b"chunk")
     acknowledge(replay.next())
@@ -328,8 +320,8 @@ def test_patience_counts_from_when_the_hub_last_answered(
     assert sender.outbox.poll() is None
 
 
-def test_a_poll_with_an_answer_that_is_none_is_no_answer(
-    replay: PendingQueries, sender: Sender
+def test_a_poll_with_a_malformed_reply_is_no_answer(
+    replay: PendingRequests, sender: Sender
 ) -> None:
     failed: list[BaseException] = []
 
@@ -340,7 +332,7 @@ def test_a_poll_with_an_answer_that_is_none_is_no_answer(
             failed.append(error)
 
     polling = sender.beside(poll)
-    answer(replay.next(), b"garbage")
+    replay.next().reply(b"garbage")
     joined(polling)
     if failed:
         raise failed[0]

@@ -1,18 +1,15 @@
-"""The inbox for weights, over Zenoh."""
+"""The weights client."""
 
 import threading
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
-import zenoh
-from zenoh.handlers import Callback
 
 from actors.stream import weights_client as weights_inbox
 from actors.stream.weights_client import WeightsClient
 from common.protocol.run_keys import RunKeys
-from tests.actors.hub_stubs import PendingQueries, refuse
-from tests.patience import PATIENCE, wait_until
+from common.transport.interface import Envelope, Transport
+from tests.hub_stubs import PendingRequests
+from tests.patience import PATIENCE
 
 KEYS = RunKeys("r")
 
@@ -20,23 +17,21 @@ KEYS = RunKeys("r")
 class Broadcast:
     """The learner's side, which knows when all it said has been heard."""
 
-    def __init__(self, hub: zenoh.Session, session: zenoh.Session) -> None:
-        self._hub = hub
+    def __init__(self, hub: Transport, client: Transport) -> None:
+        self._publisher = hub.publisher(KEYS.weights)
         self._heard = threading.Event()
-        self._marks = session.declare_subscriber(
-            KEYS.weights, Callback(self._on_sample, indirect=False)
-        )
+        client.subscribe(KEYS.weights, self._hear)
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        if sample.payload.to_bytes() == b"mark":
+    def _hear(self, message: Envelope) -> None:
+        if message.payload == b"mark":
             self._heard.set()
 
-    def say(self, *messages: tuple[bytes, Any]) -> None:
+    def say(self, *messages: tuple[bytes, bytes]) -> None:
         """Publish payloads with their attachments; what came before a heard mark was heard."""
         for payload, attachment in messages:
-            self._hub.put(KEYS.weights, payload, attachment=attachment)
+            self._publisher.publish(payload, attachment)
         self._heard.clear()
-        self._hub.put(KEYS.weights, b"mark")  # without a version, so the inbox leaves it
+        self._publisher.publish(b"mark")  # without a version, so the client leaves it
         assert self._heard.wait(PATIENCE)
 
 
@@ -47,21 +42,13 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def inbox(session: zenoh.Session) -> WeightsClient:
-    return WeightsClient(session, KEYS)
+def inbox(client: Transport) -> WeightsClient:
+    return WeightsClient(client, KEYS)
 
 
 @pytest.fixture
-def broadcast(
-    hub: zenoh.Session, session: zenoh.Session, inbox: WeightsClient
-) -> Iterator[Broadcast]:
-    with hub.declare_publisher(KEYS.weights) as publisher:
-        found = Broadcast(hub, session)
-        wait_until(
-            lambda: publisher.matching_status.matching,  # type: ignore[attr-defined]
-            "the hub knows of the inbox",
-        )
-        yield found
+def broadcast(hub: Transport, client: Transport, inbox: WeightsClient) -> Broadcast:
+    return Broadcast(hub, client)
 
 
 def test_a_broadcast_is_taken_once(broadcast: Broadcast, inbox: WeightsClient) -> None:
@@ -80,7 +67,7 @@ def test_only_the_latest_is_kept(broadcast: Broadcast, inbox: WeightsClient) -> 
 
 
 def test_weights_without_a_version_are_left(broadcast: Broadcast, inbox: WeightsClient) -> None:
-    for attachment in (None, b"", b"three", b"3.0", b"\xff\xfe", b"9" * 10_000):
+    for attachment in (b"", b"three", b"3.0", b"\xff\xfe", b"9" * 10_000):
         broadcast.say((b"garbage", attachment))
         assert inbox.take() is None
         broadcast.say((b"weights", b"1"), (b"garbage", attachment))
@@ -95,36 +82,32 @@ def test_weights_over_the_bound_are_left(
     assert inbox.take() == (1, b"x" * 10)
 
 
-def test_a_late_joiner_fetches_the_newest(hub: zenoh.Session, session: zenoh.Session) -> None:
-    def serve(query: zenoh.Query) -> None:
-        with query:
-            query.reply(KEYS.latest_weights, b"weights", attachment=b"12")
-
-    hub.declare_queryable(KEYS.latest_weights, Callback(serve, indirect=False))
-    inbox = WeightsClient(session, KEYS)
+def test_a_late_joiner_fetches_the_newest(hub: Transport, client: Transport) -> None:
+    hub.serve(KEYS.latest_weights, lambda _: Envelope(b"weights", b"12"))
+    inbox = WeightsClient(client, KEYS)
     assert inbox.take() is None
     inbox.fetch()
     assert inbox.take() == (12, b"weights")
 
 
 def test_where_there_are_no_weights_yet_fetching_finds_none(
-    hub: zenoh.Session, session: zenoh.Session
+    hub: Transport, client: Transport
 ) -> None:
-    inbox = WeightsClient(session, KEYS)
+    inbox = WeightsClient(client, KEYS)
     inbox.fetch()
     assert inbox.take() is None
-    asked = PendingQueries(hub, KEYS.latest_weights)
+    asked = PendingRequests(hub, KEYS.latest_weights)
     fetching = threading.Thread(target=inbox.fetch, daemon=True)
     fetching.start()
-    refuse(asked.next(), "there are no weights yet")
+    asked.next().refuse("there are no weights yet")
     fetching.join(PATIENCE)
     assert not fetching.is_alive()
     assert inbox.take() is None
 
 
 def test_other_runs_weights_do_not_arrive(
-    broadcast: Broadcast, hub: zenoh.Session, inbox: WeightsClient
+    broadcast: Broadcast, hub: Transport, inbox: WeightsClient
 ) -> None:
-    hub.put(RunKeys("other").weights, b"weights", attachment=b"1")
+    hub.publisher(RunKeys("other").weights).publish(b"weights", b"1")
     broadcast.say()
     assert inbox.take() is None

@@ -4,15 +4,15 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, cast
+from queue import SimpleQueue
 
 import pytest
-import zenoh
 
 from common.errors import InputError
 from common.protocol.run_keys import RunKeys
-from common.transport.bus import check_certificates, connect, open_hub
-from common.transport.credentials import Role
+from common.transport.credentials import Role, check_certificates
+from common.transport.interface import Envelope, Transport
+from common.transport.zenoh_transport import connect, open_hub
 from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
 
@@ -37,30 +37,27 @@ def address(endpoint: str) -> str:
 
 
 @pytest.fixture
-def hub(address: str, certificates: Path) -> Iterator[zenoh.Session]:
-    session = open_hub(address, certificates)
-    yield session
-    session.close()  # type: ignore[no-untyped-call]
+def hub(address: str, certificates: Path) -> Iterator[Transport]:
+    with open_hub(address, certificates) as transport:
+        yield transport
 
 
 @pytest.fixture
-def join(
-    hub: zenoh.Session, address: str, certificates: Path
-) -> Iterator[Callable[[Role], zenoh.Session]]:
+def join(hub: Transport, address: str, certificates: Path) -> Iterator[Callable[[Role], Transport]]:
     """Clients of the hub."""
-    sessions: list[zenoh.Session] = []
+    transports: list[Transport] = []
 
-    def one(role: Role) -> zenoh.Session:
-        sessions.append(connect(address, PATIENCE, role=role, certificates=certificates))
-        return sessions[-1]
+    def one(role: Role) -> Transport:
+        transports.append(connect(address, PATIENCE, role=role, certificates=certificates))
+        return transports[-1]
 
     yield one
-    for session in sessions:
-        session.close()  # type: ignore[no-untyped-call]
+    for transport in transports:
+        transport.close()
 
 
-def ask(session: zenoh.Session, key: str) -> list[bytes]:
-    return [reply.ok.payload.to_bytes() for reply in session.get(key, timeout=PATIENCE) if reply.ok]
+def ask(transport: Transport, key: str) -> list[bytes]:
+    return [answer.payload for answer in transport.gather(key, PATIENCE)]
 
 
 QUERIES = {
@@ -84,17 +81,13 @@ QUERIES = {
     ],
 )
 def test_each_role_is_answered_what_it_may_ask(
-    hub: zenoh.Session, join: Callable[[Role], zenoh.Session], role: Role, allowed: set[str]
+    hub: Transport, join: Callable[[Role], Transport], role: Role, allowed: set[str]
 ) -> None:
-    def answer(query: zenoh.Query) -> None:
-        with query:
-            query.reply(query.key_expr, b"ok")
-
-    hub.declare_queryable(KEYS.all, answer)
-    session = join(role)
-    assert {name for name, key in QUERIES.items() if ask(session, key) == [b"ok"]} == allowed
+    hub.serve(KEYS.all, lambda _: b"ok")
+    transport = join(role)
+    assert {name for name, key in QUERIES.items() if ask(transport, key) == [b"ok"]} == allowed
     # Whoever asks for all at once gets nothing either.
-    assert ask(session, KEYS.all) == []
+    assert ask(transport, KEYS.all) == []
 
 
 @pytest.mark.parametrize(
@@ -106,79 +99,65 @@ def test_each_role_is_answered_what_it_may_ask(
     ],
 )
 def test_each_role_tells_what_it_may_tell(
-    hub: zenoh.Session,
-    join: Callable[[Role], zenoh.Session],
+    hub: Transport,
+    join: Callable[[Role], Transport],
     role: Role,
     denied: str,
     allowed: str,
 ) -> None:
-    heard = hub.declare_subscriber(KEYS.all, zenoh.handlers.FifoChannel(9))
-    session = join(role)
-    session.put(denied, b"")
-    session.put(allowed, b"")
-    assert str(_first(heard).key_expr) == allowed  # they come in the order in which they are sent
-
-
-def _first(heard: "zenoh.Subscriber[Any]") -> zenoh.Sample:
-    return cast(zenoh.Sample, wait_until(heard.try_recv, "something is heard"))
+    heard: SimpleQueue[Envelope] = SimpleQueue()
+    hub.subscribe(KEYS.all, heard.put)
+    transport = join(role)
+    for key in (denied, allowed):
+        transport.publisher(key).publish(b"")
+    # They come in the order in which they are sent.
+    assert heard.get(timeout=PATIENCE).key == allowed
 
 
 def test_an_actor_lives_as_an_actor_alone(
-    hub: zenoh.Session, join: Callable[[Role], zenoh.Session]
+    hub: Transport, join: Callable[[Role], Transport]
 ) -> None:
-    heard = hub.liveliness().declare_subscriber(KEYS.live("*", "*"), zenoh.handlers.FifoChannel(9))
-    session = join("actor")
-    tokens = [
-        session.liveliness().declare_token(KEYS.live(role, "a"))
-        for role in ("learner", "evaluator")
-    ]
-    assert str(_first(heard).key_expr) == KEYS.live("evaluator", "a")
-    del tokens
+    heard: SimpleQueue[tuple[str, bool]] = SimpleQueue()
+    hub.watch_presence(KEYS.live("*", "*"), lambda *news: heard.put(news))
+    transport = join("actor")
+    for role in ("learner", "evaluator"):
+        transport.announce(KEYS.live(role, "a"))
+    assert heard.get(timeout=PATIENCE) == (KEYS.live("evaluator", "a"), True)
 
 
 def test_an_actor_hears_weights_and_not_others(
-    hub: zenoh.Session, join: Callable[[Role], zenoh.Session]
+    hub: Transport, join: Callable[[Role], Transport]
 ) -> None:
-    session = join("actor")
-    heard = [
-        session.declare_subscriber(key, zenoh.handlers.FifoChannel(999))
-        for key in (KEYS.stats("*", "*"), KEYS.weights)
-    ]
+    transport = join("actor")
+    heard: list[str] = []
+    for key in (KEYS.stats("*", "*"), KEYS.weights):
+        transport.subscribe(key, lambda message: heard.append(message.key))
+    publishers = [hub.publisher(key) for key in (KEYS.stats("actor", "other"), KEYS.weights)]
 
-    def hear_weights() -> zenoh.Sample | None:
-        hub.put(KEYS.stats("actor", "other"), b"")
-        hub.put(KEYS.weights, b"")
-        return heard[1].try_recv()
+    def hear_weights() -> bool:
+        for publisher in publishers:
+            publisher.publish(b"")
+        return bool(heard)
 
-    assert str(wait_until(hear_weights, "weights are heard").key_expr) == KEYS.weights
-    assert heard[0].try_recv() is None
+    wait_until(hear_weights, "weights are heard")
+    assert set(heard) == {KEYS.weights}
 
 
 def test_an_actor_cannot_answer_for_the_hub(
-    hub: zenoh.Session, join: Callable[[Role], zenoh.Session]
+    hub: Transport, join: Callable[[Role], Transport]
 ) -> None:
-    def answer(query: zenoh.Query) -> None:
-        with query:
-            query.reply(query.key_expr, b"truly the hub's")
-
     rogue = join("actor")
-    rogue.declare_queryable(KEYS.config, lambda query: query.reply(query.key_expr, b"forged"))
-    hub.declare_queryable(KEYS.latest_weights, answer)
+    rogue.serve(KEYS.config, lambda _: b"forged")
+    hub.serve(KEYS.latest_weights, lambda _: b"truly the hub's")
     assert ask(rogue, KEYS.latest_weights) == [b"truly the hub's"]  # so all before has arrived
     assert ask(join("actor"), KEYS.config) == []
 
 
-def test_a_learner_is_heard_by_name(
-    hub: zenoh.Session, join: Callable[[Role], zenoh.Session]
-) -> None:
+def test_a_learner_is_heard_by_name(hub: Transport, join: Callable[[Role], Transport]) -> None:
     """Evaluators ask the learner for tasks, through the hub."""
     learner, actor = join("learner"), join("actor")
 
-    def answer(query: zenoh.Query) -> None:
-        with query:
-            query.reply(query.key_expr, b"task")
-
-    learner.declare_queryable(KEYS.task, answer)
+    learner.serve(KEYS.task, lambda _: b"task")
     wait_until(lambda: ask(actor, KEYS.task) == [b"task"], "the actor has its task")
 
 
@@ -186,7 +165,7 @@ def test_a_learner_is_heard_by_name(
 
 
 def test_strangers_are_not_let_in(
-    hub: zenoh.Session, address: str, certificates: Path, tmp_path: Path
+    hub: Transport, address: str, certificates: Path, tmp_path: Path
 ) -> None:
     # Without any certificate, with one of another authority, and if that one trusts ours.
     with pytest.raises(InputError, match=NOT_LET_IN):
@@ -197,7 +176,7 @@ def test_strangers_are_not_let_in(
     shutil.copy(certificates / "ca.pem", other)
     with pytest.raises(InputError, match=NOT_LET_IN):
         connect(address, 0.0, certificates=other)
-    connect(address, PATIENCE, certificates=certificates).close()  # type: ignore[no-untyped-call]
+    connect(address, PATIENCE, certificates=certificates).close()
 
 
 def not_trusted(address: str, hubs: Path, actors: Path) -> None:
@@ -207,7 +186,7 @@ def not_trusted(address: str, hubs: Path, actors: Path) -> None:
         with pytest.raises(InputError, match=NOT_LET_IN):
             connect(address, 0.0, certificates=actors)
     finally:
-        hub.close()  # type: ignore[no-untyped-call]
+        hub.close()
 
 
 def test_a_hub_under_another_name_is_not_trusted(address: str, certificates: Path) -> None:

@@ -1,4 +1,4 @@
-"""Who lives, who left, who was lost; over real Zenoh."""
+"""Who lives, who left, who was lost."""
 
 import json
 import time
@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import pytest
-import zenoh
 
 import learner.telemetry.actor_registry as module
 from common.protocol.actor_stats import ActorStats
+from common.transport.interface import Transport
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.status import TimeCounts
 from tests.learner.conftest import KEYS
@@ -21,8 +21,6 @@ STATS = ActorStats(
     waits_given_up=7, key_times=(1,) * 60 + (5,) * 60,
 )  # fmt: skip
 
-Sessions = tuple[zenoh.Session, zenoh.Session]
-
 
 def _until(condition: Callable[[], bool]) -> None:
     deadline = time.monotonic() + 20
@@ -32,16 +30,15 @@ def _until(condition: Callable[[], bool]) -> None:
 
 
 def test_an_actor_from_its_arrival_to_its_leave(
-    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+    hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "_LAST_WORDS", 0.2)
-    hub, client = sessions
     roster = ActorRegistry(hub, KEYS)
     notes: list[str] = []
-    token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
+    token = client.announce(KEYS.live("actor", "a1"))
     _until(lambda: roster.alive("actor") == {"a1"})
     assert roster.alive("evaluator") == set()
-    client.put(KEYS.stats("actor", "a1"), STATS.encode())
+    client.publisher(KEYS.stats("actor", "a1")).publish(STATS.encode())
     _until(lambda: roster.counts() == (10, 2))
     (actor,) = roster.actors()
     assert (actor.name, actor.alive, actor.steps, actor.made) == ("a1", True, 640, 10)
@@ -49,9 +46,11 @@ def test_an_actor_from_its_arrival_to_its_leave(
     assert (actor.late_frames, actor.waits_given_up) == (6, 7)
     assert (actor.held_share, actor.valid_share, actor.match_share) == (0.25, 0.75, 0.5)
 
-    client.put(KEYS.stats("actor", "a1"), replace(STATS, leaving=True, made=11).encode())
+    client.publisher(KEYS.stats("actor", "a1")).publish(
+        replace(STATS, leaving=True, made=11).encode()
+    )
     _until(lambda: roster.counts() == (11, 2))
-    token.undeclare()
+    token.close()
     _until(lambda: bool(notes.extend(roster.take_notes()) or "a1 left" in notes))
     assert notes == ["a1 joined", "a1 left"]
     (actor,) = roster.actors()
@@ -59,26 +58,28 @@ def test_an_actor_from_its_arrival_to_its_leave(
 
 
 def test_one_that_goes_without_a_word_was_lost(
-    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+    hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "_LAST_WORDS", 0.2)
-    hub, client = sessions
     roster = ActorRegistry(hub, KEYS)
-    token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
+    token = client.announce(KEYS.live("actor", "a1"))
     _until(lambda: roster.alive("actor") == {"a1"})
-    client.put(KEYS.stats("actor", "a1"), STATS.encode())
+    client.publisher(KEYS.stats("actor", "a1")).publish(STATS.encode())
     _until(lambda: roster.counts() == (10, 2))
-    token.undeclare()
+    token.close()
     notes: list[str] = []
     _until(lambda: bool(notes.extend(roster.take_notes()) or "a1 was lost" in notes))
     assert roster.alive("actor") == set()
 
 
-def test_counts_add_up_over_restarts_of_actor_and_learner(sessions: Sessions) -> None:
-    hub, client = sessions
+def test_counts_add_up_over_restarts_of_actor_and_learner(
+    hub: Transport, client: Transport
+) -> None:
     roster = ActorRegistry(hub, KEYS)
-    client.put(KEYS.stats("actor", "a1"), STATS.encode())
-    client.put(KEYS.stats("actor", "a1"), replace(STATS, incarnation=8, made=5).encode())
+    client.publisher(KEYS.stats("actor", "a1")).publish(STATS.encode())
+    client.publisher(KEYS.stats("actor", "a1")).publish(
+        replace(STATS, incarnation=8, made=5).encode()
+    )
     _until(lambda: roster.counts() == (15, 4))
     again = ActorRegistry(client, KEYS)
     again.restore(json.loads(json.dumps(roster.state())))
@@ -89,11 +90,15 @@ def test_counts_add_up_over_restarts_of_actor_and_learner(sessions: Sessions) ->
     )
     # The new subscription may be unknown to the hub yet: heartbeats come again and again.
     beat = replace(STATS, incarnation=8, made=6).encode()
-    _until(lambda: hub.put(KEYS.stats("actor", "a1"), beat) or again.counts() == (16, 4))
+    _until(
+        lambda: hub.publisher(KEYS.stats("actor", "a1")).publish(beat) or again.counts() == (16, 4)
+    )
 
 
-def test_a_checkpoint_from_before_hands_were_timed_is_restored(sessions: Sessions) -> None:
-    roster = ActorRegistry(sessions[0], KEYS)
+def test_a_checkpoint_from_before_hands_were_timed_is_restored(
+    hub: Transport, client: Transport
+) -> None:
+    roster = ActorRegistry(hub, KEYS)
     assert roster.key_times() == ()
     told = asdict(STATS)
     del told["key_times"]
@@ -102,27 +107,25 @@ def test_a_checkpoint_from_before_hands_were_timed_is_restored(sessions: Session
     assert roster.key_times() == STATS.key_times
 
 
-def test_noise_is_passed_over(sessions: Sessions) -> None:
-    hub, client = sessions
+def test_noise_is_passed_over(hub: Transport, client: Transport) -> None:
     roster = ActorRegistry(hub, KEYS)
-    client.put(KEYS.stats("actor", "a1"), b"noise")
-    client.put(KEYS.stats("actor", "somebody-else"), STATS.encode())
-    client.put(KEYS.stats("actor", "a1"), replace(STATS, made=3).encode())
+    client.publisher(KEYS.stats("actor", "a1")).publish(b"noise")
+    client.publisher(KEYS.stats("actor", "somebody-else")).publish(STATS.encode())
+    client.publisher(KEYS.stats("actor", "a1")).publish(replace(STATS, made=3).encode())
     _until(lambda: roster.counts() != (0, 0))
     assert roster.counts() == (3, 2)
 
 
 def test_one_that_left_is_still_counted(
-    sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+    hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "LEFT_SHOWN", 0.0)
-    hub, client = sessions
     roster = ActorRegistry(hub, KEYS)
-    token = client.liveliness().declare_token(KEYS.live("actor", "a1"))
-    client.put(KEYS.stats("actor", "a1"), replace(STATS, leaving=True).encode())
+    token = client.announce(KEYS.live("actor", "a1"))
+    client.publisher(KEYS.stats("actor", "a1")).publish(replace(STATS, leaving=True).encode())
     _until(lambda: roster.counts() == (10, 2) and roster.alive("actor") == {"a1"})
     assert not roster.actors()[0].left
-    token.undeclare()
+    token.close()
     _until(lambda: roster.alive("actor") == set())
     (actor,) = roster.actors()
     assert (actor.left, actor.made) == (True, 10)

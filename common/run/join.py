@@ -1,0 +1,53 @@
+"""Joining a run: which one a hub serves, and under which configuration."""
+
+import time
+from collections.abc import Callable
+
+from common.errors import InputError, MessageError
+from common.protocol.announcement import decode_announcement
+from common.protocol.run_keys import RunKeys, check_name
+from common.run.config import RunConfig
+from common.transport.interface import Transport
+
+_DEADLINE = 2.0
+_PAUSE = 0.2
+
+
+def find_run(
+    transport: Transport, name: str | None, patience: float, stopped: Callable[[], bool]
+) -> tuple[RunKeys, RunConfig]:
+    """Return the run called ``name``, or the only one, at the hub of ``transport``.
+
+    Raises:
+        InputError: none in ``patience`` seconds, several, or one of another version.
+        KeyboardInterrupt: ``stopped`` became true.
+    """
+    if name is not None:
+        check_name("run", name)
+    began = time.monotonic()
+    while True:
+        found: dict[str, RunConfig] = {}
+        for answer in transport.gather(RunKeys(name or "*").config, _DEADLINE):
+            try:
+                run, config = decode_announcement(answer.payload)
+            except MessageError as error:
+                raise InputError(
+                    f"the hub does not speak this version's language ({error}): "
+                    "install the same version on both machines."
+                ) from None
+            found[run] = config
+        if len(found) > 1:
+            raise InputError(
+                f"the hub serves several runs ({', '.join(sorted(found))}): name one with --run."
+            )
+        if found:
+            run, config = found.popitem()
+            return RunKeys(run), config
+        if stopped():
+            raise KeyboardInterrupt
+        if time.monotonic() - began >= patience:
+            raise InputError(
+                f"the hub serves no run{f' called {name!r}' if name else ''}: "
+                "start `python -m learner` there."
+            )
+        time.sleep(_PAUSE)

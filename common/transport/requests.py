@@ -1,0 +1,132 @@
+"""What all transports do alike: settle each request once, answer it, and send it again."""
+
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+
+from common.errors import MessageError
+from common.transport.interface import Answer, Envelope, Request, Requester, Unanswered
+
+LONGEST_ANSWER = 10.0
+"""Seconds that closing a service waits for the request that is being answered."""
+_log = logging.getLogger(__name__)
+
+
+def answer_request(request: Request, answer: Answer) -> None:
+    """End ``request`` as `Answer` promises, unless ``answer`` has kept it."""
+    try:
+        found = answer(request)
+        if found is not None:
+            request.reply(found)
+    except MessageError as error:
+        request.refuse(str(error))
+    except Exception:
+        _log.exception("a request at %s found no answer", request.key)
+        request.drop()
+
+
+class PendingRequests:
+    """The answers to come of one requester: each is settled once, by whatever comes first."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._under_way: set[Future[Envelope]] = set()
+        self._closed = False
+
+    def begin(self) -> Future[Envelope]:
+        """Return a new answer to come, which has ended already if this was closed."""
+        future: Future[Envelope] = Future()
+        with self._lock:
+            self._under_way.add(future)
+            closed = self._closed
+        if closed:
+            self.settle(future, Unanswered("the requester was closed"))
+        return future
+
+    def settle(self, future: Future[Envelope], outcome: Envelope | Exception) -> None:
+        """End ``future`` with ``outcome``, unless it has ended."""
+        with self._lock:
+            if future not in self._under_way:
+                return
+            self._under_way.remove(future)
+        if isinstance(outcome, Exception):
+            future.set_exception(outcome)
+        else:
+            future.set_result(outcome)
+
+    def close(self) -> None:
+        """End all that are under way, and all to come, unanswered."""
+        with self._lock:
+            self._closed = True
+            under_way = list(self._under_way)
+        for future in under_way:
+            self.settle(future, Unanswered("the requester was closed"))
+
+
+class _Pending:
+    """A request on its way; ``lost`` when it ended without an answer."""
+
+    def __init__(self, payload: bytes) -> None:
+        self.payload = payload
+        self.lost = False
+
+
+class Window:
+    """Requests of which none is lost: each is sent again until it is answered or refused.
+
+    They are sent again by whoever calls `send` or `wait`, and only while a server is known: without
+    one they would end again at once. The server must recognise a request that it has had.
+
+    Args:
+        settled: takes each answer or refusal, once, on a thread of the transport.
+    """
+
+    def __init__(
+        self, requester: Requester, settled: Callable[[Envelope | MessageError], None]
+    ) -> None:
+        self.sent_again = 0
+        self._requester = requester
+        self._settled = settled
+        self._pending: list[_Pending] = []  # oldest first
+        self._changed = threading.Condition()
+
+    def __len__(self) -> int:
+        """Return the number of requests that are not settled."""
+        return len(self._pending)
+
+    def send(self, payload: bytes) -> None:
+        """Send a request without waiting for room."""
+        pending = _Pending(payload)
+        with self._changed:
+            self._pending.append(pending)
+        self._send(pending)
+        self._send_lost()
+
+    def wait(self, most: int, seconds: float) -> bool:
+        """Wait for up to ``seconds`` until ``most`` are unsettled; return whether that is so."""
+        self._send_lost()
+        with self._changed:
+            return self._changed.wait_for(lambda: len(self._pending) <= most, seconds)
+
+    def _send_lost(self) -> None:
+        lost = [pending for pending in self._pending if pending.lost]
+        if lost and self._requester.has_server:
+            for pending in lost:
+                self.sent_again += 1
+                self._send(pending)
+
+    def _send(self, pending: _Pending) -> None:
+        pending.lost = False
+        future = self._requester.request(pending.payload)
+        future.add_done_callback(lambda future: self._end(pending, future))
+
+    def _end(self, pending: _Pending, future: Future[Envelope]) -> None:
+        outcome = future.exception() or future.result()
+        with self._changed:
+            if isinstance(outcome, Envelope | MessageError):
+                self._pending.remove(pending)
+                self._settled(outcome)
+            else:
+                pending.lost = True
+            self._changed.notify_all()

@@ -1,0 +1,339 @@
+"""`ZenohTransport`: the verbs of `Transport` between machines, by a Zenoh session.
+
+A star: one hub listens (the process that hosts the replay), all others are its clients. Shared
+memory is off because it delivered corrupt data to stalled receivers; scouting is off and the
+default address is loopback, so nothing is reachable from outside unless asked for. At addresses
+that begin with ``tls/`` everybody shows a certificate, and may do what its role needs.
+"""
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+import zenoh
+from zenoh.handlers import Callback, FifoChannel
+
+from common.errors import InputError, MessageError
+from common.transport.access_control import access_control
+from common.transport.credentials import Role, check_certificates
+from common.transport.endpoint import check_endpoint
+from common.transport.interface import (
+    Answer,
+    Closeable,
+    Envelope,
+    Publisher,
+    Requester,
+    Unanswered,
+)
+from common.transport.requests import LONGEST_ANSWER, PendingRequests, answer_request
+
+LEASE_MS = 3_000
+"""Silence after which the other side counts as gone."""
+_QUEUE = 4_096
+"""Requests that may wait at a key: far more than the actors' windows together, because a full queue
+blocks Zenoh's own receiving threads."""
+_NOT_TRUSTED = (
+    " If one runs there, its certificates or ours are of another authority or out of date, or the "
+    "hub's are not for this address."
+)
+
+
+_T = TypeVar("_T", bound=Closeable)
+
+
+class ZenohTransport:
+    """Implements `Transport`; made by `open_hub` and `connect`."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.session = session
+        self._declared: list[Closeable] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """See `Transport`."""
+        for declared in self._declared:
+            declared.close()
+        self._declared.clear()
+        if not self.session.is_closed():
+            self.session.close()  # type: ignore[no-untyped-call]
+
+    def serve(self, key: str, answer: Answer) -> Closeable:
+        """See `Transport.serve`."""
+        return self._keep(_Service(self.session, key, answer))
+
+    def requester(self, key: str, deadline: float) -> Requester:
+        """See `Transport.requester`."""
+        return self._keep(_Requester(self.session, key, deadline))
+
+    def gather(self, key: str, deadline: float) -> list[Envelope]:
+        """See `Transport.gather`."""
+        replies = self.session.get(key, timeout=deadline)
+        return [_message(reply.ok) for reply in replies if reply.ok is not None]
+
+    def publisher(self, key: str) -> Publisher:
+        """See `Transport.publisher`."""
+        return self._keep(_Publisher(self.session, key))
+
+    def subscribe(self, key: str, callback: Callable[[Envelope], None]) -> Closeable:
+        """See `Transport.subscribe`."""
+
+        def hear(sample: zenoh.Sample) -> None:
+            callback(_message(sample))
+
+        handler = Callback(hear, indirect=False)
+        return self._keep(_Declared(self.session.declare_subscriber(key, handler)))
+
+    def announce(self, key: str) -> Closeable:
+        """See `Transport.announce`."""
+        return self._keep(_Declared(self.session.liveliness().declare_token(key)))
+
+    def watch_presence(self, key: str, callback: Callable[[str, bool], None]) -> Closeable:
+        """See `Transport.watch_presence`."""
+
+        def hear(sample: zenoh.Sample) -> None:
+            callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+        watch = self.session.liveliness().declare_subscriber(
+            key, Callback(hear, indirect=False), history=True
+        )
+        return self._keep(_Declared(watch))
+
+    def _keep(self, declared: _T) -> _T:
+        self._declared.append(declared)
+        return declared
+
+
+def _message(sample: zenoh.Sample) -> Envelope:
+    attachment = sample.attachment.to_bytes() if sample.attachment is not None else b""
+    return Envelope(sample.payload.to_bytes(), attachment, str(sample.key_expr))
+
+
+class _Declared:
+    """Anything of a session that can be undeclared."""
+
+    def __init__(self, entity: Any) -> None:
+        self._entity = entity
+        self._closed = False
+
+    def close(self) -> None:
+        if not self._closed:
+            self._closed = True
+            self._entity.undeclare()
+
+
+class _Publisher(_Declared):
+    """Implements `interface.Publisher`."""
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        super().__init__(
+            session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP)
+        )
+
+    def publish(self, payload: bytes, attachment: bytes = b"") -> None:
+        self._entity.put(payload, attachment=attachment or None)
+
+
+class _Request:
+    """Implements `interface.Request`."""
+
+    def __init__(self, query: zenoh.Query, served: str) -> None:
+        self._query = query
+        # At the server's own key: the client's may stand for those of several servers.
+        self._reply_key = query.key_expr if "*" in served else served
+        self.payload = query.payload.to_bytes() if query.payload is not None else b""
+
+    @property
+    def key(self) -> str:
+        return str(self._query.key_expr)
+
+    def reply(self, answer: bytes | Envelope) -> None:
+        payload, attachment, _ = answer if isinstance(answer, Envelope) else Envelope(answer)
+        with self._query as query:
+            query.reply(self._reply_key, payload, attachment=attachment or None)
+
+    def refuse(self, reason: str) -> None:
+        with self._query as query:
+            query.reply_err(reason)
+
+    def drop(self) -> None:
+        self._query.drop()  # type: ignore[no-untyped-call]
+
+
+class _Service(_Declared):
+    """A queryable, and the thread that answers for it."""
+
+    def __init__(self, session: zenoh.Session, key: str, answer: Answer) -> None:
+        queryable = session.declare_queryable(key, FifoChannel(_QUEUE))
+        super().__init__(queryable)
+
+        def work() -> None:
+            for query in queryable:
+                request = _Request(query, key)
+                if self._closed:
+                    request.drop()
+                else:
+                    answer_request(request, answer)
+                del query, request  # one that is kept must end when its keeper lets it go
+
+        self._thread = threading.Thread(target=work, name=f"serve {key}", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop answering.
+
+        A thread that still waits for Zenoh when the interpreter ends would bring the process down
+        with "FATAL: exception not rethrown".
+        """
+        super().close()
+        self._thread.join(LONGEST_ANSWER)
+
+
+class _Requester:
+    """Implements `interface.Requester`.
+
+    Its querier lasts as long as the session: one that another thread asks cannot be undeclared.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str, deadline: float) -> None:
+        self._querier: Any = session.declare_querier(
+            key,
+            timeout=deadline,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+        self._pending = PendingRequests()
+
+    @property
+    def has_server(self) -> bool:
+        # The status itself is always true.
+        return bool(self._querier.matching_status.matching)
+
+    def request(self, payload: bytes) -> Future[Envelope]:
+        pending, future = self._pending, self._pending.begin()
+        if future.done():
+            return future
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                pending.settle(future, _message(reply.ok))
+            elif reply.err is not None:
+                text = reply.err.payload.to_bytes().decode(errors="replace")
+                if text != "Timeout":  # Zenoh's own word for a query that nobody answered
+                    pending.settle(future, MessageError(text))
+
+        def on_end() -> None:
+            pending.settle(future, Unanswered("nobody answered"))
+
+        self._querier.get(Callback(on_reply, on_end, indirect=False), payload=payload)
+        return future
+
+    def close(self) -> None:
+        self._pending.close()
+
+
+def _config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
+    config = zenoh.Config()
+    settings = {
+        "mode": mode,
+        "listen/endpoints": [],
+        "connect/endpoints": [],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "scouting/delay": 0,  # nobody is looked for, so there is nothing to wait for
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": LEASE_MS,
+        # Of 64 KB each: a minibatch leaves in one go, not two at a time.
+        "transport/link/tx/queue/size/data": 16,
+        **settings,
+    }
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def open_hub(endpoint: str, certificates: Path | None = None) -> ZenohTransport:
+    """Listen at ``endpoint`` for all processes of the run.
+
+    Args:
+        certificates: folder with the hub's, for a ``tls/`` endpoint.
+
+    Raises:
+        InputError: the port is taken, the address is not one of this machine's, or the
+            certificates cannot be used.
+    """
+    credentials = check_certificates(endpoint, certificates, "hub")
+    host, port = check_endpoint(endpoint)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((host, port))
+    except OSError as error:
+        raise InputError(
+            f"cannot listen at {endpoint} ({error.strerror}): "
+            "another learner or replay may be running there; choose another with --listen."
+        ) from None
+    settings: dict[str, Any] = {"listen/endpoints": [endpoint]}
+    if credentials is not None:
+        settings |= {**credentials.settings("hub"), "access_control": access_control()}
+    try:
+        return ZenohTransport(zenoh.open(_config("router", settings)))
+    except zenoh.ZError as error:
+        raise InputError(f"cannot listen at {endpoint}: {error}") from None
+
+
+def connect(
+    endpoint: str,
+    patience: float,
+    stopped: Callable[[], bool] = lambda: False,
+    *,
+    role: Role = "actor",
+    certificates: Path | None = None,
+) -> ZenohTransport:
+    """Join the hub at ``endpoint``, trying again for ``patience`` seconds.
+
+    Args:
+        certificates: folder with those of ``role``, for a ``tls/`` endpoint.
+
+    Raises:
+        InputError: nobody answered in that time, or the certificates cannot be used.
+        KeyboardInterrupt: ``stopped`` became true.
+    """
+    credentials = check_certificates(endpoint, certificates, role)
+    settings: dict[str, Any] = {
+        "connect/endpoints": [endpoint],
+        "connect/timeout_ms": 1000,
+        "connect/exit_on_failure": True,
+        "connect/retry": {
+            "period_init_ms": 100,
+            "period_max_ms": 500,
+            "period_increase_factor": 2,
+        },
+    }
+    if credentials is not None:
+        settings |= credentials.settings(role)
+    config = _config("client", settings)
+    began = time.monotonic()
+    while True:
+        try:
+            return ZenohTransport(zenoh.open(config))
+        except zenoh.ZError:
+            if stopped():
+                raise KeyboardInterrupt from None
+            waited = time.monotonic() - began
+            if waited >= patience:
+                raise InputError(
+                    f"no hub answered at {endpoint} in {waited:.0f} s: start `python -m learner` "
+                    "there, or name its address with --connect."
+                    + ("" if credentials is None else _NOT_TRUSTED)
+                ) from None

@@ -1,0 +1,58 @@
+"""Names and keys of a run."""
+
+import pytest
+import zenoh
+
+from common.errors import InputError
+from common.protocol.run_keys import RunKeys, check_name
+
+
+@pytest.mark.parametrize("name", ["a", "7", "robot-pong.2_b", "A" * 64])
+def test_a_name_that_fits_is_kept(name: str) -> None:
+    assert check_name("run", name) == name
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", ".", "..", "-a", "_a", "a/b", "a b", "a*", "*", "a$*", "a#", "a?", "ä", "a\n", "A" * 65],
+)
+def test_a_name_that_could_be_a_path_or_a_pattern_is_refused(name: str) -> None:
+    with pytest.raises(InputError, match=r"^actor .* cannot be used: up to 64 letters"):
+        check_name("actor", name)
+
+
+def all_keys(run: str) -> list[str]:
+    keys = RunKeys(run)
+    return [
+        keys.config,
+        keys.insert("a"),
+        keys.sample,
+        keys.priorities,
+        keys.held_out,
+        keys.progress,
+        keys.weights,
+        keys.latest_weights,
+        keys.task,
+        keys.report,
+        keys.live("actor", "a"),
+        keys.stats("actor", "a"),
+    ]
+
+
+def test_every_key_of_a_run_is_its_own() -> None:
+    keys = [zenoh.KeyExpr(key) for key in all_keys("r") + all_keys("s")]
+    for i, one in enumerate(keys):
+        assert zenoh.KeyExpr("ale-robot/*/**").includes(one)
+        for other in keys[:i]:
+            assert not one.intersects(other)
+
+
+def test_a_star_stands_for_every_actor_and_run() -> None:
+    keys = RunKeys("r")
+    served = zenoh.KeyExpr(keys.insert("*"))
+    assert served.includes(zenoh.KeyExpr(keys.insert("a")))
+    assert not served.intersects(zenoh.KeyExpr(RunKeys("s").insert("a")))
+    anywhere = zenoh.KeyExpr(RunKeys("*").config)
+    assert [key for key in all_keys("r") if anywhere.intersects(zenoh.KeyExpr(key))] == [
+        keys.config
+    ]

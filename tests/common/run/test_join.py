@@ -1,0 +1,95 @@
+"""Finding a run at a hub."""
+
+import pytest
+
+from common.errors import InputError
+from common.protocol.announcement import encode_announcement
+from common.protocol.run_keys import RunKeys
+from common.protocol.wire import SCHEMA, pack
+from common.run.config import to_json
+from common.run.join import find_run
+from common.run.presets import PRESETS
+from common.transport.interface import Closeable, Transport
+from tests.patience import PATIENCE
+
+FAST, PAPER = PRESETS["fast"], PRESETS["paper"]
+
+
+def announce(hub: Transport, run: str, answer: bytes) -> Closeable:
+    """Answer as the hub of ``run``."""
+    return hub.serve(RunKeys(run).config, lambda _: answer)
+
+
+def never() -> bool:
+    return False
+
+
+def test_a_run_is_found_by_its_name(hub: Transport, client: Transport) -> None:
+    announce(hub, "one", encode_announcement("one", FAST))
+    announce(hub, "two", encode_announcement("two", PAPER))
+    assert find_run(client, "one", PATIENCE, never) == (RunKeys("one"), FAST)
+    assert find_run(client, "two", PATIENCE, never) == (RunKeys("two"), PAPER)
+
+
+def test_the_only_run_is_found_without_a_name(hub: Transport, client: Transport) -> None:
+    announce(hub, "one", encode_announcement("one", PAPER))
+    assert find_run(client, None, PATIENCE, never) == (RunKeys("one"), PAPER)
+
+
+def test_of_several_runs_one_must_be_named(hub: Transport, client: Transport) -> None:
+    announce(hub, "two", encode_announcement("two", FAST))
+    announce(hub, "one", encode_announcement("one", FAST))
+    with pytest.raises(InputError, match=r"several runs \(one, two\): name one with --run"):
+        find_run(client, None, PATIENCE, never)
+
+
+def test_no_run_is_told_after_the_patience(client: Transport) -> None:
+    with pytest.raises(InputError, match=r"^the hub serves no run: start `python -m learner`"):
+        find_run(client, None, 0.0, never)
+
+
+def test_a_run_that_is_not_there_is_told_by_name(hub: Transport, client: Transport) -> None:
+    announce(hub, "one", encode_announcement("one", FAST))
+    with pytest.raises(InputError, match=r"^the hub serves no run called 'other'"):
+        find_run(client, "other", 0.0, never)
+
+
+def test_a_run_that_starts_later_is_waited_for(hub: Transport, client: Transport) -> None:
+    asked = 0
+
+    def begins_after_two_looks() -> bool:
+        nonlocal asked
+        asked += 1
+        if asked == 2:
+            announce(hub, "late", encode_announcement("late", FAST))
+        return False
+
+    assert find_run(client, None, PATIENCE, begins_after_two_looks)[0] == RunKeys("late")
+    assert asked >= 2
+
+
+def test_whoever_wants_to_stop_need_not_wait(client: Transport) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        find_run(client, None, 1e9, lambda: True)
+
+
+def test_a_hub_of_another_version_is_told(hub: Transport, client: Transport) -> None:
+    good = encode_announcement("one", FAST)
+    for answer in (
+        b"",
+        b"garbage",
+        pack({"run": "one"}),
+        pack({"run": "one", "config": b"{"}),
+        pack({"run": 1, "config": to_json(FAST).encode()}),
+        good.replace(b"schema" + bytes([SCHEMA]), b"schema\x63"),
+    ):
+        assert answer != good
+        service = announce(hub, "one", answer)
+        with pytest.raises(InputError, match="install the same version on both machines"):
+            find_run(client, None, PATIENCE, never)
+        service.close()
+
+
+def test_a_name_that_is_no_key_is_told(client: Transport) -> None:
+    with pytest.raises(InputError, match="'a//b' cannot be used"):
+        find_run(client, "a//b", 0.0, never)
