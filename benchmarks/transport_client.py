@@ -156,7 +156,7 @@ def draw(
         latencies.append(time.perf_counter() - began)
         if batch is None:
             raise RuntimeError("no batch was to be had")
-        size = sum(array.nbytes for array in batch)
+        size = sum(part.nbytes for part in batch if isinstance(part, np.ndarray))
         if config.replay.sampler == "prioritised":
             replay.update_priorities(batch.ids, rng.random(len(batch.ids)).astype(np.float32))
 

@@ -1,14 +1,18 @@
 """A minibatch of n-step transitions, whole and with each frame once, which is how it travels."""
 
-from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import GetCoreSchemaHandler, ValidationInfo
+from pydantic_core import CoreSchema, core_schema
 
 from common.errors import MessageError
 from common.protocol.message import Array, Message
-from common.protocol.step_fields import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_SHAPE, STEP_FIELDS, StepField, StoredArray
 from common.protocol.wire import MAX_MESSAGE_BYTES
 
 
@@ -31,6 +35,34 @@ class Batch(NamedTuple):
     x_tm1: NDArray[np.float32]
     """Vector observation beside s_tm1, ``[B, P]``."""
     x_t: NDArray[np.float32]
+    drawn: Mapping[str, NDArray[Any]] = MappingProxyType({})
+    """The steps' values of each field of `STEP_FIELDS` that is declared as drawn, ``[B, ...]``."""
+
+
+def drawn_fields() -> dict[str, StepField]:
+    """Returns the step fields that minibatches carry as they are."""
+    return {
+        name: field
+        for name, field in STEP_FIELDS.items()
+        if isinstance(field.array, StoredArray) and field.array.drawn
+    }
+
+
+class _DrawnArrays:
+    """The codec of `SharedBatch.drawn`."""
+
+    def __get_pydantic_core_schema__(self, _: Any, __: GetCoreSchemaHandler) -> CoreSchema:
+        def take(packed: Any, info: ValidationInfo[Any]) -> dict[str, NDArray[Any]]:
+            fields, (sizes, limits) = drawn_fields(), info.context
+            if not isinstance(packed, dict) or packed.keys() != fields.keys():
+                raise MessageError(f"drawn should be the fields {', '.join(fields) or 'none'}")
+            sizes["T"] = sizes["B"]
+            return {
+                name: field.array.take(packed[name], name, field.dtype, sizes, limits)
+                for name, field in fields.items()
+            }
+
+        return core_schema.with_info_plain_validator_function(take)
 
 
 @dataclass(frozen=True)
@@ -48,6 +80,7 @@ class SharedBatch(Message):
     weights: Annotated[NDArray[np.float32], Array("B")]
     x_tm1: Annotated[NDArray[np.float32], Array("B", "P")]
     x_t: Annotated[NDArray[np.float32], Array("B", "P")]
+    drawn: Annotated[dict[str, NDArray[Any]], _DrawnArrays()] = field(default_factory=dict)
 
     def check(self) -> None:
         """See `Message.check`: frames that are there, and states no larger than a message."""
@@ -60,14 +93,5 @@ class SharedBatch(Message):
     def whole(self) -> Batch:
         """With states of their own, which may be written to."""
         s_tm1, s_t = self.frames.take(self.stacks, axis=0, mode="clip")
-        return Batch(
-            ids=self.ids,
-            s_tm1=s_tm1,
-            a_tm1=self.a_tm1,
-            r_t=self.r_t,
-            discount_t=self.discount_t,
-            s_t=s_t,
-            weights=self.weights,
-            x_tm1=self.x_tm1,
-            x_t=self.x_t,
-        )
+        rest = {name: getattr(self, name) for name in Batch._fields if name not in ("s_tm1", "s_t")}
+        return Batch(s_tm1=s_tm1, s_t=s_t, **rest)

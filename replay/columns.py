@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import InputError
-from common.protocol.step_fields import FRAME_SHAPE
+from common.protocol.step_fields import STEP_FIELDS, Column
 
 
 def _size(dtype: Any, shape: tuple[int, ...]) -> int:
@@ -24,16 +24,10 @@ def _size(dtype: Any, shape: tuple[int, ...]) -> int:
 
 
 class Columns:
-    """Arrays of ``capacity`` rows under ``folder``; their attributes are read-only views."""
+    """Arrays of ``capacity`` rows under ``folder``, one for each `Column` of `STEP_FIELDS`."""
 
-    frames: NDArray[np.uint8]
-    """``[capacity, 84, 84]``"""
-    actions: NDArray[np.uint8]
-    rewards: NDArray[np.float32]
-    flags: NDArray[np.uint8]
-    elapsed: NDArray[np.uint8]
-    vectors: NDArray[np.float32]
-    """``[capacity, vector_width]``"""
+    rows: dict[str, NDArray[Any]]
+    """Read-only views by field's name, ``[capacity, ...]``; all flags are in ``flags``."""
     priorities: NDArray[np.float64]
     """α-th powers of the priorities, writable in place, padded to ``priority_slots``."""
 
@@ -55,14 +49,13 @@ class Columns:
         self.capacity = capacity
         self.folder = folder
         self._files: dict[str, int] = {}
+        sizes_of = {"T": capacity, "P": vector_width}
         layout: dict[str, tuple[Any, tuple[int, ...]]] = {
-            "frames": (np.uint8, (capacity, *FRAME_SHAPE)),
-            "actions": (np.uint8, (capacity,)),
-            "rewards": (np.float32, (capacity,)),
-            "flags": (np.uint8, (capacity,)),
-            "elapsed": (np.uint8, (capacity,)),
-            "vectors": (np.float32, (capacity, vector_width)),
+            name: (field.dtype, field.array.shape_for(sizes_of))
+            for name, field in STEP_FIELDS.items()
+            if isinstance(field.array, Column)
         }
+        layout["flags"] = (np.uint8, (capacity,))
         sizes = {name: _size(dtype, shape) for name, (dtype, shape) in layout.items()}
         if existing:
             self._check(sizes)
@@ -70,8 +63,8 @@ class Columns:
         layout["priorities"] = (np.float64, (priority_slots,))
         sizes["priorities"] = _size(*layout["priorities"])
         self._allocate(sizes)
-        for name, (dtype, shape) in layout.items():
-            setattr(self, name, self._map(name, dtype, shape))
+        self.rows = {name: self._map(name, *each) for name, each in layout.items()}
+        self.priorities = self.rows.pop("priorities")
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{name}.bin"

@@ -20,10 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.protocol.chunk import Chunk
-from replay.batch import Batch, SharedBatch
+from common.protocol.step_fields import STEP_FIELDS, Column, Flag, bit_of
+from replay.batch import Batch, SharedBatch, drawn_fields
 from replay.columns import Columns
 
-TERMINATED, TRUNCATED, VALID, STEP, EXPLORED = 1, 2, 4, 8, 16
+TERMINATED, TRUNCATED, VALID, EXPLORED = map(
+    bit_of, ("terminated", "truncated", "valid", "explored")
+)
+STEP = 8
+"""Bit of flags: the slot holds a step, not a frame of a context or the end of a truncated one."""
 
 _BLOCK = 65_536
 
@@ -75,6 +80,7 @@ class Ring:
         self.tail = 0
         """The oldest id alive."""
         self._columns = columns
+        self._rows = columns.rows
         self._capacity = columns.capacity
         self._frame_stack = frame_stack
         self._n_step = n_step
@@ -88,36 +94,32 @@ class Ring:
     def write(self, placement: Placement, chunk: Chunk) -> None:
         """Put the chunk's data into its slots, which no id alive has."""
         columns, base, first = self._columns, placement.base, placement.first
-        steps = slice(placement.context, placement.context + placement.steps)
-        count = placement.end - base
-
-        def column(values: NDArray[np.generic]) -> NDArray[np.generic]:
-            full = np.zeros(count, values.dtype)
-            full[steps] = values
-            return full
-
+        flags = np.full(placement.steps, STEP, np.uint8)
+        columns_of = {"flags": flags}
+        for name, field in STEP_FIELDS.items():
+            values = getattr(chunk, name)
+            if isinstance(field.array, Flag):
+                flags[values] |= field.array.bit
+            elif isinstance(field.array, Column):
+                columns_of[name] = values
         if placement.context:
             columns.write("frames", base, chunk.context)
-        columns.write("frames", first, chunk.frames)
-        columns.write("frames", placement.last + 1, chunk.final_frames)
-        columns.write("vectors", first, chunk.vectors)
-        columns.write("vectors", placement.last + 1, chunk.final_vectors)
-        columns.write("actions", base, column(chunk.actions))
-        columns.write("rewards", base, column(chunk.rewards))
-        columns.write("elapsed", base, column(chunk.elapsed))
-        flags = np.full(placement.steps, STEP, np.uint8)
-        flags[chunk.terminated] |= TERMINATED
-        flags[chunk.truncated] |= TRUNCATED
-        flags[chunk.valid] |= VALID
-        flags[chunk.explored] |= EXPLORED
-        columns.write("flags", base, column(flags))
+        for name, values in columns_of.items():
+            finals = getattr(chunk, f"final_{name}", None)
+            if finals is not None:
+                columns.write(name, first, values)
+                columns.write(name, placement.last + 1, finals)
+            else:
+                full = np.zeros((placement.end - base, *values.shape[1:]), values.dtype)
+                full[placement.context : placement.context + placement.steps] = values
+                columns.write(name, base, full)
 
     def link(self, placement: Placement) -> None:
         """Set the links within a written chunk, and back to the step it continues."""
         context, last = placement.context, placement.context + placement.steps - 1
         ids = np.arange(placement.base, placement.end)
         slots = ids % self._capacity
-        flags = self._columns.flags[slots]
+        flags = self._rows["flags"][slots]
         previous, following = ids - 1, ids + 1
         previous[0] = placement.previous if placement.previous >= 0 else ids[0]
         following[:context] = ids[:context]
@@ -139,7 +141,7 @@ class Ring:
 
     def is_open(self, placement: Placement) -> bool:
         """Whether the chunk's last step leaves its episode going on."""
-        flags = int(self._columns.flags[placement.last % self._capacity])
+        flags = int(self._rows["flags"][placement.last % self._capacity])
         return not flags & (TERMINATED | TRUNCATED)
 
     def can_lend(self, last: int) -> bool:
@@ -153,7 +155,7 @@ class Ring:
 
     def is_complete(self, ids: Ids) -> NDArray[np.bool_]:
         """Which of ``ids`` are steps all of whose frames, to the end of the return, are alive."""
-        complete = (self._columns.flags[ids % self._capacity] & STEP) > 0
+        complete = (self._rows["flags"][ids % self._capacity] & STEP) > 0
         for at in range(0, len(ids), _BLOCK):
             block = slice(at, at + _BLOCK)
             path = self._path(ids[block])
@@ -166,12 +168,12 @@ class Ring:
 
     def all_seen(self, ids: Ids) -> NDArray[np.bool_]:
         """Which of the complete steps ``ids`` have a state of valid frames only."""
-        flags = self._columns.flags[self._stacks(ids) % self._capacity]
+        flags = self._rows["flags"][self._stacks(ids) % self._capacity]
         return np.asarray(((flags & VALID) > 0).all(axis=1))
 
     def states(self, ids: Ids) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Frames ``[B, H, 84, 84]`` and vectors ``[B, P]`` of complete steps."""
-        return self._frames(self._stacks(ids)), self._columns.vectors[ids % self._capacity]
+        return self._frames(self._stacks(ids)), self._rows["vectors"][ids % self._capacity]
 
     def read(self, ids: Ids, weights: NDArray[np.float32]) -> Batch | None:
         """The transitions from complete steps ``ids``; None if one was evicted while reading.
@@ -204,17 +206,17 @@ class Ring:
     def _are_alive(self, path: Ids, stacks: Ids) -> bool:
         return min(int(path.min()), int(stacks.min())) >= self.tail
 
-    def _rest(self, path: Ids, weights: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
-        """All of a batch but its states."""
+    def _rest(self, path: Ids, weights: NDArray[np.float32]) -> dict[str, Any]:
+        """Returns all of a batch but its states."""
         slots = path % self._capacity
-        columns = self._columns
-        rewards = columns.rewards[slots[:-1]].astype(np.float64)
+        rows = self._rows
+        rewards = rows["rewards"][slots[:-1]].astype(np.float64)
         if self._clip_rewards:
             # A step of several decisions brings the sum of rewards that were clipped one by one.
-            most = columns.elapsed[slots[:-1]].astype(np.float64)
+            most = rows["elapsed"][slots[:-1]].astype(np.float64)
             rewards = rewards.clip(-most, most)
-        going_on = (columns.flags[slots[:-1]] & TERMINATED) == 0
-        discounts = self._discounts[columns.elapsed[slots[:-1]]] * going_on
+        going_on = (rows["flags"][slots[:-1]] & TERMINATED) == 0
+        discounts = self._discounts[rows["elapsed"][slots[:-1]]] * going_on
         if self._cut_random:
             # The way stands still from there on: nothing more is gained, and no time passes.
             cut = np.logical_or.accumulate(self._is_random(path[1:-1]), axis=0)
@@ -223,13 +225,20 @@ class Ring:
         returns = rewards[0] + (so_far[:-1] * rewards[1:]).sum(axis=0)
         return {
             "ids": path[0],
-            "a_tm1": columns.actions[slots[0]],
+            "a_tm1": rows["actions"][slots[0]],
             "r_t": returns.astype(np.float32),
             "discount_t": so_far[-1].astype(np.float32),
             "weights": weights,
-            "x_tm1": columns.vectors[slots[0]],
-            "x_t": columns.vectors[slots[-1]],
+            "x_tm1": rows["vectors"][slots[0]],
+            "x_t": rows["vectors"][slots[-1]],
+            "drawn": {name: self._values(name, slots[0]) for name in drawn_fields()},
         }
+
+    def _values(self, name: str, slots: Ids) -> NDArray[Any]:
+        array = STEP_FIELDS[name].array
+        if isinstance(array, Flag):
+            return np.asarray((self._rows["flags"][slots] & array.bit) > 0)
+        return np.asarray(self._rows[name][slots])
 
     def _path(self, ids: Ids) -> Ids:
         """Ids of the states 0 … n steps after ``ids``, ``[n + 1, B]``; at a cut, the same state
@@ -243,7 +252,7 @@ class Ring:
         return path
 
     def _is_random(self, ids: Ids) -> NDArray[np.bool_]:
-        return (self._columns.flags[ids % self._capacity] & EXPLORED) > 0
+        return (self._rows["flags"][ids % self._capacity] & EXPLORED) > 0
 
     def _stacks(self, ids: Ids) -> Ids:
         """Ids of the frames that make the states at ``ids``, oldest first, ``[B, H]``."""
@@ -254,6 +263,6 @@ class Ring:
         return stacks
 
     def _frames(self, stacks: Ids) -> NDArray[np.uint8]:
-        frames = self._columns.frames
+        frames = self._rows["frames"]
         found = frames.take((stacks % self._capacity).reshape(-1), axis=0, mode="clip")
         return found.reshape(*stacks.shape, *frames.shape[1:])

@@ -9,7 +9,7 @@ annotation::
         priorities: Annotated[NDArray[np.float32], Array("B")]
 """
 
-import dataclasses
+from collections.abc import Mapping
 from typing import Any, ClassVar, Self, get_args
 
 import numpy as np
@@ -32,22 +32,31 @@ class Array:
         self.shape = shape
         self.most = most
 
+    def shape_for(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
+        """Returns the shape with sizes for its letters."""
+        return tuple(sizes[size] if isinstance(size, str) else size for size in self.shape)
+
     def __get_pydantic_core_schema__(self, source: Any, _: GetCoreSchemaHandler) -> CoreSchema:
         dtype = dtype_of(source)
 
         def take(packed: Any, info: ValidationInfo[Any]) -> NDArray[Any]:
-            return self._take(packed, str(info.field_name), dtype, *info.context)
+            return self.take(packed, str(info.field_name), dtype, *info.context)
 
         return core_schema.with_info_plain_validator_function(take)
 
-    def _take(
+    def take(
         self,
         packed: Any,
         name: str,
         dtype: np.dtype[Any],
         sizes: dict[str, int],
-        limits: dict[str, tuple[int, int]],
+        limits: Mapping[str, tuple[int, int]],
     ) -> NDArray[Any]:
+        """Returns the array that ``packed`` holds, and notes the ``sizes`` of its letters.
+
+        Raises:
+            MessageError: it is another array than declared, or breaks a bound or limit.
+        """
         wanted = tuple(sizes.get(size) if isinstance(size, str) else size for size in self.shape)
         array = take_array(packed, name, dtype, wanted)
         for letter, size in zip(self.shape, array.shape, strict=True):
@@ -69,6 +78,12 @@ def dtype_of(annotation: Any) -> np.dtype[Any]:
     return dtype
 
 
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _plain(each) for name, each in value.items()}
+    return pack_array(value) if isinstance(value, np.ndarray) else value
+
+
 class Message:
     """What every message can do; a message itself is a frozen dataclass of its fields."""
 
@@ -81,11 +96,7 @@ class Message:
         Raises:
             MessageError: it is larger than a receiver accepts.
         """
-        message: dict[str, Any] = {}
-        for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            value = getattr(self, field.name)
-            message[field.name] = pack_array(value) if isinstance(value, np.ndarray) else value
-        return pack(message)
+        return pack({name: _plain(value) for name, value in vars(self).items()})
 
     @classmethod
     def decode(cls, payload: bytes) -> Self:

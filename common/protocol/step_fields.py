@@ -16,8 +16,8 @@ from common.protocol.message import Array, dtype_of
 FRAME_SHAPE = (84, 84)
 
 
-class Column(Array):
-    """An array of T steps that the ring keeps in a file of its own.
+class StoredArray(Array):
+    """An array of T steps that the ring keeps.
 
     Args:
         drawn: whether minibatches carry it, in `replay.batch.Batch.drawn`.
@@ -28,13 +28,16 @@ class Column(Array):
         self.drawn = drawn
 
 
-class Flag(Array):
-    """Booleans of T steps that the ring keeps in ``bit`` of its file of flags."""
+class Column(StoredArray):
+    """An array of T steps that the ring keeps in a file of its own."""
+
+
+class Flag(StoredArray):
+    """Booleans of T steps that the ring keeps in ``bit`` of its file of flags; 8 is its own."""
 
     def __init__(self, bit: int, *, drawn: bool = False) -> None:
-        super().__init__("T")
+        super().__init__(drawn=drawn)
         self.bit = bit
-        self.drawn = drawn
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ class StepFields:
 
 
 class StepField(NamedTuple):
-    """One field of the table."""
+    """One line of the table."""
 
     dtype: np.dtype[Any]
     array: Array
@@ -81,3 +84,10 @@ def step_fields(kind: type) -> dict[str, StepField]:
 
 
 STEP_FIELDS = step_fields(StepFields)
+
+
+def bit_of(name: str) -> int:
+    """Returns the bit of a `Flag` of the table."""
+    array = STEP_FIELDS[name].array
+    assert isinstance(array, Flag)
+    return array.bit

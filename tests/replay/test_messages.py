@@ -48,7 +48,9 @@ def a_batch(count: int, frame_stack: int, width: int) -> SharedBatch:
 @pytest.mark.parametrize(("count", "frame_stack", "width"), [(1, 4, 0), (3, 1, 5), (0, 4, 2)])
 def test_a_batch_comes_through_whole(count: int, frame_stack: int, width: int) -> None:
     batch = a_batch(count, frame_stack, width)
-    for name, array in vars(SharedBatch.decode(batch.encode())).items():
+    found = vars(SharedBatch.decode(batch.encode()))
+    assert found.pop("drawn") == {}
+    for name, array in found.items():
         expected = getattr(batch, name)
         assert array.dtype == expected.dtype
         np.testing.assert_array_equal(array, expected)
