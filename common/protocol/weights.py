@@ -18,13 +18,15 @@ def encode_weights(network: nn.Module, dtype: torch.dtype = torch.float32) -> by
 
 ONLINE = "online."
 """Before the names of the online network's weights in a learner's checkpoint."""
+_PUBLISHED = ("average.", ONLINE)
+"""Before the names of the weights that actors got, in a checkpoint; the first one there counts."""
 
 
 def load_weights(network: nn.Module, payload: bytes) -> None:
     """Put the weights inside ``payload`` into ``network``, all or none.
 
     Weights of float16 are taken for those of float32. A checkpoint of the learner will do as well:
-    its online network is taken.
+    the network that it published is taken.
 
     Raises:
         MessageError: not safetensors, other names, shapes or types than the network's, or a
@@ -34,8 +36,10 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
         found = load(payload)
     except (SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
         raise MessageError(f"not safetensors: {error}") from None
-    if any(name.startswith(ONLINE) for name in found):
-        found = {n.removeprefix(ONLINE): v for n, v in found.items() if n.startswith(ONLINE)}
+    for prefix in _PUBLISHED:
+        if any(name.startswith(prefix) for name in found):
+            found = {n.removeprefix(prefix): v for n, v in found.items() if n.startswith(prefix)}
+            break
     expected = network.state_dict()
     if found.keys() != expected.keys():
         raise MessageError(f"weights {sorted(found.keys() ^ expected.keys())} differ in name")

@@ -55,7 +55,8 @@ class Algorithm(Protocol):
 
     @property
     def online(self) -> QNetwork:
-        """The network whose weights actors get."""
+        """The network whose weights are published, tested and evaluated: the online network, or a
+        mean of it."""
 
     def prepare(self, batch: DeviceBatch) -> Prepared:
         """Computes what does not depend on the updates before; from one thread, not `update`'s."""
@@ -67,7 +68,8 @@ class Algorithm(Protocol):
         """Returns the highest value of each state, ``float32 [states]``, on the CPU."""
 
     def state(self) -> dict[str, Tensor]:
-        """Returns everything that a checkpoint must hold; ``online.*`` are `online`'s weights."""
+        """Returns everything that a checkpoint must hold, by names under which
+        `common.protocol.weights.load_weights` finds the weights of `online`."""
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """Takes over what `state` returned.

@@ -14,6 +14,7 @@ from torch import Tensor
 from common.network import QNetwork, as_pixels
 from common.run.config import LearningConfig
 from learner.algorithm.augmentation import build_augmentation
+from learner.algorithm.averaging import build_published
 from learner.algorithm.interface import DeviceBatch, Prepared, Update
 from learner.algorithm.optimizers import BoundedOptimizer
 from learner.algorithm.precision import build_precision
@@ -37,8 +38,8 @@ class Loss(Protocol[AnyNetwork]):
 class ValueBased(Generic[Network]):
     """An `Algorithm` that minimises ``loss`` by gradient steps against a target network.
 
-    Augmentation, precision, target network and optimizer are parts with an interface of their own;
-    which ones they are is decided here, once.
+    Augmentation, precision, target network, optimizer and what is published are parts with an
+    interface of their own; which ones they are is decided here, once.
     """
 
     def __init__(
@@ -50,15 +51,21 @@ class ValueBased(Generic[Network]):
         seed: int = 0,
     ) -> None:
         """``seed`` is of the augmentation."""
-        self.online = network.to(device.torch)
+        self._online = network.to(device.torch)
         self._loss = loss
         self._device = device.torch
         self._augmentation = build_augmentation(config, seed)
-        self._precision = build_precision(self.online, device)
-        self._target = TargetNetwork(self.online, device)
-        self._optimizer = BoundedOptimizer(self.online.parameters(), config)
+        self._precision = build_precision(self._online, device)
+        self._target = TargetNetwork(self._online, device)
+        self._optimizer = BoundedOptimizer(self._online.parameters(), config)
+        self._published = build_published(self._online, config)
         self._target_update_period = config.target_update_period
         self._updates = 0
+
+    @property
+    def online(self) -> Network:
+        """See `Algorithm.online`."""
+        return self._published.network
 
     def prepare(self, batch: DeviceBatch) -> Prepared:
         """See `Algorithm.prepare`."""
@@ -82,9 +89,10 @@ class ValueBased(Generic[Network]):
         self._precision.backward(result.loss)
         self._optimizer.step()
         self._precision.sync_from_master()
+        self._published.update()
         self._updates += 1
         if self._updates % self._target_update_period == 0:
-            self._target.sync(self.online)
+            self._target.sync(self._online)
         return result._replace(loss=result.loss.detach())
 
     @torch.no_grad()
@@ -97,7 +105,8 @@ class ValueBased(Generic[Network]):
         return torch.cat(values)
 
     def state(self) -> dict[str, Tensor]:
-        """See `Algorithm.state`: ``online.*``, ``target.*`` and ``optimizer.INDEX.SLOT``."""
+        """See `Algorithm.state`: ``online.*``, ``target.*``, ``optimizer.INDEX.SLOT``;
+        ``average.*`` where a mean of the online weights is published."""
         weights = {
             f"{prefix}.{name}": value
             for prefix, network in self._networks.items()
@@ -126,4 +135,7 @@ class ValueBased(Generic[Network]):
     @property
     def _networks(self) -> dict[str, Network]:
         """The networks by the prefix of their weights in a checkpoint."""
-        return {"online": self.online, "target": self._target.network}
+        networks = {"online": self._online, "target": self._target.network}
+        if self.online is not self._online:
+            networks["average"] = self.online
+        return networks

@@ -1,0 +1,82 @@
+"""The exponential mean of the weights, worked out by hand and through an algorithm."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from common.network import QNetwork
+from common.protocol.weights import encode_weights, load_weights
+from common.run.config import LearningConfig
+from learner.algorithm.averaging import ExponentialMean, Online, build_published
+from learner.algorithm.double_dqn import double_dqn
+from learner.algorithm.value_based import ValueBased
+from learner.checkpoint import load_checkpoint, save_checkpoint
+from learner.device import Device
+from tests.learner.small_batches import learn, random_batch
+
+CPU = Device(torch.device("cpu"), bfloat16=False)
+
+
+def _algorithm(weights_average: float) -> ValueBased[QNetwork]:
+    torch.manual_seed(0)
+    config = LearningConfig(weights_average=weights_average, learning_rate=1e-2)
+    return double_dqn(QNetwork(6), config, CPU)
+
+
+def _bias(network: QNetwork) -> torch.Tensor:
+    return network.state_dict()["actions.bias"].clone()
+
+
+def test_the_mean_by_hand() -> None:
+    online = QNetwork(6)
+    with torch.no_grad():
+        online.actions.bias.fill_(8.0)
+    mean = ExponentialMean(online, decay=0.75)
+    for weight, expected in ((0.0, 6.0), (4.0, 5.5), (-0.5, 4.0)):
+        with torch.no_grad():
+            online.actions.bias.fill_(weight)
+        mean.update()
+        assert _bias(mean.network).tolist() == pytest.approx([expected] * 6)
+        assert _bias(online).tolist() == [weight] * 6
+
+
+def test_without_a_decay_the_online_network_itself_is_published() -> None:
+    online = QNetwork(6)
+    published = build_published(online, LearningConfig())
+    assert isinstance(published, Online)
+    assert published.network is online
+    assert not any(name.startswith("average.") for name in _algorithm(0.0).state())
+
+
+def test_an_algorithm_publishes_the_mean_and_learns_without_it() -> None:
+    plain, averaged = _algorithm(0.0), _algorithm(0.5)
+    mean = _bias(plain.online)
+    assert torch.equal(_bias(averaged.online), mean)
+    for seed in range(3):
+        batch = random_batch(seed=seed)
+        assert torch.equal(learn(plain, batch).loss, learn(averaged, batch).loss)
+        mean = 0.5 * mean + 0.5 * _bias(plain.online)
+        torch.testing.assert_close(_bias(averaged.online), mean)
+    batch = random_batch(seed=9)
+    with torch.no_grad():
+        values = averaged.online(batch.s_t, batch.x_t).amax(1)
+    assert torch.equal(averaged.max_q(batch.s_t, batch.x_t), values)
+    assert not torch.equal(plain.max_q(batch.s_t, batch.x_t), values)
+
+
+def test_a_checkpoint_keeps_both_and_gives_away_the_mean(tmp_path: Path) -> None:
+    path, algorithm = tmp_path / "checkpoint.safetensors", _algorithm(0.5)
+    learn(algorithm, random_batch())
+    save_checkpoint(path, algorithm, {})
+    resumed = _algorithm(0.5)
+    load_checkpoint(path, resumed)
+    for each in (algorithm, resumed):
+        learn(each, random_batch(seed=1))
+    assert encode_weights(resumed.online) == encode_weights(algorithm.online)
+    for name, value in algorithm.state().items():
+        assert torch.equal(resumed.state()[name], value), name
+    played = QNetwork(6)
+    load_weights(played, path.read_bytes())
+    learn(published := _algorithm(0.5), random_batch())
+    assert encode_weights(played) == encode_weights(published.online)
