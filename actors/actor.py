@@ -87,7 +87,7 @@ class Actor:
             for step in play(self._envs, self._policy, seeds):
                 self._tally.count(step)
                 self._take_weights()
-                chunk = self._chunkers[step.stream].add(step, self._policy)
+                chunk = self._chunkers[step.stream].add(step)
                 if chunk is not None:
                     self._outbox.send(chunk.encode())
                     self._steer(self._outbox.last_ack)
@@ -142,7 +142,7 @@ class Actor:
 
     def _leave(self) -> None:
         for chunker in self._chunkers:
-            chunk = chunker.cut(self._policy)
+            chunk = chunker.cut()
             if chunk is not None:
                 self._outbox.post(chunk.encode())
         self._outbox.flush(FAREWELL)

@@ -16,7 +16,7 @@ NO_VECTOR: NDArray[np.float32] = np.zeros(0, np.float32)
 
 
 class Step(NamedTuple):
-    """One decision of one environment."""
+    """One agent step of one environment."""
 
     stream: int
     """Index of the environment."""
@@ -38,6 +38,10 @@ class Step(NamedTuple):
     x_tm1: NDArray[np.float32] = NO_VECTOR
     """Vector observation beside ``s_tm1``, ``[P]``."""
     x_t: NDArray[np.float32] = NO_VECTOR
+    weights_version: int = 0
+    """Version of the weights that the policy had when it chose ``a_tm1``."""
+    epsilon: float = 1.0
+    """Its ε then."""
 
 
 def frames_and_vector(observation: Any) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
@@ -59,6 +63,8 @@ def play(
     begins = [True] * len(envs)
     while True:
         actions = policy.act(states, vectors)
+        # Whoever takes the steps may give the policy others before the last environment's.
+        weights_version, epsilon = policy.weights_version, float(policy.epsilon)
         for i, env in enumerate(envs):
             observation, r_t, terminated, truncated, info = env.step(actions[i])
             s_t, x_t = frames_and_vector(observation)
@@ -76,6 +82,8 @@ def play(
                 info=info,
                 x_tm1=vectors[i],
                 x_t=x_t,
+                weights_version=weights_version,
+                epsilon=epsilon,
             )
             begins[i] = terminated or truncated
             if begins[i]:

@@ -27,7 +27,7 @@ def random_play(config: RunConfig, steps: int, folder: Path) -> ReplayBuffer:
     chunker = Chunker("random-play", "actor-1", 1, 0, config.stream.chunk_steps)
     memory = ReplayBuffer(config, folder)
     for number, step in enumerate(play([env], policy, [config.seed])):
-        if (chunk := chunker.add(step, policy)) is not None:
+        if (chunk := chunker.add(step)) is not None:
             memory.insert(chunk)
         if number == steps:
             break

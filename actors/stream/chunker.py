@@ -1,11 +1,28 @@
 """Cuts one environment's steps into chunks."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.loop import Step
-from actors.policy import Policy
 from common.protocol.chunk import Chunk, Game
+from common.protocol.step_fields import STEP_FIELDS
+
+_VALUES: dict[str, Callable[[Step], Any]] = {
+    "frames": lambda step: step.s_tm1,
+    "actions": lambda step: step.a_tm1,
+    "rewards": lambda step: step.r_t,
+    "terminated": lambda step: step.terminated,
+    "truncated": lambda step: step.truncated,
+    "elapsed": lambda step: step.info["elapsed"],
+    "valid": lambda step: step.valid,
+    "matched": lambda step: step.info["keys_match"],
+    "explored": lambda step: step.explored,
+    "vectors": lambda step: step.x_tm1,
+}
+"""What a step says for each field of the table."""
 
 
 class Chunker:
@@ -23,8 +40,8 @@ class Chunker:
         self._steps: list[Step] = []
         self._context: NDArray[np.uint8]
 
-    def add(self, step: Step, policy: Policy) -> Chunk | None:
-        """The chunk that ``step`` completes, if any."""
+    def add(self, step: Step) -> Chunk | None:
+        """Returns the chunk that ``step`` completes, if any."""
         if step.begins:
             self._age = 0
         if not self._steps:
@@ -37,10 +54,10 @@ class Chunker:
                 s_tm1=step.s_tm1[-1].copy(), s_t=step.s_t[-1].copy(), x_tm1=step.x_tm1.copy()
             )
         )
-        return self.cut(policy) if len(self._steps) == self._length else None
+        return self.cut() if len(self._steps) == self._length else None
 
-    def cut(self, policy: Policy) -> Chunk | None:
-        """What is together so far as a chunk; None if that is nothing."""
+    def cut(self) -> Chunk | None:
+        """Returns what is together so far as a chunk; None if that is nothing."""
         if not self._steps:
             return None
         steps, self._steps = self._steps, []
@@ -53,19 +70,10 @@ class Chunker:
             incarnation=incarnation,
             stream=stream,
             sequence=self._sequence,
-            weights_version=policy.weights_version,
-            epsilon=float(policy.epsilon),
+            # The oldest, so that staleness is never told too low.
+            weights_version=min(step.weights_version for step in steps),
+            epsilon=steps[-1].epsilon,
             context=self._context,
-            frames=np.stack([step.s_tm1 for step in steps]),
-            actions=np.array([step.a_tm1 for step in steps], np.uint8),
-            rewards=np.array([step.r_t for step in steps], np.float32),
-            terminated=np.array([step.terminated for step in steps], np.bool_),
-            truncated=np.array([step.truncated for step in steps], np.bool_),
-            elapsed=np.array([step.info["elapsed"] for step in steps], np.uint8),
-            valid=np.array([step.valid for step in steps], np.bool_),
-            matched=np.array([step.info["keys_match"] for step in steps], np.bool_),
-            explored=np.array([step.explored for step in steps], np.bool_),
-            vectors=np.stack([step.x_tm1 for step in steps]),
             final_frames=np.array([step.s_t for step in cut], np.uint8).reshape(len(cut), *frame),
             final_vectors=np.array([step.x_t for step in cut], np.float32).reshape(len(cut), width),
             games=tuple(
@@ -73,6 +81,10 @@ class Chunker:
                 for step in steps
                 if step.info["game_over"]
             ),
+            **{
+                name: np.array([value(step) for step in steps], STEP_FIELDS[name].dtype)
+                for name, value in _VALUES.items()
+            },
         )
         self._sequence += 1
         return chunk

@@ -214,6 +214,19 @@ def test_whoever_has_no_weights_fetches_the_newest(stage: Stage) -> None:
     assert encode_weights(stage.policy.network) == learned
 
 
+def test_weights_that_come_before_a_chunk_is_cut_do_not_stamp_it(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    env, payload = NumberedEnv([GOES_ON]), encode_weights(QNetwork(6))
+    # New ones after each step, so that those of step t are version t.
+    monkeypatch.setattr(actor_module.WeightsClient, "fetch", lambda _: None)
+    monkeypatch.setattr(actor_module.WeightsClient, "take", lambda _: (len(env.moments), payload))
+    stage.replay.limit = 3
+    stage.start(env)
+    stage.ended()
+    assert [chunk.weights_version for chunk in stage.replay.chunks[:3]] == [0, 8, 16]
+
+
 def test_weights_before_the_first_update_are_played_by_as_well(stage: Stage) -> None:
     given = encode_weights(QNetwork(6))
     stage.serve_weights(0, given)

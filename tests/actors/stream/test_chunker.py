@@ -38,16 +38,16 @@ def live(
     chunkers = [Chunker("run", "actor", 7, i, length) for i in range(len(envs))]
     policy = Policy(QNetwork(6), 6, np.random.default_rng(0), envs=len(envs))
     for at, step in enumerate(play(envs, policy, [0] * len(envs)), start=1):
-        chunk = chunkers[step.stream].add(step, POLICY)
+        chunk = chunkers[step.stream].add(step)
         if chunk is not None:
             life.chunks[step.stream].append(chunk)
         if at == turns * len(envs):
             break
     for stream, chunker in enumerate(chunkers):
-        rest = chunker.cut(POLICY)
+        rest = chunker.cut()
         if rest is not None:
             life.chunks[stream].append(rest)
-        assert chunker.cut(POLICY) is None
+        assert chunker.cut() is None
     return life
 
 
@@ -166,19 +166,45 @@ def test_the_context_is_as_old_as_the_episode(script: list[str], contexts: list[
     assert [len(chunk.context) for chunk in chunks] == contexts
 
 
-def test_a_chunk_is_stamped_with_what_the_policy_was_at_its_end() -> None:
+def test_a_chunk_is_stamped_with_the_oldest_weights_that_chose_one_of_its_actions() -> None:
+    """New ones may come between any two steps, those of one turn included."""
+    policy = Policy(QNetwork(6), 6, np.random.default_rng(0), envs=2)
+    chunkers = [Chunker("run", "actor", 0, stream, 2) for stream in range(2)]
+    made: list[list[Chunk]] = [[], []]
+    envs = [NumberedEnv([GOES_ON]), NumberedEnv([GOES_ON])]
+    for at, step in enumerate(play(envs, policy, [0, 0])):
+        policy.weights_version += 1  # before the chunk is cut, as an actor takes them
+        chunk = chunkers[step.stream].add(step)
+        if chunk is not None:
+            made[step.stream].append(chunk)
+        if at == 7:
+            break
+    # Turns were chosen by versions 0, 2, 4 and 6.
+    assert [chunk.weights_version for chunk in made[0]] == [0, 4]
+    assert [chunk.weights_version for chunk in made[1]] == [0, 4]
+
+
+def test_a_learner_that_came_back_with_older_weights_is_not_hidden() -> None:
+    policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
+    chunker = Chunker("run", "actor", 0, 0, 3)
+    for version, step in zip((7, 3, 5), play([NumberedEnv([GOES_ON])], policy, [0]), strict=False):
+        chunk = chunker.add(step._replace(weights_version=version))
+    assert chunk is not None
+    assert chunk.weights_version == 3
+
+
+def test_a_chunk_is_stamped_with_the_epsilon_of_its_last_action() -> None:
     policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
     chunker = Chunker("run", "actor", 0, 0, 2)
     made: list[Chunk] = []
     for at, step in enumerate(play([NumberedEnv([GOES_ON])], policy, [0])):
-        chunk = chunker.add(step, policy)
+        policy.epsilon /= 2
+        chunk = chunker.add(step)
         if chunk is not None:
             made.append(chunk)
         if at == 3:
             break
-        policy.weights_version += 1
-    assert [chunk.weights_version for chunk in made] == [1, 3]
-    assert [chunk.epsilon for chunk in made] == [1.0, 1.0]
+    assert [chunk.epsilon for chunk in made] == [0.5, 0.125]
 
 
 def test_random_actions_are_marked() -> None:
@@ -188,7 +214,7 @@ def test_random_actions_are_marked() -> None:
     marks: list[bool] = []
     for step in play([NumberedEnv([GOES_ON])], policy, [0]):
         marks.append(bool(policy.explored[0]))
-        chunk = chunker.add(step, policy)
+        chunk = chunker.add(step)
         if chunk is not None:
             break
     assert chunk is not None

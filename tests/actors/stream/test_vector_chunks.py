@@ -58,13 +58,13 @@ def test_every_chunk_has_the_vectors_of_its_own_states(
     chunks: list[list[Chunk]] = [[], []]
     steps = play([VectorEnv(env) for env in inner], policy, [0, 0])
     for at, step in enumerate(steps, start=1):
-        chunk = chunkers[step.stream].add(step, policy)
+        chunk = chunkers[step.stream].add(step)
         if chunk is not None:
             chunks[step.stream].append(chunk)
         if at == 2 * turns:
             break
     for stream, chunker in enumerate(chunkers):
-        rest = chunker.cut(policy)
+        rest = chunker.cut()
         if rest is not None:
             chunks[stream].append(rest)
         moments = inner[stream].moments
