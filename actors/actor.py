@@ -3,7 +3,6 @@
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -57,10 +56,8 @@ class Actor:
         self._policy = policy
         self._stop = stop
         self._warn = warn
-        self._tally = ActorCounters()
+        self._counters = ActorCounters(name, "actor", incarnation)
         self._has_weights = False
-        self._name = name
-        self._incarnation = incarnation
         self._inbox = WeightsClient(transport, keys)
         self._outbox = InsertClient(
             transport,
@@ -85,7 +82,7 @@ class Actor:
         try:
             self._steer(self._outbox.poll())
             for step in play(self._envs, self._policy, seeds):
-                self._tally.count(step)
+                self._counters.count(step)
                 self._take_weights()
                 chunk = self._chunkers[step.stream].add(step)
                 if chunk is not None:
@@ -138,7 +135,7 @@ class Actor:
             self._steer(answer)
             ack = answer or ack
             self._take_weights()
-        self._tally.held_seconds += time.monotonic() - began
+        self._counters.held_seconds += time.monotonic() - began
 
     def _leave(self) -> None:
         for chunker in self._chunkers:
@@ -152,8 +149,9 @@ class Actor:
 
     def _stats(self, leaving: bool) -> ActorStats:
         outbox = self._outbox
-        return replace(
-            self._tally.stats(self._name, "actor", self._incarnation, self._policy, leaving),
+        return self._counters.told(
+            self._policy,
+            leaving,
             made=outbox.made,
             acked=outbox.acked,
             retried=outbox.retried,

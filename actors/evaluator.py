@@ -48,13 +48,12 @@ class Evaluator:
         warn: Callable[[str], None],
     ) -> None:
         self._name = name
-        self._incarnation = incarnation
         self._env = env
         self._policy = policy
         self._patience = patience
         self._stop = stop
         self._warn = warn
-        self._tally = ActorCounters()
+        self._counters = ActorCounters(name, "evaluator", incarnation)
         self._tasks = transport.requester(keys.task, _TIMEOUT)
         self._reports = transport.requester(keys.report, _TIMEOUT)
         self._heartbeat = Heartbeat(transport, keys, "evaluator", name, self._stats)
@@ -103,7 +102,7 @@ class Evaluator:
         self._policy.weights_version = task.epoch
         reported = games = 0
         for steps, step in enumerate(play([self._env], self._policy, [seed]), start=1):
-            self._tally.count(step)
+            self._counters.count(step)
             ended = bool(step.info["game_over"])
             games += ended
             done = steps >= task.steps and games > 0
@@ -129,4 +128,4 @@ class Evaluator:
         return True
 
     def _stats(self, leaving: bool) -> ActorStats:
-        return self._tally.stats(self._name, "evaluator", self._incarnation, self._policy, leaving)
+        return self._counters.told(self._policy, leaving)

@@ -66,14 +66,15 @@ class GameResult:
     @classmethod
     def of(cls, score: float, tally: ActorCounters) -> Self:
         """The game that ``tally`` has counted."""
+        stats = tally.stats
         return cls(
             score=score,
-            steps=tally.steps,
-            matched=tally.matched,
-            valid=tally.valid,
-            decisions=tally.decisions,
-            missed_deadlines=tally.missed_deadlines,
-            late_frames=tally.late_frames,
+            steps=stats.steps,
+            matched=stats.matched,
+            valid=stats.valid,
+            decisions=stats.decisions,
+            missed_deadlines=stats.missed_deadlines,
+            late_frames=stats.late_frames,
             key_times=tuple(tally.key_times),
         )
 

@@ -14,6 +14,7 @@ import tyro
 
 from actors.envs import count_actions
 from common.errors import InputError, exit_on_input_error
+from common.metrics import Value
 from common.network import QNetwork, build_network
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunFlags, parse_run
@@ -35,7 +36,6 @@ from learner.health_guard import STALL_MINUTES
 from learner.local_launcher import launch
 from learner.telemetry.gate import EXIT_CODE, MINUTES
 from learner.telemetry.sinks.display import open_display
-from learner.telemetry.status import ClockMode
 from replay.client import RemoteReplay
 from replay.interface import Replay
 from replay.replay_buffer import ReplayBuffer
@@ -236,11 +236,15 @@ def certificate_flags(options: LearnerOptions) -> list[str]:
     return [] if folder is None else ["--certificates", str(folder)]
 
 
-def clock_mode(options: LearnerOptions) -> ClockMode | None:
-    """The same for the run's records; None where actors are started elsewhere."""
+def clock_mode(options: LearnerOptions) -> dict[str, Value]:
+    """The same for the run's records; none where actors are started elsewhere."""
     if not options.local:
-        return None
-    return ClockMode(options.sync, options.wait_action, options.speed)
+        return {}
+    return {
+        "run/sync": options.sync,
+        "run/wait_action": options.wait_action,
+        "run/speed": options.speed,
+    }
 
 
 def free_cores(options: LearnerOptions) -> int:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from functools import partial
 
+from common.metrics import Values
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
@@ -22,12 +23,13 @@ from learner.phases import Phases
 from learner.prefetch import Prefetcher, to_device
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
-from learner.telemetry.monitor import Monitor
-from learner.telemetry.records import Records
+from learner.telemetry.provenance import Provenance
 from learner.telemetry.run_progress import RunProgress
-from learner.telemetry.running_means import RunningMeans
 from learner.telemetry.sinks.display import Display
-from learner.telemetry.status import ClockMode
+from learner.telemetry.sinks.epochs_csv import EpochTable
+from learner.telemetry.sinks.gates_csv import GatesCsvSink
+from learner.telemetry.sinks.summary import SummarySink
+from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.telemetry import Telemetry
 from learner.training import Learner
 from replay.interface import Replay
@@ -45,7 +47,7 @@ def assembled_learner(
     *,
     steps_goal: int | None,
     resume: bool,
-    clock_mode: ClockMode | None,
+    clock_mode: Values,
     gate_minutes: float,
     stall_minutes: float,
     force: bool,
@@ -56,7 +58,7 @@ def assembled_learner(
     Args:
         steps_goal: agent steps, warm-up included, after which it ends by itself.
         resume: continue from the checkpoint in ``folder``.
-        clock_mode: how time passes for local mode's actors.
+        clock_mode: figures of how time passes for local mode's actors.
         gate_minutes: minutes for which a gate may be red before the run ends by itself.
         stall_minutes: minutes for which steps and updates may stand still.
         force: only warn then, and train on.
@@ -75,18 +77,21 @@ def assembled_learner(
         evaluators=lambda: registry.alive("evaluator"),
         seconds=clock.seconds,
     )
-    records = Records(
-        folder,
-        config,
-        rows=0 if state is None else int(state["rows"]),
-        agent_steps=None if state is None else int(state["books"]["agent_steps"]),
-        clock=clock_mode,
+    facts = {
+        **clock_mode,
+        "run/run": keys.run,
+        "run/device": device.name,
+        "run/initial": folder.initial.exists(),
+        "run/steps_goal": steps_goal,
+    }
+    sinks = (
+        TensorBoardSink(folder.tensorboard),
+        GatesCsvSink(folder.gates),
+        SummarySink(folder.summary, config, Provenance.gather()),
     )
-    means = RunningMeans()
-    monitor = Monitor(
-        *(keys, config, device, steps_goal, progress, registry),
-        *(records, means, evaluation, clock.seconds),
-    )
+    epochs = EpochTable(folder.epochs)
+    telemetry = Telemetry(config, facts, progress, registry, display, epochs, sinks, clock.now)
+    telemetry.start(state)
     learner = Learner(
         config=config,
         steps_goal=steps_goal,
@@ -101,11 +106,11 @@ def assembled_learner(
         broadcast=transport.publisher(keys.weights).publish,
         save=partial(save_checkpoint, folder.checkpoint, algorithm),
         progress=progress,
-        phases=Phases(config, progress, records, clock),
+        phases=Phases(config, progress, telemetry, clock),
         held_out=HeldOut(folder.held_out),
         evaluation=evaluation,
         registry=registry,
-        telemetry=Telemetry(monitor, records, display, means, clock.now),
+        telemetry=telemetry,
         guard=HealthGuard(
             *(gate_minutes, stall_minutes, config.stream.chunk_steps),
             force=force,

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from learner.telemetry.gate import GateWatch, least_steps, verdict
-from learner.telemetry.status import Gate
+from learner.telemetry.snapshot import HealthCheck
 
 STALL_MINUTES = 10.0
 
@@ -42,14 +42,14 @@ class HealthGuard:
         self._last: tuple[int, int] | None = None
         self._moved = False
 
-    def check(self, gates: Sequence[Gate], agent_steps: int, updates: int) -> str | None:
+    def check(self, checks: Sequence[HealthCheck], agent_steps: int, updates: int) -> str | None:
         """Returns why the run should end, without a full stop; None while it may go on.
 
         Args:
-            gates: none while they are not to be judged, in the warm-up.
+            checks: none while they are not to be judged, in the warm-up.
         """
         reasons = []
-        if (gate := self._gates.look(gates, agent_steps)) is not None:
+        if (gate := self._gates.look(checks, agent_steps)) is not None:
             reasons.append((gate.name, verdict(gate, self._seconds, self._steps)))
         if self._stalls.look((self._progress(agent_steps, updates),), agent_steps) is not None:
             reasons.append(
@@ -67,10 +67,10 @@ class HealthGuard:
                 self._warn(f"WARNING: {reason}; training continues because of --force.")
         return None
 
-    def _progress(self, agent_steps: int, updates: int) -> Gate:
-        """The gate that is red while steps and updates stand still."""
+    def _progress(self, agent_steps: int, updates: int) -> HealthCheck:
+        """The check that fails while steps and updates stand still."""
         before, self._last = self._last, (agent_steps, updates)
         moved = before is not None and before != self._last
         self._moved |= moved
         passed = moved if self._moved else None
-        return Gate(name="progress", value=float(moved), passed=passed, bound="= 1", why="")
+        return HealthCheck(name="progress", value=float(moved), passed=passed, bound="= 1", why="")

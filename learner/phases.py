@@ -8,9 +8,9 @@ from torch import Tensor
 from common.run.config import RunConfig
 from learner.clock import RunClock
 from learner.evaluation.coordinator import EpochTest
-from learner.telemetry.records import Records
 from learner.telemetry.run_progress import PhaseEnd, RunProgress
 from learner.telemetry.sinks.epochs_csv import EpochRow
+from learner.telemetry.telemetry import Telemetry
 
 
 class Phases:
@@ -21,11 +21,11 @@ class Phases:
     """
 
     def __init__(
-        self, config: RunConfig, progress: RunProgress, records: Records, clock: RunClock
+        self, config: RunConfig, progress: RunProgress, telemetry: Telemetry, clock: RunClock
     ) -> None:
         self._config = config
         self._progress = progress
-        self._records = records
+        self._telemetry = telemetry
         self._clock = clock
         self.updates = 0
         """Updates of the whole run."""
@@ -54,7 +54,7 @@ class Phases:
         config, progress = self._config, self._progress
         now = self._clock.seconds()
         train_steps = progress.train_steps if ended.epoch else 0
-        self._records.add(
+        self._telemetry.add(
             EpochRow.of_games(
                 ended.scores,
                 epoch=ended.epoch,
@@ -86,9 +86,9 @@ class Phases:
 
     def record(self, test: EpochTest) -> float | None:
         """Record a test that is over; returns the best mean score of the tests before it."""
-        best = max(self._records.rewards("test"), default=None)
+        best = max(self._telemetry.rewards("test"), default=None)
         now = self._clock.seconds()
-        self._records.add(
+        self._telemetry.add(
             EpochRow.of_games(
                 test.scores,
                 epoch=test.epoch,
@@ -113,7 +113,7 @@ class Phases:
             "phase_updates": self._phase_updates,
             "phase_loss": float(self._loss),
             "phase_began": self._began,
-            "rows": len(self._records.rows),
+            "rows": len(self._telemetry.rows),
         }
 
     def restore(self, state: dict[str, Any]) -> None:

@@ -4,11 +4,12 @@
 """
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from common.errors import InputError
+from common.metrics import Value
 from common.process.supervisor import Supervisor
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
@@ -22,9 +23,9 @@ from learner.prefetch import Prefetched
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
 from learner.telemetry.run_progress import PhaseEnd, RunProgress
-from learner.telemetry.status import Gate, Phase
-from learner.telemetry.telemetry import Moment, Telemetry
-from replay.chunk_statistics import MOST_FACTS, Progress
+from learner.telemetry.snapshot import HealthCheck, Phase
+from learner.telemetry.telemetry import Telemetry
+from replay.chunk_statistics import MOST_FACTS, ChunkStatistics, Progress
 from replay.interface import Replay
 
 _TICK = 0.1
@@ -168,7 +169,7 @@ class Learner:
             # However it ends, what was learned is kept; but nothing that has diverged.
             if self.phases.is_finite:
                 self._checkpoint()
-            self.telemetry.close(self._moment())
+            self.telemetry.close(self._values(), self._replay_progress)
 
     def _train(self) -> None:
         """The main loop."""
@@ -215,7 +216,7 @@ class Learner:
             self.held_out.measure(self.algorithm)
         if self._publish_schedule.is_due():
             self._publish()  # for a replay that was restarted and has none to give
-        self._check_health(self.telemetry.report(self._moment()))
+        self._check_health(self.telemetry.report(self._values(), self._replay_progress))
 
     # ------------------------------------------------------------------ phases, tests, health
 
@@ -226,10 +227,18 @@ class Learner:
                 self.progress.facts_seen, finished=self._finished
             )
             facts = self._replay_progress.facts
-            for ended in self.progress.book(facts):
+            for ended in self.progress.book(self._credited(facts)):
                 self._end_phase(ended)
             if len(facts) < MOST_FACTS:
                 return
+
+    def _credited(self, facts: Iterable[ChunkStatistics]) -> Iterator[ChunkStatistics]:
+        """Credits each chunk to its actor just before it is counted, so that a checkpoint at the
+        end of a phase knows of the same chunks in both."""
+        for chunk in facts:
+            if chunk.index >= self.progress.facts_seen:
+                self.registry.accepted(chunk)
+            yield chunk
 
     def _end_phase(self, ended: PhaseEnd) -> None:
         """Record a phase; have the snapshot of an epoch tested."""
@@ -250,22 +259,26 @@ class Learner:
             self._checkpoint()
             self.evaluation.settle(test, best)
 
-    def _moment(self) -> Moment:
+    def _values(self) -> dict[str, Value]:
+        """Figures that only the loop knows."""
         phase: Phase = "training" if self.progress.epoch else "warm-up"
-        return Moment(
-            self._replay_progress,
-            "finishing" if self._finished else phase,
-            self.phases.updates,
-            self._published,
-            self.held_out.max_q,
-        )
+        mean, deviation = self.held_out.max_q or (None, None)
+        return {
+            "run/phase": "finishing" if self._finished else phase,
+            "run/seconds": self.clock.seconds(),
+            "learning/updates": self.phases.updates,
+            "learning/mean_max_q": mean,
+            "learning/held_out_std": deviation,
+            "stream/weights_version": self._published,
+            "evaluation/steps_left": self.evaluation.steps_left,
+        }
 
-    def _check_health(self, gates: Sequence[Gate]) -> None:
+    def _check_health(self, checks: Sequence[HealthCheck]) -> None:
         """End a run that is not healthy, unless it only waits for its last tests."""
         if self._finished:
             return
         self.failed = self.guard.check(
-            gates if self.progress.epoch else (), self.progress.agent_steps, self.phases.updates
+            checks if self.progress.epoch else (), self.progress.agent_steps, self.phases.updates
         )
         if self.failed is not None:
             self.stop.set()

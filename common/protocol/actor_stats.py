@@ -1,53 +1,96 @@
-"""What an actor tells about itself, once a second and when it leaves."""
+"""What an actor tells about itself, once a second and when it leaves.
 
-from dataclasses import dataclass
-from typing import Literal
+A counter is declared once, as a field of `ActorStats`: whoever counts adds to it, the message
+carries it, and the learner's registry sums it over all processes of the run.
+"""
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 from common.checked import Count, Positive, Values
 from common.errors import MessageError
+from common.metrics import Metric, Unit, declare
 from common.press_latency import COUNTS
 from common.protocol.message import Message
 
 Role = Literal["actor", "evaluator"]
 
 
-@dataclass(frozen=True)
+def counter(key: str, unit: Unit, meaning: str, **shown: Any) -> Any:
+    """A field that counts from the start of the process; ``key`` is its total over all of them.
+
+    Args:
+        shown: the total's further fields of `common.metrics.Metric`.
+    """
+    declare(Metric(key, unit, "count", meaning, counter=True, **shown))
+    return field(default=0, metadata={"total": key})
+
+
+# fmt: off
+# ruff: noqa: RUF009  # `counter` gives fields, not values
+@dataclass
 class ActorStats(Message):
     """Counters of one actor process since its start."""
 
     name: str
     role: Role
-    incarnation: Count
-    leaving: bool
+    incarnation: Count = 0
+    """Differs for each start of the process, and grows."""
+    leaving: bool = False
     """Last message of this process."""
-    steps: Count
-    steps_per_second: Positive
-    epsilon: Positive
-    weights_version: Count
-    made: Count
-    """Chunks cut from the stream; in the end made = acked + refused."""
-    acked: Count
-    retried: Count
-    refused: Count
-    held_share: Positive
+    steps: Count = counter("actors/steps", "steps", "Agent steps of actors and evaluators")
+    steps_per_second: Positive = 0.0
+    epsilon: Positive = 0.0
+    weights_version: Count = 0
+    made: Count = counter(
+        "stream/chunks_made", "chunks",
+        "Chunks that actors made; in the end as many as were accepted and refused",
+        label="made", panel=("Stream", 7), curve=True, summary="chunks.made")
+    acked: Count = counter("actors/acked", "chunks", "Chunks that actors know to be accepted")
+    retried: Count = counter(
+        "stream/chunks_retried", "chunks", "Chunks that actors sent again",
+        label="retried", panel=("Stream", 5), curve=True, summary="chunks.retried")
+    refused: Count = counter("actors/refused", "chunks", "Chunks that actors know to be refused")
+    held_share: Positive = 0.0
     """Share of the last second it paused because the learner was behind."""
-    valid_share: Positive
-    """Share of the steps since its start whose frame showed the screen."""
-    match_share: Positive
-    """Share of the steps since its start that ended with the commanded keys pressed."""
-    decisions: Count = 0
-    """Of game time that its steps took."""
-    missed_deadlines: Count = 0
-    """In real time: decisions for which no command of their own came in time."""
-    late_frames: Count = 0
-    """In real time: emulator frames that began more than a frame too late."""
-    waits_given_up: Count = 0
-    """Steps whose wait for the commanded keys ended at its bound."""
+    valid: Count = counter("actors/valid", "steps", "Steps whose frame showed the screen")
+    matched: Count = counter("actors/matched", "steps", "Steps that ended with the commanded keys")
+    decisions: Count = counter("actors/elapsed", "steps", "Agent steps of game time that passed")
+    missed_deadlines: Count = counter(
+        "actors/missed_deadlines", "steps",
+        "In real time: agent steps that passed before their command was there",
+        summary="missed_deadlines", trouble="late")
+    late_frames: Count = counter(
+        "actors/late_frames", "frames",
+        "In real time: emulator frames that began more than a frame too late",
+        summary="late_frames", trouble="late")
+    waits_given_up: Count = counter(
+        "actors/waits_given_up", "steps",
+        "Steps whose wait for the commanded keys ended at its bound",
+        summary="waits_given_up", trouble="gave up")
     key_times: Values[Count] = ()
     """How long the hands took, as counts (see `common.press_latency`); none where nobody has
     told."""
+# fmt: on
+
+    @property
+    def valid_share(self) -> float:
+        """Share of its steps whose frame showed the screen."""
+        return self.valid / max(self.steps, 1)
+
+    @property
+    def match_share(self) -> float:
+        """Share of its steps that ended with the commanded keys pressed."""
+        return self.matched / max(self.steps, 1)
 
     def check(self) -> None:
         """See `Message.check`."""
         if len(self.key_times) not in (0, COUNTS):
             raise MessageError(f"key_times should be {COUNTS} counts, or none")
+
+
+TOTALS: dict[str, str] = {
+    each.name: each.metadata["total"] for each in dataclasses.fields(ActorStats) if each.metadata
+}
+"""Key of each counter's total."""

@@ -48,7 +48,10 @@ def table(content: Mapping[str, Any]) -> Table:
     shown.add_column("score", justify="right")
     low, high = content["iqm_low"], content["iqm_high"]
     release, press = (Delay(**content[name]) for name in ("release_ms", "press_ms"))
-    hands = f"release {figures.delay(release)}, press {figures.delay(press)}"
+    hands = ", ".join(
+        f"{name} {figures.milliseconds(found.p50)}/{figures.milliseconds(found.p99)}"
+        for name, found in (("release", release), ("press", press))
+    )
     for name, cell in (
         *(("other than trained", change) for change in content["changed"]),
         ("games", f"{content['games']}"),

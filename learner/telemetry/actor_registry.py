@@ -1,20 +1,71 @@
 """Who takes part: what actors and evaluators say of themselves, and whether they live."""
 
+import math
 import threading
 import time
-from dataclasses import asdict, fields
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, cast
 
 from common.errors import MessageError
-from common.protocol.actor_stats import ActorStats
+from common.metrics import Value
+from common.protocol.actor_stats import TOTALS, ActorStats, Role
 from common.protocol.run_keys import RunKeys
 from common.transport.interface import Envelope, Transport
-from learner.telemetry.status import ActorStatus, TimeCounts
+from learner.telemetry.snapshot import ActorView
+from replay.chunk_statistics import ChunkStatistics
 
 _LAST_WORDS = 1.0
 """Seconds in which the counters of a process that leaves may come after its token has gone."""
 LEFT_SHOWN = 10.0
 """Seconds that an actor which took its leave stays on the display."""
+_SETTLED = 60.0
+"""Seconds after which nothing more is expected of a process that has gone: its last counters and
+chunks are there."""
+_LONGEST_DELAY = 5.0
+"""Seconds that a heartbeat is on its way at most."""
+_MOST_GONE = 256
+"""Processes that are kept by name after they have gone; the rest is kept as totals."""
+_MOST_FOLDED = 4_096
+_KNOWN = {each.name for each in fields(ActorStats)}
+
+
+@dataclass
+class _Process:
+    """One start of an actor or evaluator."""
+
+    stats: ActorStats
+    accepted: int = 0
+    """Its chunks that the replay has stored."""
+    heard: float | None = None
+    """Monotonic seconds; None if only a checkpoint, or a chunk, tells of it."""
+    known: int = 0
+    """Of the accepted chunks, those so old that its counters must include them."""
+    marked: tuple[float, int] = (-math.inf, 0)
+    """A while ago, and the accepted chunks by then."""
+
+    def hear(self, stats: ActorStats, now: float) -> None:
+        """Take in a heartbeat."""
+        self.stats, self.heard = stats, now
+        if now - self.marked[0] >= _LONGEST_DELAY:
+            self.known, self.marked = self.marked[1], (now, self.accepted)
+
+    @property
+    def made(self) -> int:
+        """Chunks that it made. One that never said goodbye may have made more than it told."""
+        stored = self.accepted + self.stats.refused
+        return self.stats.made if self.stats.leaving else max(self.stats.made, stored)
+
+    @property
+    def excess(self) -> int:
+        """Chunks stored beyond those that it says it made."""
+        stored = self.accepted if self.stats.leaving else self.known
+        return max(stored + self.stats.refused - self.stats.made, 0)
+
+    @property
+    def totals(self) -> ActorStats:
+        """What it adds to the run's totals."""
+        return replace(self.stats, made=self.made)
 
 
 class ActorRegistry:
@@ -22,38 +73,72 @@ class ActorRegistry:
 
     def __init__(self, transport: Transport, keys: RunKeys) -> None:
         self._lock = threading.Lock()
-        self._stats: dict[int, ActorStats] = {}  # by incarnation: every process there ever was
-        self._heard: dict[str, float] = {}
+        self._processes: dict[int, _Process] = {}
+        """By incarnation; of those that have gone, the latest `_MOST_GONE`."""
+        self._gone: dict[Role, ActorStats] = {}
+        """Totals of all others."""
+        self._gone_excess = 0
+        self._folded: dict[int, bool] = {}
+        """Incarnations that are in these totals, and whether they said goodbye."""
         self._newest: dict[str, int] = {}
+        """Incarnation by role and name."""
         self._alive: dict[str, bool] = {}
+        self._heard: dict[str, float] = {}
         self._notes: list[str] = []
-        self._gone: dict[str, float] = {}
+        self._lost: dict[str, float] = {}
+        self._began = time.monotonic()
         self._subscriptions = (
             transport.subscribe(keys.stats("*", "*"), self._on_stats),
             transport.watch_presence(keys.live("*", "*"), self._on_presence),
         )
 
-    def restore(self, state: list[dict[str, Any]]) -> None:
+    def restore(self, state: Any) -> None:
         """Remember the processes of a checkpoint, so that counts go on from there."""
+        if isinstance(state, list):  # from before totals were kept
+            state = {"processes": state, "gone": [], "excess": 0, "folded": []}
         with self._lock:
-            for each in state:
-                stats = ActorStats(**{**each, "key_times": tuple(each.get("key_times", ()))})
-                self._stats.setdefault(stats.incarnation, stats)
+            for each in state["processes"]:
+                stats = _stats_from(each)
+                process = _Process(stats, accepted=each.get("accepted", 0))
+                self._processes.setdefault(stats.incarnation, process)
+            self._gone = {stats.role: stats for stats in map(_stats_from, state["gone"])}
+            self._gone_excess = state["excess"]
+            self._folded = dict(state["folded"])
 
-    def state(self) -> list[dict[str, Any]]:
+    def state(self) -> dict[str, Any]:
         """All processes there ever were, of JSON's types."""
         with self._lock:
-            return [asdict(stats) for stats in self._stats.values()]
+            return {
+                "processes": [
+                    {**asdict(process.stats), "accepted": process.accepted}
+                    for process in self._processes.values()
+                ],
+                "gone": [asdict(stats) for stats in self._gone.values()],
+                "excess": self._gone_excess,
+                "folded": list(self._folded.items()),
+            }
+
+    def accepted(self, chunk: ChunkStatistics) -> None:
+        """Credit its actor with a chunk that the replay has stored; once for each."""
+        with self._lock:
+            if chunk.incarnation in self._folded:
+                if self._folded[chunk.incarnation]:
+                    self._gone_excess += 1
+                else:
+                    self._gone["actor"].made += 1
+            elif chunk.incarnation:
+                unheard = _Process(ActorStats(chunk.actor, "actor", chunk.incarnation))
+                self._processes.setdefault(chunk.incarnation, unheard).accepted += 1
 
     def take_notes(self) -> list[str]:
         """Arrivals and losses since the last call, as sentences."""
         now = time.monotonic()
         with self._lock:
-            for key, since in list(self._gone.items()):
+            for key, since in list(self._lost.items()):
                 if now - since > _LAST_WORDS:
-                    del self._gone[key]
-                    stats = self._stats.get(self._newest.get(key, -1))
-                    left = stats is not None and stats.leaving
+                    del self._lost[key]
+                    process = self._processes.get(self._newest.get(key, -1))
+                    left = process is not None and process.stats.leaving
                     self._notes.append(f"{_name(key)} {'left' if left else 'was lost'}")
             notes, self._notes = self._notes, []
         return notes
@@ -67,40 +152,72 @@ class ActorRegistry:
                 if alive and key.startswith(role + "/")
             }
 
-    def counts(self) -> tuple[int, int]:
-        """Chunks made and sent again, over all processes there ever were."""
+    def values(self) -> dict[str, Value]:
+        """Returns totals over all processes there ever were."""
         with self._lock:
-            every = list(self._stats.values())
-        return sum(s.made for s in every), sum(s.retried for s in every)
-
-    def time(self) -> TimeCounts:
-        """How time went, over all processes there ever were."""
-        with self._lock:
-            every = list(self._stats.values())
-        names = [each.name for each in fields(TimeCounts)]
-        return TimeCounts(**{name: sum(getattr(s, name) for s in every) for name in names})
+            self._fold(time.monotonic())
+            processes = list(self._processes.values())
+            every = [*(process.totals for process in processes), *self._gone.values()]
+            excess = self._gone_excess + sum(process.excess for process in processes)
+        totals = {key: sum(getattr(each, name) for each in every) for name, key in TOTALS.items()}
+        steps = totals[TOTALS["steps"]]
+        elapsed_per_step = totals[TOTALS["decisions"]] / steps if steps else None
+        return {
+            **totals,
+            "stream/chunks_excess": excess,
+            "actors/elapsed_per_step": elapsed_per_step,
+        }
 
     def key_times(self) -> tuple[int, ...]:
         """How long the hands took (`common.press_latency`), over all processes there ever were."""
         with self._lock:
-            told = [stats.key_times for stats in self._stats.values() if stats.key_times]
-        return tuple(map(sum, zip(*told, strict=True)))
+            every = [*(each.stats for each in self._processes.values()), *self._gone.values()]
+        return _sums(stats.key_times for stats in every)
 
-    def actors(self) -> tuple[ActorStatus, ...]:
+    def actors(self) -> tuple[ActorView, ...]:
         """All that were here since this learner began, the newest process of each name."""
         now = time.monotonic()
         with self._lock:
             found = []
             for key, alive in sorted(self._alive.items()):
-                stats = self._stats.get(self._newest.get(key, -1))
-                silent = now - self._heard.get(key, now)
                 role, name = key.split("/")
                 if role not in ("actor", "evaluator"):
                     continue
-                leaves = not alive and (stats is None or stats.leaving)
-                left = leaves and silent > LEFT_SHOWN
-                found.append(_status(name, role, alive, left, silent, stats))
+                process = self._processes.get(self._newest.get(key, -1))
+                stats = process.stats if process else ActorStats(name, cast(Role, role))
+                silent = now - self._heard.get(key, now)
+                if not alive:
+                    stats = replace(stats, steps_per_second=0.0, held_share=0.0)
+                left = not alive and (process is None or stats.leaving) and silent > LEFT_SHOWN
+                found.append(ActorView(stats=stats, alive=alive, silent_for=silent, left=left))
             return tuple(found)
+
+    def _fold(self, now: float) -> None:
+        """Add to the totals what has gone: at once if another process has its name, and the oldest
+        where too many are kept."""
+        gone = []
+        for incarnation, process in self._processes.items():
+            key = f"{process.stats.role}/{process.stats.name}"
+            replaced = self._newest.get(key, incarnation) != incarnation
+            heard = self._began if process.heard is None else process.heard
+            if now - heard > _SETTLED and (replaced or not self._alive.get(key)):
+                gone.append((not replaced, heard, incarnation, key))
+        gone.sort()
+        replaced_ones = sum(not by_name for by_name, *_ in gone)
+        for _, _, incarnation, key in gone[: max(replaced_ones, len(gone) - _MOST_GONE)]:
+            process = self._processes.pop(incarnation)
+            stats = process.totals
+            total = self._gone.setdefault(stats.role, ActorStats("gone", stats.role))
+            for name in TOTALS:
+                setattr(total, name, getattr(total, name) + getattr(stats, name))
+            total.key_times = _sums((total.key_times, stats.key_times))
+            self._gone_excess += process.excess
+            self._folded[incarnation] = stats.leaving
+            if self._newest.get(key) == incarnation:
+                for by_name in (self._newest, self._alive, self._heard):
+                    by_name.pop(key, None)
+        for incarnation in list(self._folded)[:-_MOST_FOLDED]:
+            del self._folded[incarnation]
 
     def _on_stats(self, message: Envelope) -> None:
         try:
@@ -110,52 +227,37 @@ class ActorRegistry:
         key = f"{stats.role}/{stats.name}"
         if not message.key.endswith("/" + key):
             return
+        now = time.monotonic()
         with self._lock:
-            self._stats[stats.incarnation] = stats
-            self._newest[key] = stats.incarnation
-            self._heard[key] = time.monotonic()
+            if stats.incarnation not in self._folded:
+                self._processes.setdefault(stats.incarnation, _Process(stats)).hear(stats, now)
+                self._newest[key] = stats.incarnation
+                self._heard[key] = now
 
     def _on_presence(self, key: str, alive: bool) -> None:
         key = "/".join(key.split("/")[-2:])
+        now = time.monotonic()
         with self._lock:
             before = self._alive.get(key)
             self._alive[key] = alive
-            self._heard[key] = time.monotonic()
+            self._heard[key] = now
             if alive and before is not True:
-                self._gone.pop(key, None)
+                self._lost.pop(key, None)
                 self._notes.append(f"{_name(key)} joined")
             elif not alive:
-                self._gone[key] = time.monotonic()
+                self._lost[key] = now
 
 
 def _name(key: str) -> str:
     return key.split("/")[1]
 
 
-def _status(
-    name: str, role: Any, alive: bool, left: bool, silent: float, stats: ActorStats | None
-) -> ActorStatus:
-    if stats is None:
-        return ActorStatus(name=name, role=role, alive=alive, silent_for=silent, left=left)
-    return ActorStatus(
-        name=name,
-        role=role,
-        alive=alive,
-        steps=stats.steps,
-        steps_per_second=stats.steps_per_second if alive else 0.0,
-        epsilon=stats.epsilon,
-        weights_version=stats.weights_version,
-        made=stats.made,
-        acked=stats.acked,
-        retried=stats.retried,
-        refused=stats.refused,
-        held_share=stats.held_share if alive else 0.0,
-        valid_share=stats.valid_share,
-        match_share=stats.match_share,
-        decisions=stats.decisions,
-        missed_deadlines=stats.missed_deadlines,
-        late_frames=stats.late_frames,
-        waits_given_up=stats.waits_given_up,
-        silent_for=silent,
-        left=left,
-    )
+def _stats_from(state: dict[str, Any]) -> ActorStats:
+    """Counters of a checkpoint, which may lack some or have others."""
+    known = {name: value for name, value in state.items() if name in _KNOWN}
+    return ActorStats(**{**known, "key_times": tuple(known.get("key_times", ()))})
+
+
+def _sums(counts: Iterable[tuple[int, ...]]) -> tuple[int, ...]:
+    """Sums place by place, of those that are there."""
+    return tuple(map(sum, zip(*filter(None, counts), strict=True)))

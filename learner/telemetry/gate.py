@@ -1,6 +1,6 @@
-"""Ends a run in which a gate stays red: nobody shall find after a week that the robot was blind.
+"""Ends a run whose health checks keep failing: nobody shall find after a week that it was blind.
 
-A healthy run is never ended: a gate must be red without interruption for `MINUTES` of the
+A healthy run is never ended: a check must fail without interruption for `MINUTES` of the
 learner's own work, and for so many agent steps that the fault itself, and not only its trace in
 the means over the newest steps, lasted for half of them.
 """
@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from learner.telemetry.run_progress import JUDGED_CHUNKS
-from learner.telemetry.sinks import formats as figures
-from learner.telemetry.status import Gate
+from learner.telemetry.sinks import formats
+from learner.telemetry.snapshot import HealthCheck
 
 MINUTES = 5.0
 EXIT_CODE = 3
@@ -22,23 +22,22 @@ passed, it was suspended, or the machine was."""
 
 
 def least_steps(chunk_steps: int) -> int:
-    """Agent steps that a gate must be red for: 10,240 with chunks of 64."""
+    """Agent steps for which a check must fail: 10,240 with chunks of 64."""
     return 2 * JUDGED_CHUNKS * chunk_steps
 
 
-class _Red(NamedTuple):
-    """How long a gate has been red."""
+class _Failing(NamedTuple):
+    """How long a check has failed."""
 
     seconds: float
     since_steps: int
 
 
 class GateWatch:
-    """Times how long gates have been red.
+    """Times how long health checks have failed.
 
     Args:
-        seconds: and
-        steps: for which a gate must be red without interruption.
+        seconds, steps: for which a check must fail without interruption.
         clock: monotonic seconds.
     """
 
@@ -49,28 +48,28 @@ class GateWatch:
         self._steps = steps
         self._clock = clock
         self._looked = clock()
-        self._red: dict[str, _Red] = {}
+        self._failing: dict[str, _Failing] = {}
 
-    def look(self, gates: Iterable[Gate], agent_steps: int) -> Gate | None:
-        """Take in the gates as they are; one that has been red for too long, if there is any."""
+    def look(self, checks: Iterable[HealthCheck], agent_steps: int) -> HealthCheck | None:
+        """Take in the checks as they are; returns one that has failed for too long, if any."""
         now = self._clock()
         passed = min(now - self._looked, _LONGEST_LOOK)
         self._looked = now
-        before, self._red = self._red, {}
+        before, self._failing = self._failing, {}
         found = None
-        for gate in gates:
-            if not gate.stops or gate.passed is not False:
+        for check in checks:
+            if not check.stops or check.passed is not False:
                 continue
-            seconds, since = before.get(gate.name, _Red(-passed, agent_steps))
-            self._red[gate.name] = red = _Red(seconds + passed, since)
-            if red.seconds >= self._seconds and agent_steps - since >= self._steps:
-                found = found or gate
+            seconds, since = before.get(check.name, _Failing(-passed, agent_steps))
+            self._failing[check.name] = failing = _Failing(seconds + passed, since)
+            if failing.seconds >= self._seconds and agent_steps - since >= self._steps:
+                found = found or check
         return found
 
 
-def verdict(gate: Gate, seconds: float, steps: int) -> str:
-    """What is wrong with a run whose ``gate`` has been red for so long, without a full stop."""
+def verdict(check: HealthCheck, seconds: float, steps: int) -> str:
+    """What is wrong with a run whose ``check`` failed for so long, without a full stop."""
     return (
-        f"gate {gate.name!r} has been red for {seconds / 60:g} minutes and {steps:,} steps: it is "
-        f"{figures.significant(gate.value)}, not {gate.bound}, so {gate.why}"
+        f"gate {check.name!r} has been red for {seconds / 60:g} minutes and {steps:,} steps: it is "
+        f"{formats.significant(check.value)}, not {check.bound}, so {check.why}"
     )

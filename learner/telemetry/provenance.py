@@ -20,6 +20,7 @@ PACKAGES = (
     "numpy",
     "opencv-python-headless",
     "pybullet",
+    "pydantic",
     "rich",
     "safetensors",
     "tensorboard",

@@ -1,11 +1,13 @@
 """How long the hands take, of late and over the whole run, from counts that only grow."""
 
+import dataclasses
 import time
 from collections import deque
 from collections.abc import Callable
 from operator import sub
 
-from common.press_latency import Delay, Goal
+from common.metrics import Value
+from common.press_latency import Delay
 
 WINDOW = 60.0
 """Seconds that count as of late."""
@@ -24,20 +26,23 @@ class RecentLatency:
         self._clock = clock
         self._ticks: deque[tuple[float, tuple[int, ...]]] = deque()
 
-    def look(self, counts: tuple[int, ...]) -> None:
-        """Take in the run's counts as they are now; empty while nobody has told any."""
+    def values(self, counts: tuple[int, ...]) -> dict[str, Value]:
+        """Returns percentiles of the run's counts as they are now, empty if nobody has told any.
+
+        ``hands/…`` are of late, or over the run where that is too little to tell; ``run/…`` are
+        over the run.
+        """
         now = self._clock()
         self._ticks.append((now, counts))
         while now - self._ticks[0][0] > WINDOW:
             self._ticks.popleft()
-
-    def in_all(self, goal: Goal) -> Delay:
-        """Over the run, up to the last look."""
-        return Delay.of(self._ticks[-1][1], goal)
-
-    def of_late(self, goal: Goal) -> Delay:
-        """Over the last while, or over the run where that is too little to tell."""
-        before, counts = self._ticks[0][1], self._ticks[-1][1]
+        before = self._ticks[0][1]
         recent = tuple(map(sub, counts, before)) if before else counts
-        found = Delay.of(recent, goal)
-        return found if found.measured >= LEAST_MEASURED else self.in_all(goal)
+        values: dict[str, Value] = {}
+        for goal in ("press", "release"):
+            whole, late = Delay.of(counts, goal), Delay.of(recent, goal)
+            late = late if late.measured >= LEAST_MEASURED else whole
+            for name, value in dataclasses.asdict(whole).items():
+                values[f"run/{goal}_{name}"] = value
+                values[f"hands/{goal}_{name}"] = getattr(late, name)
+        return values

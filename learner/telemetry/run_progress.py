@@ -7,13 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from common.metrics import Value
 from common.run.config import RunConfig
 from replay.chunk_statistics import ChunkStatistics
 
 RECENT_GAMES = 50
 RECENT_CHUNKS = 500
 JUDGED_CHUNKS = 80
-"""Of these, those whose shares the gates judge: a fault that is over must not count for long."""
+"""Of these, those that health checks judge: a fault that is over must not count for long."""
 
 
 class PhaseEnd(NamedTuple):
@@ -89,20 +90,35 @@ class RunProgress:
         """Agent steps without the warm-up."""
         return max(self.agent_steps - self.config.replay.learning_starts, 0)
 
-    def train_reward(self) -> float | None:
-        """Mean score of the recent training games."""
-        return sum(self.recent_scores) / len(self.recent_scores) if self.recent_scores else None
+    def values(self, *, finishing: bool) -> dict[str, Value]:
+        """Returns where the run is, and what its recent games and chunks were like.
 
-    def staleness(self, percentile: float) -> float | None:
-        """Percentile of the recent chunks' staleness, in updates."""
-        values = [each.staleness for each in self._recent]
-        return float(np.percentile(values, percentile)) if values else None
-
-    def share(self, name: str) -> float | None:
-        """Share of the newest steps that were 'valid' or 'matched'."""
-        newest = list(self._recent)[-JUDGED_CHUNKS:]
-        steps = sum(each.steps for each in newest)
-        return sum(getattr(each, name) for each in newest) / steps if steps else None
+        Args:
+            finishing: only tests are left. Between two phases at the very end, the last epoch is
+                told, whole.
+        """
+        ended = finishing and not self.phase_steps
+        chunks, scores = list(self._recent), self.recent_scores
+        judged = chunks[-JUDGED_CHUNKS:]
+        steps = sum(each.steps for each in judged)
+        p50, p95 = (
+            np.percentile([each.staleness for each in chunks], (50, 95)).tolist()
+            if chunks
+            else (None, None)
+        )
+        return {
+            "run/agent_steps": self.agent_steps,
+            "run/epoch": self.epoch - ended,
+            "run/phase_length": self.phase_length,
+            "run/phase_steps": self.phase_length if ended else self.phase_steps,
+            "learning/epsilon": self.config.epsilon_at(self.agent_steps),
+            "play/games": self.games,
+            "play/train_reward": sum(scores) / len(scores) if scores else None,
+            "play/valid_frame_share": sum(e.valid for e in judged) / steps if steps else None,
+            "play/press_match_share": sum(e.matched for e in judged) / steps if steps else None,
+            "stream/staleness_p50": p50,
+            "stream/staleness_p95": p95,
+        }
 
     _COUNTERS = ("facts_seen", "agent_steps", "epoch", "phase_steps", "games")
 

@@ -1,7 +1,8 @@
-"""Running means over the latest updates: loss, TD error, rewards, pixels."""
+"""Running means over the latest updates: loss, what the algorithm tells, rewards, pixels."""
 
 import torch
 
+from common.metrics import Value
 from learner.algorithm.interface import DeviceBatch, Update
 
 HORIZON = 500
@@ -14,31 +15,43 @@ class RunningMeans:
     """Exponential means, kept on the device so that no update waits for its own figures."""
 
     def __init__(self) -> None:
+        self._names: tuple[str, ...] = ()
         self._sums: torch.Tensor | None = None
         self._weight = 0.0
         self._updates = 0
 
     def add(self, batch: DeviceBatch, result: Update) -> None:
+        """Take in one update."""
         self._updates += 1
         if self._updates % EVERY != 1:
             return
-        newest = batch.s_tm1[:, -1].float()
-        figures = torch.stack(
-            (
-                result.loss,
-                result.metrics["td_error_squared"],
-                batch.r_t.mean(),
-                batch.r_t.square().mean(),
-                newest.std(dim=(1, 2)).mean(),
-            )
-        )
+        figures = {
+            **result.metrics,
+            "loss": result.loss,
+            "reward": batch.r_t.mean(),
+            "reward_squared": batch.r_t.square().mean(),
+            "pixel_deviation": batch.s_tm1[:, -1].float().std(dim=(1, 2)).mean(),
+        }
+        latest = torch.stack(tuple(figures.values()))
         keep = (1 - 1 / HORIZON) ** EVERY
-        self._sums = figures if self._sums is None else self._sums * keep + figures
+        self._names = tuple(figures)
+        self._sums = latest if self._sums is None else self._sums * keep + latest
         self._weight = self._weight * keep + 1
 
-    def read(self) -> tuple[float, float, float, float] | None:
-        """Loss, squared TD error, variance of rewards, deviation of pixels; None before any."""
+    def values(self) -> dict[str, Value]:
+        """Returns the means under ``learning/``; none before the first update.
+
+        The relative TD error is the mean of δ² over the variance of the (n-step, discounted)
+        rewards in the same samples, unknown where that is 0. Not the loss: Huber's is half of δ²,
+        and the 2017 loss is divided by the number of actions, so both would pass a blind network.
+        """
         if self._sums is None:
-            return None
-        loss, error, reward, square, pixels = (self._sums / self._weight).tolist()
-        return loss, error, max(square - reward * reward, 0.0), pixels
+            return {}
+        means = dict(zip(self._names, (self._sums / self._weight).tolist(), strict=True))
+        reward, square = means.pop("reward"), means.pop("reward_squared")
+        variance = max(square - reward * reward, 0.0)
+        error = means["td_error_squared"] / variance if variance else None
+        return {
+            "learning/relative_td_error": error,
+            **{f"learning/{name}": mean for name, mean in means.items()},
+        }

@@ -1,81 +1,219 @@
-"""`Telemetry`: everything that the training loop tells of itself, and when it is shown where."""
+"""Merges what everybody knows into one mapping of figures, and hands it to every sink."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any
 
+from common.metrics import METRICS, Value, Values, number
+from common.run.config import RunConfig
+from common.run.presets import PRESETS
 from learner.algorithm.interface import DeviceBatch, Update
 from learner.clock import Every
-from learner.telemetry.monitor import Monitor
-from learner.telemetry.records import Records
+from learner.telemetry.actor_registry import ActorRegistry
+from learner.telemetry.health_checks import judge
+from learner.telemetry.recent_latency import RecentLatency
+from learner.telemetry.run_progress import RunProgress
 from learner.telemetry.running_means import RunningMeans
 from learner.telemetry.sinks.display import Display
-from learner.telemetry.status import Gate, Phase, Status
+from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
+from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.sinks.summary import epochs_per_day
+from learner.telemetry.snapshot import HealthCheck, Snapshot
 from replay.chunk_statistics import Progress
 
 _SHOW = 1.0
-_CURVE_POINT = 10.0
-_SUMMARY = 60.0
-
-
-class Moment(NamedTuple):
-    """What the training loop knows of itself."""
-
-    progress: Progress
-    """The replay's."""
-    phase: Phase
-    updates: int
-    weights_version: int
-    """Newest weights that were published."""
-    max_q: tuple[float, float] | None
-    """Mean and standard deviation over the held-out states; None before there are any."""
+_RATE_WINDOW = 15.0
+_NOTES = 20
+_OF_2017 = PRESETS["paper"].protocol
+"""Its epochs are the unit of ``run/epochs_per_day``, whatever the run's own length."""
 
 
 class Telemetry:
-    """Gathers the run's figures, and hands them to screen, curves and summary by schedule."""
+    """All that a run tells people and leaves for its readers, but for checkpoints and snapshots.
+
+    Args:
+        facts: figures that stay as they are, such as the run's name.
+        epochs: takes a row for each phase.
+        sinks: take the figures, each as often as it wants.
+        now: monotonic seconds.
+    """
 
     def __init__(
         self,
-        monitor: Monitor,
-        records: Records,
+        config: RunConfig,
+        facts: Values,
+        progress: RunProgress,
+        registry: ActorRegistry,
         display: Display,
-        means: RunningMeans,
+        epochs: EpochTable,
+        sinks: Sequence[Sink],
         now: Callable[[], float],
     ) -> None:
-        self._monitor = monitor
-        self._records = records
+        self._config = config
+        self._facts = {
+            "run/preset": config.preset,
+            "run/env": config.env,
+            "run/game": config.game,
+            "run/seed": config.seed,
+            "stream/samples_per_insert_goal": config.samples_per_insert,
+            "stream/capacity": config.replay.capacity,
+            **facts,
+        }
+        self._progress = progress
+        self._registry = registry
         self._display = display
-        self._means = means
+        self._epochs = epochs
+        self._sinks = [(sink, Every(sink.period, now)) for sink in sinks]
         self._show = Every(_SHOW, now)
-        self._point = Every(_CURVE_POINT, now)
-        self._summarise = Every(_SUMMARY, now)
+        self._now = now
+        self._means = RunningMeans()
+        self._latency = RecentLatency(now)
+        self.rows: list[EpochRow] = []
+        """Of all phases and tests that are complete."""
+        self._ticks: deque[tuple[float, int, int]] = deque()
+        self._notes: deque[str] = deque(maxlen=_NOTES)
+
+    def start(self, checkpoint: dict[str, Any] | None) -> None:
+        """Open the files; rows and points after the ``checkpoint`` of a resumed run are dropped.
+
+        Raises InputError if the table of epochs is damaged, or lacks rows.
+        """
+        self.rows = self._epochs.keep(0 if checkpoint is None else int(checkpoint["rows"]))
+        resumed_at = None if checkpoint is None else int(checkpoint["books"]["agent_steps"])
+        for sink, _ in self._sinks:
+            sink.start(resumed_at)
 
     def update(self, batch: DeviceBatch, result: Update) -> None:
         """Take in one update."""
         self._means.add(batch, result)
 
+    def add(self, row: EpochRow) -> None:
+        """Record a phase or a test that is complete."""
+        self._epochs.append(row)
+        self.rows.append(row)
+        agent_steps = row.total_train_steps + self._config.replay.learning_starts
+        for sink, _ in self._sinks:
+            sink.phase(row, agent_steps)
+
+    def rewards(self, phase: str) -> tuple[float, ...]:
+        """Mean scores of the phases of that kind in which a game ended, oldest first."""
+        return tuple(
+            row.average_reward
+            for row in self.rows
+            if row.phase == phase and row.average_reward is not None
+        )
+
     def note(self, text: str) -> None:
         """Remember an event for the display."""
-        self._monitor.note(text)
+        self._notes.append(text)
 
     def say(self, text: str) -> None:
         """Show a sentence that stays."""
         self._display.line(text)
 
-    def report(self, moment: Moment) -> Sequence[Gate]:
-        """Show the run as it is now where that is due; returns its gates."""
-        status = self._status(moment)
+    def report(self, values: Values, replay: Progress) -> Sequence[HealthCheck]:
+        """Show and write what is due; returns the health checks.
+
+        Args:
+            values: figures that only the training loop knows.
+        """
+        snapshot = self._snapshot(values, replay)
         if self._show.is_due():
-            self._display.show(status)
-        if self._point.is_due():
-            self._records.point(status)
-        if self._summarise.is_due():
-            self._records.summarise(status)
-        return status.gates
+            self._display.show(snapshot)
+        for sink, schedule in self._sinks:
+            if schedule.is_due():
+                sink.write(snapshot)
+        return snapshot.checks
 
-    def close(self, moment: Moment) -> None:
-        """Write the last summary."""
-        self._records.summarise(self._status(moment))
-        self._records.close()
+    def close(self, values: Values, replay: Progress) -> None:
+        """Write the last figures and close the files."""
+        snapshot = self._snapshot(values, replay)
+        for sink, _ in self._sinks:
+            sink.close(snapshot)
 
-    def _status(self, moment: Moment) -> Status:
-        return self._monitor.status(*moment)
+    def _snapshot(self, loop: Values, replay: Progress) -> Snapshot:
+        for text in self._registry.take_notes():
+            self.note(text)
+        actors = self._registry.actors()
+        updates, train_steps = number(loop, "learning/updates") or 0, self._progress.train_steps
+        values: dict[str, Value] = {
+            **self._facts,
+            **self._progress.values(finishing=loop["run/phase"] == "finishing"),
+            **self._means.values(),
+            **self._registry.values(),
+            **self._latency.values(self._registry.key_times()),
+            **self._rewards(),
+            **self._rates(int(updates)),
+            **loop,
+            "stream/samples_per_insert": (
+                updates * self._config.learning.batch_size / train_steps if train_steps else None
+            ),
+            "stream/actors_alive": sum(actor.alive for actor in actors),
+            "stream/actors_present": sum(not actor.left for actor in actors),
+            "stream/chunks_acked": replay.accepted,
+            "stream/chunks_duplicate": replay.duplicates,
+            "stream/chunks_refused": replay.refused,
+            "stream/stored": replay.stored,
+            "replay/private_bytes": replay.private_bytes,
+            "replay/resident_bytes": replay.resident_bytes,
+            "replay/file_bytes": replay.file_bytes,
+        }
+        if train_steps < self._config.exploration.steps:
+            # Before it has explored, a network cannot be better than a blind one.
+            values["learning/relative_td_error"] = None
+        if loop["run/phase"] == "finishing":
+            rate = sum(a.stats.steps_per_second for a in actors if a.stats.role == "evaluator")
+            left = number(loop, "evaluation/steps_left")
+        else:
+            rate = number(values, "stream/steps_per_second") or 0.0
+            left = max(self._progress.phase_length - self._progress.phase_steps, 0)
+        values["run/seconds_left"] = left / rate if rate and left is not None else None
+        checks = judge(values, self._config)
+        values["gates/failed"] = sum(check.passed is False for check in checks)
+        if unknown := values.keys() - METRICS.keys():
+            raise KeyError(f"declare {sorted(unknown)} in common/metrics.py")
+        return Snapshot(
+            values=values,
+            actors=actors,
+            checks=checks,
+            notes=tuple(self._notes),
+            rewards={phase: self.rewards(phase) for phase in ("random", "train", "test")},
+        )
+
+    def _rates(self, updates: int) -> dict[str, Value]:
+        """Returns agent steps and updates per second, of late and over whole phases."""
+        now = self._now()
+        self._ticks.append((now, self._progress.agent_steps, updates))
+        while now - self._ticks[0][0] > _RATE_WINDOW:
+            self._ticks.popleft()
+        then, steps, before = self._ticks[0]
+        seconds = now - then
+        steps_rate = (self._progress.agent_steps - steps) / seconds if seconds >= 1 else None
+        train, test = self._rate("train"), self._rate("test")
+        train = steps_rate if train is None else train
+        return {
+            "stream/steps_per_second": steps_rate,
+            "learning/updates_per_second": (updates - before) / seconds if seconds >= 1 else None,
+            "run/train_steps_per_second": train,
+            "run/test_steps_per_second": test,
+            "run/epochs_per_day": epochs_per_day(
+                _OF_2017.epoch_steps, _OF_2017.test_steps, train, test
+            ),
+        }
+
+    def _rate(self, phase: str) -> float | None:
+        """Agent steps per second over the complete phases of that kind."""
+        rows = [row for row in self.rows if row.phase == phase]
+        seconds = sum(row.epoch_time for row in rows)
+        return sum(row.steps for row in rows) / seconds if seconds else None
+
+    def _rewards(self) -> dict[str, Value]:
+        tests = self.rewards("test")
+        return {
+            "play/test_reward": tests[-1] if tests else None,
+            "play/best_test_reward": max(tests, default=None),
+            "play/test_epoch": next(
+                (row.epoch for row in reversed(self.rows) if row.phase == "test"), None
+            ),
+            "play/random_reward": next(iter(self.rewards("random")), None),
+        }

@@ -35,7 +35,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def test_before_the_first_step_there_is_nothing(clock: Clock) -> None:
     found = ActorCounters()
-    assert (found.steps, found.valid_share, found.match_share) == (0, 0.0, 0.0)
+    assert (found.stats.steps, found.stats.valid_share, found.stats.match_share) == (0, 0.0, 0.0)
     clock.now += 1
     assert found.rates() == (0.0, 0.0)
 
@@ -44,7 +44,7 @@ def test_shares_are_over_all_steps() -> None:
     found = ActorCounters()
     for valid, match in ((True, True), (False, True), (True, False), (False, True)):
         found.count(step(valid=valid, match=match))
-    assert (found.steps, found.valid_share, found.match_share) == (4, 0.5, 0.75)
+    assert (found.stats.steps, found.stats.valid_share, found.stats.match_share) == (4, 0.5, 0.75)
 
 
 def test_what_the_clock_tells_is_added_up() -> None:
@@ -53,8 +53,9 @@ def test_what_the_clock_tells_is_added_up() -> None:
     found.count(step(elapsed=5, missed_deadlines=3, late_frames=7, gave_up=False))
     found.count(step(elapsed=8, missed_deadlines=0, late_frames=1, gave_up=True))
     found.count(step(elapsed=1, missed_deadlines=0, late_frames=0, gave_up=False))
-    assert (found.steps, found.decisions) == (4, 15)
-    assert (found.missed_deadlines, found.late_frames, found.waits_given_up) == (3, 8, 1)
+    stats = found.stats
+    assert (stats.steps, stats.decisions) == (4, 15)
+    assert (stats.missed_deadlines, stats.late_frames, stats.waits_given_up) == (3, 8, 1)
 
 
 def test_what_the_hands_took_is_counted_by_its_place() -> None:
@@ -65,8 +66,9 @@ def test_what_the_hands_took_is_counted_by_its_place() -> None:
         found.count(step(key_times=places))
     assert {place: n for place, n in enumerate(found.key_times) if n} == {2: 2, 61: 1}
     policy = SimpleNamespace(random_share=0.5, weights_version=3)
-    told = found.stats("a", "actor", 1, policy, leaving=False)  # type: ignore[arg-type]
+    told = found.told(policy, False, made=5)  # type: ignore[arg-type]
     assert told.key_times == tuple(found.key_times)
+    assert (told.epsilon, told.weights_version, told.made, told.steps) == (0.5, 3, 5, 4)
 
 
 def test_rates_are_since_the_last_look(clock: Clock) -> None:

@@ -26,21 +26,10 @@ def stats(
     role: Role, incarnation: int, steps: int = 0, decisions: int = 0, missed: int = 0
 ) -> ActorStats:
     return ActorStats(
-        name=f"{role}-{incarnation}",
-        role=role,
-        incarnation=incarnation,
-        leaving=False,
+        f"{role}-{incarnation}",
+        role,
+        incarnation,
         steps=steps,
-        steps_per_second=0.0,
-        epsilon=0.1,
-        weights_version=0,
-        made=0,
-        acked=0,
-        retried=0,
-        refused=0,
-        held_share=0.0,
-        valid_share=1.0,
-        match_share=1.0,
         decisions=decisions,
         missed_deadlines=missed,
     )

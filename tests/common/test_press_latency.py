@@ -1,4 +1,4 @@
-"""Kaplan and Meier's estimator against sums by hand and a slow reading of its definition."""
+"""Percentiles against sums by hand and a slow reading of their definition."""
 
 import math
 from fractions import Fraction
@@ -16,7 +16,6 @@ from common.press_latency import (
     Goal,
     ms_of,
     place_of,
-    still_waiting,
 )
 
 OUTCOMES = st.lists(st.tuples(st.booleans(), st.integers(1, MOST_FRAMES)), min_size=1, max_size=60)
@@ -41,38 +40,32 @@ def test_each_outcome_has_a_place_of_its_own() -> None:
     assert places == list(range(COUNTS))
 
 
-def test_the_estimator_by_hand() -> None:
+def test_percentiles_by_hand() -> None:
     """Six commands: reached at 1, 3, 3 and 5 frames, given up at 3 and 4.
 
-    At 1 frame six were watched and one was reached: 5/6 still wait. At 3 five were, the one that
-    was given up then among them, and two reached: 5/6 · 3/5 = 1/2. At 5 the last: 0.
+    Half of the six, three, were reached within 3 frames; 99 % of them never.
     """
-    reached, given_up = np.zeros((2, 6))
-    reached[[0, 2, 4]] = 1, 2, 1
-    given_up[[2, 3]] = 1
-    shares = still_waiting(reached, given_up)
-    assert shares == pytest.approx([5 / 6, 5 / 6, 1 / 2, 1 / 2, 0, 0])
     outcomes = [(True, 1), (True, 3), (True, 3), (True, 5), (False, 3), (False, 4)]
     assert Delay.of(counted("press", outcomes), "press") == Delay(
-        measured=6, p50=ms_of(3), p99=ms_of(5), watched=ms_of(5)
+        measured=6, p50=ms_of(3), p99=math.inf, watched=ms_of(5), given_up=1 / 3
     )
 
 
 def test_goals_are_apart() -> None:
     counts = counted("release", [(True, 2)])
-    assert Delay.of(counts, "release") == Delay(1, ms_of(2), ms_of(2), ms_of(2))
+    assert Delay.of(counts, "release") == Delay(1, ms_of(2), ms_of(2), ms_of(2), 0.0)
     assert Delay.of(counts, "press") == UNMEASURED
 
 
 @pytest.mark.parametrize("counts", [(), [0] * COUNTS])
 def test_nothing_measured_is_not_known(counts: list[int]) -> None:
-    assert Delay.of(counts, "press") == UNMEASURED == Delay(0, None, None, 0.0)
+    assert Delay.of(counts, "press") == UNMEASURED == Delay(0, None, None, 0.0, None)
 
 
-def test_a_percentile_that_nobody_waited_for_is_infinite() -> None:
+def test_a_percentile_that_too_many_gave_up_is_infinite() -> None:
     outcomes = [(True, 3)] * 98 + [(False, 4)] * 2
     found = Delay.of(counted("press", outcomes), "press")
-    assert found == Delay(100, ms_of(3), math.inf, ms_of(4))
+    assert found == Delay(100, ms_of(3), math.inf, ms_of(4), 0.02)
 
 
 @pytest.mark.parametrize(("late", "p99"), [(1, 3), (2, 9)])
@@ -82,8 +75,8 @@ def test_one_in_a_hundred_may_be_later_than_the_99th_percentile(late: int, p99: 
 
 
 def test_those_given_up_are_not_taken_for_prompt() -> None:
-    """Half of the commands live for four frames only, in which no slow hand reaches anything."""
-    slow = [(False, 4)] * 50 + [(True, 12)] * 50
+    """Almost half of the commands live for four frames only, in which no slow hand is there."""
+    slow = [(False, 4)] * 49 + [(True, 12)] * 51
     assert Delay.of(counted("press", slow), "press").p50 == ms_of(12)
     never = [(False, 4)] * 50
     assert Delay.of(counted("press", never), "press").p50 == math.inf
@@ -91,12 +84,9 @@ def test_those_given_up_are_not_taken_for_prompt() -> None:
 
 def _naive(outcomes: list[tuple[bool, int]], share: Fraction) -> int | None:
     """The first age at which at least ``share`` have reached the goal, command by command."""
-    waiting = Fraction(1)
-    for age in sorted({frames for reached, frames in outcomes if reached}):
-        watched = [frames for _, frames in outcomes if frames >= age]
-        events = [frames for reached, frames in outcomes if reached and frames == age]
-        waiting *= 1 - Fraction(len(events), len(watched))
-        if 1 - waiting >= share:
+    for age in range(1, MOST_FRAMES + 1):
+        there = [frames for reached, frames in outcomes if reached and frames <= age]
+        if Fraction(len(there), len(outcomes)) >= share:
             return age
     return None
 
@@ -108,6 +98,7 @@ def test_percentiles_are_those_of_the_definition(outcomes: list[tuple[bool, int]
         frames = _naive(outcomes, share)
         assert ms == (math.inf if frames is None else ms_of(frames))
     assert found.measured == len(outcomes)
+    assert found.given_up == sum(not reached for reached, _ in outcomes) / len(outcomes)
     assert found.watched == ms_of(max(frames for _, frames in outcomes))
 
 

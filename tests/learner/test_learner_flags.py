@@ -21,7 +21,6 @@ from learner.__main__ import (
     going_on,
     stored_config,
 )
-from learner.telemetry.status import ClockMode
 
 
 def learner(*arguments: str) -> LearnerOptions:
@@ -74,8 +73,8 @@ def test_what_would_have_no_effect_is_refused(arguments: list[str], words: str) 
 
 def test_records_tell_local_modes_clock_and_nobody_elses() -> None:
     options = learner("--local", "--no-sync", "--speed", "2", "--wait-action")
-    assert clock_mode(options) == ClockMode(sync=False, wait_action=True, speed=2.0)
-    assert clock_mode(learner()) is None
+    assert clock_mode(options) == {"run/sync": False, "run/wait_action": True, "run/speed": 2.0}
+    assert clock_mode(learner()) == {}
 
 
 @pytest.mark.parametrize("flag", ["--no-sync", "--wait-action"])

@@ -21,7 +21,7 @@ from learner.clock import RunClock
 from learner.health_guard import HealthGuard
 from learner.phases import Phases
 from learner.telemetry.run_progress import RunProgress
-from learner.telemetry.status import Gate
+from learner.telemetry.snapshot import HealthCheck
 from learner.training import Learner
 from replay.chunk_statistics import ChunkStatistics, Progress
 
@@ -36,7 +36,7 @@ CONFIG = replace(
         checkpoint_period=25,
     ),
 )
-RED = Gate(name="valid frames", value=0.0, passed=False, bound="≥ 0.99", why="it is blind")
+RED = HealthCheck(name="valid frames", value=0.0, passed=False, bound="≥ 0.99", why="it is blind")
 
 
 class Stop(threading.Event):
@@ -79,7 +79,7 @@ class World:
     """Score of each test in turn; the last for all others."""
     test_seconds: float = 0.0
     """How long each test takes."""
-    gates: tuple[Gate, ...] = ()
+    checks: tuple[HealthCheck, ...] = ()
     said: list[str] = field(default_factory=list)
     log: list[Any] = field(default_factory=list)
     """What happened, in order."""
@@ -91,9 +91,13 @@ class World:
         self.agent_steps = sum(each.steps for each in self.facts)
         self.rows: list[Any] = []
         self.online = torch.nn.Linear(1, 1, bias=False)
+        self.credited: list[int] = []
+        """Chunks by which the registry knows its actors."""
         self.pending: list[Any] = []
         self.priorities: list[Any] = []
         self.free = True
+        self.first = 0
+        """Chunk from which a resumed learner counts."""
 
     def passes(self, seconds: float) -> None:
         self.now += seconds
@@ -170,6 +174,7 @@ class World:
 
     def save(self, state: dict[str, Any]) -> None:
         self.checkpoints.append(state)
+        assert self.credited == [*range(self.first, state["books"]["facts_seen"])]
         self.log.append(("checkpoint", state["updates"]))
 
     def room(self) -> None:
@@ -181,7 +186,7 @@ class World:
     ) -> Learner:
         clock = RunClock(lambda: self.now)
         progress = RunProgress(self.config)
-        records: Any = SimpleNamespace(
+        rows: Any = SimpleNamespace(
             rows=self.rows,
             add=self.rows.append,
             rewards=lambda phase: [r.average_reward for r in self.rows if r.phase == phase],
@@ -209,19 +214,23 @@ class World:
                 settle=lambda test, best: self.log.append(("settle", test.epoch, best)),
                 sweep=lambda: self.log.append("sweep"),
                 finish=lambda: self.log.append("evaluators may leave"),
+                steps_left=0,
                 pending=_Count(self),
             ),
             "registry": SimpleNamespace(
                 alive=lambda role: self.actors if role == "actor" else self.evaluators,
                 state=lambda: ["a"],
                 restore=lambda state: self.log.append(("actors", state)),
+                accepted=lambda chunk: self.credited.append(chunk.index),
             ),
             "telemetry": SimpleNamespace(
                 update=lambda batch, result: None,
                 note=self.said.append,
                 say=self.said.append,
-                report=lambda moment: self.gates,
-                close=lambda moment: self.log.append(("summary", moment.updates)),
+                report=lambda values, replay: self.checks,
+                close=lambda values, replay: self.log.append(
+                    ("summary", values["learning/updates"])
+                ),
             ),
             "room": SimpleNamespace(wait=self.room),
         }
@@ -232,7 +241,7 @@ class World:
             broadcast=self.broadcast,
             save=self.save,
             progress=progress,
-            phases=Phases(self.config, progress, records, clock),
+            phases=Phases(self.config, progress, rows, clock),
             guard=HealthGuard(
                 *(5.0, stall_minutes, 4), force=force, warn=self.said.append, now=lambda: self.now
             ),
@@ -326,6 +335,7 @@ def test_a_resumed_run_has_all_its_counters() -> None:
 
     second = World(facts=first.facts)
     second.rows = first.rows
+    second.first = last["books"]["facts_seen"]
     learner = second.learner()
     learner.restore(last)
     second.now += 7.0
@@ -421,7 +431,7 @@ def test_priorities_go_back_to_a_prioritised_replay() -> None:
 
 
 def test_a_gate_that_stays_red_ends_the_run() -> None:
-    world = World(update_seconds=0.25, gates=(RED,))
+    world = World(update_seconds=0.25, checks=(RED,))
     learner = run(world)
     assert learner.failed is not None
     assert re.match(r"gate 'valid frames' has been red for 5 minutes and 640 steps", learner.failed)
@@ -431,7 +441,7 @@ def test_a_gate_that_stays_red_ends_the_run() -> None:
 
 
 def test_force_only_warns_of_a_red_gate_once() -> None:
-    world = World(update_seconds=0.25, gates=(RED,))
+    world = World(update_seconds=0.25, checks=(RED,))
     world.once(lambda: world.now >= 1_700.0, world.stop.set)
     learner = run(world, force=True)
     assert learner.failed is None
@@ -490,7 +500,7 @@ def test_the_last_epoch_is_tested_before_the_end() -> None:
 
 
 def test_the_last_test_may_take_longer_than_a_run_may_stand_still() -> None:
-    world = World(test_seconds=1_500.0, gates=(RED,))
+    world = World(test_seconds=1_500.0, checks=(RED,))
     assert run(world, steps_goal=300).failed is None
     assert world.now > 2_500.0
     assert world.rows[-1].phase == "test"
@@ -517,6 +527,7 @@ def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) ->
     known = world.checkpoints[-1]["books"]["agent_steps"]
     again = World(facts=world.facts, lost=world.agent_steps - known + 100 + beyond)
     again.rows = world.rows
+    again.first = len(world.credited)
     learner = again.learner()
     learner.restore(world.checkpoints[-1])
     if not beyond:

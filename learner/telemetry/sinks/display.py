@@ -14,10 +14,12 @@ from rich.console import Console, ConsoleDimensions
 from rich.live import Live
 from rich.text import Text
 
+from common.metrics import number
 from common.process.output import silence
-from learner.telemetry.sinks import formats as figures
-from learner.telemetry.sinks.screen import Screen, time_troubles
-from learner.telemetry.status import Status
+from learner.telemetry.sinks import formats
+from learner.telemetry.sinks.formats import fill, troubles
+from learner.telemetry.sinks.screen import Screen
+from learner.telemetry.snapshot import Snapshot
 
 PLAIN_SECONDS = 10.0
 
@@ -25,7 +27,7 @@ PLAIN_SECONDS = 10.0
 class Display(Protocol):
     """Shows a run; a context manager that gives the terminal back however it is left."""
 
-    def show(self, status: Status) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Show the newest snapshot, its notes included; meant for about once a second."""
 
     def line(self, text: str) -> None:
@@ -63,13 +65,13 @@ class LiveDisplay:
         )
         self._gone = False
 
-    def show(self, status: Status) -> None:
-        """Draw ``status`` in place of the one before."""
-        self._try(lambda: self._draw(status))
+    def show(self, snapshot: Snapshot) -> None:
+        """Draw ``snapshot`` in place of the one before."""
+        self._try(lambda: self._draw(snapshot))
 
     def line(self, text: str) -> None:
         """Print a line above the screen."""
-        self._try(lambda: self._console.print(Text(figures.one_line(text))))
+        self._try(lambda: self._console.print(Text(formats.one_line(text))))
 
     def __enter__(self) -> Self:
         self._try(self._live.start)
@@ -79,13 +81,13 @@ class LiveDisplay:
         self._gone = False  # standard output is to be given back even so
         self._try(self._live.stop)
 
-    def _draw(self, status: Status) -> None:
+    def _draw(self, snapshot: Snapshot) -> None:
         size = _size_of(self._console)
         if size != self._size:
             # Lines that a narrower window has wrapped cannot be drawn over.
             self._console.size = self._size = size
             self._console.clear()
-        self._live.update(Screen(status), refresh=True)
+        self._live.update(Screen(snapshot), refresh=True)
 
     def _try(self, action: Callable[[], None]) -> None:
         if self._gone:
@@ -124,28 +126,26 @@ class PlainDisplay:
         self._every = every
         self._clock = clock
         self._shown: float | None = None
-        self._last: Status | None = None
+        self._last: Snapshot | None = None
         self._gone = False
 
-    def show(self, status: Status) -> None:
-        """Say what is new: notes and gates at once, the figures when it is time."""
-        for text in _new_notes(self._last, status):
-            self.line(text)
-        for text in _changed_gates(self._last, status):
+    def show(self, snapshot: Snapshot) -> None:
+        """Say what is new: notes and health checks at once, the figures when it is time."""
+        for text in [*_new_notes(self._last, snapshot), *_changed_checks(self._last, snapshot)]:
             self.line(text)
         now = self._clock()
-        turned = self._last is None or _chapter(self._last) != _chapter(status)
+        turned = self._last is None or _chapter(self._last) != _chapter(snapshot)
         if turned or self._shown is None or now - self._shown >= self._every:
-            self.line(status_line(status))
+            self.line(status_line(snapshot))
             self._shown = now
-        self._last = status
+        self._last = snapshot
 
     def line(self, text: str) -> None:
         """Write one line, with the time of day."""
         if self._gone:
             return
         encoding = getattr(self._stream, "encoding", None) or "utf-8"
-        full = f"{time.strftime('%H:%M:%S')} {figures.one_line(text)}".translate(_ASCII)
+        full = f"{time.strftime('%H:%M:%S')} {formats.one_line(text)}".translate(_ASCII)
         try:
             self._stream.write(full.encode(encoding, "replace").decode(encoding) + "\n")
             self._stream.flush()
@@ -160,77 +160,78 @@ class PlainDisplay:
         pass
 
 
-_ASCII = str.maketrans({"−": "-", "–": "-", "ε": "epsilon", "≥": ">=", "…": "...", "→": "->"})
+_ASCII = str.maketrans(
+    {"−": "-", "–": "-", "ε": "epsilon", "≥": ">=", "…": "...", "→": "->", "∞": "inf"}
+)
 """Lines in a log are read by any terminal, and by grep."""
+_LINE = (
+    "{run/agent_steps} steps",
+    "reward train {play/train_reward} test {play/test_reward} random {play/random_reward}",
+    "max-Q {learning/mean_max_q}",
+    "loss {learning/loss}",
+    "ε {learning/epsilon}",
+    "{stream/steps_per_second} steps/s",
+    "{learning/updates_per_second} updates/s",
+    "{stream/samples_per_insert} samples/insert of {stream/samples_per_insert_goal}",
+    "staleness {stream/staleness_p50}/{stream/staleness_p95}",
+)
+_HANDS = (
+    "keys ms release {hands/release_p50}/{hands/release_p99} "
+    "press {hands/press_p50}/{hands/press_p99}"
+)
 
 
-def status_line(status: Status) -> str:
-    """The figures of ``status`` in one line."""
-    if status.phase == "warm-up":
-        where = f"warm-up {figures.share(status.warmup_done, status.warmup)}"
-    else:
-        where = f"epoch {status.epoch} {figures.share(status.epoch_done, status.epoch_steps)}"
-    if status.phase == "finishing":
+def status_line(snapshot: Snapshot) -> str:
+    """The figures of ``snapshot`` in one line."""
+    values = snapshot.values
+    phase = "warm-up" if values["run/phase"] == "warm-up" else fill("epoch {run/epoch}", values)
+    done, total = (number(values, f"run/phase_{name}") or 0 for name in ("steps", "length"))
+    where = f"{phase} {formats.share(done, total)}"
+    if values["run/phase"] == "finishing":
         where += ", finishing"
-    elif status.remaining is not None:
-        where += f", {figures.duration(status.remaining)} left"
-    reward = (
-        f"reward train {figures.decimal(status.train_reward, 2)}"
-        f" test {figures.decimal(status.test_reward, 2)}"
-        f" random {figures.decimal(status.random_reward, 2)}"
-    )
-    stale = "/".join(
-        figures.decimal(lag, 0) for lag in (status.staleness_p50, status.staleness_p95)
-    )
-    alive = sum(actor.alive for actor in status.present)
-    unmeasured = sum(gate.passed is None for gate in status.gates)
-    gates = f"gates {len(status.gates) - len(status.failed_gates) - unmeasured} green"
+    elif values.get("run/seconds_left") is not None:
+        where += fill(", {run/seconds_left} left", values)
+    unmeasured = sum(check.passed is None for check in snapshot.checks)
+    checks = f"checks {len(snapshot.checks) - len(snapshot.failed) - unmeasured} green"
     if unmeasured:
-        gates += f", {unmeasured} open"
-    if status.failed_gates:
-        gates += f", {len(status.failed_gates)} RED"
-    hands = f"keys ms release {figures.delay(status.release)} press {figures.delay(status.press)}"
+        checks += f", {unmeasured} open"
+    if snapshot.failed:
+        checks += f", {len(snapshot.failed)} RED"
+    actors = fill("{stream/actors_alive} of {stream/actors_present} actors", values)
     return " | ".join(
         (
             where,
-            f"{figures.count(status.agent_steps)} steps",
-            reward,
-            f"max-Q {figures.decimal(status.mean_max_q, 3)}",
-            f"loss {figures.significant(status.loss)}",
-            f"ε {figures.decimal(status.epsilon, 3)}",
-            f"{figures.decimal(status.steps_per_second, 1)} steps/s",
-            f"{figures.decimal(status.updates_per_second, 1)} updates/s",
-            f"{figures.decimal(status.samples_per_insert, 2)} samples/insert"
-            f" of {status.samples_per_insert_goal:g}",
-            f"staleness {stale}",
-            f"{alive} of {len(status.present)} actors{time_troubles(status.time)}",
-            *([hands] if status.press.measured else []),
-            gates,
+            *(fill(part, values) for part in _LINE),
+            actors + troubles(values),
+            *([fill(_HANDS, values)] if values.get("hands/press_measured") else []),
+            checks,
         )
     )
 
 
-def _chapter(status: Status) -> tuple[object, ...]:
-    return status.phase, status.epoch, status.test_epoch
+def _chapter(snapshot: Snapshot) -> tuple[object, ...]:
+    return tuple(snapshot.values.get(key) for key in ("run/phase", "run/epoch", "play/test_epoch"))
 
 
-def _new_notes(last: Status | None, status: Status) -> tuple[str, ...]:
+def _new_notes(last: Snapshot | None, snapshot: Snapshot) -> tuple[str, ...]:
     """Notes that came since ``last``, whose own may have left the list at its old end."""
     before = last.notes if last is not None else ()
-    now = status.notes
+    now = snapshot.notes
     for overlap in range(min(len(before), len(now)), 0, -1):
         if before[-overlap:] == now[:overlap]:
             return now[overlap:]
     return now
 
 
-def _changed_gates(last: Status | None, status: Status) -> list[str]:
-    before = {gate.name: gate.passed for gate in last.gates} if last is not None else {}
+def _changed_checks(last: Snapshot | None, snapshot: Snapshot) -> list[str]:
+    before = {check.name for check in last.failed} if last is not None else set()
     lines = []
-    for gate in status.gates:
-        value = figures.significant(gate.value)
-        if gate.passed is False and before.get(gate.name) is not False:
-            lines.append(f"GATE RED: {gate.name} is {value}, not {gate.bound}: {gate.why}")
-        if gate.passed and before.get(gate.name) is False:
-            lines.append(f"gate green again: {gate.name} is {value}")
+    for check in snapshot.checks:
+        value = formats.significant(check.value)
+        if check.passed is False and check.name not in before:
+            lines.append(
+                f"HEALTH CHECK RED: {check.name} is {value}, not {check.bound}: {check.why}"
+            )
+        if check.passed and check.name in before:
+            lines.append(f"health check green again: {check.name} is {value}")
     return lines

@@ -5,7 +5,9 @@ of the first experiment without conversion. Times are wall clock, where those of
 time.
 """
 
+import csv
 import dataclasses
+import io
 import math
 import os
 from collections.abc import Iterable, Sequence
@@ -26,7 +28,7 @@ class EpochRow:
     epoch: int
     """0 for the warm-up, then 1, 2, 3 …"""
     phase: EpochPhase
-    """``random`` is a warm-up in which all decisions were."""
+    """``random`` is a warm-up in which all actions were."""
     steps: int
     """Agent steps in this phase."""
     nr_games: int
@@ -52,45 +54,27 @@ class EpochRow:
 
     @classmethod
     def of_games(
-        cls,
-        scores: Sequence[float],
-        *,
-        epoch: int,
-        phase: EpochPhase,
-        steps: int,
-        last_exploration_rate: float,
-        total_train_steps: int,
-        replay_memory_count: int,
-        meanq: float | None,
-        meancost: float | None,
-        weight_updates: int,
-        total_time: float,
-        epoch_time: float,
+        cls, scores: Sequence[float], *, steps: int, epoch_time: float, **columns: Any
     ) -> Self:
-        """The row of a phase in which games with these scores ended."""
+        """The row of a phase in which games with these scores ended.
+
+        Args:
+            columns: those that do not follow from the scores, steps and time.
+        """
         return cls(
-            epoch=epoch,
-            phase=phase,
             steps=steps,
             nr_games=len(scores),
             average_reward=math.fsum(scores) / len(scores) if scores else None,
             min_game_reward=min(scores, default=None),
             max_game_reward=max(scores, default=None),
-            last_exploration_rate=last_exploration_rate,
-            total_train_steps=total_train_steps,
-            replay_memory_count=replay_memory_count,
-            meanq=meanq,
-            meancost=meancost,
-            weight_updates=weight_updates,
-            total_time=total_time,
             epoch_time=epoch_time,
             steps_per_second=steps / epoch_time if epoch_time > 0 else 0.0,
+            **columns,
         )
 
 
 COLUMNS = tuple(field.name for field in dataclasses.fields(EpochRow))
 _HINTS = get_type_hints(EpochRow)
-_PHASES = get_args(EpochPhase)
 
 
 class EpochTable:
@@ -101,12 +85,11 @@ class EpochTable:
 
     def append(self, row: EpochRow) -> None:
         """Add ``row``; it is on the disk when this returns."""
-        line = _line(_cell(getattr(row, name)) for name in COLUMNS)
         if not self._path.exists():
-            write_atomically(self._path, (_line(COLUMNS) + line).encode())
+            write_atomically(self._path, _text([COLUMNS, _cells(row)]))
             return
-        with open(self._path, "a", encoding="utf-8", newline="") as file:
-            file.write(line)
+        with open(self._path, "ab") as file:
+            file.write(_text([_cells(row)]))
             file.flush()
             os.fsync(file.fileno())
 
@@ -123,7 +106,7 @@ class EpochTable:
         """Drop the rows after the first ``count``, atomically, and return those that stay.
 
         For a resume: a checkpoint knows how many rows there were, and what follows it (perhaps
-        torn by the crash) will be lived through again.
+        torn by the crash) will be written again.
 
         Raises:
             InputError: there are fewer rows, or one of them is damaged.
@@ -136,15 +119,13 @@ class EpochTable:
             )
         kept = [self._row(number, line) for number, line in enumerate(lines[:count], 1)]
         if len(lines) > count:
-            kept_lines = _line(COLUMNS) + "".join(lines[:count])
-            write_atomically(self._path, kept_lines.encode())
+            write_atomically(self._path, _text([COLUMNS, *map(_cells, kept)]))
         return kept
 
     def _lines(self) -> list[str]:
         """The lines after the header, with their ends."""
         try:
-            # The tables of 2017 end their lines as Windows does.
-            text = self._path.read_bytes().decode("utf-8").replace("\r\n", "\n")
+            text = self._path.read_bytes().decode("utf-8")
         except FileNotFoundError:
             return []
         except UnicodeDecodeError:
@@ -152,14 +133,14 @@ class EpochTable:
         except OSError as error:
             raise InputError(f"cannot read {self._path}: {error.strerror}.") from None
         header, *lines = text.splitlines(keepends=True) or [""]
-        if header != _line(COLUMNS):
+        if not header.endswith("\n") or next(csv.reader([header])) != [*COLUMNS]:
             raise self._damage("its first line does not name the columns")
         return lines
 
     def _row(self, number: int, line: str) -> EpochRow:
         if not line.endswith("\n"):
             raise self._damage(f"row {number} is not whole")
-        cells = line.rstrip("\n").split(",")
+        (cells,) = csv.reader([line])
         if len(cells) != len(COLUMNS):
             raise self._damage(f"row {number} has {len(cells)} cells instead of {len(COLUMNS)}")
         values: dict[str, Any] = {}
@@ -174,16 +155,20 @@ class EpochTable:
         return InputError(f"{self._path} is damaged ({what}): mend it, or start a new run.")
 
 
-def _line(cells: Iterable[str]) -> str:
-    return ",".join(cells) + "\n"
+def _text(rows: Iterable[Iterable[Any]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()
 
 
-def _cell(value: str | float | None) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
-        return str(int(value))  # -21, as in 2017, not -21.0
-    return str(value)
+def _cells(row: EpochRow) -> list[Any]:
+    # -21, as in 2017, not -21.0
+    return [
+        int(value)
+        if isinstance(value, float) and value.is_integer() and abs(value) < 2**53
+        else value
+        for value in (getattr(row, name) for name in COLUMNS)
+    ]
 
 
 def _value(hint: Any, cell: str) -> Any:
@@ -192,7 +177,7 @@ def _value(hint: Any, cell: str) -> Any:
             raise ValueError(cell)
         return int(cell)
     if hint == EpochPhase:
-        if cell not in _PHASES:
+        if cell not in get_args(EpochPhase):
             raise ValueError(cell)
         return cell
     if cell == "" and hint == float | None:

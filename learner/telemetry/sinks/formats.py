@@ -1,10 +1,13 @@
 """How figures are written for people: aligned, with separators, and a dash for the unknown."""
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
+from typing import Any
 
-from common.press_latency import Delay
+from common.metrics import METRICS, Values
 
 UNKNOWN = "–"
 _LEVELS = " ▁▂▃▄▅▆▇█"
@@ -52,13 +55,49 @@ def duration(seconds: float | None) -> str:
     return f"{minutes:02}:{whole % 60:02}"
 
 
-def delay(found: Delay) -> str:
-    """p50 and p99 in ms as ``50/67``; ``50/>83`` or ``>83`` where it took longer than anybody
-    waited."""
-    if found.p50 is None or found.p99 is None:
-        return UNKNOWN
-    p99 = f"{found.p99:.0f}" if math.isfinite(found.p99) else f">{found.watched:.0f}"
-    return f"{found.p50:.0f}/{p99}" if math.isfinite(found.p50) else p99
+def milliseconds(value: float | None) -> str:
+    """Whole ms; ``∞`` for what was not reached."""
+    return "∞" if value == math.inf else decimal(value, 0)
+
+
+FORMS: dict[str, Callable[[Any], str]] = {
+    **{f".{places}": partial(decimal, places=places) for places in range(4)},
+    "count": count,
+    "duration": duration,
+    "ms": milliseconds,
+    "of epoch": lambda value: "" if value is None else f", epoch {value}",
+    "plain": lambda value: UNKNOWN if value is None else f"{value:g}",
+    "significant": significant,
+    "text": lambda value: UNKNOWN if value is None else str(value),
+}
+"""By the name that `common.metrics.Metric.form` has."""
+
+
+def figure(key: str, values: Values) -> str:
+    """The figure ``key`` in its own form."""
+    return FORMS[METRICS[key].form](values.get(key))
+
+
+def fill(template: str, values: Values) -> str:
+    """``template`` with each ``{key}`` replaced by its figure."""
+    return re.sub(r"\{([^{}]+)\}", lambda found: figure(found[1], values), template)
+
+
+def troubles(values: Values) -> str:
+    """What went wrong with time, if anything did, each after a comma: ``, 12k late, 3 gave up``."""
+    sums: dict[str, int] = {}
+    for key, value in values.items():
+        if (word := METRICS[key].trouble) and isinstance(value, int):
+            sums[word] = sums.get(word, 0) + value
+    return "".join(f", {_brief(total)} {word}" for word, total in sums.items() if total)
+
+
+def _brief(number: int) -> str:
+    """In four characters: at 80 columns there is no room for more."""
+    for unit, name in ((1_000_000, "M"), (1_000, "k")):
+        if number >= unit:
+            return f"{number / unit:.{1 if number < 10 * unit else 0}f}{name}"
+    return str(number)
 
 
 def one_line(text: str) -> str:

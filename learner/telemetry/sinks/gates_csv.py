@@ -1,4 +1,4 @@
-"""``gates.csv``: the gates over a run, a row for each point of its curves.
+"""``gates.csv``: the health checks over a run, a row for each point of its curves.
 
 What TensorBoard shows, for everybody who has none.
 """
@@ -6,66 +6,58 @@ What TensorBoard shows, for everybody who has none.
 import csv
 import io
 from pathlib import Path
+from typing import Any
 
+from common.metrics import METRICS, number
 from common.run.folder import write_atomically
-from learner.telemetry.health_checks import GATES
-from learner.telemetry.status import Status
-
-COLUMNS = (
-    "seconds",
-    "agent_steps",
-    *(name.replace(" ", "_") for name in GATES),
-    "press_p50_ms",
-    "release_p50_ms",
-    "release_p99_ms",
-    "red",
-)
-"""Run's time, agent steps, each gate's value and the hands' other latencies (empty while unknown),
-and which gates are red."""
+from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.snapshot import Snapshot
 
 
-class GateTable:
+class GatesCsvSink(Sink):
     """The rows of one run, in a CSV file that only grows, but for a resume.
 
-    Args:
-        resumed_at: agent steps of the checkpoint that was resumed, whose later rows, of a life
-            that was lost, are dropped. None for a new run.
+    Its columns are the run's time, agent steps, each figure of the table that has a column here
+    (empty while unknown), and the names of the health checks that fail.
     """
 
-    def __init__(self, path: Path, resumed_at: int | None = None) -> None:
+    def __init__(self, path: Path) -> None:
         self._path = path
-        rows = [dict(zip(COLUMNS, COLUMNS, strict=True))]
-        if resumed_at is not None and path.exists():
-            rows += _kept(path.read_text(encoding="utf-8", errors="replace"), resumed_at)
-        write_atomically(path, "".join(map(_line, rows)).encode())
+        self._gates = {metric.gate: metric.key for metric in METRICS.values() if metric.gate}
+        self.columns = ("seconds", "agent_steps", *self._gates, "red")
 
-    def add(self, status: Status) -> None:
-        """A row of ``status``."""
+    def start(self, resumed_at: int | None) -> None:
+        """Begin anew, or with the whole rows up to ``resumed_at``.
+
+        The last row may be torn, and a table of an earlier version may have fewer columns.
+        """
+        rows: list[dict[str, Any]] = []
+        if resumed_at is not None and self._path.exists():
+            text = self._path.read_text(encoding="utf-8", errors="replace")
+            for row in csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1])):
+                steps = row.get("agent_steps") or ""
+                whole = None not in row and None not in row.values()
+                if whole and steps.isdecimal() and int(steps) <= resumed_at:
+                    rows.append(row)
+        header = dict(zip(self.columns, self.columns, strict=True))
+        write_atomically(self._path, "".join(map(self._line, [header, *rows])).encode())
+
+    def write(self, snapshot: Snapshot) -> None:
+        """Add a row."""
+        values = snapshot.values
         row = {
-            name: f"{value:.6g}" for name, value in status.gate_figures.items() if value is not None
+            name: f"{value:.6g}"
+            for name, key in self._gates.items()
+            if (value := number(values, key)) is not None
         }
-        row["seconds"] = f"{status.elapsed:.1f}"
-        row["agent_steps"] = str(status.agent_steps)
-        row["red"] = "; ".join(gate.name for gate in status.failed_gates)
+        row["seconds"] = f"{number(values, 'run/seconds') or 0:.1f}"
+        row["agent_steps"] = str(values["run/agent_steps"])
+        row["red"] = "; ".join(check.name for check in snapshot.failed)
         with self._path.open("a", encoding="utf-8") as file:
-            file.write(_line(row))
+            file.write(self._line(row))
 
-
-def _line(row: dict[str, str]) -> str:
-    """Cells by their columns' names; those that are missing stay empty."""
-    line = io.StringIO()
-    csv.writer(line, lineterminator="\n").writerow(row.get(name, "") for name in COLUMNS)
-    return line.getvalue()
-
-
-def _kept(text: str, agent_steps: int) -> list[dict[str, str]]:
-    """Whole rows up to ``agent_steps``; the last may have been torn, and a table of an earlier
-    version may have had fewer columns."""
-    kept = []
-    names, *rows = [line.split(",") for line in text.split("\n")[:-1]] or [[]]
-    for cells in rows:
-        row = dict(zip(names, cells, strict=False))
-        steps = row.get("agent_steps", "")
-        if len(cells) == len(names) and steps.isdecimal() and int(steps) <= agent_steps:
-            kept.append(row)
-    return kept
+    def _line(self, row: dict[str, Any]) -> str:
+        """Cells by their columns' names; those that are missing stay empty."""
+        line = io.StringIO()
+        csv.writer(line, lineterminator="\n").writerow(row.get(name, "") for name in self.columns)
+        return line.getvalue()

@@ -1,4 +1,4 @@
-"""The one screen of a run: every figure of a `Status`, laid out for the terminal's size.
+"""The one screen of a run: its figures, laid out for the terminal's size.
 
 At 80 × 24 all of it fits; a larger terminal shows more actors, more events and a taller chart.
 Nothing wraps, so the number of lines is known before they are drawn.
@@ -14,8 +14,11 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
-from learner.telemetry.sinks import formats as figures
-from learner.telemetry.status import ActorStatus, Gate, Status, TimeCounts
+from common.metrics import METRICS, Values, number
+from common.protocol.actor_stats import TOTALS
+from learner.telemetry.sinks import formats
+from learner.telemetry.sinks.formats import figure, fill, troubles
+from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
 
 _WIDEST = 132
 _ECHO = 2
@@ -27,7 +30,7 @@ _ROOMY = 108
 _ROWS = 23
 """Lines at 80 × 24: one is left for the cursor."""
 _FIGURE_ROWS = 6
-_GATE_ROWS = 7
+_CHECK_ROWS = 7
 _NOTE_ROWS = 2
 
 
@@ -37,7 +40,7 @@ class _Room:
 
     figures: int = _FIGURE_ROWS
     chart: int = 1
-    actors: int = _GATE_ROWS
+    actors: int = _CHECK_ROWS
     notes: int = _NOTE_ROWS
     titled_notes: bool = False
     loose: bool = False
@@ -60,13 +63,13 @@ def _share_out(extra: int, actors: int) -> _Room:
     more_figures = take(2)
     # A chart of several lines has a title and a gap, which the single line has not.
     chart = take(5) - 1 if extra >= 5 else 1
-    more_actors = take(actors - _GATE_ROWS)
+    more_actors = take(actors - _CHECK_ROWS)
     if chart > 1:
         chart += take(4)
     return _Room(
         figures=_FIGURE_ROWS + more_figures,
         chart=chart,
-        actors=_GATE_ROWS + more_actors,
+        actors=_CHECK_ROWS + more_actors,
         notes=_NOTE_ROWS + take(6),
         titled_notes=titled,
         loose=loose,
@@ -74,43 +77,43 @@ def _share_out(extra: int, actors: int) -> _Room:
 
 
 class Screen:
-    """A renderable of ``status`` that never has more lines than the console, less one."""
+    """A renderable of ``snapshot`` that never has more lines than the console, less one."""
 
-    def __init__(self, status: Status) -> None:
-        self._status = status
+    def __init__(self, snapshot: Snapshot) -> None:
+        self._snapshot = snapshot
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width, rows = min(options.max_width - _ECHO, _WIDEST), max(console.size.height - 1, 1)
         lines: list[list[Segment]] = []
-        for part in _parts(self._status, width, rows):
+        for part in _parts(self._snapshot, width, rows):
             lines += console.render_lines(part, options.update(width=width), pad=False)
-        for number, line in enumerate(lines[:rows]):
-            if number:
+        for at, line in enumerate(lines[:rows]):
+            if at:
                 yield Segment.line()
             yield from line
 
 
-def _parts(status: Status, width: int, rows: int) -> Iterable[RenderableType]:
-    room = _share_out(rows - _ROWS, len(status.present))
+def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:
+    room = _share_out(rows - _ROWS, len(snapshot.present))
     gap = [Text()] if room.loose else []
-    yield _header(status)
+    yield _header(snapshot.values)
     yield from gap
-    yield _progress(status)
+    yield _progress(snapshot.values)
     yield from gap
-    yield _figures(status, room.figures)
+    yield _figures(snapshot.values, room.figures)
     if room.chart > 1:
         yield Text()
-    yield from _history(status, width, room.chart)
+    yield from _history(snapshot, width, room.chart)
     yield Text()
-    yield _people_and_gates(status, width, room.actors)
+    yield _actors_and_checks(snapshot, width, room.actors)
     if room.titled_notes:
         yield Text()
         yield _title("Events")
-    yield _events(status, room.notes)
+    yield _events(snapshot, room.notes)
 
 
 def _text(text: str, style: str = "") -> Text:
-    return Text(figures.one_line(text), style, no_wrap=True, overflow="ellipsis", end="")
+    return Text(formats.one_line(text), style, no_wrap=True, overflow="ellipsis", end="")
 
 
 def _title(text: str) -> Rule:
@@ -125,24 +128,17 @@ def _grid(*columns: Column, gap: int = 1, expand: bool = True) -> Table:
     )
 
 
-def _header(status: Status) -> Table:
-    title = Text("ALE-Robot" if status.env == "robot" else "ALE-Only", f"bold {_ACCENT}")
-    title.append(f"  {status.game}", "bold default")
-    title.append(f"  run {status.run}", "default")
+def _header(values: Values) -> Table:
+    title = Text("ALE-Robot" if values["run/env"] == "robot" else "ALE-Only", f"bold {_ACCENT}")
+    title.append(f"  {values['run/game']}", "bold default")
+    title.append(f"  run {values['run/run']}", "default")
     grid = _grid(Column(ratio=1), Column(justify="right"))
-    grid.add_row(title, _text(f"{status.preset} preset · {status.device}", _LABEL))
+    grid.add_row(title, _text(f"{values['run/preset']} preset · {values['run/device']}", _LABEL))
     return grid
 
 
-def _progress(status: Status) -> Table:
-    if status.phase == "warm-up":
-        label, done, total = "Warm-up", status.warmup_done, status.warmup
-    else:
-        label, done, total = f"Epoch {status.epoch}", status.epoch_done, status.epoch_steps
-    if status.phase == "finishing":
-        left = "finishing"
-    else:
-        left = f"{figures.duration(status.remaining)} left"
+def _progress(values: Values) -> Table:
+    warm_up, finishing = (values["run/phase"] == phase for phase in ("warm-up", "finishing"))
     grid = _grid(
         Column(min_width=9),
         Column(ratio=1),
@@ -151,82 +147,47 @@ def _progress(status: Status) -> Table:
         Column(justify="left"),
         Column(justify="right", min_width=14),
     )
-    _bar_row(grid, label, done, total, left)
-    elapsed = figures.duration(status.elapsed) + " so far"
-    if status.steps_goal is None:
+    for label, done, total, right in (
+        (
+            "Warm-up" if warm_up else f"Epoch {values['run/epoch']}",
+            "run/phase_steps",
+            "run/phase_length",
+            "finishing" if finishing else fill("{run/seconds_left} left", values),
+        ),
+        ("Run", "run/agent_steps", "run/steps_goal", fill("{run/seconds} so far", values)),
+        ("Replay", "stream/stored", "stream/capacity", ""),
+    ):
+        now, goal = number(values, done) or 0, number(values, total)
+        bar: RenderableType = _text("until stopped", _LABEL)
+        if goal is not None:
+            bar = ProgressBar(
+                max(goal, 1), min(now, goal), complete_style=_ACCENT, finished_style=_ACCENT
+            )
         grid.add_row(
-            _text("Run", "bold"),
-            _text("until stopped", _LABEL),
-            "",
-            figures.count(status.agent_steps),
-            _text("steps", _LABEL),
-            _text(elapsed, _LABEL),
+            _text(label, "bold"),
+            bar,
+            "" if goal is None else formats.share(now, goal),
+            figure(done, values),
+            _text("steps" if goal is None else f"of {figure(total, values)}", _LABEL),
+            _text(right, _LABEL),
         )
-    else:
-        _bar_row(grid, "Run", status.agent_steps, status.steps_goal, elapsed)
-    _bar_row(grid, "Replay", status.stored, status.capacity, "")
     return grid
 
 
-def _bar_row(grid: Table, label: str, done: int, total: int, right: str) -> None:
-    bar = ProgressBar(
-        max(total, 1), min(done, total), complete_style=_ACCENT, finished_style=_ACCENT
-    )
-    grid.add_row(
-        _text(label, "bold"),
-        bar,
-        figures.share(done, total),
-        figures.count(done),
-        _text(f"of {figures.count(total)}", _LABEL),
-        _text(right, _LABEL),
-    )
-
-
-def _figures(status: Status, rows: int) -> Table:
-    chunks = status.chunks
-    tested = "" if status.test_epoch is None else f", epoch {status.test_epoch}"
-    best = max(status.test_history, default=None)
-    stale = (figures.decimal(lag, 0) for lag in (status.staleness_p50, status.staleness_p95))
-    samples = figures.decimal(status.samples_per_insert, 2)
-    hands = [
-        ("release p50/p99", figures.delay(status.release)),
-        ("press p50/p99", figures.delay(status.press)),
-    ]
-    # The first `_FIGURE_ROWS` of each are always shown.
-    play = [
-        (f"test{tested}", figures.decimal(status.test_reward, 2)),
-        ("train", figures.decimal(status.train_reward, 2)),
-        ("random policy", figures.decimal(status.random_reward, 2)),
-        ("games", figures.count(status.games)),
-        *(hands if status.env == "robot" else ()),
-        ("best test", figures.decimal(best, 2)),
-        ("keys matched", figures.decimal(status.press_match_share, 3)),
-    ]
-    learning = [
-        ("mean max-Q", figures.decimal(status.mean_max_q, 3)),
-        ("its deviation", figures.significant(status.held_out_std)),
-        ("loss", figures.significant(status.loss)),
-        ("updates", figures.count(status.updates)),
-        ("updates/s", figures.decimal(status.updates_per_second, 1)),
-        ("exploration ε", figures.decimal(status.epsilon, 3)),
-        ("weights no.", figures.count(status.weights_version)),
-        ("frames valid", figures.decimal(status.valid_frame_share, 3)),
-    ]
-    stream = [
-        ("steps/s", figures.decimal(status.steps_per_second, 1)),
-        ("samples/insert", f"{samples} of {status.samples_per_insert_goal:g}"),
-        ("stale p50/p95", " / ".join(stale)),
-        ("chunks acked", figures.count(chunks.acked)),
-        ("retried", figures.count(chunks.retried)),
-        ("duplicate", figures.count(chunks.duplicate)),
-        ("made", figures.count(chunks.made)),
-        ("refused", figures.count(chunks.refused)),
-    ]
-    grid = _grid(Column(ratio=1), Column(ratio=1), Column(ratio=1), gap=3)
+def _figures(values: Values, rows: int) -> Table:
+    """The panels of the table; the first `_FIGURE_ROWS` places of each are always shown."""
+    panels: dict[str, list[tuple[int, str, str]]] = {}
+    for metric in METRICS.values():
+        if metric.panel and (values["run/env"] == "robot" or not metric.robot):
+            title, place = metric.panel
+            shown = metric.shown or f"{{{metric.key}}}"
+            line = place, fill(metric.label, values), fill(shown, values)
+            panels.setdefault(title, []).append(line)
+    grid = _grid(*(Column(ratio=1) for _ in panels), gap=3)
     grid.add_row(
         *(
-            _group(title, pairs[:rows])
-            for title, pairs in (("Reward", play), ("Learning", learning), ("Stream", stream))
+            _group(title, [line[1:] for line in sorted(lines)[:rows]])
+            for title, lines in panels.items()
         )
     )
     return grid
@@ -246,28 +207,28 @@ def _titled(title: str, body: RenderableType) -> Table:
     return grid
 
 
-def _history(status: Status, width: int, rows: int) -> Iterable[RenderableType]:
+def _history(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:
     """The rewards so far, epoch by epoch; those not above the random policy's are dim."""
-    name, values = "Test", status.test_history
-    if not values:
-        name, values = "Train", status.train_history
+    name = "Test" if snapshot.rewards.get("test") else "Train"
+    values = snapshot.rewards.get(name.lower())
+    random = number(snapshot.values, "play/random_reward")
     if rows > 1:
         yield _title(f"{name} reward by epoch")
     if not values:
         yield _text("no epoch is over yet", _LABEL)
         yield from [Text()] * (rows - 1)
         return
-    known = [*values, *([] if status.random_reward is None else [status.random_reward])]
+    known = [*values, *([] if random is None else [random])]
     low, high = min(known), max(known)
-    top, bottom = figures.decimal(high, 1), figures.decimal(low, 1)
+    top, bottom = formats.decimal(high, 1), formats.decimal(low, 1)
     if rows == 1:
         labels = [f"{name.lower()} {bottom} … {top}"]
     else:
         labels = [top, *[""] * (rows - 2), bottom]
     margin = max(map(len, labels))
-    heights = figures.columns_of(values, width - margin - 2)
-    floor = low if status.random_reward is None else status.random_reward
-    for label, blocks in zip(labels, figures.bars(heights, low, high, rows), strict=True):
+    heights = formats.columns_of(values, width - margin - 2)
+    floor = low if random is None else random
+    for label, blocks in zip(labels, formats.bars(heights, low, high, rows), strict=True):
         line = Text(no_wrap=True, overflow="crop")
         line.append(f"{label:>{margin}}  ", _LABEL)
         for block, value in zip(blocks, heights, strict=True):
@@ -275,61 +236,48 @@ def _history(status: Status, width: int, rows: int) -> Iterable[RenderableType]:
         yield line
 
 
-def _people_and_gates(status: Status, width: int, rows: int) -> Table:
-    alive = sum(actor.alive for actor in status.present)
-    failed, unknown = len(status.failed_gates), sum(g.passed is None for g in status.gates)
-    if not status.gates:
+def _actors_and_checks(snapshot: Snapshot, width: int, rows: int) -> Table:
+    alive, present = (number(snapshot.values, f"stream/actors_{n}") for n in ("alive", "present"))
+    failed, unknown = len(snapshot.failed), sum(c.passed is None for c in snapshot.checks)
+    if not snapshot.checks:
         verdict = "none yet"
     else:
         verdict = f"{failed} red" if failed else f"{unknown} open" if unknown else "all green"
     grid = _grid(Column(ratio=1), Column(width=38), gap=3)
+    wrong = troubles(snapshot.values)
     grid.add_row(
         _titled(
-            f"Actors {alive}/{len(status.present)}{troubles}"
-            if (troubles := time_troubles(status.time))
-            else f"Actors, {alive} of {len(status.present)} alive",
-            _actors(status.present, rows, roomy=width >= _ROOMY),
+            f"Actors {alive}/{present}{wrong}" if wrong else f"Actors, {alive} of {present} alive",
+            _actors(snapshot.present, rows, roomy=width >= _ROOMY),
         ),
-        _titled(f"Gates, {verdict}", _gates(status.gates)),
+        _titled(f"Health checks, {verdict}", _checks(snapshot.checks, rows)),
     )
     return grid
 
 
-def time_troubles(time: TimeCounts | ActorStatus) -> str:
-    """What went wrong with time, if anything did, each after a comma."""
-    late, given_up = time.missed_deadlines + time.late_frames, time.waits_given_up
-    told = [f", {_brief(late)} late"] if late else []
-    return "".join([*told, f", {_brief(given_up)} gave up"] if given_up else told)
-
-
-def _brief(count: int) -> str:
-    """In four characters: at 80 columns there is no room for more."""
-    for unit, name in ((1_000_000, "M"), (1_000, "k")):
-        if count >= unit:
-            return f"{count / unit:.{1 if count < 10 * unit else 0}f}{name}"
-    return str(count)
-
-
-def _actors(actors: Sequence[ActorStatus], rows: int, roomy: bool) -> Table:
+def _actors(actors: Sequence[ActorView], rows: int, roomy: bool) -> Table:
     right = [Column(justify="right") for _ in range(5 if roomy else 2)]
     grid = _grid(Column(width=1), Column(ratio=1, min_width=8), *right, gap=2 if roomy else 1)
     # The lost ones first: they must not be among those for which there is no room.
-    order = sorted(actors, key=lambda actor: (actor.alive, actor.role, _natural(actor.name)))
+    order = sorted(
+        actors, key=lambda each: (each.alive, each.stats.role, _natural(each.stats.name))
+    )
     shown = order if len(order) <= rows else order[: rows - 1]
     for actor in shown:
-        style = "" if actor.alive else _BAD
-        rate = f"{figures.decimal(actor.steps_per_second, 1)}/s" if actor.alive else "lost"
-        cells = [_text(figures.count(actor.steps)), _text(rate)]
+        stats, style = actor.stats, "" if actor.alive else _BAD
+        rate = f"{formats.decimal(stats.steps_per_second, 1)}/s" if actor.alive else "lost"
+        cells = [_text(formats.count(stats.steps)), _text(rate)]
         if roomy:
+            wrong = troubles({key: getattr(stats, name) for name, key in TOTALS.items()})
             cells += [
-                _text(f"ε {figures.decimal(actor.epsilon, 3)}"),
-                _text(f"{figures.count(actor.retried)} retried{time_troubles(actor)}", _LABEL),
+                _text(f"ε {formats.decimal(stats.epsilon, 3)}"),
+                _text(f"{formats.count(stats.retried)} retried{wrong}", _LABEL),
                 _text(f"silent {actor.silent_for:.0f} s", _LABEL),
             ]
         mark = Text("●", _GOOD) if actor.alive else Text("○", _BAD)
         for cell in cells:
             cell.stylize(style)
-        grid.add_row(mark, _text(actor.name, style), *cells)
+        grid.add_row(mark, _text(stats.name, style), *cells)
     if len(shown) < len(order):
         grid.add_row("", _text(f"and {len(order) - len(shown)} more", _LABEL))
     for _ in range(rows - grid.row_count):
@@ -343,25 +291,26 @@ def _natural(name: str) -> tuple[str, int, str]:
     return stem, int(name[len(stem) :] or 0), name
 
 
-def _gates(gates: Sequence[Gate]) -> Table:
+def _checks(checks: Sequence[HealthCheck], rows: int) -> Table:
     grid = _grid(Column(width=1), Column(ratio=1), Column(justify="right"), Column(justify="right"))
     marks = {True: ("✓", _GOOD), False: ("✗", _BAD), None: ("·", _LABEL)}
-    for gate in gates:
-        mark, style = marks[gate.passed]
+    # Events tell those that fail and have no room here.
+    for check in checks[:rows]:
+        mark, style = marks[check.passed]
         grid.add_row(
             Text(mark, style),
-            _text(gate.name, style if gate.passed is False else ""),
-            _text(figures.significant(gate.value, 3), style),
-            _text(gate.bound, _LABEL),
+            _text(check.name, style if check.passed is False else ""),
+            _text(formats.significant(check.value, 3), style),
+            _text(check.bound, _LABEL),
         )
     return grid
 
 
-def _events(status: Status, rows: int) -> Table:
-    """Why gates are red, then the newest notes that still have room, oldest of these first."""
-    alerts = [(f"✗ {gate.name}: {gate.why}", _BAD) for gate in status.failed_gates]
-    kept = alerts[: rows - 1] if status.notes else alerts[:rows]
-    notes = status.notes[-(rows - len(kept)) :] if len(kept) < rows else ()
+def _events(snapshot: Snapshot, rows: int) -> Table:
+    """Why checks fail, then the newest notes that still have room, oldest of these first."""
+    alerts = [(f"✗ {check.name}: {check.why}", _BAD) for check in snapshot.failed]
+    kept = alerts[: rows - 1] if snapshot.notes else alerts[:rows]
+    notes = snapshot.notes[-(rows - len(kept)) :] if len(kept) < rows else ()
     grid = _grid(Column(ratio=1))
     for text, style in [*kept, *((note, _LABEL) for note in notes)]:
         grid.add_row(_text(text, style))

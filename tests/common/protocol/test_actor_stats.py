@@ -9,14 +9,15 @@ from hypothesis import strategies as st
 
 from common import press_latency as key_times
 from common.errors import MessageError
-from common.protocol.actor_stats import ActorStats
+from common.metrics import METRICS
+from common.protocol.actor_stats import TOTALS, ActorStats
 from common.protocol.wire import pack
 
 COUNTS = st.integers(0, 2**63 - 1)
 PLACES = key_times.COUNTS
 KEY_TIMES = st.sampled_from([(), tuple(range(PLACES)), (2**63 - 1,) * PLACES])
 AMOUNTS = st.floats(0, allow_infinity=False)
-GOOD = ActorStats("a", "actor", 1, False, 2, 3.0, 0.5, 4, 5, 6, 7, 8, 0.0, 1.0, 0.9)
+GOOD = ActorStats("a", "actor", 1, False, 2, 3.0, 0.5, 4, 5, 6, 7, 8, 0.0, 1)
 OF_TYPE = {type_: [n for n, v in vars(GOOD).items() if type(v) is type_] for type_ in (int, float)}
 
 
@@ -65,6 +66,11 @@ def test_key_times_are_all_there_or_none() -> None:
     for value in (*bad, [*whole[1:], 2**63], [*whole[1:], None], 3, "0" * PLACES):
         with pytest.raises(MessageError, match="key_times"):
             ActorStats.decode(pack(good | {"key_times": value}))
+
+
+def test_each_counter_has_a_total() -> None:
+    assert set(TOTALS) == set(OF_TYPE[int]) - {"incarnation", "weights_version"}
+    assert set(TOTALS.values()) <= METRICS.keys()
 
 
 def test_there_are_two_roles() -> None:

@@ -44,16 +44,22 @@ def test_the_hands_of_all_games_are_summed_up() -> None:
     first = {place_of("release", True, 1): 1, place_of("press", True, 3): 60}
     second = {place_of("release", True, 2): 1, place_of("press", True, 4): 40}
     content, shown = summed_up([game(first), game(second)])
-    assert content["press_ms"] == asdict(Delay(100, 50.0, ms_of(4), ms_of(4)))
-    assert content["release_ms"] == asdict(Delay(2, ms_of(1), ms_of(2), ms_of(2)))
+    assert content["press_ms"] == asdict(Delay(100, 50.0, ms_of(4), ms_of(4), 0.0))
+    assert content["release_ms"] == asdict(Delay(2, ms_of(1), ms_of(2), ms_of(2), 0.0))
     assert "command to keys, p50/p99 ms" in shown
     assert "release 17/33, press 50/67" in shown
 
 
 def test_hands_that_never_press_leave_a_gap_in_strict_json() -> None:
     content, shown = summed_up([game({place_of("press", False, 30): 10})])
-    assert content["press_ms"] == {"measured": 10, "p50": None, "p99": None, "watched": 500.0}
-    assert "release –, press >500" in shown
+    assert content["press_ms"] == {
+        "measured": 10,
+        "p50": None,
+        "p99": None,
+        "watched": 500.0,
+        "given_up": 1.0,
+    }
+    assert "release –/–, press ∞/∞" in shown
 
 
 def test_without_hands_there_is_no_row_of_them() -> None:

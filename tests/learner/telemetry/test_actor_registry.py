@@ -4,20 +4,23 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 import learner.telemetry.actor_registry as module
+from common.metrics import METRICS
 from common.protocol.actor_stats import ActorStats
-from common.transport.interface import Transport
+from common.transport.interface import Envelope, Transport
 from learner.telemetry.actor_registry import ActorRegistry
-from learner.telemetry.status import TimeCounts
+from replay.chunk_statistics import ChunkStatistics
 from tests.learner.conftest import KEYS
 
 STATS = ActorStats(
     name="a1", role="actor", incarnation=7, leaving=False, steps=640, steps_per_second=100.0,
     epsilon=0.5, weights_version=50, made=10, acked=8, retried=2, refused=0, held_share=0.25,
-    valid_share=0.75, match_share=0.5, decisions=700, missed_deadlines=5, late_frames=6,
+    valid=480, matched=320, decisions=700, missed_deadlines=5, late_frames=6,
     waits_given_up=7, key_times=(1,) * 60 + (5,) * 60,
 )  # fmt: skip
 
@@ -27,6 +30,21 @@ def _until(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.01)
+
+
+def chunks(roster: ActorRegistry) -> tuple[Any, ...]:
+    """Made, sent again, and stored in excess."""
+    values = roster.values()
+    assert values.keys() <= METRICS.keys()
+    return tuple(values[f"stream/chunks_{name}"] for name in ("made", "retried", "excess"))
+
+
+def credit(roster: ActorRegistry, count: int, incarnation: int = 7) -> None:
+    """The replay stores so many chunks of a process."""
+    for index in range(count):
+        roster.accepted(
+            ChunkStatistics(index, 64 * index, 64, "a1", 0.5, 50, 0, 64, 64, (), incarnation)
+        )
 
 
 def test_an_actor_from_its_arrival_to_its_leave(
@@ -39,17 +57,15 @@ def test_an_actor_from_its_arrival_to_its_leave(
     _until(lambda: roster.alive("actor") == {"a1"})
     assert roster.alive("evaluator") == set()
     client.publisher(KEYS.stats("actor", "a1")).publish(STATS.encode())
-    _until(lambda: roster.counts() == (10, 2))
+    _until(lambda: chunks(roster) == (10, 2, 0))
     (actor,) = roster.actors()
-    assert (actor.name, actor.alive, actor.steps, actor.made) == ("a1", True, 640, 10)
-    assert (actor.decisions, actor.missed_deadlines) == (700, 5)
-    assert (actor.late_frames, actor.waits_given_up) == (6, 7)
-    assert (actor.held_share, actor.valid_share, actor.match_share) == (0.25, 0.75, 0.5)
+    assert (actor.alive, actor.stats) == (True, STATS)
+    assert (actor.stats.valid_share, actor.stats.match_share) == (0.75, 0.5)
 
     client.publisher(KEYS.stats("actor", "a1")).publish(
         replace(STATS, leaving=True, made=11).encode()
     )
-    _until(lambda: roster.counts() == (11, 2))
+    _until(lambda: chunks(roster) == (11, 2, 0))
     token.close()
     _until(lambda: bool(notes.extend(roster.take_notes()) or "a1 left" in notes))
     assert notes == ["a1 joined", "a1 left"]
@@ -65,7 +81,7 @@ def test_one_that_goes_without_a_word_was_lost(
     token = client.announce(KEYS.live("actor", "a1"))
     _until(lambda: roster.alive("actor") == {"a1"})
     client.publisher(KEYS.stats("actor", "a1")).publish(STATS.encode())
-    _until(lambda: roster.counts() == (10, 2))
+    _until(lambda: chunks(roster) == (10, 2, 0))
     token.close()
     notes: list[str] = []
     _until(lambda: bool(notes.extend(roster.take_notes()) or "a1 was lost" in notes))
@@ -80,30 +96,33 @@ def test_counts_add_up_over_restarts_of_actor_and_learner(
     client.publisher(KEYS.stats("actor", "a1")).publish(
         replace(STATS, incarnation=8, made=5).encode()
     )
-    _until(lambda: roster.counts() == (15, 4))
+    _until(lambda: chunks(roster) == (15, 4, 0))
     again = ActorRegistry(client, KEYS)
     again.restore(json.loads(json.dumps(roster.state())))
-    assert again.counts() == (15, 4)
+    assert chunks(again) == (15, 4, 0)
     assert again.key_times() == roster.key_times() == (2,) * 60 + (10,) * 60
-    assert again.time() == TimeCounts(
-        steps=1_280, decisions=1_400, missed_deadlines=10, late_frames=12, waits_given_up=14
-    )
+    values = again.values()
+    assert [values[f"actors/{name}"] for name in ("steps", "elapsed", "missed_deadlines")] == [
+        1_280,
+        1_400,
+        10,
+    ]
+    assert (values["actors/late_frames"], values["actors/waits_given_up"]) == (12, 14)
+    assert values["actors/elapsed_per_step"] == 1_400 / 1_280
     # The new subscription may be unknown to the hub yet: heartbeats come again and again.
     beat = replace(STATS, incarnation=8, made=6).encode()
-    _until(
-        lambda: hub.publisher(KEYS.stats("actor", "a1")).publish(beat) or again.counts() == (16, 4)
-    )
+    voice = hub.publisher(KEYS.stats("actor", "a1"))
+    _until(lambda: voice.publish(beat) or chunks(again) == (16, 4, 0))
 
 
-def test_a_checkpoint_from_before_hands_were_timed_is_restored(
-    hub: Transport, client: Transport
-) -> None:
+def test_a_checkpoint_from_before_hands_were_timed_is_restored(hub: Transport) -> None:
     roster = ActorRegistry(hub, KEYS)
     assert roster.key_times() == ()
     told = asdict(STATS)
-    del told["key_times"]
+    del told["key_times"], told["valid"]
+    told["valid_share"] = 0.75
     roster.restore([told, asdict(replace(STATS, incarnation=8))])
-    assert roster.counts() == (20, 4)
+    assert chunks(roster) == (20, 4, 0)
     assert roster.key_times() == STATS.key_times
 
 
@@ -112,8 +131,8 @@ def test_noise_is_passed_over(hub: Transport, client: Transport) -> None:
     client.publisher(KEYS.stats("actor", "a1")).publish(b"noise")
     client.publisher(KEYS.stats("actor", "somebody-else")).publish(STATS.encode())
     client.publisher(KEYS.stats("actor", "a1")).publish(replace(STATS, made=3).encode())
-    _until(lambda: roster.counts() != (0, 0))
-    assert roster.counts() == (3, 2)
+    _until(lambda: chunks(roster) != (0, 0, 0))
+    assert chunks(roster) == (3, 2, 0)
 
 
 def test_one_that_left_is_still_counted(
@@ -123,9 +142,105 @@ def test_one_that_left_is_still_counted(
     roster = ActorRegistry(hub, KEYS)
     token = client.announce(KEYS.live("actor", "a1"))
     client.publisher(KEYS.stats("actor", "a1")).publish(replace(STATS, leaving=True).encode())
-    _until(lambda: roster.counts() == (10, 2) and roster.alive("actor") == {"a1"})
+    _until(lambda: chunks(roster) == (10, 2, 0) and roster.alive("actor") == {"a1"})
     assert not roster.actors()[0].left
     token.close()
     _until(lambda: roster.alive("actor") == set())
     (actor,) = roster.actors()
-    assert (actor.left, actor.made) == (True, 10)
+    assert (actor.left, actor.stats.made) == (True, 10)
+
+
+class Told:
+    """A registry whose processes speak by `say`, on a clock that the test turns."""
+
+    def __init__(self, hub: Transport, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 1_000.0
+        monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: self.now))
+        self.registry = ActorRegistry(hub, KEYS)
+
+    def say(self, seconds: float = 0.0, **counters: Any) -> None:
+        self.now += seconds
+        stats = replace(STATS, **counters)
+        key = KEYS.stats(stats.role, stats.name)
+        self.registry._on_stats(Envelope(stats.encode(), key=key))
+
+    def totals(self) -> tuple[Any, ...]:
+        """Those that must not change as processes are folded."""
+        values = self.registry.values()
+        return *chunks(self.registry), values["actors/steps"], self.registry.key_times()
+
+
+@pytest.fixture
+def told(hub: Transport, monkeypatch: pytest.MonkeyPatch) -> Told:
+    return Told(hub, monkeypatch)
+
+
+def test_a_process_that_was_killed_made_what_came_from_it(told: Told) -> None:
+    told.say(made=10, refused=1)
+    credit(told.registry, 12)
+    assert chunks(told.registry) == (13, 2, 0)
+    credit(told.registry, 3, incarnation=99)  # it was never heard at all
+    assert chunks(told.registry) == (16, 2, 0)
+
+
+def test_chunks_that_are_stored_twice_are_told_once_their_actor_said_goodbye(told: Told) -> None:
+    told.say(made=10, acked=10)
+    credit(told.registry, 20)
+    told.say(made=10, acked=10, leaving=True)
+    assert chunks(told.registry) == (10, 2, 10)
+    # What another process lost does not hide it.
+    told.say(incarnation=8, made=30)
+    assert chunks(told.registry) == (40, 4, 10)
+
+
+def test_chunks_that_are_stored_twice_are_told_while_their_actor_lives(told: Told) -> None:
+    told.say(made=10)
+    credit(told.registry, 20)
+    told.say(seconds=1.0, made=10)  # may have been sent before ten more were made
+    assert chunks(told.registry)[2] == 0
+    for _ in range(2):
+        told.say(seconds=6.0, made=12)
+    assert chunks(told.registry)[2] == 8
+    told.say(seconds=6.0, made=20)
+    assert chunks(told.registry)[2] == 0
+
+
+def test_names_are_bounded_and_totals_are_not_lost(
+    told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_MOST_GONE", 3)
+    for number in range(10):
+        told.say(name=f"a{number}", incarnation=100 + number, made=number, leaving=number % 2 == 0)
+    told.say(name="a9", incarnation=200)  # replaces the other of its name
+    credit(told.registry, 4, incarnation=101)
+    before = told.totals()
+    assert before[0] == sum(range(10)) + 3 + 10
+    assert len(told.registry.state()["processes"]) == 11
+    told.now += 100.0
+    assert told.totals() == before
+    state = json.loads(json.dumps(told.registry.state()))
+    assert [each["name"] for each in state["processes"]] == ["a7", "a8", "a9"]
+    # Words and chunks of those that are in the totals do not count them again.
+    told.say(name="a1", incarnation=101, made=4)
+    assert told.totals() == before
+    credit(told.registry, 1, incarnation=101)
+    assert chunks(told.registry)[0] == before[0] + 1
+    credit(told.registry, 1, incarnation=102)
+    assert chunks(told.registry)[2] == 1
+
+
+def test_totals_of_folded_processes_survive_a_checkpoint(
+    told: Told, hub: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_MOST_GONE", 1)
+    for number in range(5):
+        told.say(name=f"a{number}", incarnation=100 + number, leaving=True)
+    credit(told.registry, 12, incarnation=101)
+    told.now += 100.0
+    before = told.totals()
+    assert before[:3] == (50, 10, 2)
+    again = Told(hub, monkeypatch)
+    again.registry.restore(json.loads(json.dumps(told.registry.state())))
+    assert again.totals() == before
+    again.say(name="a1", incarnation=101)
+    assert again.totals() == before

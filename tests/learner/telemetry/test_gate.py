@@ -1,13 +1,13 @@
-"""When a gate ends a run: on a clock that the test turns."""
+"""When failing health checks end a run: on a clock that the test turns."""
 
 from learner.telemetry.gate import GateWatch, least_steps, verdict
-from learner.telemetry.status import Gate
+from learner.telemetry.snapshot import HealthCheck
 
 SECONDS, STEPS = 300.0, 1_000
 
 
-def gate(passed: bool | None, *, name: str = "valid frames", stops: bool = True) -> Gate:
-    return Gate(
+def check(passed: bool | None, *, name: str = "valid frames", stops: bool = True) -> HealthCheck:
+    return HealthCheck(
         name=name,
         value=0.25,
         passed=passed,
@@ -25,76 +25,76 @@ class Run:
         self.steps = 10_000
         self.watch = GateWatch(SECONDS, STEPS, lambda: self.now)
 
-    def second(self, *gates: Gate, seconds: float = 1.0, steps: int = 10) -> str | None:
+    def second(self, *checks: HealthCheck, seconds: float = 1.0, steps: int = 10) -> str | None:
         self.now += seconds
         self.steps += steps
-        found = self.watch.look(gates, self.steps)
+        found = self.watch.look(checks, self.steps)
         return None if found is None else found.name
 
-    def until_ended(self, *gates: Gate, patience: int = 1_000, **each: float) -> int | None:
+    def until_ended(self, *checks: HealthCheck, patience: int = 1_000, **each: float) -> int | None:
         """The second in which it is ended, from 0."""
         for second in range(patience):
-            if self.second(*gates, **each) is not None:  # type: ignore[arg-type]
+            if self.second(*checks, **each) is not None:  # type: ignore[arg-type]
                 return second
         return None
 
 
-def test_a_red_gate_ends_the_run_after_the_time() -> None:
-    assert Run().until_ended(gate(True, name="other"), gate(False)) == SECONDS
+def test_a_failing_check_ends_the_run_after_the_time() -> None:
+    assert Run().until_ended(check(True, name="other"), check(False)) == SECONDS
 
 
-def test_green_unknown_and_warning_gates_never_do() -> None:
-    harmless = (gate(True), gate(None), gate(False, stops=False))
+def test_green_unknown_and_warning_checks_never_do() -> None:
+    harmless = (check(True), check(None), check(False, stops=False))
     assert Run().until_ended(*harmless) is None
 
 
 def test_one_green_look_begins_the_time_anew() -> None:
     run = Run()
-    assert run.until_ended(gate(False), patience=300) is None
+    assert run.until_ended(check(False), patience=300) is None
     for passed in (True, None):
-        assert run.second(gate(passed)) is None
-        assert run.until_ended(gate(False), patience=300) is None
-    assert run.second(gate(False)) == "valid frames"
+        assert run.second(check(passed)) is None
+        assert run.until_ended(check(False), patience=300) is None
+    assert run.second(check(False)) == "valid frames"
 
 
-def test_each_gate_has_its_own_time() -> None:
+def test_each_check_has_its_own_time() -> None:
     run = Run()
     for name in "ab":
-        assert run.until_ended(gate(False, name=name), patience=300) is None
-    assert run.until_ended(gate(False, name="b"), gate(False, name="a")) == 0
+        assert run.until_ended(check(False, name=name), patience=300) is None
+    assert run.until_ended(check(False, name="b"), check(False, name="a")) == 0
 
 
 def test_without_enough_steps_time_is_not_enough() -> None:
     run = Run()
-    assert run.until_ended(gate(False), steps=0) is None
+    assert run.until_ended(check(False), steps=0) is None
     # The rest is made up by steps alone.
-    assert run.until_ended(gate(False), steps=10) == STEPS // 10 - 1
+    assert run.until_ended(check(False), steps=10) == STEPS // 10 - 1
 
 
 def test_steps_are_not_enough_without_time() -> None:
-    assert Run().until_ended(gate(False), steps=1_000) == SECONDS
+    assert Run().until_ended(check(False), steps=1_000) == SECONDS
 
 
 def test_hours_of_a_suspended_process_do_not_count() -> None:
     run = Run()
-    assert run.until_ended(gate(False), patience=100) is None
-    assert run.second(gate(False), seconds=36_000.0) is None
+    assert run.until_ended(check(False), patience=100) is None
+    assert run.second(check(False), seconds=36_000.0) is None
     # Two seconds of them do, as a look may be that late on a slow machine.
-    assert run.until_ended(gate(False)) == SECONDS - 99 - 2 - 1
+    assert run.until_ended(check(False)) == SECONDS - 99 - 2 - 1
 
 
 def test_time_before_the_first_red_look_does_not_count() -> None:
     run = Run()
     run.now += 10_000
-    assert run.until_ended(gate(False)) == SECONDS
+    assert run.until_ended(check(False)) == SECONDS
 
 
 def test_a_fault_that_is_over_has_left_the_means_long_before() -> None:
     assert least_steps(64) == 10_240
 
 
-def test_the_verdict_names_gate_value_bound_and_reason() -> None:
-    assert verdict(gate(False), 300.0, 10_240) == (
+def test_the_verdict_names_check_value_bound_and_reason() -> None:
+    assert verdict(check(False), 300.0, 10_240) == (
         "gate 'valid frames' has been red for 5 minutes and 10,240 steps: it is 0.2500, "
         "not ≥ 0.99, so the screen is not found"
     )

@@ -1,78 +1,85 @@
-"""Which gates are green, red or open, by figures worked out by hand."""
+"""Which health checks are green, red or open, by figures worked out by hand."""
 
 import math
-from typing import Any
+from dataclasses import asdict, replace
 
 import pytest
 
+from common.metrics import Value
 from common.press_latency import UNMEASURED, Delay, ms_of
-from common.run.config import PlayConfig
+from common.run.config import EnvKind, PlayConfig
 from common.run.presets import PRESETS
-from learner.telemetry.health_checks import judge_gates, keys_can_follow
-from learner.telemetry.status import Gate
+from learner.telemetry.health_checks import judge, keys_can_follow
+from learner.telemetry.snapshot import HealthCheck
 
-HEALTHY: dict[str, Any] = {
-    "env": "robot",
-    "valid_frame_share": 0.995,
-    "pixel_deviation": 30.0,
-    "max_q_deviation": 0.2,
-    "squared_td_error": 0.01,
-    "reward_variance": 0.04,
-    "press_match_share": 0.8,
-    "play": PlayConfig(),
-    "press": Delay(1_224, 50.0, 200 / 3, 200 / 3),
-    "refused_chunks": 0,
+HEALTHY: dict[str, Value] = {
+    "play/valid_frame_share": 0.995,
+    "learning/pixel_deviation": 30.0,
+    "learning/held_out_std": 0.2,
+    "learning/relative_td_error": 0.25,
+    "play/press_match_share": 0.8,
+    "hands/press_measured": 1_224,
+    "hands/press_p99": 200 / 3,
+    "hands/press_watched": 200 / 3,
+    "stream/chunks_refused": 0,
+    "stream/chunks_excess": 0,
 }
-KNOWN = ("env", "press", "play", "refused_chunks")
 
 
-def judged(**figures: Any) -> dict[str, Gate]:
-    return {gate.name: gate for gate in judge_gates(**{**HEALTHY, **figures})}
+def judged(
+    values: dict[str, Value] | None = None, play: PlayConfig | None = None, env: EnvKind = "robot"
+) -> dict[str, HealthCheck]:
+    config = replace(PRESETS["robot"], env=env, play=play or PlayConfig())
+    return {check.name: check for check in judge({**HEALTHY, **(values or {})}, config)}
 
 
 def test_healthy_robot_is_all_green() -> None:
-    gates = judged()
-    assert [gate.passed for gate in gates.values()] == [True] * 7
-    assert gates["relative TD error"].value == pytest.approx(0.25)
+    checks = judged()
+    assert [check.passed for check in checks.values()] == [True] * 7
 
 
 def test_blind_robot_of_2017_is_red() -> None:
-    gates = judged(
-        valid_frame_share=0.02,
-        pixel_deviation=0.0,
-        max_q_deviation=0.0,
-        squared_td_error=0.0412,
-        reward_variance=0.04,
-    )
-    red = [name for name, gate in gates.items() if gate.passed is False]
+    blind: dict[str, Value] = {
+        "play/valid_frame_share": 0.02,
+        "learning/pixel_deviation": 0.0,
+        "learning/held_out_std": 0.0,
+        "learning/relative_td_error": 1.03,
+    }
+    red = [name for name, check in judged(blind).items() if check.passed is False]
     assert red == ["valid frames", "pixel deviation", "max-Q deviation", "relative TD error"]
 
 
 @pytest.mark.parametrize(
-    ("gate", "figures", "passed"),
+    ("name", "key", "value", "passed"),
     [
-        ("valid frames", {"valid_frame_share": 0.99}, True),
-        ("valid frames", {"valid_frame_share": 0.9899}, False),
-        ("pixel deviation", {"pixel_deviation": 1.0}, False),
-        ("pixel deviation", {"pixel_deviation": 1.01}, True),
-        ("max-Q deviation", {"max_q_deviation": 1e-6}, False),
-        ("max-Q deviation", {"max_q_deviation": 2e-6}, True),
-        ("max-Q deviation", {"max_q_deviation": float("nan")}, False),
-        ("relative TD error", {"squared_td_error": 0.04}, False),
-        ("relative TD error", {"squared_td_error": 0.0399}, True),
-        ("keys as commanded", {"press_match_share": 0.5}, True),
-        ("keys as commanded", {"press_match_share": 0.49}, False),
-        ("refused chunks", {"refused_chunks": 1}, False),
+        ("valid frames", "play/valid_frame_share", 0.99, True),
+        ("valid frames", "play/valid_frame_share", 0.9899, False),
+        ("pixel deviation", "learning/pixel_deviation", 1.0, False),
+        ("pixel deviation", "learning/pixel_deviation", 1.01, True),
+        ("max-Q deviation", "learning/held_out_std", 1e-6, False),
+        ("max-Q deviation", "learning/held_out_std", 2e-6, True),
+        ("max-Q deviation", "learning/held_out_std", float("nan"), False),
+        ("relative TD error", "learning/relative_td_error", 1.0, False),
+        ("relative TD error", "learning/relative_td_error", 0.9999, True),
+        ("keys as commanded", "play/press_match_share", 0.5, True),
+        ("keys as commanded", "play/press_match_share", 0.49, False),
+        ("refused chunks", "stream/chunks_refused", 1, False),
+        ("excess chunks", "stream/chunks_excess", 1, False),
     ],
 )
-def test_bounds(gate: str, figures: dict[str, Any], passed: bool) -> None:
-    assert judged(**figures)[gate].passed is passed
+def test_bounds(name: str, key: str, value: float, passed: bool) -> None:
+    assert judged({key: value})[name].passed is passed
 
 
-def test_unmeasured_gates_are_open() -> None:
-    unknown = {name: None for name in HEALTHY if name not in KNOWN}
-    gates = judged(press=UNMEASURED, **unknown)
-    assert {name for name, gate in gates.items() if gate.passed is None} == {
+def test_a_figure_that_is_always_right_is_not_listed_until_it_is_wrong() -> None:
+    assert "excess chunks" not in judged()
+    assert not judged({"stream/chunks_excess": 3})["excess chunks"].stops
+
+
+def test_unmeasured_checks_are_open() -> None:
+    known = {"stream/chunks_refused", "stream/chunks_excess"}
+    checks = judged({key: None for key in HEALTHY if key not in known})
+    assert {name for name, check in checks.items() if check.passed is None} == {
         "valid frames",
         "pixel deviation",
         "max-Q deviation",
@@ -80,15 +87,19 @@ def test_unmeasured_gates_are_open() -> None:
         "keys as commanded",
         "press p99 ms",
     }
-    assert all(gate.value is None for gate in gates.values() if gate.passed is None)
+    assert all(check.value is None for check in checks.values() if check.passed is None)
 
 
-def test_only_gates_that_are_never_red_in_good_health_end_a_run() -> None:
-    assert {name for name, gate in judged().items() if not gate.stops} == {
+def test_only_checks_that_are_never_red_in_good_health_end_a_run() -> None:
+    assert {name for name, check in judged().items() if not check.stops} == {
         "relative TD error",
         "press p99 ms",
         "refused chunks",
     }
+
+
+def told(press: Delay) -> dict[str, Value]:
+    return {f"hands/press_{name}": value for name, value in asdict(press).items()}
 
 
 @pytest.mark.parametrize(
@@ -107,8 +118,8 @@ def test_only_gates_that_are_never_red_in_good_health_end_a_run() -> None:
 def test_the_slowest_hundredth_of_presses_has_two_decisions(
     press: Delay, passed: bool | None
 ) -> None:
-    gate = judged(press=press)["press p99 ms"]
-    assert (gate.value, gate.passed, gate.bound) == (press.p99, passed, "≤ 133.3")
+    check = judged(told(press))["press p99 ms"]
+    assert (check.value, check.passed, check.bound) == (press.p99, passed, "≤ 133.3")
 
 
 @pytest.mark.parametrize(
@@ -122,14 +133,14 @@ def test_the_slowest_hundredth_of_presses_has_two_decisions(
 )
 def test_real_hands_are_always_judged_by_their_own_time(play: PlayConfig, judges: bool) -> None:
     slow = Delay(1_000, 200.0, 250.0, 500.0)
-    gate = judged(press=slow, play=play)["press p99 ms"]
-    assert (gate.value, gate.passed) == (250.0, False if judges else None)
+    check = judged(told(slow), play)["press p99 ms"]
+    assert (check.value, check.passed) == (250.0, False if judges else None)
 
 
 def test_keys_that_come_late_on_purpose_are_shown_but_not_judged() -> None:
     late = PlayConfig(read_keys="decision")
-    gate = judged(press_match_share=0.1, play=late)["keys as commanded"]
-    assert (gate.value, gate.passed) == (0.1, None)
+    check = judged({"play/press_match_share": 0.1}, late)["keys as commanded"]
+    assert (check.value, check.passed) == (0.1, None)
 
 
 @pytest.mark.parametrize(
@@ -145,11 +156,6 @@ def test_keys_that_come_late_on_purpose_are_shown_but_not_judged() -> None:
 )
 def test_where_keys_can_follow_within_their_decision(play: PlayConfig, can: bool) -> None:
     assert keys_can_follow(play) is can
-
-
-def test_rewards_that_do_not_vary_say_nothing() -> None:
-    gate = judged(reward_variance=0.0)["relative TD error"]
-    assert (gate.value, gate.passed) == (None, None)
 
 
 def test_bare_emulator_has_no_hands_to_judge() -> None:

@@ -1,6 +1,7 @@
 """What counts as of late, on a clock that the test turns."""
 
-from common.press_latency import COUNTS, UNMEASURED, ms_of, place_of
+from common.metrics import METRICS, number
+from common.press_latency import COUNTS, ms_of, place_of
 from learner.telemetry.recent_latency import RecentLatency
 
 
@@ -15,22 +16,24 @@ def counts(*presses: tuple[int, int]) -> tuple[int, ...]:
 class Looks:
     def __init__(self) -> None:
         self.now = 100.0
-        self.delays = RecentLatency(lambda: self.now)
+        self.latency = RecentLatency(lambda: self.now)
 
-    def p50(self, now: float, told: tuple[int, ...]) -> tuple[float | None, float | None]:
-        """Frames that half of the presses took, of late and in all."""
+    def p50(self, now: float, told: tuple[int, ...]) -> tuple[int, int]:
+        """Frames that half of the presses took, of late and over the run."""
         self.now = now
-        self.delays.look(told)
-        late, in_all = (each("press") for each in (self.delays.of_late, self.delays.in_all))
-        assert late.p50 is not None
-        assert in_all.p50 is not None
-        return round(late.p50 / ms_of(1)), round(in_all.p50 / ms_of(1))
+        values = self.latency.values(told)
+        assert values.keys() <= METRICS.keys()
+        late, in_all = (number(values, f"{scope}/press_p50") for scope in ("hands", "run"))
+        assert late is not None
+        assert in_all is not None
+        return round(late / ms_of(1)), round(in_all / ms_of(1))
 
 
 def test_before_anybody_has_told_nothing_is_known() -> None:
-    delays = RecentLatency()
-    delays.look(())
-    assert delays.of_late("press") == delays.in_all("release") == UNMEASURED
+    values = RecentLatency().values(())
+    for scope in ("hands", "run"):
+        assert values[f"{scope}/press_p99"] is values[f"{scope}/release_p50"] is None
+        assert values[f"{scope}/press_measured"] == 0
 
 
 def test_a_fault_shows_at_once_and_is_over_a_minute_after_it_ended() -> None:
@@ -44,7 +47,8 @@ def test_a_fault_shows_at_once_and_is_over_a_minute_after_it_ended() -> None:
 
 def test_of_a_new_run_everything_is_of_late() -> None:
     looks = Looks()
-    looks.delays.look(())
+    looks.latency.values(())
     looks.p50(110.0, counts((10, 3)))
-    assert looks.p50(120.0, counts((10, 3), (150, 4))) == (4, 4)
-    assert looks.delays.of_late("press").measured == 160
+    told = counts((10, 3), (150, 4))
+    assert looks.p50(120.0, told) == (4, 4)
+    assert looks.latency.values(told)["hands/press_measured"] == 160

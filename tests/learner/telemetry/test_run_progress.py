@@ -52,19 +52,23 @@ def test_warm_up_then_epochs() -> None:
         450,
     )
     assert books.games == 9  # those of the warm-up do not count as training
-    assert books.train_reward() == pytest.approx(sum(range(2, 11)) / 9)
-    assert books.share("valid") == 1.0
-    assert books.share("matched") == 0.5
-    assert books.staleness(50) == 5.0
+    values = books.values(finishing=False)
+    assert values["play/train_reward"] == pytest.approx(sum(range(2, 11)) / 9)
+    assert values["play/valid_frame_share"] == 1.0
+    assert values["play/press_match_share"] == 0.5
+    assert values["stream/staleness_p50"] == 5.0
+    assert values["stream/staleness_p95"] == 9.5
+    assert (values["run/phase_steps"], values["run/phase_length"]) == (50, 200)
+    assert (values["run/epoch"], values["run/agent_steps"]) == (3, 550)
 
 
 def test_shares_are_over_the_newest_chunks() -> None:
     books = RunProgress(CONFIG)
     list(books.book(_chunks(20, valid=0)))
     list(books.book(_chunks(60, first=20)))
-    assert books.share("valid") == 0.75
+    assert books.values(finishing=False)["play/valid_frame_share"] == 0.75
     list(books.book(_chunks(20, first=80)))
-    assert books.share("valid") == 1.0
+    assert books.values(finishing=False)["play/valid_frame_share"] == 1.0
 
 
 def test_facts_that_were_seen_before_count_once() -> None:
@@ -92,3 +96,12 @@ def test_an_end_that_is_asked_for_starts_the_next_phase() -> None:
     assert (ended.epoch, ended.steps) == (1, 50)
     (next_end,) = books.book(_chunks(5, first=3))
     assert (next_end.epoch, next_end.steps) == (2, 200)
+
+
+def test_at_the_very_end_the_last_epoch_is_told_whole() -> None:
+    books = RunProgress(CONFIG)
+    list(books.book(_chunks(6)))
+    shown = ("run/epoch", "run/phase_steps", "run/phase_length")
+    for finishing, expected in ((False, [2, 0, 200]), (True, [1, 200, 200])):
+        values = books.values(finishing=finishing)
+        assert [values[key] for key in shown] == expected

@@ -13,20 +13,18 @@ def updated(loss: float, errors: torch.Tensor) -> Update:
 
 
 def test_nothing_is_known_before_the_first_update() -> None:
-    assert RunningMeans().read() is None
+    assert RunningMeans().values() == {}
 
 
 def test_means_weigh_the_latest_most() -> None:
-    gauges = RunningMeans()
+    means = RunningMeans()
     losses = [1.0, 2.0, 6.0]
     batches = [random_batch(seed=seed) for seed in range(3)]
     errors = [torch.full((8,), value) for value in (1.0, 3.0, 0.0)]
     for loss, error, batch in zip(losses, errors, batches, strict=True):
-        gauges.add(batch, updated(loss, error))
+        means.add(batch, updated(loss, error))
         for _ in range(EVERY - 1):
-            gauges.add(batch, updated(1e9, error))  # not looked at
-    read = gauges.read()
-    assert read is not None
+            means.add(batch, updated(1e9, error))  # not looked at
     keep = (1 - 1 / HORIZON) ** EVERY
     weights = [keep**2, keep, 1.0]
 
@@ -39,5 +37,26 @@ def test_means_weigh_the_latest_most() -> None:
     pixels = mean(
         [sum(float(frame.float().std()) for frame in batch.s_tm1[:, -1]) / 8 for batch in batches]
     )
-    expected = (mean(losses), mean([1.0, 9.0, 0.0]), second - first**2, pixels)
-    assert read == pytest.approx(expected, rel=1e-4)
+    expected = {
+        "learning/loss": mean(losses),
+        "learning/td_error_squared": mean([1.0, 9.0, 0.0]),
+        "learning/relative_td_error": mean([1.0, 9.0, 0.0]) / (second - first**2),
+        "learning/pixel_deviation": pixels,
+    }
+    assert means.values() == pytest.approx(expected, rel=1e-4)
+
+
+def test_rewards_that_do_not_vary_say_nothing() -> None:
+    means = RunningMeans()
+    batch = random_batch(seed=1)
+    batch.r_t.fill_(0.5)
+    means.add(batch, updated(1.0, torch.ones(8)))
+    assert means.values()["learning/relative_td_error"] is None
+
+
+def test_what_an_algorithm_tells_is_a_figure_of_its_own() -> None:
+    means = RunningMeans()
+    told = updated(1.0, torch.ones(8))
+    told = told._replace(metrics={**told.metrics, "spread": torch.tensor(0.25)})
+    means.add(random_batch(seed=1), told)
+    assert means.values()["learning/spread"] == 0.25

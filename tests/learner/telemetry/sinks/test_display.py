@@ -18,102 +18,107 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from common.press_latency import UNMEASURED, Delay
+from common.metrics import Value
+from common.protocol.actor_stats import ActorStats
 from common.run.config import PlayConfig
-from learner.telemetry.health_checks import judge_gates
-from learner.telemetry.sinks import formats as figures
+from common.run.presets import PRESETS
+from learner.telemetry.health_checks import judge
+from learner.telemetry.sinks import formats
 from learner.telemetry.sinks.display import LiveDisplay, PlainDisplay, open_display
 from learner.telemetry.sinks.screen import Screen
-from learner.telemetry.status import ActorStatus, ChunkCounts, Gate, Status, TimeCounts
+from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
+from tests.learner.telemetry.snapshots import changed, snapshot
+
+HANDS: dict[str, Value] = {
+    "hands/press_measured": 1_224,
+    "hands/press_p50": 50.0,
+    "hands/press_p99": 1000 / 15,
+    "hands/press_watched": 1000 / 15,
+}
 
 
-def gates(valid_frame_share: float) -> tuple[Gate, ...]:
-    return judge_gates(
-        env="robot",
-        play=PlayConfig(),
-        valid_frame_share=valid_frame_share,
-        pixel_deviation=28.4,
-        max_q_deviation=0.2314,
-        squared_td_error=None,
-        reward_variance=None,
-        press_match_share=0.873,
-        press=Delay(1_224, 50.0, 1000 / 15, 1000 / 15),
-        refused_chunks=0,
+def checks(valid_frame_share: float) -> tuple[HealthCheck, ...]:
+    return judge(
+        {
+            "play/valid_frame_share": valid_frame_share,
+            "learning/pixel_deviation": 28.4,
+            "learning/held_out_std": 0.2314,
+            "learning/relative_td_error": None,
+            "play/press_match_share": 0.873,
+            "stream/chunks_refused": 0,
+            "stream/chunks_excess": 0,
+            **HANDS,
+        },
+        replace(PRESETS["robot"], play=PlayConfig()),
     )
 
 
-def actors(count: int) -> tuple[ActorStatus, ...]:
+def actors(count: int, **counters: Any) -> tuple[ActorView, ...]:
     return tuple(
-        ActorStatus(
-            name=f"actor-{number}",
-            role="actor",
+        ActorView(
+            stats=ActorStats(
+                f"actor-{number}",
+                "actor",
+                steps=312_456 + number,
+                steps_per_second=46.6,
+                epsilon=0.1,
+                **counters,
+            ),
             alive=number != count - 1,
-            steps=312_456 + number,
-            steps_per_second=46.6,
-            epsilon=0.1,
         )
         for number in range(count)
     )
 
 
-STATUS = Status(
-    run="pong-robot-3",
-    preset="robot",
-    env="robot",
-    game="pong",
-    device="cuda:0 (NVIDIA H200)",
-    phase="training",
-    elapsed=187_654.0,
-    remaining=872.0,
-    agent_steps=10_402_560,
-    steps_goal=50_000_000,
-    warmup=50_000,
-    warmup_done=50_000,
-    epoch=42,
-    epoch_steps=250_000,
-    epoch_done=152_560,
-    epsilon=0.1,
-    updates=2_588_140,
-    loss=0.000829,
-    mean_max_q=1.3931,
-    held_out_std=0.2314,
-    games=11_204,
-    train_reward=17.03,
-    test_reward=18.42,
-    test_epoch=41,
-    random_reward=-20.09,
-    test_history=(-20.1, -15.0, 3.0, 18.42),
-    steps_per_second=186.3,
-    updates_per_second=46.6,
-    samples_per_insert=8.003,
-    samples_per_insert_goal=8.0,
-    staleness_p50=38.0,
-    staleness_p95=74.0,
-    stored=300_000,
-    capacity=1_000_000,
-    chunks=ChunkCounts(made=162_540, acked=162_536, retried=12),
+STATUS = snapshot(
+    {
+        "run/run": "pong-robot-3",
+        "run/preset": "robot",
+        "run/env": "robot",
+        "run/device": "cuda:0 (NVIDIA H200)",
+        "run/phase": "training",
+        "run/seconds": 187_654.0,
+        "run/seconds_left": 872.0,
+        "run/agent_steps": 10_402_560,
+        "run/steps_goal": 50_000_000,
+        "run/epoch": 42,
+        "run/phase_length": 250_000,
+        "run/phase_steps": 152_560,
+        "learning/epsilon": 0.1,
+        "learning/updates": 2_588_140,
+        "learning/loss": 0.000829,
+        "learning/mean_max_q": 1.3931,
+        "learning/held_out_std": 0.2314,
+        "play/games": 11_204,
+        "play/train_reward": 17.03,
+        "play/test_reward": 18.42,
+        "play/test_epoch": 41,
+        "play/random_reward": -20.09,
+        "stream/steps_per_second": 186.3,
+        "learning/updates_per_second": 46.6,
+        "stream/samples_per_insert": 8.003,
+        "stream/staleness_p50": 38.0,
+        "stream/staleness_p95": 74.0,
+        "stream/stored": 300_000,
+        "stream/capacity": 1_000_000,
+        "stream/actors_alive": 3,
+        "stream/actors_present": 4,
+        "stream/chunks_made": 162_540,
+        "stream/chunks_acked": 162_536,
+        "stream/chunks_retried": 12,
+        "hands/release_p50": 50 / 3,
+        "hands/release_p99": math.inf,
+        **HANDS,
+    },
     actors=actors(4),
-    press=Delay(1_224, 50.0, 200 / 3, 200 / 3),
-    release=Delay(1_301, 50 / 3, math.inf, 100.0),
-    gates=gates(0.9994),
+    checks=checks(0.9994),
+    rewards={"test": (-20.1, -15.0, 3.0, 18.42)},
     notes=("checkpoint written", "actor-3 was lost, restarted"),
 )
-EMPTY = Status(
-    run="pong-1",
-    preset="fast",
-    env="ale",
-    game="pong",
-    device="cpu",
-    phase="warm-up",
-    elapsed=0.0,
-    warmup=10_000,
-    epoch_steps=25_000,
-    samples_per_insert_goal=8.0,
-    capacity=200_000,
-)
+EMPTY = snapshot({})
 
 
-def drawn(status: Status, width: int = 80, height: int = 24) -> list[str]:
+def drawn(status: Snapshot, width: int = 80, height: int = 24) -> list[str]:
     file = io.StringIO()
     console = Console(file=file, width=width, height=height, force_terminal=True, color_system=None)
     console.print(Screen(status), end="")
@@ -123,8 +128,8 @@ def drawn(status: Status, width: int = 80, height: int = 24) -> list[str]:
 @pytest.mark.parametrize("status", [STATUS, EMPTY], ids=["full", "empty"])
 @pytest.mark.parametrize("width", [20, 79, 80, 107, 120, 300])
 @pytest.mark.parametrize("height", [2, 10, 24, 25, 31, 40, 70])
-def test_screen_stays_within_the_terminal(status: Status, width: int, height: int) -> None:
-    crowded = replace(status, actors=actors(30), gates=gates(0.3), notes=("a note " * 50,) * 20)
+def test_screen_stays_within_the_terminal(status: Snapshot, width: int, height: int) -> None:
+    crowded = replace(status, actors=actors(30), checks=checks(0.3), notes=("a note " * 50,) * 20)
     for one in (status, crowded):
         lines = drawn(one, width, height)
         assert len(lines) <= height - 1
@@ -134,14 +139,22 @@ def test_screen_stays_within_the_terminal(status: Status, width: int, height: in
 def test_what_went_wrong_with_time_is_shown() -> None:
     assert "late" not in "\n".join(drawn(STATUS, 132, 40))
     late, waited, well = (
-        replace(each, alive=True, missed_deadlines=missed, late_frames=frames, waits_given_up=waits)
-        for each, missed, frames, waits in zip(
-            actors(3), (1_200, 0, 0), (34, 0, 0), (0, 56, 0), strict=True
-        )
+        actors(1, missed_deadlines=missed, late_frames=frames, waits_given_up=waits)[0]
+        for missed, frames, waits in ((1_200, 34, 0), (0, 0, 56), (0, 0, 0))
+    )
+    named = tuple(
+        replace(each, alive=True, stats=replace(each.stats, name=f"actor-{number}"))
+        for number, each in enumerate((late, waited, well))
     )
     # Of actors that are gone, too.
-    time = TimeCounts(missed_deadlines=1_200, late_frames=34, waits_given_up=56)
-    status = replace(STATUS, actors=(late, waited, well), time=time)
+    totals: dict[str, Value] = {
+        "stream/actors_alive": 3,
+        "stream/actors_present": 3,
+        "actors/missed_deadlines": 1_200,
+        "actors/late_frames": 34,
+        "actors/waits_given_up": 56,
+    }
+    status = changed(STATUS, totals, actors=named)
     assert "Actors 3/3, 1.2k late, 56 gave up " in "\n".join(drawn(status))
     wide = drawn(status, 132, 40)
     (row,) = (line for line in wide if "actor-0" in line)
@@ -163,10 +176,10 @@ def test_every_figure_is_there_at_80_by_24() -> None:
         r"train +17\.03 +its deviation +0\.2314 +samples/insert +8\.00 of 8",
         r"random policy +−20\.09 +loss +0\.0008290 +stale p50/p95 +38 / 74",
         r"games +11,204 +updates +2,588,140 +chunks acked +162,536",
-        r"release p50/p99 +17/>100 +updates/s +46\.6 +retried +12",
+        r"release p50/p99 +17/∞ +updates/s +46\.6 +retried +12",
         r"press p50/p99 +50/67 +exploration ε +0\.100 +duplicate +0",
         r"test −20\.1 … 18\.4 +▁",
-        r"Actors, 3 of 4 alive .* Gates, 1 open",
+        r"Actors, 3 of 4 alive .* Health checks, 1 open",
         r"○ actor-3 +312,459 +lost +✓ valid frames +0\.999 +≥ 0\.99",
         r"● actor-0 +312,456 46\.6/s +✓ pixel deviation +28\.4 +> 1",
         r"· relative TD error +– +< 1",
@@ -178,16 +191,16 @@ def test_every_figure_is_there_at_80_by_24() -> None:
         assert re.search(pattern, text), pattern
 
 
-def test_red_gate_is_told_with_its_reason() -> None:
-    text = "\n".join(drawn(replace(STATUS, gates=gates(0.31))))
-    assert "Gates, 1 red" in text
+def test_red_check_is_told_with_its_reason() -> None:
+    text = "\n".join(drawn(replace(STATUS, checks=checks(0.31))))
+    assert "Health checks, 1 red" in text
     assert re.search(r"✗ valid frames +0\.310 +≥ 0\.99", text)
     assert "✗ valid frames: the screen is not found in the camera's picture" in text
     assert "actor-3 was lost, restarted" in text
 
 
 def test_warm_up_has_its_own_bar() -> None:
-    text = "\n".join(drawn(replace(EMPTY, warmup_done=2_500, remaining=90.0)))
+    text = "\n".join(drawn(changed(EMPTY, {"run/phase_steps": 2_500, "run/seconds_left": 90.0})))
     assert re.search(r"Warm-up .* 25 % +2,500 of 10,000 +01:30 left", text)
     assert "no epoch is over yet" in text
 
@@ -241,7 +254,7 @@ def test_terminal_is_given_back_after_an_exception(terminal: Terminal) -> None:
 
     def fail() -> None:
         with display:
-            display.show(replace(EMPTY, run="shown"))
+            display.show(changed(EMPTY, {"run/run": "shown"}))
             print("printed by others")
             raise RuntimeError("a fault")
 
@@ -273,8 +286,8 @@ def test_resized_terminal_is_cleared_once(terminal: Terminal) -> None:
         display.show(EMPTY)
         display.show(EMPTY)
     before, after = terminal.text().split("\x1b[2J")
-    assert "Gates, none yet" in before
-    assert "Gates" not in after  # no room for so many lines
+    assert "Health checks, none yet" in before
+    assert "Health" not in after  # no room for so many lines
     assert after.count("run pong-1") == 3  # two drawn here and one as it is left
 
 
@@ -338,7 +351,7 @@ class Recorder:
         self.stream = io.StringIO()
         self.display = PlainDisplay(self.stream, clock=lambda: self.now)
 
-    def said(self, status: Status) -> list[str]:
+    def said(self, status: Snapshot) -> list[str]:
         start = self.stream.tell()
         self.display.show(status)
         lines = self.stream.getvalue()[start:].splitlines()
@@ -354,14 +367,18 @@ def test_plain_line_has_the_figures() -> None:
         "epoch 42 61 %, 14:32 left | 10,402,560 steps"
         " | reward train 17.03 test 18.42 random -20.09 | max-Q 1.393 | loss 0.0008290"
         " | epsilon 0.100 | 186.3 steps/s | 46.6 updates/s | 8.00 samples/insert of 8"
-        " | staleness 38/74 | 3 of 4 actors | keys ms release 17/>100 press 50/67"
-        " | gates 6 green, 1 open"
+        " | staleness 38/74 | 3 of 4 actors | keys ms release 17/inf press 50/67"
+        " | checks 6 green, 1 open"
     ]
 
 
 def test_plain_line_tells_what_went_wrong_with_time() -> None:
-    time = TimeCounts(missed_deadlines=900, late_frames=99, waits_given_up=25_300_000)
-    (line,) = Recorder().said(replace(QUIET, time=time))
+    totals: dict[str, Value] = {
+        "actors/missed_deadlines": 900,
+        "actors/late_frames": 99,
+        "actors/waits_given_up": 25_300_000,
+    }
+    (line,) = Recorder().said(changed(QUIET, totals))
     assert " | 3 of 4 actors, 999 late, 25M gave up | " in line
 
 
@@ -374,11 +391,13 @@ def test_plain_line_every_ten_seconds() -> None:
     assert counts == [1, 0, 0, 1, 0, 1]
 
 
-@pytest.mark.parametrize("change", [{"epoch": 43}, {"phase": "finishing"}, {"test_epoch": 42}])
-def test_plain_line_at_once_when_a_chapter_ends(change: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "change", [{"run/epoch": 43}, {"run/phase": "finishing"}, {"play/test_epoch": 42}]
+)
+def test_plain_line_at_once_when_a_chapter_ends(change: dict[str, Value]) -> None:
     recorder = Recorder()
     recorder.said(QUIET)
-    assert len(recorder.said(replace(QUIET, **change))) == 1
+    assert len(recorder.said(changed(QUIET, change))) == 1
 
 
 def test_plain_notes_are_said_once() -> None:
@@ -394,16 +413,16 @@ def test_plain_notes_are_said_once() -> None:
         assert recorder.said(replace(QUIET, notes=notes)) == new
 
 
-def test_plain_gates_speak_when_they_change() -> None:
+def test_plain_checks_speak_when_they_change() -> None:
     recorder = Recorder()
     recorder.said(QUIET)
-    red = replace(QUIET, gates=gates(0.31))
+    red = replace(QUIET, checks=checks(0.31))
     assert recorder.said(red) == [
-        "GATE RED: valid frames is 0.3100, not >= 0.99: "
+        "HEALTH CHECK RED: valid frames is 0.3100, not >= 0.99: "
         "the screen is not found in the camera's picture"
     ]
     assert recorder.said(red) == []
-    assert recorder.said(QUIET) == ["gate green again: valid frames is 0.9994"]
+    assert recorder.said(QUIET) == ["health check green again: valid frames is 0.9994"]
 
 
 def test_plain_line_on_an_ascii_stream() -> None:
@@ -416,23 +435,24 @@ def test_plain_line_on_an_ascii_stream() -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (figures.count(1_234_567), "1,234,567"),
-        (figures.decimal(-20.094, 2), "−20.09"),
-        (figures.decimal(None, 2), "–"),
-        (figures.decimal(float("nan"), 2), "nan"),
-        (figures.significant(0.000829), "0.0008290"),
-        (figures.significant(12.4), "12.40"),
-        (figures.significant(-0.5), "−0.5000"),
-        (figures.significant(4.1e-7), "4.1e-07"),
-        (figures.significant(0.0), "0"),
-        (figures.share(999_999, 1_000_000), "99 %"),
-        (figures.share(3, 0), "0 %"),
-        (figures.duration(59.9), "00:59"),
-        (figures.duration(11_565), "3:12:45"),
-        (figures.duration(187_654), "2 d 04:07"),
-        (figures.duration(None), "–"),
-        (figures.delay(UNMEASURED), "–"),
-        (figures.delay(Delay(9, math.inf, math.inf, 500.0)), ">500"),
+        (formats.count(1_234_567), "1,234,567"),
+        (formats.decimal(-20.094, 2), "−20.09"),
+        (formats.decimal(None, 2), "–"),
+        (formats.decimal(float("nan"), 2), "nan"),
+        (formats.significant(0.000829), "0.0008290"),
+        (formats.significant(12.4), "12.40"),
+        (formats.significant(-0.5), "−0.5000"),
+        (formats.significant(4.1e-7), "4.1e-07"),
+        (formats.significant(0.0), "0"),
+        (formats.share(999_999, 1_000_000), "99 %"),
+        (formats.share(3, 0), "0 %"),
+        (formats.duration(59.9), "00:59"),
+        (formats.duration(11_565), "3:12:45"),
+        (formats.duration(187_654), "2 d 04:07"),
+        (formats.duration(None), "–"),
+        (formats.milliseconds(None), "–"),
+        (formats.milliseconds(50 / 3), "17"),
+        (formats.milliseconds(math.inf), "∞"),
     ],
 )
 def test_figures_for_people(text: str, expected: str) -> None:
@@ -440,9 +460,9 @@ def test_figures_for_people(text: str, expected: str) -> None:
 
 
 def test_chart_by_hand() -> None:
-    assert figures.bars([0.0, 0.5, 1.0], 0.0, 1.0, 1) == ["▁▅█"]  # 1, 1 + 3.5, 8 eighths
-    assert figures.bars([0.0, 1.0], 0.0, 1.0, 2) == [" █", "▁█"]
-    assert figures.bars([2.0, 2.0], 2.0, 2.0, 1) == ["▄▄"]
-    assert figures.columns_of([1.0, 2.0, 3.0, 4.0], 2) == [1.5, 3.5]
-    assert figures.columns_of([1.0, 2.0], 5) == [1.0, 1.0, 2.0, 2.0]
-    assert figures.columns_of([], 5) == []
+    assert formats.bars([0.0, 0.5, 1.0], 0.0, 1.0, 1) == ["▁▅█"]  # 1, 1 + 3.5, 8 eighths
+    assert formats.bars([0.0, 1.0], 0.0, 1.0, 2) == [" █", "▁█"]
+    assert formats.bars([2.0, 2.0], 2.0, 2.0, 1) == ["▄▄"]
+    assert formats.columns_of([1.0, 2.0, 3.0, 4.0], 2) == [1.5, 3.5]
+    assert formats.columns_of([1.0, 2.0], 5) == [1.0, 1.0, 2.0, 2.0]
+    assert formats.columns_of([], 5) == []

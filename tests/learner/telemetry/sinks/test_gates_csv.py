@@ -1,45 +1,36 @@
-"""The gates' rows, read back with Python's own reader."""
+"""The health checks' rows, read back with Python's own reader."""
 
 import csv
 import math
-from dataclasses import replace
 from pathlib import Path
 
-from common.press_latency import Delay
-from common.run.config import PlayConfig
-from learner.telemetry.health_checks import GATES, judge_gates
-from learner.telemetry.sinks.gates_csv import COLUMNS, GateTable
-from learner.telemetry.status import Status
+from common.metrics import Value
+from common.run.presets import PRESETS
+from learner.telemetry.health_checks import judge
+from learner.telemetry.sinks.gates_csv import GatesCsvSink
+from tests.learner.telemetry.snapshots import changed, snapshot
 
-PRESS = Delay(1_224, 50.0, 200 / 3, 200 / 3)
-STATUS = Status(
-    run="r",
-    preset="robot",
-    env="robot",
-    game="pong",
-    device="cpu",
-    phase="training",
-    elapsed=61.25,
-    agent_steps=1_000,
-    warmup=500,
-    epoch_steps=25_000,
-    samples_per_insert_goal=8.0,
-    capacity=200_000,
-    gates=judge_gates(
-        env="robot",
-        valid_frame_share=0.25,
-        pixel_deviation=0.5,
-        max_q_deviation=None,
-        squared_td_error=0.01,
-        reward_variance=0.04,
-        press_match_share=1.0,
-        press=PRESS,
-        play=PlayConfig(),
-        refused_chunks=0,
-    ),
-    press=PRESS,
-    release=Delay(1_300, 50 / 3, math.inf, 100.0),
-)
+VALUES: dict[str, Value] = {
+    "run/seconds": 61.25,
+    "run/agent_steps": 1_000,
+    "play/valid_frame_share": 0.25,
+    "learning/pixel_deviation": 0.5,
+    "learning/held_out_std": None,
+    "learning/relative_td_error": 0.25,
+    "play/press_match_share": 1.0,
+    "stream/chunks_refused": 0,
+    "hands/press_p50": 50.0,
+    "hands/press_p99": 200 / 3,
+    "hands/release_p50": 50 / 3,
+    "hands/release_p99": math.inf,
+}
+STATUS = snapshot(VALUES, checks=judge(VALUES, PRESETS["robot"]))
+
+
+def started(path: Path, resumed_at: int | None = None) -> GatesCsvSink:
+    sink = GatesCsvSink(path)
+    sink.start(resumed_at)
+    return sink
 
 
 def read(path: Path) -> list[dict[str, str]]:
@@ -47,17 +38,18 @@ def read(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_each_gate_has_a_column() -> None:
-    assert tuple(gate.name for gate in STATUS.gates) == GATES
+def test_each_check_has_a_column(tmp_path: Path) -> None:
+    columns = GatesCsvSink(tmp_path).columns
+    assert tuple(each.name.replace(" ", "_") for each in STATUS.checks) == columns[2:9]
 
 
 def test_a_row_tells_values_and_which_are_red(tmp_path: Path) -> None:
     path = tmp_path / "gates.csv"
-    table = GateTable(path)
-    table.add(STATUS)
-    table.add(replace(STATUS, agent_steps=2_000, gates=STATUS.gates[:1]))
+    table = started(path)
+    table.write(STATUS)
+    table.write(changed(STATUS, {"run/agent_steps": 2_000, "learning/pixel_deviation": None}))
     first, second = read(path)
-    assert tuple(first) == COLUMNS
+    assert tuple(first) == table.columns
     assert first == {
         "seconds": "61.2",
         "agent_steps": "1000",
@@ -78,19 +70,19 @@ def test_a_row_tells_values_and_which_are_red(tmp_path: Path) -> None:
 
 def test_a_new_run_begins_anew(tmp_path: Path) -> None:
     path = tmp_path / "gates.csv"
-    GateTable(path).add(STATUS)
-    GateTable(path)
+    started(path).write(STATUS)
+    started(path)
     assert read(path) == []
 
 
-def test_resume_forgets_the_life_that_was_lost(tmp_path: Path) -> None:
+def test_resume_drops_what_came_after_the_checkpoint(tmp_path: Path) -> None:
     path = tmp_path / "gates.csv"
-    table = GateTable(path, resumed_at=0)  # a run from before there was such a table
+    table = started(path, 0)  # a run from before there was such a table
     for steps in (1_000, 2_000, 3_000):
-        table.add(replace(STATUS, agent_steps=steps))
+        table.write(changed(STATUS, {"run/agent_steps": steps}))
     with path.open("a") as file:
         file.write("70.0,15")  # torn
-    GateTable(path, resumed_at=2_000).add(replace(STATUS, agent_steps=2_500))
+    started(path, 2_000).write(changed(STATUS, {"run/agent_steps": 2_500}))
     assert [row["agent_steps"] for row in read(path)] == ["1000", "2000", "2500"]
 
 
@@ -103,9 +95,9 @@ def test_a_table_with_fewer_columns_is_carried_over(tmp_path: Path) -> None:
         "3.0,1500,1,0,\n"
         "4.0,2000,1,0,\n"
     )
-    GateTable(path, resumed_at=1_500).add(replace(STATUS, agent_steps=1_600))
+    started(path, 1_500).write(changed(STATUS, {"run/agent_steps": 1_600}))
     old, newer, new = read(path)
-    empty = dict.fromkeys(COLUMNS, "")
+    empty = dict.fromkeys(GatesCsvSink(path).columns, "")
     assert old == empty | {
         "seconds": "1.0",
         "agent_steps": "500",
@@ -121,5 +113,5 @@ def test_what_is_no_table_is_replaced(tmp_path: Path) -> None:
     path = tmp_path / "gates.csv"
     for noise in ("", "\n", "noise", "a,b\n1,2\n", "agent_steps\n-1\n"):
         path.write_text(noise)
-        GateTable(path, resumed_at=1_000).add(STATUS)
+        started(path, 1_000).write(STATUS)
         assert [row["agent_steps"] for row in read(path)] == ["1000"]

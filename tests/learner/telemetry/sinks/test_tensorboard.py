@@ -7,40 +7,27 @@ from pathlib import Path
 
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from common.press_latency import Delay
 from learner.telemetry.sinks.epochs_csv import EpochRow
-from learner.telemetry.sinks.tensorboard import Curves
-from learner.telemetry.status import ActorStatus, ChunkCounts, Gate, Status
+from learner.telemetry.sinks.tensorboard import TensorBoardSink
+from tests.learner.telemetry.snapshots import changed, snapshot
 
-STATUS = Status(
-    run="pong-1",
-    preset="fast",
-    env="ale",
-    game="pong",
-    device="cpu",
-    phase="training",
-    elapsed=60.0,
-    agent_steps=1_000,
-    warmup=500,
-    warmup_done=500,
-    epoch=1,
-    epoch_steps=25_000,
-    epsilon=0.5,
-    updates=125,
-    loss=0.25,
-    samples_per_insert_goal=8.0,
-    capacity=200_000,
-    chunks=ChunkCounts(made=17, acked=15, refused=1),
-    actors=(
-        ActorStatus(name="actor-0", role="actor", alive=True),
-        ActorStatus(name="actor-1", role="actor", alive=False),
-    ),
-    press=Delay(1_224, 50.0, 66.5, 66.5),
-    release=Delay(1_301, 16.5, 33.5, 50.0),
-    gates=(
-        Gate(name="valid frames", value=0.5, passed=False, bound="≥ 0.99", why="no screen"),
-        Gate(name="max-Q deviation", value=None, passed=None, bound="> 0", why="blind"),
-    ),
+STATUS = snapshot(
+    {
+        "run/agent_steps": 1_000,
+        "learning/epsilon": 0.5,
+        "learning/updates": 125,
+        "learning/loss": 0.25,
+        "stream/chunks_made": 17,
+        "stream/chunks_acked": 15,
+        "stream/chunks_refused": 1,
+        "stream/actors_alive": 1,
+        "play/valid_frame_share": 0.5,
+        "learning/held_out_std": None,
+        "hands/press_p50": 50.0,
+        "hands/release_p50": 16.5,
+        "hands/release_p99": 33.5,
+        "gates/failed": 1,
+    }
 )
 ROW = EpochRow(
     epoch=1,
@@ -62,6 +49,12 @@ ROW = EpochRow(
 )
 
 
+def started(folder: Path, resumed_at: int | None = None) -> TensorBoardSink:
+    curves = TensorBoardSink(folder)
+    curves.start(resumed_at)
+    return curves
+
+
 def read(folder: Path) -> dict[str, list[tuple[int, float]]]:
     events = EventAccumulator(str(folder))
     events.Reload()
@@ -72,19 +65,21 @@ def read(folder: Path) -> dict[str, list[tuple[int, float]]]:
 
 
 def test_status_and_epochs_over_agent_steps(tmp_path: Path) -> None:
-    with Curves(tmp_path) as curves:
-        curves.status(STATUS)
-        curves.status(replace(STATUS, agent_steps=2_000, loss=0.125))
-        curves.epoch(ROW, 25_500)
+    curves = started(tmp_path)
+    curves.write(STATUS)
+    curves.write(changed(STATUS, {"run/agent_steps": 2_000, "learning/loss": 0.125}))
+    curves.phase(ROW, 25_500)
+    curves.close(STATUS)
     points = read(tmp_path)
     assert points["learning/loss"] == [(1_000, 0.25), (2_000, 0.125)]
+    assert points["gates/refused_chunks"] == points["stream/chunks_refused"]
     assert points["learning/updates"] == [(1_000, 125), (2_000, 125)]
     assert points["stream/chunks_made"][0] == (1_000, 17)
     assert points["stream/actors_alive"][0] == (1_000, 1)
     assert points["gates/valid_frames"][0] == (1_000, 0.5)
     assert points["gates/failed"][0] == (1_000, 1)
     assert points["gates/press_p50_ms"][0] == (1_000, 50.0)
-    assert "gates/press_p99_ms" not in points  # that of the gate, which this status lacks
+    assert "gates/press_p99_ms" not in points  # not measured
     assert points["gates/release_p50_ms"][0] == (1_000, 16.5)
     assert points["gates/release_p99_ms"][0] == (1_000, 33.5)
     assert points["play/epoch_test_reward"] == [(25_500, -20.5)]
@@ -93,21 +88,24 @@ def test_status_and_epochs_over_agent_steps(tmp_path: Path) -> None:
 
 
 def test_the_unknown_has_no_point(tmp_path: Path) -> None:
-    with Curves(tmp_path) as curves:
-        curves.status(STATUS)
-        curves.epoch(replace(ROW, average_reward=None), 25_500)
+    curves = started(tmp_path)
+    curves.write(STATUS)
+    curves.phase(replace(ROW, average_reward=None), 25_500)
+    curves.close(STATUS)
     points = read(tmp_path)
     assert "learning/mean_max_q" not in points
     assert "gates/max-Q_deviation" not in points
     assert "play/epoch_test_reward" not in points
 
 
-def test_resume_forgets_the_life_that_was_lost(tmp_path: Path) -> None:
-    with Curves(tmp_path) as curves:
-        for steps, loss in ((1_000, 4.0), (2_000, 2.0), (3_000, 1.0)):
-            curves.status(replace(STATUS, agent_steps=steps, loss=loss))
-    with Curves(tmp_path, resumed_at=2_000) as curves:
-        curves.status(replace(STATUS, agent_steps=2_500, loss=8.0))
+def test_resume_drops_what_came_after_the_checkpoint(tmp_path: Path) -> None:
+    curves = started(tmp_path)
+    for steps, loss in ((1_000, 4.0), (2_000, 2.0), (3_000, 1.0)):
+        curves.write(changed(STATUS, {"run/agent_steps": steps, "learning/loss": loss}))
+    curves.close(STATUS)
+    curves = started(tmp_path, resumed_at=2_000)
+    curves.write(changed(STATUS, {"run/agent_steps": 2_500, "learning/loss": 8.0}))
+    curves.close(STATUS)
     assert read(tmp_path)["learning/loss"] == [(1_000, 4.0), (2_000, 2.0), (2_500, 8.0)]
 
 

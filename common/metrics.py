@@ -1,0 +1,245 @@
+"""Every figure of a run, declared once: what it means, how it is written, and who shows it.
+
+Whoever knows a figure puts it into a mapping of key to value; the learner merges these mappings
+and hands the result to every sink, which takes from this table what it shows. A new figure is a
+line here and the line that computes it. Totals of the actors' counters are declared beside the
+counters themselves, in `common.protocol.actor_stats`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+Value = float | int | str | None
+"""None: not known yet."""
+Values = Mapping[str, Value]
+Unit = Literal[
+    "none", "bytes", "chunks", "commands", "epochs", "frames", "games", "grey levels",
+    "milliseconds", "per day", "per second", "points", "processes", "ratio", "seconds", "steps",
+    "updates",
+]  # fmt: skip
+"""``none`` for a figure without one: a text, a loss, a value of Q."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One figure. Braces in ``label`` and ``shown`` stand for figures in their own forms."""
+
+    key: str
+    """Its name everywhere: ``group/name``."""
+    unit: Unit
+    form: str
+    """How a person reads it: a name of `learner.telemetry.sinks.formats.FORMS`."""
+    meaning: str
+    """One sentence, without a full stop."""
+    label: str = ""
+    """Short name for the screen."""
+    panel: tuple[str, int] | None = None
+    """Where on the screen, and in which place; a small terminal shows six of each panel."""
+    shown: str = ""
+    """The text beside the label, if it is more than the figure."""
+    robot: bool = False
+    """On the screen only where a robot plays."""
+    curve: bool = False
+    """Drawn in TensorBoard, under its key."""
+    gate: str = ""
+    """Column in ``gates.csv``, and a curve under ``gates/``."""
+    summary: str = ""
+    """Key in ``summary.json``; a dot leads into an inner object."""
+    trouble: str = ""
+    """Word for it behind the number of actors, where it appears once it is above 0."""
+    counter: bool = False
+    """It only grows while the run goes on."""
+
+
+METRICS: dict[str, Metric] = {}
+"""All declared figures by key, in the order of declaration."""
+
+
+def declare(*metrics: Metric) -> None:
+    """Add figures to the table.
+
+    Raises ValueError if a key, a column or a summary key is taken, or a meaning is missing.
+    """
+    for metric in metrics:
+        if not metric.meaning or "/" not in metric.key:
+            raise ValueError(f"{metric.key!r} needs a meaning, and a key like group/name")
+        for name in ("key", "gate", "summary"):
+            value = getattr(metric, name)
+            if value and any(getattr(other, name) == value for other in METRICS.values()):
+                raise ValueError(f"{name} {value!r} of {metric.key!r} is declared already")
+        METRICS[metric.key] = metric
+
+
+def number(values: Values, key: str) -> float | None:
+    """The figure ``key`` as a number; None while it is unknown."""
+    value = values.get(key)
+    return None if isinstance(value, str) else value
+
+
+# fmt: off
+declare(
+    Metric("run/run", "none", "text", "Name of the run", summary="run"),
+    Metric("run/preset", "none", "text", "Preset of its settings", summary="preset"),
+    Metric("run/env", "none", "text", "Who plays: the emulator alone, or a robot", summary="env"),
+    Metric("run/game", "none", "text", "Atari game", summary="game"),
+    Metric("run/seed", "none", "count", "Seed of the run", summary="seed"),
+    Metric("run/initial", "none", "text", "Whether the run began with a network that was given",
+           summary="initial"),
+    Metric("run/sync", "none", "text", "Whether the world waits for the agent, in local mode",
+           summary="sync"),
+    Metric("run/wait_action", "none", "text",
+           "Whether a step lasts until the keys are as commanded, in local mode",
+           summary="wait_action"),
+    Metric("run/speed", "ratio", "plain",
+           "Game seconds per second where the world does not wait, in local mode", summary="speed"),
+    Metric("run/device", "none", "text", "Hardware of the updates", summary="device"),
+    Metric("run/phase", "none", "text", "Warm-up, training, or finishing"),
+    Metric("run/seconds", "seconds", "duration",
+           "Wall-clock time of work on this run, that before a resume included",
+           summary="wall_seconds", counter=True),
+    Metric("run/seconds_left", "seconds", "duration", "Time to the end of the present phase"),
+    Metric("run/agent_steps", "steps", "count", "Agent steps of all actors, warm-up included",
+           summary="agent_steps", counter=True),
+    Metric("run/steps_goal", "steps", "count", "Agent steps after which the run ends by itself"),
+    Metric("run/epoch", "epochs", "count", "Epoch that is trained; 0 during the warm-up",
+           summary="epoch", counter=True),
+    Metric("run/phase_steps", "steps", "count", "Agent steps in the present phase"),
+    Metric("run/phase_length", "steps", "count", "Agent steps of the present phase when complete"),
+    Metric("run/train_steps_per_second", "per second", ".1",
+           "Agent steps per second over all finished training phases", summary="steps_per_second"),
+    Metric("run/test_steps_per_second", "per second", ".1",
+           "Agent steps per second over all finished tests", summary="test_steps_per_second"),
+    Metric("run/epochs_per_day", "per day", ".1",
+           "Epochs of 2017, training and then testing, that fit in a day at these two rates",
+           summary="epochs_per_day"),
+
+    Metric("play/test_reward", "points", ".2", "Mean score of the latest finished test",
+           "test{play/test_epoch}", ("Reward", 1), summary="test_reward"),
+    Metric("play/test_epoch", "epochs", "of epoch", "Epoch whose snapshot that test played",
+           summary="test_epoch"),
+    Metric("play/train_reward", "points", ".2", "Mean score of the recent training games",
+           "train", ("Reward", 2), curve=True, summary="train_reward"),
+    Metric("play/random_reward", "points", ".2", "Mean score of the random policy",
+           "random policy", ("Reward", 3), summary="random_reward"),
+    Metric("play/games", "games", "count", "Training games that ended after the warm-up",
+           "games", ("Reward", 4), curve=True, summary="games", counter=True),
+    Metric("play/best_test_reward", "points", ".2", "Best mean score of a test",
+           "best test", ("Reward", 7), summary="best_test_reward"),
+    Metric("play/valid_frame_share", "ratio", ".3",
+           "Share of the recent steps whose frame showed the screen",
+           "frames valid", ("Learning", 8), gate="valid_frames", summary="valid_frame_share"),
+
+    Metric("learning/pixel_deviation", "grey levels", "significant",
+           "Standard deviation of a sampled frame's pixels, mean over the recent updates",
+           gate="pixel_deviation"),
+    Metric("learning/mean_max_q", "none", ".3", "Mean of max-Q over the held-out states",
+           "mean max-Q", ("Learning", 1), curve=True, summary="mean_max_q"),
+    Metric("learning/held_out_std", "none", "significant",
+           "Standard deviation of max-Q over the held-out states", "its deviation",
+           ("Learning", 2), curve=True, gate="max-Q_deviation", summary="held_out_std"),
+    Metric("learning/relative_td_error", "ratio", "significant",
+           "Mean squared TD error over the variance of the rewards, of the recent minibatches",
+           gate="relative_TD_error"),
+    Metric("learning/td_error_squared", "none", "significant",
+           "Mean squared TD error in the recent minibatches"),
+    Metric("learning/loss", "none", "significant", "Mean loss of the recent updates",
+           "loss", ("Learning", 3), curve=True, summary="loss"),
+    Metric("learning/updates", "updates", "count", "Updates of the network",
+           "updates", ("Learning", 4), curve=True, summary="updates", counter=True),
+    Metric("learning/updates_per_second", "per second", ".1", "Updates per second, of late",
+           "updates/s", ("Learning", 5), curve=True, summary="updates_per_second"),
+    Metric("learning/epsilon", "ratio", ".3", "Share of random actions in training",
+           "exploration ε", ("Learning", 6), curve=True, summary="epsilon"),
+
+    Metric("play/press_match_share", "ratio", ".3",
+           "Share of the recent steps that ended with the commanded keys pressed, and no others",
+           "keys matched", ("Reward", 8), gate="keys_as_commanded", summary="press_match_share"),
+    Metric("hands/press_p99", "milliseconds", "ms",
+           "99th percentile of the time until every key of a command is down, of late",
+           gate="press_p99_ms"),
+    Metric("stream/chunks_refused", "chunks", "count", "Chunks that the replay refused",
+           "refused", ("Stream", 8), curve=True, gate="refused_chunks", summary="chunks.refused",
+           counter=True),
+    Metric("hands/press_p50", "milliseconds", "ms", "The same, median",
+           "press p50/p99", ("Reward", 6), "{hands/press_p50}/{hands/press_p99}", robot=True,
+           gate="press_p50_ms"),
+    Metric("hands/release_p50", "milliseconds", "ms",
+           "Median of the time until every key of the previous command is up, of late",
+           "release p50/p99", ("Reward", 5), "{hands/release_p50}/{hands/release_p99}", robot=True,
+           gate="release_p50_ms"),
+    Metric("hands/release_p99", "milliseconds", "ms", "The same, 99th percentile",
+           gate="release_p99_ms"),
+
+    Metric("stream/steps_per_second", "per second", ".1", "Agent steps per second, of late",
+           "steps/s", ("Stream", 1), curve=True),
+    Metric("stream/samples_per_insert", "ratio", ".2",
+           "Steps sampled for each one that was inserted after the warm-up", "samples/insert",
+           ("Stream", 2), "{stream/samples_per_insert} of {stream/samples_per_insert_goal}",
+           curve=True, summary="samples_per_insert"),
+    Metric("stream/samples_per_insert_goal", "ratio", "plain",
+           "Samples per insert at which the replay holds both sides",
+           summary="samples_per_insert_goal"),
+    Metric("stream/staleness_p50", "updates", ".0",
+           "Median of the updates between a chunk's weights and the newest when it arrives",
+           "stale p50/p95", ("Stream", 3), "{stream/staleness_p50} / {stream/staleness_p95}",
+           curve=True, summary="staleness_updates.p50"),
+    Metric("stream/staleness_p95", "updates", ".0", "The same, 95th percentile",
+           curve=True, summary="staleness_updates.p95"),
+    Metric("stream/weights_version", "updates", "count",
+           "Updates that made the newest published weights", "weights no.", ("Learning", 7),
+           curve=True, summary="weights_version"),
+    Metric("stream/chunks_acked", "chunks", "count", "Chunks that the replay accepted",
+           "chunks acked", ("Stream", 4), curve=True, summary="chunks.acked", counter=True),
+    Metric("stream/chunks_duplicate", "chunks", "count",
+           "Chunks that came again and were not stored again", "duplicate", ("Stream", 6),
+           curve=True, summary="chunks.duplicate", counter=True),
+    Metric("stream/chunks_excess", "chunks", "count",
+           "Chunks stored beyond those that their actors made, so stored more than once",
+           curve=True, summary="chunks.excess", counter=True),
+    Metric("stream/stored", "steps", "count", "Steps in the replay", curve=True, summary="stored"),
+    Metric("stream/capacity", "steps", "count", "Steps that the replay can hold",
+           summary="capacity"),
+    Metric("stream/actors_alive", "processes", "count", "Actors and evaluators that are alive",
+           curve=True),
+    Metric("stream/actors_present", "processes", "count",
+           "Actors and evaluators that are alive or were lost"),
+    Metric("gates/failed", "none", "count", "Health checks that were measured and failed",
+           curve=True),
+    Metric("replay/private_bytes", "bytes", "count",
+           "Memory of the process that holds the replay, without file pages",
+           summary="replay_process.private_bytes"),
+    Metric("replay/resident_bytes", "bytes", "count",
+           "The same, with the file pages that happen to be in memory",
+           summary="replay_process.resident_bytes"),
+    Metric("replay/file_bytes", "bytes", "count", "Size of the replay's files",
+           summary="replay_process.file_bytes"),
+    Metric("evaluation/steps_left", "steps", "count", "Steps of tests still to be played"),
+    Metric("actors/elapsed_per_step", "ratio", ".2",
+           "Agent steps of game time per step: more than 1 where robots wait, or are late",
+           summary="decisions_per_step"),
+)
+for _goal, _until in (("press", "command is down"), ("release", "previous command is up")):
+    declare(
+        Metric(f"run/{_goal}_measured", "commands", "count",
+               f"Commands watched until every key of the {_until}, over the run",
+               summary=f"{_goal}_ms.measured", counter=True),
+        Metric(f"run/{_goal}_p50", "milliseconds", "ms",
+               f"Median of the time until every key of the {_until}, over the run",
+               summary=f"{_goal}_ms.p50"),
+        Metric(f"run/{_goal}_p99", "milliseconds", "ms", "The same, 99th percentile",
+               summary=f"{_goal}_ms.p99"),
+        Metric(f"run/{_goal}_watched", "milliseconds", "ms",
+               "Longest time that one of these commands was watched",
+               summary=f"{_goal}_ms.watched"),
+        Metric(f"run/{_goal}_given_up", "ratio", ".3",
+               "Share of these commands that were given up before",
+               summary=f"{_goal}_ms.given_up"),
+        Metric(f"hands/{_goal}_measured", "commands", "count",
+               f"Commands watched until every key of the {_until}, of late"),
+        Metric(f"hands/{_goal}_watched", "milliseconds", "ms",
+               "Longest time that one of these commands was watched"),
+        Metric(f"hands/{_goal}_given_up", "ratio", ".3",
+               "Share of these commands that were given up before"),
+    )
+# fmt: on

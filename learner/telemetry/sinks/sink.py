@@ -1,0 +1,28 @@
+"""What takes a run's figures: a file, or a program beside it."""
+
+from learner.telemetry.sinks.epochs_csv import EpochRow
+from learner.telemetry.snapshot import Snapshot
+
+
+class Sink:
+    """Takes a snapshot now and then; a sink overrides what it needs."""
+
+    period = 10.0
+    """Seconds between two snapshots."""
+
+    def start(self, resumed_at: int | None) -> None:
+        """Open what it writes to.
+
+        Args:
+            resumed_at: agent steps of the checkpoint that was resumed: what was written after it
+                is dropped. None for a new run.
+        """
+
+    def write(self, snapshot: Snapshot) -> None:
+        """Take the figures as they are."""
+
+    def phase(self, row: EpochRow, agent_steps: int) -> None:
+        """Take the figures of a finished phase, whose weights are ``agent_steps`` old."""
+
+    def close(self, snapshot: Snapshot) -> None:
+        """Take the last figures, and end."""

@@ -1,0 +1,64 @@
+"""The run at one moment, as every sink gets it: figures by key, and what is not a number."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from common.metrics import Values
+from common.protocol.actor_stats import ActorStats
+
+Phase = Literal["warm-up", "training", "finishing"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActorView:
+    """One actor or evaluator: what it last told, and whether it is there."""
+
+    stats: ActorStats
+    alive: bool
+    """Its liveliness token is there."""
+    silent_for: float = 0.0
+    """Seconds since it was last heard of."""
+    left: bool = False
+    """It took its leave a while ago: no longer shown, still counted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HealthCheck:
+    """A condition without which learning cannot be trusted, as it is now."""
+
+    name: str
+    value: float | None
+    """None while it has not been measured."""
+    passed: bool | None
+    """None while that cannot be said."""
+    bound: str
+    """What is asked of the value, such as ``≥ 0.99``."""
+    why: str
+    """One line: what a failure means."""
+    stops: bool = True
+    """A run in which it keeps failing ends by itself; see `learner.telemetry.gate`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Snapshot:
+    """The run now; whoever shows or writes figures takes them from here and nowhere else."""
+
+    values: Values
+    """Figures by their keys in `common.metrics`."""
+    actors: tuple[ActorView, ...] = ()
+    checks: tuple[HealthCheck, ...] = ()
+    notes: tuple[str, ...] = ()
+    """The latest events, newest last, such as "actor-2 was lost"."""
+    rewards: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    """Mean score of each epoch, oldest first, by phase: ``random``, ``train`` and ``test``."""
+
+    @property
+    def present(self) -> tuple[ActorView, ...]:
+        """The actors without those that took their leave a while ago."""
+        return tuple(actor for actor in self.actors if not actor.left)
+
+    @property
+    def failed(self) -> tuple[HealthCheck, ...]:
+        """The health checks that were measured and did not pass."""
+        return tuple(check for check in self.checks if check.passed is False)
