@@ -14,20 +14,14 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from functools import partial
-from typing import Any, Self
+from typing import Self, TypeVar
 
 from common.errors import MessageError
-from common.transport.interface import (
-    Answer,
-    Closeable,
-    Envelope,
-    Publisher,
-    Requester,
-    Unanswered,
-)
+from common.transport.interface import Answer, Envelope, Unanswered
 from common.transport.requests import LONGEST_ANSWER, PendingRequests, answer_request
 
 _log = logging.getLogger(__name__)
+_T = TypeVar("_T", bound="_Declared")
 
 
 class InProcessHub:
@@ -35,28 +29,28 @@ class InProcessHub:
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
-        self.services: list[_Service] = []
-        self.listeners: list[_Listener] = []
-        self.tokens: list[_Token] = []
+        self.declared: list[_Declared] = []
 
     def connect(self) -> "InProcessTransport":
         """Return a transport that reaches all others of this hub."""
         return InProcessTransport(self)
 
-    def tell(self, key: str, news: object, *, of_presence: bool) -> None:
-        """Have all who listen at ``key`` called with it and ``news``."""
+    def find(self, kind: type[_T], key: str) -> list[_T]:
+        """Return all of ``kind`` that are declared at ``key``, in the order of declaration."""
         with self.lock:
-            for listener in self.listeners:
-                if listener.of_presence == of_presence and intersects(listener.key, key):
-                    listener.hear(key, news)
+            return [
+                each
+                for each in self.declared
+                if isinstance(each, kind) and intersects(each.key, key)
+            ]
 
 
 class InProcessTransport:
     """Implements `Transport`."""
 
     def __init__(self, hub: InProcessHub) -> None:
-        self._hub = hub
-        self._declared: list[Closeable] = []
+        self.hub = hub
+        self._requesters: list[_Requester] = []
         self._events: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._deadlines: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
@@ -71,73 +65,48 @@ class InProcessTransport:
 
     def close(self) -> None:
         """See `Transport`."""
-        for declared in self._declared:
+        with self.hub.lock:
+            own = [each for each in self.hub.declared if each.transport is self]
+        for declared in own:
             declared.close()
-            if isinstance(declared, _Service):
-                declared.drop_kept()
-        self._declared.clear()
+            declared.forsake()
+        for requester in self._requesters:
+            requester.close()
         self._events.put(None)
-        self._thread.join()
+        self._thread.join(LONGEST_ANSWER)
 
-    def serve(self, key: str, answer: Answer) -> Closeable:
+    def serve(self, key: str, answer: Answer) -> "_Service":
         """See `Transport.serve`."""
-        service = _Service(self._hub, key, answer)
-        self._declared.append(service)
-        return service
+        return _Service(self, key, answer)
 
-    def requester(self, key: str, deadline: float) -> Requester:
+    def requester(self, key: str, deadline: float) -> "_Requester":
         """See `Transport.requester`."""
-        requester = _Requester(self, key, deadline)
-        self._declared.append(requester)
-        return requester
+        self._requesters.append(_Requester(self, key, deadline))
+        return self._requesters[-1]
 
     def gather(self, key: str, deadline: float) -> list[Envelope]:
         """See `Transport.gather`."""
-        found: list[Envelope] = []
+        found: list[Envelope | Exception] = []
         ended = threading.Event()
-
-        def hear(outcome: Envelope | Exception) -> None:
-            if isinstance(outcome, Envelope):
-                found.append(outcome)
-
-        self.ask(key, b"", deadline, hear, ended.set)
+        self.ask(key, b"", deadline, found.append, ended.set)
         ended.wait()
-        return found
+        return [each for each in found if isinstance(each, Envelope)]
 
-    def publisher(self, key: str) -> Publisher:
+    def publisher(self, key: str) -> "_Publisher":
         """See `Transport.publisher`."""
-        return _Publisher(self._hub, key)
+        return _Publisher(self, key)
 
-    def subscribe(self, key: str, callback: Callable[[Envelope], None]) -> Closeable:
+    def subscribe(self, key: str, callback: Callable[[Envelope], None]) -> "_Subscription":
         """See `Transport.subscribe`."""
+        return _Subscription(self, key, callback)
 
-        def hear(key: str, news: object) -> None:
-            assert isinstance(news, Envelope)
-            self.call(partial(callback, news))
-
-        listener = _Listener(self._hub, key, hear, of_presence=False)
-        self._declared.append(listener)
-        return listener
-
-    def announce(self, key: str) -> Closeable:
+    def announce(self, key: str) -> "_Token":
         """See `Transport.announce`."""
-        token = _Token(self._hub, key)
-        self._declared.append(token)
-        return token
+        return _Token(self, key)
 
-    def watch_presence(self, key: str, callback: Callable[[str, bool], None]) -> Closeable:
+    def watch_presence(self, key: str, callback: Callable[[str, bool], None]) -> "_Watch":
         """See `Transport.watch_presence`."""
-
-        def hear(key: str, news: object) -> None:
-            self.call(partial(callback, key, bool(news)))
-
-        with self._hub.lock:
-            for token in self._hub.tokens:
-                if intersects(token.key, key):
-                    hear(token.key, True)
-            listener = _Listener(self._hub, key, hear, of_presence=True)
-        self._declared.append(listener)
-        return listener
+        return _Watch(self, key, callback)
 
     def ask(
         self,
@@ -148,19 +117,14 @@ class InProcessTransport:
         end: Callable[[], None],
     ) -> None:
         """Ask all servers at ``key``; ``hear`` each and ``end`` once, as soon as all are heard."""
-        with self._hub.lock:
-            services = [each for each in self._hub.services if intersects(each.key, key)]
-            asked = _Asked(self, hear, end, len(services))
-            self.call(partial(self._expire_at, time.monotonic() + deadline, asked.expire))
+        with self.hub.lock:
+            services = self.hub.find(_Service, key)
+            asked = _Asked(self, len(services), hear, end)
+            self.call(partial(self._expire_at, time.monotonic() + deadline, asked.end))
             for service in services:
-                service.put(_Request(asked, service, key, payload))
+                service.put(_Request(service, asked, key, payload))
         if not services:
-            asked.expire()
-
-    def has_server(self, key: str) -> bool:
-        """Return whether anybody serves at ``key``."""
-        with self._hub.lock:
-            return any(intersects(service.key, key) for service in self._hub.services)
+            asked.end()
 
     def call(self, event: Callable[[], None]) -> None:
         """Have ``event`` called on this transport's thread, after all before it."""
@@ -188,115 +152,127 @@ class InProcessTransport:
 
 
 class _Declared:
-    """Anything that is listed at a hub until it is closed."""
+    """Anything that others at the hub can find, until it is closed."""
 
-    def __init__(self, hub: InProcessHub, key: str) -> None:
+    def __init__(self, transport: InProcessTransport, key: str) -> None:
+        self.transport = transport
         self.key = key
-        self._hub = hub
-
-    def _withdraw(self, place: list[Any]) -> bool:
-        """Take this off ``place``; return whether it was there."""
-        with self._hub.lock:
-            there = self in place
-            if there:
-                place.remove(self)
-            return there
-
-
-class _Listener(_Declared):
-    """A subscription, or a watch of presence."""
-
-    def __init__(
-        self,
-        hub: InProcessHub,
-        key: str,
-        hear: Callable[[str, object], None],
-        *,
-        of_presence: bool,
-    ) -> None:
-        super().__init__(hub, key)
-        self.hear = hear
-        self.of_presence = of_presence
-        with hub.lock:
-            hub.listeners.append(self)
+        with transport.hub.lock:
+            transport.hub.declared.append(self)
+            self.opened()
 
     def close(self) -> None:
-        self._withdraw(self._hub.listeners)
+        with self.transport.hub.lock:
+            if self not in self.transport.hub.declared:
+                return
+            self.transport.hub.declared.remove(self)
+        self.closed()
+
+    def opened(self) -> None:
+        """What follows from being found."""
+
+    def closed(self) -> None:
+        """What follows from being found no longer."""
+
+    def forsake(self) -> None:
+        """What follows from the death of the process."""
+
+
+class _Publisher:
+    """Implements `interface.Publisher`."""
+
+    def __init__(self, transport: InProcessTransport, key: str) -> None:
+        self._hub = transport.hub
+        self._key = key
+
+    def publish(self, payload: bytes, attachment: bytes = b"") -> None:
+        envelope = Envelope(bytes(payload), attachment, self._key)
+        with self._hub.lock:
+            for each in self._hub.find(_Subscription, self._key):
+                each.transport.call(partial(each.callback, envelope))
+
+    def close(self) -> None:
+        """Nobody knows of a publisher."""
+
+
+class _Subscription(_Declared):
+    def __init__(
+        self, transport: InProcessTransport, key: str, callback: Callable[[Envelope], None]
+    ) -> None:
+        self.callback = callback
+        super().__init__(transport, key)
+
+
+class _Watch(_Declared):
+    """Hears of presence."""
+
+    def __init__(
+        self, transport: InProcessTransport, key: str, callback: Callable[[str, bool], None]
+    ) -> None:
+        self._callback = callback
+        super().__init__(transport, key)
+
+    def opened(self) -> None:
+        for token in self.transport.hub.find(_Token, self.key):
+            self.hear(token.key, True)
+
+    def hear(self, key: str, present: bool) -> None:
+        self.transport.call(partial(self._callback, key, present))
 
 
 class _Token(_Declared):
     """Somebody's presence."""
 
-    def __init__(self, hub: InProcessHub, key: str) -> None:
-        super().__init__(hub, key)
-        with hub.lock:
-            hub.tokens.append(self)
-            hub.tell(key, True, of_presence=True)
+    def opened(self) -> None:
+        self._tell(True)
 
-    def close(self) -> None:
-        with self._hub.lock:
-            if self._withdraw(self._hub.tokens):
-                self._hub.tell(self.key, False, of_presence=True)
+    def closed(self) -> None:
+        self._tell(False)
 
-
-class _Publisher(_Declared):
-    """Implements `interface.Publisher`."""
-
-    def publish(self, payload: bytes, attachment: bytes = b"") -> None:
-        message = Envelope(bytes(payload), attachment, self.key)
-        self._hub.tell(self.key, message, of_presence=False)
-
-    def close(self) -> None:
-        pass
+    def _tell(self, present: bool) -> None:
+        for watch in self.transport.hub.find(_Watch, self.key):
+            watch.hear(self.key, present)
 
 
 class _Asked:
-    """A request's way back to who asked; it ends when all servers have ended it, or in time."""
+    """The way back to who asked; it ends when all servers have ended the request, or in time."""
 
     def __init__(
         self,
         asker: InProcessTransport,
+        servers: int,
         hear: Callable[[Envelope | Exception], None],
         end: Callable[[], None],
-        servers: int,
     ) -> None:
+        self.end = end
         self._asker = asker
-        self._hear = hear
-        self._end = end
         self._servers = servers
+        self._hear = hear
         self._lock = threading.Lock()
 
     def settle(self, outcome: Envelope | Exception | None) -> None:
         """One server's answer or refusal; None of one that dropped the request."""
         with self._lock:
-            if not self._servers:
-                return  # too late
             if outcome is not None:
                 self._asker.call(partial(self._hear, outcome))
             self._servers -= 1
             if not self._servers:
-                self._asker.call(self._end)
-
-    def expire(self) -> None:
-        """End it, whoever has not answered."""
-        with self._lock:
-            self._servers = 0
-        self._end()
+                self._asker.call(self.end)
 
 
 class _Request:
     """Implements `interface.Request`."""
 
-    def __init__(self, asked: _Asked, service: "_Service", key: str, payload: bytes) -> None:
+    def __init__(self, service: "_Service", asked: _Asked, key: str, payload: bytes) -> None:
         self.key = key
         self.payload = bytes(payload)
-        self._asked = asked
         self._service = service
-        self._reply_key = key if "*" in service.key else service.key
+        self._asked = asked
 
     def reply(self, answer: bytes | Envelope) -> None:
         payload, attachment, _ = answer if isinstance(answer, Envelope) else Envelope(answer)
-        self._settle(Envelope(bytes(payload), attachment, self._reply_key))
+        own = self._service.key
+        self._settle(Envelope(bytes(payload), attachment, self.key if "*" in own else own))
 
     def refuse(self, reason: str) -> None:
         self._settle(MessageError(reason))
@@ -305,50 +281,46 @@ class _Request:
         self._settle(None)
 
     def _settle(self, outcome: Envelope | Exception | None) -> None:
-        if self._service.forget(self):
+        if self._service.release(self):
             self._asked.settle(outcome)
 
 
 class _Service(_Declared):
     """A queue of requests, and the thread that answers them."""
 
-    def __init__(self, hub: InProcessHub, key: str, answer: Answer) -> None:
-        super().__init__(hub, key)
-        self._requests: queue.SimpleQueue[_Request | None] = queue.SimpleQueue()
+    def __init__(self, transport: InProcessTransport, key: str, answer: Answer) -> None:
+        self._queue: queue.SimpleQueue[_Request | None] = queue.SimpleQueue()
         self._unended: set[_Request] = set()
         self._answer = answer
+        self._open = True
         self._thread = threading.Thread(target=self._work, name=f"serve {key}", daemon=True)
         self._thread.start()
-        with hub.lock:
-            hub.services.append(self)
+        super().__init__(transport, key)
 
     def put(self, request: _Request) -> None:
-        with self._hub.lock:
-            self._unended.add(request)
-        self._requests.put(request)
+        """Have ``request`` answered after all before it."""
+        self._unended.add(request)
+        self._queue.put(request)
 
-    def forget(self, request: _Request) -> bool:
+    def release(self, request: _Request) -> bool:
         """Note that ``request`` has ended; return whether it had not."""
-        with self._hub.lock:
+        with self.transport.hub.lock:
             there = request in self._unended
             self._unended.discard(request)
             return there
 
-    def drop_kept(self) -> None:
-        """Drop what nobody has ended, as the death of a process does."""
-        with self._hub.lock:
-            kept = list(self._unended)
-        for request in kept:
-            request.drop()
-
-    def close(self) -> None:
-        if self._withdraw(self._hub.services):
-            self._requests.put(None)
+    def closed(self) -> None:
+        self._open = False
+        self._queue.put(None)
         self._thread.join(LONGEST_ANSWER)
 
+    def forsake(self) -> None:
+        for request in list(self._unended):
+            request.drop()
+
     def _work(self) -> None:
-        while (request := self._requests.get()) is not None:
-            if self in self._hub.services:
+        while (request := self._queue.get()) is not None:
+            if self._open:
                 answer_request(request, self._answer)
             else:
                 request.drop()
@@ -365,18 +337,13 @@ class _Requester:
 
     @property
     def has_server(self) -> bool:
-        return self._transport.has_server(self._key)
+        return bool(self._transport.hub.find(_Service, self._key))
 
     def request(self, payload: bytes) -> Future[Envelope]:
-        pending, future = self._pending, self._pending.begin()
+        settle, future = self._pending.settle, self._pending.begin()
         if not future.done():
-            self._transport.ask(
-                self._key,
-                payload,
-                self._deadline,
-                partial(pending.settle, future),
-                lambda: pending.settle(future, Unanswered("nobody answered")),
-            )
+            end = partial(settle, future, Unanswered("nobody answered"))
+            self._transport.ask(self._key, payload, self._deadline, partial(settle, future), end)
         return future
 
     def close(self) -> None:

@@ -78,7 +78,7 @@ class ZenohTransport:
     def gather(self, key: str, deadline: float) -> list[Envelope]:
         """See `Transport.gather`."""
         replies = self.session.get(key, timeout=deadline)
-        return [_message(reply.ok) for reply in replies if reply.ok is not None]
+        return [_envelope(reply.ok) for reply in replies if reply.ok is not None]
 
     def publisher(self, key: str) -> Publisher:
         """See `Transport.publisher`."""
@@ -88,7 +88,7 @@ class ZenohTransport:
         """See `Transport.subscribe`."""
 
         def hear(sample: zenoh.Sample) -> None:
-            callback(_message(sample))
+            callback(_envelope(sample))
 
         handler = Callback(hear, indirect=False)
         return self._keep(_Declared(self.session.declare_subscriber(key, handler)))
@@ -113,7 +113,7 @@ class ZenohTransport:
         return declared
 
 
-def _message(sample: zenoh.Sample) -> Envelope:
+def _envelope(sample: zenoh.Sample) -> Envelope:
     attachment = sample.attachment.to_bytes() if sample.attachment is not None else b""
     return Envelope(sample.payload.to_bytes(), attachment, str(sample.key_expr))
 
@@ -225,7 +225,7 @@ class _Requester:
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                pending.settle(future, _message(reply.ok))
+                pending.settle(future, _envelope(reply.ok))
             elif reply.err is not None:
                 text = reply.err.payload.to_bytes().decode(errors="replace")
                 if text != "Timeout":  # Zenoh's own word for a query that nobody answered

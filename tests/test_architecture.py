@@ -1,0 +1,133 @@
+"""Imports go one way, and what is foreign has one door.
+
+``common`` ← ``replay`` ← ``learner``; ``common`` ← ``actors`` ← ``viewer``; ``benchmarks`` and
+tests above all. An import counts wherever it stands, also inside a function.
+"""
+
+import ast
+from collections.abc import Iterator
+
+import pytest
+
+from tests.paths import ROOT
+
+ARROWS = {
+    "common": set(),
+    "replay": {"common"},
+    "learner": {"common", "replay"},
+    "actors": {"common"},
+    "viewer": {"common", "actors"},
+    "benchmarks": {"common", "replay", "learner", "actors", "viewer"},
+}
+"""By package, the others that it may import."""
+
+DOORS = {
+    "zenoh": "common/transport/zenoh_transport.py",
+    "pybullet": "actors/robots/",
+    "pybullet_utils": "actors/robots/",
+    "tensorboard": "learner/telemetry/sinks/",
+}
+"""By foreign package, the file or folder that alone imports it."""
+
+EXCEPTIONS = {
+    ("actors/__main__.py", "viewer"): "the command line joins a run, or shows a robot to a person",
+    ("actors/envs/ale.py", "viewer"): "render_mode='ansi' draws in the terminal",
+    ("actors/envs/robot.py", "viewer"): "render_mode='ansi' draws in the terminal",
+    ("actors/games.py", "viewer"): "plays whole games by the viewer's player",
+    ("learner/__main__.py", "actors"): "counts a game's actions, which the emulator knows",
+    ("replay/__main__.py", "actors"): "counts a game's actions, which the emulator knows",
+    (
+        "viewer/own_nao.py",
+        "pybullet",
+    ): "names the engine's error where another robot cannot be loaded",
+}
+"""Imports against an arrow or beside a door that are still needed, and why. This list shrinks."""
+
+
+def imported(source: str) -> Iterator[str]:
+    """Every package or module that ``source`` names in an absolute import."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            assert node.module is not None
+            yield node.module
+
+
+def against_the_rules(path: str, source: str) -> set[tuple[str, str]]:
+    """The file and what it imports, for each import that it may not have."""
+    own = path.split("/")[0]
+    found = set()
+    for module in imported(source):
+        package = module.split(".")[0]
+        foreign = package in ARROWS and package not in {own, *ARROWS[own]}
+        if foreign or not path.startswith(DOORS.get(package, "")):
+            found.add((path, package))
+    return found
+
+
+def sources() -> Iterator[tuple[str, str]]:
+    """All modules of the product: path below the repository, and text."""
+    for package in ARROWS:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            yield path.relative_to(ROOT).as_posix(), path.read_text()
+
+
+def test_imports_go_one_way_and_through_the_doors() -> None:
+    found = set().union(*(against_the_rules(*each) for each in sources()))
+    assert sorted(found - EXCEPTIONS.keys()) == []
+    assert sorted(EXCEPTIONS.keys() - found) == [], "no longer needed: take them off the list"
+
+
+def test_whoever_can_do_without_a_network_gets_a_transport() -> None:
+    """Only commands, and benchmarks of processes, open a Zenoh session."""
+    opening = {
+        path
+        for path, source in sources()
+        if "common.transport.zenoh_transport" in set(imported(source))
+        and not path.startswith("benchmarks/")
+    }
+    assert opening == {"actors/__main__.py", "learner/__main__.py", "replay/__main__.py"}
+
+
+@pytest.mark.parametrize(
+    ("path", "source", "package"),
+    [
+        ("common/transport/requests.py", "import replay.batch as batch", "replay"),
+        ("replay/ring.py", "from learner.training import Learner", "learner"),
+        ("replay/ring.py", "def f():\n    from actors import envs", "actors"),
+        ("learner/training.py", "if True:\n    import os, actors.games", "actors"),
+        ("actors/loop.py", "from replay.ring import Ring", "replay"),
+        ("actors/loop.py", "import viewer", "viewer"),
+        ("viewer/show.py", "from benchmarks.report import publish", "benchmarks"),
+        ("replay/server.py", "import zenoh", "zenoh"),
+        ("common/transport/requests.py", "from zenoh.handlers import Callback", "zenoh"),
+        ("actors/envs/robot.py", "import pybullet", "pybullet"),
+        ("learner/training.py", "from tensorboard.summary import writer", "tensorboard"),
+    ],
+)
+def test_a_broken_arrow_is_seen(path: str, source: str, package: str) -> None:
+    assert against_the_rules(path, source) == {(path, package)}
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        (
+            "common/transport/zenoh_transport.py",
+            "import zenoh, common.errors",
+        ),
+        ("actors/robots/nao/engine.py", "def f():\n    import pybullet"),
+        ("learner/training.py", "from replay.interface import Replay\nfrom . import clock"),
+        ("benchmarks/transport_client.py", "import actors, learner, replay, viewer, common"),
+        ("viewer/show.py", "from actors.envs import make_env\nimport numpy, rich"),
+    ],
+)
+def test_an_arrow_that_is_kept_is_none_of_its_business(path: str, source: str) -> None:
+    assert against_the_rules(path, source) == set()
+
+
+def test_every_package_of_the_product_is_looked_at() -> None:
+    packages = {path.parent.name for path in ROOT.glob("*/__init__.py")} - {"tests"}
+    assert packages == set(ARROWS)
+    assert len(list(sources())) > 100
