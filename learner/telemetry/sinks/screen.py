@@ -294,8 +294,9 @@ def _natural(name: str) -> tuple[str, int, str]:
 def _checks(checks: Sequence[HealthCheck], rows: int) -> Table:
     grid = _grid(Column(width=1), Column(ratio=1), Column(justify="right"), Column(justify="right"))
     marks = {True: ("✓", _GOOD), False: ("✗", _BAD), None: ("·", _LABEL)}
-    # Events tell those that fail and have no room here.
-    for check in checks[:rows]:
+    if len(checks) > rows:
+        checks = sorted(checks, key=lambda check: check.passed is not False)[:rows]
+    for check in checks:
         mark, style = marks[check.passed]
         grid.add_row(
             Text(mark, style),

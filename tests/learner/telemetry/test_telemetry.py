@@ -1,0 +1,242 @@
+"""Figures from where they are known to every sink, on a clock that the test turns."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from common.metrics import METRICS, Metric, Value, declare
+from common.protocol.actor_stats import ActorStats
+from common.run.presets import PRESETS
+from common.transport.interface import Envelope, Transport
+from learner.telemetry.actor_registry import ActorRegistry
+from learner.telemetry.provenance import Machine, Provenance
+from learner.telemetry.run_progress import RunProgress
+from learner.telemetry.sinks.epochs_csv import EpochTable
+from learner.telemetry.sinks.gates_csv import GatesCsvSink
+from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.sinks.summary import SummarySink
+from learner.telemetry.sinks.tensorboard import TensorBoardSink
+from learner.telemetry.snapshot import ActorView, Snapshot
+from learner.telemetry.telemetry import Telemetry
+from replay.chunk_statistics import ChunkStatistics, Progress
+from tests.epoch_rows import epoch_row
+from tests.learner.conftest import KEYS
+from tests.learner.telemetry.sinks.test_display import drawn
+from tests.learner.telemetry.sinks.test_tensorboard import read
+
+CONFIG = replace(
+    PRESETS["fast"],
+    replay=replace(PRESETS["fast"].replay, learning_starts=100),
+    protocol=replace(PRESETS["fast"].protocol, epoch_steps=200),
+)
+LOOP: dict[str, Value] = {"run/phase": "training", "run/seconds": 60.0, "learning/updates": 0}
+PROVENANCE = Provenance(
+    versions={},
+    git_commit=None,
+    git_dirty=None,
+    machine=Machine(system="Linux", cpu=None, cores=2, memory_bytes=2**33),
+)
+
+
+def chunk(index: int, incarnation: int = 7) -> ChunkStatistics:
+    return ChunkStatistics(
+        index, 50 * (index + 1), 50, "a", 1.0, 0, 0, 50, 50, (), incarnation=incarnation
+    )
+
+
+class Last(Sink):
+    """Keeps what it is told."""
+
+    period = 1.0
+
+    def __init__(self) -> None:
+        self.told: list[Any] = []
+
+    def start(self, resumed_at: int | None) -> None:
+        self.told.append(("start", resumed_at))
+
+    def write(self, snapshot: Snapshot) -> None:
+        self.told.append(snapshot)
+
+    def phase(self, row: Any, agent_steps: int) -> None:
+        self.told.append((row.phase, agent_steps))
+
+
+class Run:
+    """A run that has seen `seen` chunks of 50 steps, and what its telemetry says."""
+
+    def __init__(self, folder: Path, registry: Any = None, sinks: tuple[Sink, ...] = ()) -> None:
+        self.now = 1_000.0
+        self.actors: tuple[ActorView, ...] = ()
+        self.progress = RunProgress(CONFIG)
+        self.replay = Progress(0, 0, 0, 0, 0, 0, False, 0, 0, 0, ())
+        self.last = Last()
+        self.table = EpochTable(folder / "epochs.csv")
+        self.telemetry = Telemetry(
+            CONFIG,
+            {"run/run": "r", "run/device": "cpu"},
+            self.progress,
+            registry
+            or SimpleNamespace(
+                take_notes=list, actors=lambda: self.actors, values=dict, key_times=tuple
+            ),
+            SimpleNamespace(show=self.last.told.append, line=None),  # type: ignore[arg-type]
+            self.table,
+            (self.last, *sinks),
+            lambda: self.now,
+        )
+
+    def play(self, chunks: int) -> None:
+        seen = self.progress.facts_seen
+        list(self.progress.book(chunk(index) for index in range(seen, seen + chunks)))
+
+    def values(self, **loop: Value) -> Any:
+        """The figures after one second more."""
+        self.now += 1.0
+        self.telemetry.report({**LOOP, **loop}, self.replay)
+        return self.last.told[-1].values
+
+
+@pytest.fixture
+def toy() -> Iterator[str]:
+    """A figure that is declared outside the table."""
+    key = "toy/mood"
+    shown: dict[str, Any] = {"label": "mood", "panel": ("Reward", 0), "curve": True}
+    written = {"gate": "mood", "summary": "moods.present"}
+    declare(Metric(key, "ratio", ".2", "How the run feels", **shown, **written))
+    yield key
+    del METRICS[key]
+
+
+def test_a_figure_reaches_every_sink_by_its_declaration_and_its_value(
+    tmp_path: Path, toy: str
+) -> None:
+    sinks = (
+        TensorBoardSink(tmp_path / "tensorboard"),
+        GatesCsvSink(tmp_path / "gates.csv"),
+        SummarySink(tmp_path / "summary.json", CONFIG, PROVENANCE),
+    )
+    run = Run(tmp_path, sinks=sinks)
+    run.telemetry.start(None)
+    run.values(**{toy: 0.75})
+    assert any("mood" in line and "0.75" in line for line in drawn(run.last.told[-1]))
+    run.telemetry.close({**LOOP, toy: 0.5}, run.replay)
+    points = read(tmp_path / "tensorboard")
+    assert points["toy/mood"] == points["gates/mood"] == [(0, 0.75)]
+    header, row = (tmp_path / "gates.csv").read_text().splitlines()
+    assert dict(zip(header.split(","), row.split(","), strict=True))["mood"] == "0.75"
+    assert json.loads((tmp_path / "summary.json").read_text())["moods"] == {"present": 0.5}
+
+
+def test_a_figure_that_nobody_declared_is_refused(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    with pytest.raises(KeyError, match=r"declare \['toy/mood'\] in common/metrics"):
+        run.values(**{"toy/mood": 1.0})
+
+
+def test_chunks_that_were_stored_twice_are_shown_and_fail_a_check(
+    tmp_path: Path, hub: Transport
+) -> None:
+    """As without deduplication: sums over all actors balance, since one that died made more."""
+    registry = ActorRegistry(hub, KEYS)
+    run = Run(tmp_path, registry)
+
+    def say(**counters: Any) -> None:
+        stats = ActorStats("a", "actor", **counters)
+        registry._on_stats(Envelope(stats.encode(), key=KEYS.stats("actor", "a")))
+
+    for index in range(20):
+        registry.accepted(chunk(index))
+    say(incarnation=7, made=10, acked=10, leaving=True)
+    run.replay = replace(run.replay, accepted=20)
+    values = run.values()
+    names = ("made", "acked", "refused", "excess")
+    assert [values[f"stream/chunks_{name}"] for name in names] == [10, 20, 0, 10]
+    (check,) = (each for each in run.last.told[-1].failed)
+    assert (check.name, check.value, check.stops) == ("excess chunks", 10.0, False)
+    assert values["gates/failed"] == 1
+
+
+def test_rates_are_of_late_and_over_whole_phases(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    assert run.values()["stream/steps_per_second"] is None
+    run.play(2)
+    run.now += 9.0
+    values = run.values(**{"learning/updates": 40})
+    assert (values["stream/steps_per_second"], values["learning/updates_per_second"]) == (10.0, 4.0)
+    # Before the first epoch is over, the rate of the moment stands in.
+    assert values["run/train_steps_per_second"] == 10.0
+    assert values["run/epochs_per_day"] is None
+    run.telemetry.add(epoch_row((1.0,), phase="train", steps=250, epoch_time=1.0))
+    run.telemetry.add(epoch_row((2.0,), phase="test", steps=500, epoch_time=1.0))
+    values = run.values()
+    assert (values["run/train_steps_per_second"], values["run/test_steps_per_second"]) == (250, 500)
+    # 250,000 / 250 + 125,000 / 500 = 1,250 s; 86,400 / 1,250, whatever the run's own epochs are
+    assert values["run/epochs_per_day"] == 69.12
+    run.now += 14.0
+    assert run.values()["stream/steps_per_second"] == 0.0
+
+
+def test_time_left_is_of_the_phase_and_then_of_the_tests(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    run.values()
+    run.play(3)
+    run.now += 4.0
+    assert run.values()["run/seconds_left"] == (200 - 50) / 30
+    evaluator = ActorStats("e", "evaluator", steps_per_second=20.0)
+    actor = ActorStats("a", "actor", steps_per_second=99.0)
+    run.actors = tuple(ActorView(stats=stats, alive=True) for stats in (evaluator, actor))
+    loop: dict[str, Value] = {"run/phase": "finishing", "evaluation/steps_left": 300}
+    assert run.values(**loop)["run/seconds_left"] == 15.0
+
+
+def test_a_network_that_has_not_explored_is_not_compared_with_a_blind_one(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    told: dict[str, Value] = {"learning/relative_td_error": 3.0}
+    assert run.values(**told)["learning/relative_td_error"] is None
+    run.progress.agent_steps = 100 + CONFIG.exploration.steps
+    assert run.values(**told)["learning/relative_td_error"] == 3.0
+
+
+def test_rewards_are_those_of_the_rows(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    for row in (
+        epoch_row((-21.0,), phase="random"),
+        epoch_row((-20.0,), phase="train", epoch=1),
+        epoch_row((5.0,), phase="test", epoch=1),
+        epoch_row((), phase="test", epoch=2),
+        epoch_row((3.0,), phase="test", epoch=3),
+    ):
+        run.telemetry.add(row)
+    values = run.values()
+    names = ("random_reward", "test_reward", "best_test_reward", "test_epoch")
+    assert [values[f"play/{name}"] for name in names] == [-21.0, 3.0, 5.0, 3]
+    assert run.last.told[-1].rewards["test"] == (5.0, 3.0)
+    assert ("test", 100) in run.last.told  # its weights have no training steps
+
+
+def test_a_resumed_run_keeps_the_rows_of_its_checkpoint(tmp_path: Path) -> None:
+    first = Run(tmp_path)
+    first.telemetry.start(None)
+    for epoch in (1, 2, 3):
+        first.telemetry.add(epoch_row((1.0,), phase="train", epoch=epoch))
+    second = Run(tmp_path)
+    second.telemetry.start({"rows": 2, "books": {"agent_steps": 700}})
+    assert [row.epoch for row in second.telemetry.rows] == [1, 2]
+    assert second.table.rows() == second.telemetry.rows
+    assert (first.last.told[0], second.last.told[0]) == (("start", None), ("start", 700))
+
+
+def test_each_sink_has_its_own_schedule(tmp_path: Path) -> None:
+    slow = Last()
+    slow.period = 5.0
+    run = Run(tmp_path, sinks=(slow,))
+    for _ in range(12):
+        run.values()
+    assert len(slow.told) == 3
+    assert len(run.last.told) == 2 * 12  # display and sink
