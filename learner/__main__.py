@@ -29,7 +29,7 @@ from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect, open_hub
 from learner.algorithm.registry import build_algorithm
-from learner.assembly import assembled_learner
+from learner.assembly import build_learner
 from learner.device import DeviceChoice, PrecisionChoice, choose_device
 from learner.evaluation.offline import EvaluationOptions, evaluate
 from learner.health_guard import STALL_MINUTES
@@ -307,7 +307,9 @@ def main() -> int:
         end_with_any_thread(stop),
         place as (transport, replay, endpoint),
         open_display() as display,
-        assembled_learner(
+        ExitStack() as stack,
+    ):
+        learner = build_learner(
             *(transport, config, folder, replay, algorithm, device, display),
             steps_goal=options.steps,
             resume=options.resume and folder.checkpoint.exists(),
@@ -316,9 +318,7 @@ def main() -> int:
             stall_minutes=options.stall_minutes,
             force=options.force,
             stop=stop,
-        ) as learner,
-        ExitStack() as stack,
-    ):
+        )
         learner.start()
         children = None
         if options.local:

@@ -1,8 +1,6 @@
 """What a learner is made of: builds its parts, from a checkpoint if there is one."""
 
 import threading
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
 from functools import partial
 
 from common.metrics import Values
@@ -16,7 +14,7 @@ from learner.clock import RunClock
 from learner.device import Device
 from learner.disk_room import DiskRoom
 from learner.evaluation.coordinator import EvaluationCoordinator
-from learner.evaluation.service import EvaluationService
+from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
 from learner.health_guard import HealthGuard
 from learner.phases import Phases
@@ -35,8 +33,7 @@ from learner.training import Learner
 from replay.interface import Replay
 
 
-@contextmanager
-def assembled_learner(
+def build_learner(
     transport: Transport,
     config: RunConfig,
     folder: RunFolder,
@@ -52,8 +49,8 @@ def assembled_learner(
     stall_minutes: float,
     force: bool,
     stop: threading.Event,
-) -> Iterator[Learner]:
-    """Yields the learner of the run in ``folder``, not yet started.
+) -> Learner:
+    """Returns the learner of the run in ``folder``, not yet started.
 
     Args:
         steps_goal: agent steps, warm-up included, after which it ends by itself.
@@ -124,5 +121,5 @@ def assembled_learner(
     )
     if state is not None:
         learner.restore(state)
-    with closing(EvaluationService(transport, keys, evaluation)):
-        yield learner
+    serve_evaluators(transport, keys, evaluation)
+    return learner

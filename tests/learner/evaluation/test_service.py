@@ -10,7 +10,7 @@ from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
 from common.transport.interface import Transport
 from learner.evaluation.coordinator import EvaluationCoordinator
-from learner.evaluation.service import EvaluationService
+from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
 from tests.learner.conftest import KEYS
 from tests.learner.evaluation.test_coordinator import epoch_test
@@ -32,7 +32,7 @@ def _report(client: Transport, payload: bytes) -> None:
 
 def test_a_job_is_asked_for_and_reported(hub: Transport, client: Transport, tmp_path: Path) -> None:
     coordinator = _coordinator(tmp_path)
-    EvaluationService(hub, KEYS, coordinator)
+    serve_evaluators(hub, KEYS, coordinator)
     coordinator.add(epoch_test(1), b"w")
     job = _ask(client, "e")
     assert (job.kind, job.epoch, job.weights) == ("test", 1, b"w")
@@ -43,20 +43,20 @@ def test_a_job_is_asked_for_and_reported(hub: Transport, client: Transport, tmp_
 def test_junk_is_refused_and_the_service_continues(
     hub: Transport, client: Transport, tmp_path: Path
 ) -> None:
-    EvaluationService(hub, KEYS, _coordinator(tmp_path))
+    serve_evaluators(hub, KEYS, _coordinator(tmp_path))
     for junk in (b"junk", EvaluationReport("e", 9, 10, (), True).encode()):
         with pytest.raises(MessageError):
             _report(client, junk)
     assert _ask(client, "e").kind == "wait"
 
 
-def test_a_closed_service_answers_nobody_and_leaves_no_thread(
+def test_a_closed_transport_answers_nobody_and_leaves_no_thread(
     hub: Transport, client: Transport, tmp_path: Path
 ) -> None:
     before = set(threading.enumerate())
-    service = EvaluationService(hub, KEYS, _coordinator(tmp_path))
+    serve_evaluators(hub, KEYS, _coordinator(tmp_path))
     assert len(set(threading.enumerate()) - before) == 2
     assert _ask(client, "e1").kind == "wait"
-    service.close()
+    hub.close()
     assert not any(thread.is_alive() for thread in set(threading.enumerate()) - before)
     assert not client.requester(KEYS.task, PATIENCE).has_server
