@@ -7,18 +7,16 @@ network has its initial weights, which take as long to evaluate. The kinds of ac
 
 import os
 import subprocess
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks.hosted_run import HostedRun
 from benchmarks.pace import Spread, in_turns
-from benchmarks.report import BenchmarkOptions, Report, main
+from benchmarks.report import BenchmarkOptions, Number, Numbers, Report, Seconds, main
 from common.process.supervisor import Child
 from common.run.config import EnvKind
 
@@ -34,16 +32,12 @@ class Options(BenchmarkOptions):
 
     game: str = "pong"
     """Any game that ale-py bundles."""
-    envs: tuple[int, ...] = (1, 2, 4)
+    envs: Numbers = (1, 2, 4)
     """Numbers of environments in the process, each measured."""
-    seconds: float = 5.0
+    seconds: Seconds = 5.0
     """Seconds of each turn; starting takes as long again."""
-    turns: int = 3
+    turns: Number = 3
     """Turns of each kind of actor."""
-
-    def check(self) -> None:
-        super().check()
-        self.require_positive("envs", "seconds", "turns")
 
 
 class Mark(NamedTuple):
@@ -57,16 +51,12 @@ class Hub(HostedRun):
     """A replay that never throttles its actors.
 
     Args:
-        folder: for what it keeps.
         core: on which its actors run.
     """
 
-    def __init__(self, env: EnvKind, game: str, folder: Path, core: int) -> None:
-        own = folder / env
-        own.mkdir()
+    def __init__(self, env: EnvKind, game: str, core: int) -> None:
         super().__init__(
             "replay",
-            own,
             *("--env", env, "--game", game),
             *("--replay.capacity", "20000", "--replay.learning-starts", str(_WARMUP)),
             *("--replay.ratio-tolerance", str(10**9)),
@@ -111,14 +101,10 @@ class Hub(HostedRun):
 
 
 def measure(options: Options) -> Report:
-    with (
-        tempfile.TemporaryDirectory(prefix="ale-robot-bench-") as folder,
-        _one_core_set_apart() as core,
-        ExitStack() as stack,
-    ):
+    with _one_core_set_apart() as core, ExitStack() as stack:
         contenders = {}
         for env in _TITLES:
-            hub = stack.enter_context(Hub(env, options.game, Path(folder), core))
+            hub = stack.enter_context(Hub(env, options.game, core))
             for envs in options.envs:
                 contenders[env, envs] = partial(hub.steps_per_second, envs, options.seconds)
         found = in_turns(contenders, options.turns, warm_up=0, tell=True)

@@ -23,7 +23,7 @@ from actors.robots.nao.sensor import Sensor
 from actors.vision.screen_detector import ScreenDetector
 from benchmarks.neighbour import neighbour
 from benchmarks.pace import Spread, in_turns
-from benchmarks.report import BenchmarkOptions, Report, main
+from benchmarks.report import BenchmarkOptions, Number, Report, main
 from common.run.config import CameraConfig
 from common.run.presets import PRESETS
 
@@ -51,20 +51,16 @@ class Options(BenchmarkOptions):
 
     game: str = "pong"
     """Any game that ale-py bundles."""
-    envs: int = 1
+    envs: Number = 1
     """Environments of each kind, which take turns in this one process."""
-    decisions: int = 500
+    decisions: Number = 500
     """Steps per turn, over all environments of a kind."""
-    turns: int = 8
+    turns: Number = 8
     """Turns of each kind."""
     camera: CameraConfig = field(default_factory=CameraConfig)
     """The robot's camera; perfect by default."""
     beside_learner: bool = False
     """Let another process train a network on another core meanwhile."""
-
-    def check(self) -> None:
-        super().check()
-        self.require_positive("envs", "decisions", "turns")
 
 
 class Turn(NamedTuple):

@@ -9,15 +9,11 @@ Of these come two figures. ``epochs_per_day`` sets training alone and test alone
 training of the next, which it slows down.
 """
 
-import tempfile
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import tyro
-
 from benchmarks.local_run import LocalRun, Pace, Setting
-from benchmarks.report import BenchmarkOptions, Report, main
+from benchmarks.report import Report, Seconds, main
 from common.run.presets import PRESETS
 from learner.telemetry.sinks.summary import epochs_per_day
 
@@ -28,17 +24,11 @@ _UNTIL_TEST = 10.0
 
 
 @dataclass(frozen=True)
-class Options(BenchmarkOptions):
+class Options(Setting):
     """Measure local mode's real processes at the report's ratio of updates to steps."""
 
-    setting: tyro.conf.OmitArgPrefixes[Setting] = field(default_factory=Setting)
-    seconds: float = 20.0
+    seconds: Seconds = 20.0
     """Seconds of each of the three windows; starting and settling take as long or longer."""
-
-    def check(self) -> None:
-        super().check()
-        self.setting.check()
-        self.require_positive("seconds")
 
 
 class Paces(NamedTuple):
@@ -88,27 +78,20 @@ def overlapped(alone: float, beside: float, test: float) -> float:
 
 def paces_of(setting: Setting, seconds: float) -> Paces:
     """The windows, in runs of their own."""
-    with _folder() as folder, LocalRun(setting, Path(folder)) as run:
+    with LocalRun(setting) as run:
         run.settle()
         training = run.measure(seconds)
     epoch = max(int(training.train_steps_per_second * _UNTIL_TEST), 1)
-    with _folder() as folder, LocalRun(setting, Path(folder), epoch_steps=epoch) as run:
+    with LocalRun(setting, epoch_steps=epoch) as run:
         run.settle()
         run.await_tests()
         run.settle()
         testing = run.measure(seconds)
-    with (
-        _folder() as folder,
-        LocalRun(setting, Path(folder), epoch_steps=epoch, steps=2 * epoch) as run,
-    ):
+    with LocalRun(setting, epoch_steps=epoch, steps=2 * epoch) as run:
         run.await_tests()
         run.await_rest()
         alone = run.test_rate(seconds)
     return Paces(training, testing, alone)
-
-
-def _folder() -> tempfile.TemporaryDirectory[str]:
-    return tempfile.TemporaryDirectory(prefix="ale-robot-bench-")
 
 
 def row(name: str, pace: Pace) -> dict[str, Any]:
@@ -168,7 +151,7 @@ def describe(setting: Setting) -> str:
 
 
 def measure(options: Options) -> Report:
-    paces = paces_of(options.setting, options.seconds)
+    paces = paces_of(options, options.seconds)
     notes = []
     if paces.epochs_per_day is not None and paces.epochs_per_day_overlapped is not None:
         notes.append(
@@ -177,10 +160,10 @@ def measure(options: Options) -> Report:
             f"{paces.epochs_per_day_overlapped:.1f} as local mode does it, side by side."
         )
     return Report.of(
-        f"Local mode, {describe(options.setting)}, batches of 32, an update per 4 steps (samples "
+        f"Local mode, {describe(options)}, batches of 32, an update per 4 steps (samples "
         "per insert; staleness in updates, p50; CPU of learner + actors + evaluator)",
         [row("idle", paces.training), row("testing", paces.testing)],
-        summary(options.setting, paces),
+        summary(options, paces),
         *notes,
     )
 

@@ -7,10 +7,9 @@ chunks that it tells whoever asks.
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Self
 
-from benchmarks.child import free_endpoint
+from benchmarks.child import free_endpoint, scratch
 from common.process.supervisor import Child
 from common.run.join import find_run
 from common.transport.zenoh_transport import connect
@@ -24,23 +23,23 @@ _POLL = 0.02
 
 
 class HostedRun:
-    """``python -m MODULE`` with a run in ``folder``; a context manager that ends it.
+    """``python -m MODULE`` with a run in a temporary folder; a context manager that ends it.
 
     Args:
         flags: of the module, but for the run's name, folder and address.
     """
 
-    def __init__(self, module: str, folder: Path, *flags: str) -> None:
+    def __init__(self, module: str, *flags: str) -> None:
         self._module = module
-        self._folder = folder
         self._flags = flags
         self._seen = 0
         self.endpoint = free_endpoint()
 
     def __enter__(self) -> Self:
-        place = ("--run", RUN, "--runs", str(self._folder), "--listen", self.endpoint)
         with ExitStack() as stack:
-            log = self._folder / f"{self._module}.log"
+            folder = stack.enter_context(scratch())
+            place = ("--run", RUN, "--runs", str(folder), "--listen", self.endpoint)
+            log = folder / f"{self._module}.log"
             self.process = Child(self._module, *place, *self._flags, log=log)
             stack.callback(self.process.end)
             try:

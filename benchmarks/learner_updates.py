@@ -8,24 +8,24 @@
 
 import itertools
 import os
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
+from annotated_types import Ge
 from torch.profiler import ProfilerActivity, profile
 
+from benchmarks.child import scratch
 from benchmarks.pace import in_turns
 from benchmarks.peer_update import noise_batch
 from benchmarks.random_play import random_play
 from benchmarks.replay import draw
-from benchmarks.report import BenchmarkOptions, Report, Table, main
-from common.errors import InputError
+from benchmarks.report import BenchmarkOptions, Number, Report, Table, main
 from common.network import build_network
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
@@ -58,20 +58,14 @@ class Options(BenchmarkOptions):
 
     device: DeviceChoice = "cpu"
     """Hardware; 'auto' takes CUDA where there is one."""
-    batch_size: int = 32
+    batch_size: Number = 32
     """Transitions per update."""
-    rounds: int = 40
+    rounds: Number = 40
     """Turns of each setting."""
-    turn: int = 5
+    turn: Number = 5
     """Updates per turn."""
-    compared: int = 1_000
+    compared: Annotated[int, Ge(0)] = 1_000
     """Updates in which bfloat16 is compared with float32; 0 for none."""
-
-    def check(self) -> None:
-        super().check()
-        self.require_positive("batch_size", "rounds", "turn")
-        if self.compared < 0:
-            raise InputError(f"--compared is {self.compared}: choose 0 or more.")
 
 
 def algorithm_of(
@@ -154,8 +148,8 @@ def real_batches(count: int, folder: Path, device: torch.device) -> list[DeviceB
 def compare_precisions(updates: int, device: torch.device) -> list[dict[str, Any]]:
     """A row for each precision."""
     torch.set_num_threads(1)
-    with tempfile.TemporaryDirectory(prefix="ale-robot-bench-") as folder:
-        batches = real_batches(min(updates, 500), Path(folder) / "replay", device)
+    with scratch() as folder:
+        batches = real_batches(min(updates, 500), folder / "replay", device)
     often = replace(_CONFIG, learning=replace(_CONFIG.learning, target_update_period=100))
     found = {
         name: losses(algorithm_of(bfloat16, device, often), batches, updates)

@@ -13,11 +13,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
+from annotated_types import MaxLen
 
 from benchmarks.hosted_run import HostedRun
+from benchmarks.report import BenchmarkOptions, Number
 from common.errors import InputError
 from common.protocol.actor_stats import ActorStats
 from common.run.config import EnvKind
@@ -35,7 +37,7 @@ _POLL = 0.02
 
 
 @dataclass(frozen=True)
-class Setting:
+class Setting(BenchmarkOptions):
     """What local mode is told."""
 
     env: EnvKind = "ale"
@@ -46,16 +48,15 @@ class Setting:
     """Lockstep, or the robot in real time."""
     wait_action: bool = False
     """Let the robots wait for their keys."""
-    actors: int = 1
+    actors: Number = 1
     """Training actors."""
-    evaluators: int = 1
+    evaluators: Number = 1
     """Evaluators; one is what local mode starts."""
-    learner: str = ""
+    learner: Annotated[str, MaxLen(10_000)] = ""
     """More flags for `python -m learner`, as in --learner="--threads 2"."""
 
     def check(self) -> None:
-        if min(self.actors, self.evaluators) < 1:
-            raise InputError("choose 1 or more actors and evaluators.")
+        super().check()
         if self.env == "ale" and (self.wait_action or not self.sync):
             raise InputError("--no-sync and --wait-action are for --env robot.")
 
@@ -111,7 +112,6 @@ class LocalRun(HostedRun):
     """`python -m learner --local`; a context manager that ends it.
 
     Args:
-        folder: for the run's folder and the learner's output.
         epoch_steps: after so many training steps the first test begins.
         steps: after so many steps training ends, and only a test that had begun goes on.
     """
@@ -119,14 +119,12 @@ class LocalRun(HostedRun):
     def __init__(
         self,
         setting: Setting,
-        folder: Path,
         *,
         epoch_steps: int = NEVER,
         steps: int = NEVER,
     ) -> None:
         super().__init__(
             "learner",
-            folder,
             *("--local", "--protocol.epoch-steps", str(epoch_steps), "--steps", str(steps)),
             *("--protocol.test-steps", str(NEVER)),
             *setting.flags(),

@@ -8,28 +8,27 @@ What is not installed is passed over with a sentence: ``pip install 'ale-robot[b
 """
 
 import importlib.util
-import tempfile
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import torch
+from annotated_types import Ge, MinLen
 
 from benchmarks import peer_dqn, peer_update
+from benchmarks.child import scratch
 from benchmarks.local_run import LocalRun, Setting
 from benchmarks.pace import Spread, in_turns, slice_per_second
 from benchmarks.peer_replays import Elsewhere, Who
-from benchmarks.report import BenchmarkOptions, Report, main
+from benchmarks.report import BenchmarkOptions, Number, Report, Seconds, main
 from common.errors import InputError
 
 Subject = Literal["training", "replay", "update"]
 
 _NEEDED = {"stable_baselines3": "stable-baselines3", "cpprb": "cpprb"}
-PREFIX = "ale-robot-bench-"
 _SHORT_TURNS = 7
 _SHORT_TURN = 0.5
 
@@ -38,22 +37,14 @@ _SHORT_TURN = 0.5
 class Options(BenchmarkOptions):
     """Do the same work with others' code and with ours, in the same run."""
 
-    only: tuple[Subject, ...] = get_args(Subject)
+    only: Annotated[tuple[Subject, ...], MinLen(1)] = get_args(Subject)
     """What to compare."""
-    seconds: float = 15.0
+    seconds: Seconds = 15.0
     """Of each turn of training."""
-    turns: int = 2
+    turns: Number = 2
     """Turns of training."""
-    replay_steps: int = 20_000
+    replay_steps: Annotated[int, Ge(1_000)] = 20_000
     """Steps in each of the replays, of 56 KB in others' plain ones."""
-
-    def check(self) -> None:
-        super().check()
-        self.require_positive("seconds", "turns")
-        if self.replay_steps < 1_000:
-            raise InputError(f"--replay-steps is {self.replay_steps}: choose 1000 or more.")
-        if not self.only:
-            raise InputError("--only: choose one of training, replay and update.")
 
 
 def against_ours(work: str, rates: Mapping[str, list[float]]) -> list[dict[str, Any]]:
@@ -63,8 +54,8 @@ def against_ours(work: str, rates: Mapping[str, list[float]]) -> list[dict[str, 
         {
             "work": work,
             "peer": name,
-            "peer_per_second": rate,
-            "ours_per_second": median["ours"],
+            "peer/s": rate,
+            "ours/s": median["ours"],
             "ratio": median["ours"] / rate,
         }
         for name, rate in median.items()
@@ -112,10 +103,7 @@ def compare_training(options: Options) -> list[dict[str, Any]]:
 
 def our_training(seconds: float) -> float:
     """Returns the training steps per second of a local run."""
-    with (
-        tempfile.TemporaryDirectory(prefix=PREFIX) as folder,
-        LocalRun(Setting(), Path(folder)) as run,
-    ):
+    with LocalRun(Setting()) as run:
         run.settle()
         return run.measure(seconds).train_steps_per_second
 
@@ -137,7 +125,7 @@ def compare_replays(options: Options, packages: set[str]) -> list[dict[str, Any]
     )
     for name, work, whos, prioritised in works:
         with ExitStack() as stack:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=PREFIX)))
+            folder = stack.enter_context(scratch())
             replays = [
                 stack.enter_context(
                     Elsewhere(who, options.replay_steps, folder, prioritised=prioritised)
@@ -186,18 +174,8 @@ def measure(options: Options) -> Report:
         found += compare_updates()
     if not found:
         raise InputError(" ".join(skipped))
-    rows = [
-        {
-            "work": each["work"],
-            "peer": each["peer"],
-            "peer/s": each["peer_per_second"],
-            "ours/s": each["ours_per_second"],
-            "ratio": each["ratio"],
-        }
-        for each in found
-    ]
     title = f"Peers and us, turn by turn, in {time.monotonic() - began:.0f} s"
-    return Report.of(title, rows, {"comparisons": found, "skipped": skipped}, *skipped)
+    return Report.of(title, found, {"skipped": skipped}, *skipped)
 
 
 if __name__ == "__main__":

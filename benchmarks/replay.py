@@ -6,7 +6,6 @@ one, as a resumed run would, and batches are drawn and given new priorities. Not
 meanwhile: a real replay also decodes what comes, see `benchmarks.transport`.
 """
 
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.child import scratch
 from benchmarks.pace import per_second
-from benchmarks.report import BenchmarkOptions, Report, main
+from benchmarks.report import BenchmarkOptions, Number, Numbers, Report, Seconds, main
 from benchmarks.synthetic import Streams
 from common.errors import InputError
 from common.run.config import ReplayConfig, RunConfig
@@ -33,21 +33,20 @@ _NO_BOUND = 10**9
 class Options(BenchmarkOptions):
     """Time inserts and draws of the replay, and weigh it."""
 
-    sizes: tuple[int, ...] = (10_000, 100_000, 1_000_000)
+    sizes: Numbers = (10_000, 100_000, 1_000_000)
     """Capacities; the replay is full when it is measured."""
-    seconds: float = 5.0
+    seconds: Seconds = 5.0
     """Seconds of each figure."""
-    chunk_steps: int = 64
+    chunk_steps: Number = 64
     """Steps of a chunk."""
-    actors: int = 8
+    actors: Number = 8
     """Actors whose chunks take turns."""
     folder: Path | None = None
     """Folder for the files, 7.1 KB a step; a temporary one by default."""
 
     def check(self) -> None:
         super().check()
-        self.require_positive("chunk_steps", "actors", "seconds")
-        if not self.sizes or min(self.sizes) < 4 * self.chunk_steps:
+        if min(self.sizes) < 4 * self.chunk_steps:
             raise InputError(f"--sizes: choose sizes of {4 * self.chunk_steps} or more.")
         if self.folder is not None and not self.folder.is_dir():
             raise InputError(f"there is no folder {self.folder}: make it, or name another.")
@@ -150,10 +149,8 @@ def row(found: dict[str, Any]) -> dict[str, Any]:
 def measure(options: Options) -> Report:
     sizes = []
     for capacity in options.sizes:
-        with tempfile.TemporaryDirectory(
-            prefix="ale-robot-bench-", dir=options.folder, ignore_cleanup_errors=True
-        ) as folder:
-            sizes.append(measure_size(capacity, options, Path(folder) / "replay"))
+        with scratch(options.folder) as folder:
+            sizes.append(measure_size(capacity, options, folder / "replay"))
     return Report.of(
         f"Replay, per second: steps inserted in chunks of {options.chunk_steps} (first into fresh "
         f"files), batches of {BATCH} (prioritised: with priority updates)",

@@ -10,16 +10,21 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import tyro
+from annotated_types import Ge, Gt, MinLen
 from rich.console import Console
 from rich.table import Table as RichTable
 
 from benchmarks.child import end_as_by_ctrl_c
 from common.errors import InputError, exit_on_input_error
+from common.run.config import from_mapping
 from learner.telemetry.provenance import Provenance
 
+Number = Annotated[int, Ge(1)]
+Numbers = Annotated[tuple[Number, ...], MinLen(1)]
+Seconds = Annotated[float, Gt(0)]
 Row = Mapping[str, Any]
 _MOST_PADDED = 12
 """Columns of a table that fits a terminal with spaces around each cell."""
@@ -33,27 +38,14 @@ class BenchmarkOptions:
     """File for the results, as JSON."""
 
     def check(self) -> None:
-        """Refuse what cannot be measured.
+        """Refuses values out of the bounds beside their fields, and a folder that is not there.
 
         Raises:
             InputError: naming the flag.
         """
+        from_mapping(type(self), dataclasses.asdict(self), "")
         if self.json is not None and not self.json.parent.is_dir():
             raise InputError(f"there is no folder {self.json.parent}: make it, or name another.")
-
-    def require_positive(self, *names: str) -> None:
-        """Refuse fields, numbers or tuples of numbers, that are not above 0, and empty tuples.
-
-        Raises:
-            InputError: naming the flag.
-        """
-        for name in names:
-            value = getattr(self, name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            if not numbers or not min(numbers) > 0:
-                flag = name.replace("_", "-")
-                what = "above 0" if isinstance(value, float) else "of 1 or more"
-                raise InputError(f"--{flag} is {value}: choose a number {what}.")
 
 
 class Table(NamedTuple):

@@ -6,30 +6,22 @@ benchmarks.figures.plot --figure scaling` draws the results.
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
-
-import tyro
 
 from benchmarks.epochs_per_day import describe, paces_of, summary
 from benchmarks.local_run import Setting
-from benchmarks.report import BenchmarkOptions, Report, main
+from benchmarks.report import Numbers, Report, Seconds, main
 
 
 @dataclass(frozen=True)
-class Options(BenchmarkOptions):
+class Options(Setting):
     """Measure local mode with several numbers of actors."""
 
-    setting: tyro.conf.OmitArgPrefixes[Setting] = field(default_factory=Setting)
-    numbers: tuple[int, ...] = (1, 2, 4, 8)
+    numbers: Numbers = (1, 2, 4, 8)
     """Numbers of actors; --actors is not for here."""
-    seconds: float = 10.0
+    seconds: Seconds = 10.0
     """Seconds of each of the three windows for each number."""
-
-    def check(self) -> None:
-        super().check()
-        self.setting.check()
-        self.require_positive("numbers", "seconds")
 
 
 def row(found: Mapping[str, Any]) -> dict[str, Any]:
@@ -50,10 +42,10 @@ def row(found: Mapping[str, Any]) -> dict[str, Any]:
 def measure(options: Options) -> Report:
     measured = []
     for actors in options.numbers:
-        setting = dataclasses.replace(options.setting, actors=actors)
+        setting = dataclasses.replace(options, actors=actors)
         measured.append(summary(setting, paces_of(setting, options.seconds)))
         print(f"{actors}: {measured[-1]['train_steps_per_second']:.1f} steps/s", flush=True)
-    what = describe(options.setting).rsplit(", ", 1)[0]
+    what = describe(options).rsplit(", ", 1)[0]
     return Report.of(
         f"Local mode, {what}, batches of 32, an update per 4 steps (samples per insert; staleness "
         "in updates, p50; epochs a day with tests after training, and beside it)",

@@ -5,16 +5,14 @@ meet on loopback. Encoding, decoding, checking, storing and journaling are all i
 """
 
 import json
-import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 from benchmarks.child import Helper
 from benchmarks.hosted_run import RUN, HostedRun
-from benchmarks.report import BenchmarkOptions, Report, main
+from benchmarks.report import BenchmarkOptions, Number, Report, Seconds, main
 from common.run.config import StreamConfig
 
 
@@ -22,31 +20,26 @@ from common.run.config import StreamConfig
 class Options(BenchmarkOptions):
     """Time the way between actors, replay and a learner elsewhere."""
 
-    seconds: float = 5.0
+    seconds: Seconds = 5.0
     """Seconds of each figure."""
-    senders: int = 1
+    senders: Number = 1
     """Actor processes that send."""
-    window: int = StreamConfig().window
+    window: Number = StreamConfig().window
     """Chunks that each of them may have unacknowledged."""
-    chunk_steps: int = StreamConfig().chunk_steps
+    chunk_steps: Number = StreamConfig().chunk_steps
     """Steps of a chunk."""
     capacity: int = 50_000
     """Steps in the replay."""
     sampler: Literal["uniform", "prioritised"] = "prioritised"
     """How batches are drawn; prioritised ones are also given new priorities, by an RPC more."""
 
-    def check(self) -> None:
-        super().check()
-        self.require_positive("senders", "window", "chunk_steps", "seconds")
-
 
 class Exchange(HostedRun):
     """The replay process, and those that talk to it; a context manager that ends them."""
 
-    def __init__(self, options: Options, folder: Path) -> None:
+    def __init__(self, options: Options) -> None:
         super().__init__(
             "replay",
-            folder,
             *("--preset", "paper", "--replay.sampler", options.sampler),
             *("--replay.capacity", str(options.capacity), "--replay.learning-starts", "64"),
             *("--replay.ratio-tolerance", str(10**9)),
@@ -103,10 +96,7 @@ def row(work: str, found: dict[str, Any]) -> dict[str, Any]:
 
 def measure(options: Options) -> Report:
     senders = ["send"] * options.senders
-    with (
-        tempfile.TemporaryDirectory(prefix="ale-robot-bench-") as folder,
-        Exchange(options, Path(folder)) as exchange,
-    ):
+    with Exchange(options) as exchange:
         single = exchange.measure(["send"], window=1)[0]
         insert = together(exchange.measure(senders))
         sample = exchange.measure(["draw"])[0]

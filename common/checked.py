@@ -143,6 +143,7 @@ def _advice(kind: str, ctx: dict[str, Any]) -> str:
         "literal_error": "{expected}",
         "string_too_long": "at most {max_length} characters",
         "too_long": "at most {max_length} of them",
+        "too_short": "at least {min_length} of them",
     }
     kinds = {
         "int_type": "a whole number",

@@ -5,12 +5,11 @@ and `present_names` are about the flags that both take.
 """
 
 import json
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.child import free_endpoint, run_module
+from benchmarks.child import free_endpoint, run_module, scratch
 from common.process.command_line import PRESENT_FLAGS
 from common.run.folder import RunFolder
 
@@ -41,8 +40,8 @@ def evaluate(
     Raises:
         InputError: the games cannot be played; why is on the terminal.
     """
-    with tempfile.TemporaryDirectory(prefix="ale-robot-") as folder:
-        found = Path(folder) / "evaluation.json"
+    with scratch() as folder:
+        found = folder / "evaluation.json"
         asked = ["--games", f"{games}", "--epsilon", f"{epsilon}", "--json", str(found)]
         run_module("learner", "--evaluate", str(network), *asked, *flags)
         content: dict[str, Any] = json.loads(found.read_bytes())

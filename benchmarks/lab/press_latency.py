@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import matplotlib.pyplot as plt
 import numpy as np
 import tyro
+from annotated_types import Ge
 
 from actors.robots.nao.latency import (
     DECISION_MS,
@@ -22,8 +23,7 @@ from actors.robots.nao.latency import (
 )
 from actors.robots.nao.room import Room
 from benchmarks.figures.plot_style import check_picture, save
-from benchmarks.report import BenchmarkOptions, Report, Table, main
-from common.errors import InputError
+from benchmarks.report import BenchmarkOptions, Number, Report, Table, main
 
 _NAMES = [short_name(action) for action in range(18)]
 
@@ -32,18 +32,15 @@ _NAMES = [short_name(action) for action in range(18)]
 class Options(BenchmarkOptions):
     """Measure how promptly the robot's hands obey."""
 
-    repetitions: int = 4
+    repetitions: Number = 4
     """Times that each of the 306 changes is made from held keys, and again in play."""
-    seed: int = 1
+    seed: Annotated[int, Ge(0)] = 1
     """Seed of the order of the changes."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Picture of the table: .png, .svg or .pdf."""
 
     def check(self) -> None:
         super().check()
-        self.require_positive("repetitions")
-        if self.seed < 0:
-            raise InputError(f"--seed is {self.seed}: choose a number that is not negative.")
         if self.output is not None:
             check_picture(self.output)
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import cv2
 import numpy as np
 import tyro
+from annotated_types import Ge, MinLen
 from numpy.typing import NDArray
 
 from actors.envs.emulator import check_game
@@ -26,8 +27,7 @@ from benchmarks.lab.sight_poses import (
     measure,
 )
 from benchmarks.lab.sight_probe import QUANTITIES, collect, probe
-from benchmarks.report import BenchmarkOptions, Report, Table, main
-from common.errors import InputError
+from benchmarks.report import BenchmarkOptions, Number, Report, Table, main
 
 MOST_PIXELS = 1.5
 MOST_DIFFERENCE = 8.0
@@ -42,11 +42,16 @@ _FOUND, _LOST = (255, 0, 255), (255, 160, 0)
 class Options(BenchmarkOptions):
     """Measure what the robot's eye makes of its camera's pictures."""
 
-    games: tuple[str, ...] = ("pong", "breakout", "space_invaders", "asteroids")
+    games: Annotated[tuple[str, ...], MinLen(1)] = (
+        "pong",
+        "breakout",
+        "space_invaders",
+        "asteroids",
+    )
     """Games on the screen."""
-    poses: int = 40
+    poses: Number = 40
     """Poses for each of the cameras; every game is looked at from each."""
-    frames: int = 7_000
+    frames: Annotated[int, Ge(200)] = 7_000
     """Pictures of Pong for the probe; fewer than two thirds have the ball in play."""
     seed: int = 1
     """Of poses, play and faults."""
@@ -55,9 +60,6 @@ class Options(BenchmarkOptions):
 
     def check(self) -> None:
         super().check()
-        self.require_positive("poses")
-        if not self.games or self.frames < 200:
-            raise InputError("choose one game or more, and 200 frames or more.")
         for game in self.games:
             check_game(game)
 

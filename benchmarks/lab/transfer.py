@@ -11,7 +11,7 @@ import tyro
 
 from benchmarks.lab.ladder import FLAGS, Rung
 from benchmarks.lab.policy import EPSILON, evaluate, press_latency
-from benchmarks.report import BenchmarkOptions, Report, main
+from benchmarks.report import BenchmarkOptions, Number, Report, main
 
 _TITLES: dict[Rung, str] = {
     "R1": "the emulator alone",
@@ -29,14 +29,10 @@ class Options(BenchmarkOptions):
     network: tyro.conf.Positional[Path]
     """A published policy, or a checkpoint in its run's folder; without the body's feedback, which
     is not the same on all rungs."""
-    games: int = 10
+    games: Number = 10
     """Games on each rung."""
     epsilon: float = EPSILON
     """Share of random decisions."""
-
-    def check(self) -> None:
-        super().check()
-        self.require_positive("games")
 
 
 def rung_flags(rung: Rung) -> list[str]:

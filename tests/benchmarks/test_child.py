@@ -1,7 +1,5 @@
 """Processes that a benchmark starts: helpers that answer, and modules that fail."""
 
-from pathlib import Path
-
 import pytest
 
 from benchmarks.child import Helper, run_module
@@ -26,9 +24,9 @@ def test_a_module_that_fails_is_told() -> None:
         run_module("json.tool", "--none")
 
 
-def test_a_run_that_cannot_be_hosted_says_why(tmp_path: Path) -> None:
+def test_a_run_that_cannot_be_hosted_says_why() -> None:
     with (
         pytest.raises(InputError, match=r"the replay ended, and said: .*capacity"),
-        HostedRun("replay", tmp_path, "--replay.capacity", "1"),
+        HostedRun("replay", "--replay.capacity", "1"),
     ):
         pass

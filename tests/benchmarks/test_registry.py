@@ -14,6 +14,7 @@ import pytest
 import tyro
 
 from benchmarks import __main__ as command
+from benchmarks import scaling
 from benchmarks.registry import BENCHMARKS, RESULTS
 from benchmarks.report import BenchmarkOptions, Report, run
 from common.errors import InputError
@@ -30,6 +31,13 @@ def test_a_benchmark_is_a_module_that_takes_its_published_flags(name: str) -> No
         options.check()
         published = json.loads((RESULTS / f"{result}.json").read_text())
         assert {"title", "rows", "machine", "git_commit"} <= set(published)
+
+
+def test_numbers_out_of_bounds_are_refused_with_their_flag() -> None:
+    for name, value in (("seconds", 0.0), ("learner", "x" * 10_001), ("numbers", ())):
+        with pytest.raises(InputError, match=name):
+            scaling.Options(**{name: value}).check()  # type: ignore[arg-type]
+    scaling.Options(learner="--threads 1 " * 100, numbers=(3,)).check()
 
 
 def test_every_module_that_measures_is_registered() -> None:

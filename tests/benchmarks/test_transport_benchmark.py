@@ -11,9 +11,9 @@ from benchmarks.report import run
 from common.errors import InputError
 
 
-def test_chunks_and_batches_at_once(tmp_path: Path) -> None:
+def test_chunks_and_batches_at_once() -> None:
     options = transport.Options(seconds=0.3, capacity=2_000, chunk_steps=16)
-    with transport.Exchange(options, tmp_path) as exchange:
+    with transport.Exchange(options) as exchange:
         sent, drawn = exchange.measure(["send", "draw"])
         again = exchange.measure(["send"], window=1)[0]
     for each in (sent, again):
