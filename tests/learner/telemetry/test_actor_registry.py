@@ -175,12 +175,16 @@ def told(hub: Transport, monkeypatch: pytest.MonkeyPatch) -> Told:
     return Told(hub, monkeypatch)
 
 
-def test_a_process_that_was_killed_made_what_came_from_it(told: Told) -> None:
+def test_a_process_that_was_killed_made_what_came_from_it(told: Told, hub: Transport) -> None:
     told.say(made=10, refused=1)
     credit(told.registry, 12)
     assert chunks(told.registry) == (13, 2, 0)
     credit(told.registry, 3, incarnation=99)  # it was never heard at all
     assert chunks(told.registry) == (16, 2, 0)
+    state = json.loads(json.dumps(told.registry.state()))
+    again = ActorRegistry(hub, KEYS)
+    again.restore(state)
+    assert chunks(again) == (16, 2, 0)
 
 
 def test_chunks_that_are_stored_twice_are_told_once_their_actor_said_goodbye(told: Told) -> None:
@@ -196,7 +200,8 @@ def test_chunks_that_are_stored_twice_are_told_once_their_actor_said_goodbye(tol
 def test_chunks_that_are_stored_twice_are_told_while_their_actor_lives(told: Told) -> None:
     told.say(made=10)
     credit(told.registry, 20)
-    told.say(seconds=1.0, made=10)  # may have been sent before ten more were made
+    for _ in range(3):  # late heartbeats, sent before ten more were made
+        told.say(seconds=1.0, made=10)
     assert chunks(told.registry)[2] == 0
     for _ in range(2):
         told.say(seconds=6.0, made=12)
@@ -239,8 +244,23 @@ def test_totals_of_folded_processes_survive_a_checkpoint(
     told.now += 100.0
     before = told.totals()
     assert before[:3] == (50, 10, 2)
+    assert len(told.registry.state()["folded"]) == 4
     again = Told(hub, monkeypatch)
     again.registry.restore(json.loads(json.dumps(told.registry.state())))
     assert again.totals() == before
     again.say(name="a1", incarnation=101)
     assert again.totals() == before
+
+
+def test_what_is_remembered_of_folded_processes_is_bounded(
+    told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_MOST_GONE", 0)
+    monkeypatch.setattr(module, "_MOST_FOLDED", 2)
+    for number in range(5):
+        told.say(name=f"a{number}", incarnation=100 + number)
+    told.now += 100.0
+    assert chunks(told.registry) == (50, 10, 0)
+    state = told.registry.state()
+    assert [incarnation for incarnation, _ in state["folded"]] == [103, 104]
+    assert (state["processes"], len(state["gone"])) == ([], 1)
