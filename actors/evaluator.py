@@ -24,11 +24,11 @@ _TIMEOUT = 5.0
 
 
 class Evaluator:
-    """Asks for a task, plays it, reports each game; nothing it sees goes to the replay.
+    """Asks for a job, plays it, reports each game; nothing it sees goes to the replay.
 
     Args:
         env: plays whole games.
-        policy: gets the weights and ε of each task.
+        policy: gets the weights and ε of each job.
         patience: seconds to wait for a learner that went away.
         stop: set from outside to make it leave.
         warn: takes a sentence for people.
@@ -54,7 +54,7 @@ class Evaluator:
         self._stop = stop
         self._warn = warn
         self._counters = ActorCounters(name, "evaluator", incarnation)
-        self._tasks = transport.requester(keys.task, _TIMEOUT)
+        self._jobs = transport.requester(keys.task, _TIMEOUT)
         self._reports = transport.requester(keys.report, _TIMEOUT)
         self._heartbeat = Heartbeat(transport, keys, "evaluator", name, self._stats)
 
@@ -67,15 +67,15 @@ class Evaluator:
         heard = time.monotonic()
         try:
             while not self._stop.is_set():
-                task = self._ask()
-                if task is not None and task.kind == "finished":
+                job = self._ask()
+                if job is not None and job.kind == "finished":
                     return
-                if task is not None and task.kind == "test":
-                    self._test(task, seed)
+                if job is not None and job.kind == "test":
+                    self._play(job, seed)
                     seed += 1
                 else:
                     self._stop.wait(_ASK_AGAIN)
-                if task is not None:
+                if job is not None:
                     heard = time.monotonic()
                 elif time.monotonic() - heard > self._patience:
                     raise InputError(
@@ -87,32 +87,33 @@ class Evaluator:
 
     def _ask(self) -> EvaluationJob | None:
         try:
-            task = EvaluationJob.decode(self._tasks.request(self._name.encode()).result().payload)
-            if task.kind == "test":
-                load_weights(self._policy.network, task.weights)
-            return task
+            job = EvaluationJob.decode(self._jobs.request(self._name.encode()).result().payload)
+            if job.kind == "test":
+                load_weights(self._policy.network, job.weights)
+            return job
         except MessageError as error:
-            self._warn(f"a task was not taken: {error}")
+            self._warn(f"a job was not taken: {error}")
         except Unanswered:
             pass
         return None
 
-    def _test(self, task: EvaluationJob, seed: int) -> None:
-        self._policy.epsilon = task.epsilon
-        self._policy.weights_version = task.epoch
+    def _play(self, job: EvaluationJob, seed: int) -> None:
+        """Play whole games until the steps of ``job`` are done, and report each."""
+        self._policy.epsilon = job.epsilon
+        self._policy.weights_version = job.epoch
         reported = games = 0
         for steps, step in enumerate(play([self._env], self._policy, [seed]), start=1):
             self._counters.count(step)
             ended = bool(step.info["game_over"])
             games += ended
-            done = steps >= task.steps and games > 0
+            done = steps >= job.steps and games > 0
             if ended or done:
                 found = (
                     (Game(float(step.info["game_score"]), int(step.info["game_steps"])),)
                     if ended
                     else ()
                 )
-                report = EvaluationReport(self._name, task.epoch, steps - reported, found, done)
+                report = EvaluationReport(self._name, job.epoch, steps - reported, found, done)
                 reported = steps
                 if not self._report(report):
                     return

@@ -132,6 +132,18 @@ def test_what_a_lost_evaluator_left_is_played_by_another(tmp_path: Path) -> None
     assert (done.steps, done.scores) == (100, [4.0, 6.0])
 
 
+def test_one_that_was_lost_after_more_than_its_shard_leaves_nothing_to_play(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e")
+    tests.coordinator.add(epoch_test(1), b"w")
+    tests.ask("e")
+    assert tests.report("e", 1, 120, [4.0], done=False)
+    tests.present = set()
+    tests.now += NEWCOMER + 0.1
+    done = tests.coordinator.take_finished()
+    assert done is not None
+    assert (done.steps, done.scores) == (120, [4.0])
+
+
 def test_an_evaluator_that_is_present_may_take_its_time(tmp_path: Path) -> None:
     tests = Place(tmp_path, "e")
     tests.coordinator.add(epoch_test(1), b"w")

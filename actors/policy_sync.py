@@ -1,0 +1,60 @@
+"""Keeps an actor's policy up to date: weights of the learner, and ε by the run's steps."""
+
+from collections.abc import Callable
+
+from actors.policy import Policy
+from actors.stream.weights_client import WeightsClient
+from common.errors import MessageError
+from common.protocol.ack import Ack
+from common.protocol.weights import load_weights
+from common.run.config import RunConfig
+
+
+class PolicySync:
+    """Puts what the learner and the replay tell into ``policy``.
+
+    Args:
+        warn: takes a sentence for people.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        weights: WeightsClient,
+        config: RunConfig,
+        warn: Callable[[str], None],
+    ) -> None:
+        self._policy = policy
+        self._weights = weights
+        self._config = config
+        self._warn = warn
+        self._has_weights = False
+
+    def take_weights(self) -> None:
+        """Play by the newest weights that came."""
+        found = self._weights.take()
+        if found is None or (self._has_weights and found[0] == self._policy.weights_version):
+            return
+        version, payload = found
+        try:
+            load_weights(self._policy.network, payload)
+        except MessageError as error:
+            self._warn(f"weights {version} were not used: {error}")
+            return
+        self._policy.weights_version = version
+        self._has_weights = True
+
+    def follow(self, ack: Ack) -> None:
+        """Set ε by the run's steps, and fetch weights if a broadcast was missed."""
+        self._policy.epsilon = self._config.epsilon_at(ack.agent_steps)
+        if not ack.finished and (not self._has_weights or self._lags(ack)):
+            self._weights.fetch()
+            self.take_weights()
+
+    def _lags(self, ack: Ack) -> bool:
+        """Whether a broadcast was missed, or those of a learner that came back with older weights.
+
+        The next one is on its way while the acknowledgement is; two away is a loss.
+        """
+        away = abs(ack.weights_version - self._policy.weights_version)
+        return away > 2 * self._config.learning.publish_period
