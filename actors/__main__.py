@@ -1,4 +1,4 @@
-"""`python -m actors`: robots, or bare emulators, that join a run and play for it."""
+"""`python -m actors`: robots, or emulators alone, that join a run and play for it."""
 
 import secrets
 import socket
@@ -18,17 +18,18 @@ from actors.actor import Actor
 from actors.envs import make_env
 from actors.evaluator import Evaluator
 from actors.policy import Policy
+from actors.viewer_options import ViewerOptions
 from common.errors import InputError, exit_on_input_error
 from common.network import build_network
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import parse
 from common.process.lifeline import leave_with_parent, on_signals
 from common.protocol.run_keys import check_name
-from common.run.config import MAX_SEED, EnvKind, RunConfig
+from common.run.clock import ClockConfig
+from common.run.config import MAX_SEED, RunConfig
 from common.run.join import find_run
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.zenoh_transport import connect
-from viewer.options import LookingOptions
 
 
 @dataclass(frozen=True)
@@ -36,55 +37,45 @@ class ActorOptions:
     """Join a run: play, send what happened to its replay, and follow its learner's weights.
 
     What is played and how comes from the run's hub, so a plain `python -m actors --sync` is
-    enough. Start as many as there are cores, on as many machines as there are. Or look at one
-    robot without any run: see the looking options.
+    enough. Start as many as there are cores, on as many machines as there are. Or check, play or
+    show one robot without any run: see the viewer options.
     """
 
-    sync: bool = True
-    """Physics, emulator and agent in lockstep, as fast as the machine goes; or else a robot's
-    physics and game go on in real time, whether the agent is ready or not."""
-    wait_action: bool = False
-    """Let each of a robot's decisions last until the keys are as commanded (or the run's
-    play.wait_bound is reached)."""
-    speed: float = 1.0
-    """Game seconds per second, with --no-sync."""
+    clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     connect: str = DEFAULT_ENDPOINT
     """Address of the run's hub (the learner, or a replay of its own)."""
     certificates: Path | None = None
     """Folder of certificates, where the hub's address begins with tls/; see deploy/README.md."""
     run: str | None = None
     """Name of the run; needed only where a hub serves several."""
-    env: EnvKind | None = None
+    env: str | None = None
     """Join only if the run plays in this environment."""
     game: str | None = None
     """Join only if the run plays this game."""
     envs: int = 1
     """Environments in this process, played with one forward pass."""
     evaluator: bool = False
-    """Test the learner's snapshots instead of training."""
+    """Play the learner's evaluation jobs instead of training."""
     name: str | None = None
-    """Of this actor in displays and statistics; by default made up from the host's name."""
+    """Name of this actor in displays and statistics; by default made of the host's name."""
     seed: int | None = None
-    """Of this actor's games; by default it differs at every start, so that an actor that was
-    restarted does not live through the same games again."""
+    """Seed of this actor's games; by default another one at every start, so that a restarted actor
+    does not repeat its games."""
     patience: float = 300.0
     """Seconds to wait for the hub, at the start and whenever it goes away."""
     leash: bool = False
     """Leave when standard input ends; the learner's local mode holds the other end."""
-    looking: tyro.conf.OmitArgPrefixes[LookingOptions] = field(default_factory=LookingOptions)
+    viewing: tyro.conf.OmitArgPrefixes[ViewerOptions] = field(default_factory=ViewerOptions)
 
     def check(self) -> None:
-        self.looking.check_flags()
-        if not 0 < self.speed < float("inf"):
-            raise InputError(f"--speed is {self.speed}: choose a number above 0.")
-        if self.sync and self.speed != 1.0:
-            raise InputError("--speed is for --no-sync: with --sync time goes as fast as it can.")
+        self.viewing.check_flags()
+        self.clock.check()
         if self.seed is not None and not 0 <= self.seed < MAX_SEED:
             raise InputError(f"--seed is {self.seed}: choose a number from 0 to {MAX_SEED - 1}.")
         if not 1 <= self.envs <= 256:
             raise InputError(f"--envs is {self.envs}: choose a number from 1 to 256.")
         if self.evaluator and self.envs != 1:
-            raise InputError("an evaluator plays one game at a time: leave --envs away.")
+            raise InputError("an evaluator plays one game at a time: omit --envs.")
 
     def check_against(self, config: RunConfig) -> None:
         """Refuse a run that plays something else than asked for."""
@@ -93,16 +84,8 @@ class ActorOptions:
             ("--game", self.game, config.game),
         ):
             if wanted is not None and wanted != found:
-                raise InputError(
-                    f"the run plays {found}, not {wanted}: leave {flag} away to join it."
-                )
-        self.check_time(config)
-
-    def check_time(self, config: RunConfig) -> None:
-        """Refuse another time than lockstep where there is no robot."""
-        if config.env == "ale" and (self.wait_action or not self.sync):
-            flag = "--wait-action" if self.sync else "--no-sync"
-            raise InputError(f"there is no robot in --env ale: leave {flag} away.")
+                raise InputError(f"the run plays {found}, not {wanted}: omit {flag} to join it.")
+        self.clock.check(config.env)
 
 
 def default_name() -> str:
@@ -111,42 +94,34 @@ def default_name() -> str:
     return f"{host.strip('-')[:40] or 'actor'}-{secrets.token_hex(3)}"
 
 
-def look(options: ActorOptions) -> int:
-    """Check, play or hand over a robot, without any run; the exit status."""
+def view(options: ActorOptions) -> int:
+    """Check or show a robot, or let a person play, without any run; returns the exit status."""
     # Late, because an actor that trains needs none of it.
     from viewer.check import check
     from viewer.human import play_by_hand
     from viewer.player import config_to_play
     from viewer.show import show
 
-    looking = options.looking
+    viewing = options.viewing
     stop = threading.Event()
     on_signals(stop)
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    config = config_to_play(looking.weights, options.env, options.game, looking.minimal_actions)
-    options.check_time(config)
+    config = config_to_play(viewing.weights, options.env, options.game, viewing.minimal_actions)
+    options.clock.check(config.env)
     seed = config.seed if options.seed is None else options.seed
-    if looking.check:
-        return check(config, looking.output, nao_urdf=looking.nao_urdf, seed=seed, stop=stop)
-    if looking.human:
+    if viewing.check:
+        return check(config, viewing.output, nao_urdf=viewing.nao_urdf, seed=seed, stop=stop)
+    if viewing.human:
         return play_by_hand(config, seed=seed, stop=stop)
-    return show(
-        looking,
-        config,
-        seed=seed,
-        stop=stop,
-        sync=options.sync,
-        wait_action=options.wait_action,
-        speed=options.speed,
-    )
+    return show(viewing, config, options.clock, seed=seed, stop=stop)
 
 
 def main() -> int:
     options = parse(ActorOptions, "actors", sys.argv[1:])
     options.check()
-    if options.looking.looks:
-        return look(options)
+    if options.viewing.used:
+        return view(options)
     name = check_name("actor", options.name or default_name())
     stop = threading.Event()
     on_signals(stop)
@@ -173,13 +148,7 @@ def main() -> int:
         )
         policy_seed, *seeds = np.random.SeedSequence(entropy).generate_state(1 + options.envs)
         envs = [
-            make_env(
-                config,
-                training=not options.evaluator,
-                sync=options.sync,
-                wait_action=options.wait_action,
-                speed=options.speed,
-            )
+            make_env(config, options.clock, training=not options.evaluator)
             for _ in range(options.envs)
         ]
         actions = int(envs[0].action_space.n)  # type: ignore[attr-defined]
@@ -188,16 +157,13 @@ def main() -> int:
             actions,
             np.random.default_rng(policy_seed),
             envs=options.envs,
-            # A test's chance is the report's, redrawn at every decision.
+            # An evaluation explores as in 2017: random actions are drawn anew at every step.
             exploration=None if options.evaluator else config.exploration,
         )
-        how: list[str] = [config.env]
-        if not options.sync:
-            how.append(f"in real time × {options.speed:g}")
-        if options.wait_action:
-            how.append("waiting for its keys")
-        told = ", ".join(how)
-        warn(f"plays {config.game} ({told}) for run {keys.run} at {options.connect}.")
+        warn(
+            f"plays {config.game} ({config.env}{options.clock}) for run {keys.run} at "
+            f"{options.connect}."
+        )
         try:
             if options.evaluator:
                 Evaluator(

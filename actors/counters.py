@@ -25,13 +25,12 @@ class ActorCounters:
         stats, info = self.stats, step.info
         stats.steps += 1
         stats.valid += step.valid
-        stats.matched += bool(info["keys_match"])
-        stats.decisions += info["elapsed"]
-        # Only a robot's environment has the rest.
-        stats.missed_deadlines += info.get("missed_deadlines", 0)
-        stats.late_frames += info.get("late_frames", 0)
-        stats.waits_given_up += info.get("gave_up", False)
-        for place in info.get("key_times", ()):
+        stats.matched += info.keys_match
+        stats.decisions += info.elapsed
+        stats.missed_deadlines += info.missed_deadlines
+        stats.late_frames += info.late_frames
+        stats.waits_given_up += info.gave_up
+        for place in info.key_times:
             self.key_times[place] += 1
 
     def told(self, policy: Policy, leaving: bool, **chunks: Any) -> ActorStats:

@@ -104,12 +104,12 @@ class Evaluator:
         reported = games = 0
         for steps, step in enumerate(play([self._env], self._policy, [seed]), start=1):
             self._counters.count(step)
-            ended = bool(step.info["game_over"])
+            ended = step.info.game_over
             games += ended
             done = steps >= job.steps and games > 0
             if ended or done:
                 found = (
-                    (Game(float(step.info["game_score"]), int(step.info["game_steps"])),)
+                    (Game(step.info.game_score, step.info.game_steps),)
                     if ended
                     else ()
                 )

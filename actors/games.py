@@ -7,7 +7,7 @@ learned from.
 import json
 import threading
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Self
 
@@ -19,10 +19,11 @@ import tyro
 from actors.counters import ActorCounters
 from actors.envs import make_env
 from actors.loop import play
+from actors.policy import Policy
 from common.errors import exit_on_input_error
 from common.process.lifeline import leave_with_parent, on_signals
+from common.run.clock import ClockConfig
 from common.run.config import RunConfig, from_mapping
-from viewer.player import build_player
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,7 @@ class GamesOptions:
     epsilon: float = 0.001
     """Share of random decisions."""
     seed: int = 1
-    sync: bool = True
-    wait_action: bool = False
-    speed: float = 1.0
+    clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     leash: bool = False
 
 
@@ -81,22 +80,16 @@ class GameResult:
 
 def games(config: RunConfig, options: GamesOptions, stop: threading.Event) -> Iterator[GameResult]:
     """Games to their ends, until there are enough of them and of their steps, or ``stop``."""
-    env = make_env(
-        config,
-        training=False,
-        sync=options.sync,
-        wait_action=options.wait_action,
-        speed=options.speed,
-    )
+    env = make_env(config, options.clock, training=False)
     try:
         policy_seed, env_seed = map(int, np.random.SeedSequence(options.seed).generate_state(2))
         actions = int(env.action_space.n)  # type: ignore[attr-defined]
-        policy = build_player(config, actions, options.weights, options.epsilon, policy_seed)
+        policy = Policy.of_file(config, actions, options.weights, options.epsilon, policy_seed)
         ended, tally = 0, ActorCounters()
         for steps, step in enumerate(play([env], policy, [env_seed]), start=1):
             tally.count(step)
-            if step.info["game_over"]:
-                yield GameResult.of(float(step.info["game_score"]), tally)
+            if step.info.game_over:
+                yield GameResult.of(step.info.game_score, tally)
                 ended, tally = ended + 1, ActorCounters()
                 if ended >= options.games and steps >= options.steps:
                     return

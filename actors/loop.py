@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.envs.step_info import StepInfo
 from actors.policy import Policy
 
 NO_VECTOR: NDArray[np.float32] = np.zeros(0, np.float32)
@@ -33,7 +34,7 @@ class Step(NamedTuple):
     terminated: bool
     truncated: bool
     s_t: NDArray[np.uint8]
-    info: dict[str, Any]
+    info: StepInfo
     """What the environment said after the step."""
     x_tm1: NDArray[np.float32] = NO_VECTOR
     """Vector observation beside ``s_tm1``, ``[P]``."""
@@ -59,14 +60,15 @@ def play(
     observed = [frames_and_vector(observation) for observation, _ in first]
     states = np.stack([frames for frames, _ in observed])
     vectors = np.stack([vector for _, vector in observed])
-    valid = [bool(info["valid_frame"]) for _, info in first]
+    valid = [StepInfo.of(info).valid_frame for _, info in first]
     begins = [True] * len(envs)
     while True:
         actions = policy.act(states, vectors)
         # Whoever takes the steps may give the policy others before the last environment's.
         weights_version, epsilon = policy.weights_version, float(policy.epsilon)
         for i, env in enumerate(envs):
-            observation, r_t, terminated, truncated, info = env.step(actions[i])
+            observation, r_t, terminated, truncated, told = env.step(actions[i])
+            info = StepInfo.of(told)
             s_t, x_t = frames_and_vector(observation)
             yield Step(
                 stream=i,
@@ -87,7 +89,8 @@ def play(
             )
             begins[i] = terminated or truncated
             if begins[i]:
-                observation, info = env.reset()
+                observation, told = env.reset()
+                info = StepInfo.of(told)
                 s_t, x_t = frames_and_vector(observation)
             states[i], vectors[i] = s_t, x_t
-            valid[i] = bool(info["valid_frame"])
+            valid[i] = info.valid_frame

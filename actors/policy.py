@@ -1,12 +1,16 @@
 """The ε-greedy policy: one forward pass for all environments of the process."""
 
+from pathlib import Path
+from typing import Self
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from actors.exploration import GREEDY, Exploration
-from common.network import QNetwork
-from common.run.config import ExplorationConfig
+from common.network import QNetwork, build_network
+from common.protocol.weights import load_weights_file
+from common.run.config import ExplorationConfig, RunConfig
 
 
 class Policy:
@@ -28,6 +32,26 @@ class Policy:
         self.explored: NDArray[np.bool_] = np.ones(envs, np.bool_)
         """Which of the last actions were random, ``[E]``."""
         self._exploration = Exploration(exploration or ExplorationConfig(), actions, envs, rng)
+
+    @classmethod
+    def of_file(
+        cls, config: RunConfig, actions: int, weights: Path | None, epsilon: float, seed: int
+    ) -> Self:
+        """Returns the policy of the network in the file ``weights``, or a random one without.
+
+        Raises:
+            InputError: the file cannot be read, or does not fit ``config``.
+        """
+        policy = cls(build_network(config, actions), actions, np.random.default_rng(seed))
+        if weights is not None:
+            load_weights_file(
+                policy.network,
+                weights,
+                f"{config.game} ({config.env}) with {actions} actions",
+                "name what it was trained on by --env, --game and --minimal-actions",
+            )
+            policy.epsilon = epsilon
+        return policy
 
     @property
     def random_share(self) -> float:

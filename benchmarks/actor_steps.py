@@ -18,12 +18,11 @@ from benchmarks.hosted_run import HostedRun
 from benchmarks.pace import Spread, in_turns
 from benchmarks.report import BenchmarkOptions, Number, Numbers, Report, Seconds, main
 from common.process.supervisor import Child
-from common.run.config import EnvKind
 
 _WARMUP = 256
 _FIRST = 4
 """Chunks of each environment before a turn's window begins."""
-_TITLES: dict[EnvKind, str] = {"ale": "ALE-Only", "robot": "robot"}
+_TITLES: dict[str, str] = {"ale": "ALE-Only", "robot": "robot"}
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class Hub(HostedRun):
         core: on which its actors run.
     """
 
-    def __init__(self, env: EnvKind, game: str, core: int) -> None:
+    def __init__(self, env: str, game: str, core: int) -> None:
         super().__init__(
             "replay",
             *("--env", env, "--game", game),

@@ -24,6 +24,7 @@ from actors.vision.screen_detector import ScreenDetector
 from benchmarks.neighbour import neighbour
 from benchmarks.pace import Spread, in_turns
 from benchmarks.report import BenchmarkOptions, Number, Report, main
+from common.run.clock import ClockConfig
 from common.run.config import CameraConfig
 from common.run.presets import PRESETS
 
@@ -91,7 +92,7 @@ class Player:
         )
         config.check()
         self._envs: list[gymnasium.Env[Any, Any]] = [
-            make_env(config, training=True, wait_action=kind == "robot_wait")
+            make_env(config, ClockConfig(wait_action=kind == "robot_wait"), training=True)
             for _ in range(options.envs)
         ]
         for number, env in enumerate(self._envs):

@@ -22,7 +22,6 @@ from benchmarks.hosted_run import HostedRun
 from benchmarks.report import BenchmarkOptions, Number
 from common.errors import InputError
 from common.protocol.actor_stats import ActorStats
-from common.run.config import EnvKind
 from common.transport.interface import Envelope
 from replay.chunk_statistics import ChunkStatistics
 from replay.limiter import RateLimiter
@@ -40,7 +39,7 @@ _POLL = 0.02
 class Setting(BenchmarkOptions):
     """What local mode is told."""
 
-    env: EnvKind = "ale"
+    env: str = "ale"
     """The emulator alone, or the robot."""
     game: str = "pong"
     """Any game that ale-py bundles."""

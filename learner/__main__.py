@@ -12,7 +12,6 @@ from pathlib import Path
 import torch
 import tyro
 
-from actors.envs import count_actions
 from common.errors import InputError, exit_on_input_error
 from common.metrics import Value
 from common.network import QNetwork, build_network
@@ -21,6 +20,7 @@ from common.process.command_line import RunFlags, parse_run
 from common.process.lifeline import on_signals
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights, load_weights_file
+from common.run.clock import ClockConfig
 from common.run.config import RunConfig, differences
 from common.run.folder import RunFolder, write_atomically
 from common.run.join import find_run
@@ -70,13 +70,7 @@ class LearnerOptions:
     """Environments in each actor of local mode."""
     evaluators: int = 1
     """Evaluators of local mode."""
-    sync: bool = True
-    """Local mode's physics, emulators and agents in lockstep; or else a robot's physics and game
-    go on in real time."""
-    wait_action: bool = False
-    """Let each decision of local mode's robots last until the keys are as commanded."""
-    speed: float = 1.0
-    """Game seconds per second, with --no-sync."""
+    clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     device: DeviceChoice = "auto"
     """Hardware of the learner; 'auto' takes CUDA where there is one."""
     precision: PrecisionChoice = "auto"
@@ -113,8 +107,7 @@ class LearnerOptions:
         ):
             if value < least:
                 raise InputError(f"{name} is {value}: choose {least} or more.")
-        if not 0 < self.speed < float("inf"):
-            raise InputError(f"--speed is {self.speed}: choose a number above 0.")
+        self.clock.check(self.config.env)
         if not 0 < self.gate_minutes < float("inf"):
             raise InputError(
                 f"--gate-minutes is {self.gate_minutes}: choose a number above 0, or --force."
@@ -125,16 +118,10 @@ class LearnerOptions:
             )
         if self.initial is not None and self.resume:
             raise InputError("a run that goes on has a network: leave --initial or --resume away.")
-        if self.sync and self.speed != 1.0:
-            raise InputError("--speed is for --no-sync: with --sync time goes as fast as it can.")
         if self.evaluation.evaluate is not None:
             return  # the games' own processes check the rest
-        if self.wait_action or not self.sync:
-            flag = "--wait-action" if self.sync else "--no-sync"
-            if not self.local:
-                raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
-            if self.config.env == "ale":
-                raise InputError(f"{flag} is for the robot: leave it away with --env ale.")
+        if (flag := self.clock.robot_flag) and not self.local:
+            raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
         if self.steps is not None and self.steps <= self.config.replay.learning_starts:
             raise InputError(
                 f"--steps is {self.steps}, all of which the warm-up of "
@@ -206,7 +193,7 @@ def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
     Raises:
         InputError: it cannot be read, or is not for what the run plays.
     """
-    network = build_network(options.config, count_actions(options.config))
+    network = build_network(options.config, options.config.action_count)
     initial = options.initial
     if options.resume and not folder.checkpoint.exists() and folder.initial.exists():
         initial = folder.initial  # it ended before its first checkpoint
@@ -224,27 +211,15 @@ def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
     return network
 
 
-def clock_flags(options: LearnerOptions) -> list[str]:
-    """How time passes for local mode's actors, in their own flags and the learner's."""
-    flags = ["--sync"] if options.sync else ["--no-sync", "--speed", f"{options.speed:g}"]
-    return [*flags, "--wait-action"] if options.wait_action else flags
-
-
 def certificate_flags(options: LearnerOptions) -> list[str]:
     """By which local mode's actors find theirs."""
     folder = options.certificates
     return [] if folder is None else ["--certificates", str(folder)]
 
 
-def clock_mode(options: LearnerOptions) -> dict[str, Value]:
-    """The same for the run's records; none where actors are started elsewhere."""
-    if not options.local:
-        return {}
-    return {
-        "run/sync": options.sync,
-        "run/wait_action": options.wait_action,
-        "run/speed": options.speed,
-    }
+def clock_figures(options: LearnerOptions) -> dict[str, Value]:
+    """Returns how time passes, for the run's records; nothing where actors start elsewhere."""
+    return {f"run/{name}": value for name, value in vars(options.clock).items() if options.local}
 
 
 def free_cores(options: LearnerOptions) -> int:
@@ -283,7 +258,7 @@ def main() -> int:
     if options.evaluation.evaluate is not None:
         stop = threading.Event()
         on_signals(stop)
-        return evaluate(options.evaluation, options.config, clock_flags(options), stop)
+        return evaluate(options.evaluation, options.config, options.clock.flags(), stop)
     config = options.config
     folder = RunFolder(options.runs, run_name(options))
     network = first_network(options, folder)
@@ -313,7 +288,7 @@ def main() -> int:
             *(transport, config, folder, replay, algorithm, device, display),
             steps_goal=options.steps,
             resume=options.resume and folder.checkpoint.exists(),
-            clock_mode=clock_mode(options),
+            clock_mode=clock_figures(options),
             gate_minutes=options.gate_minutes,
             stall_minutes=options.stall_minutes,
             force=options.force,
@@ -326,8 +301,8 @@ def main() -> int:
                 *(from_here(endpoint), folder.name),
                 *(options.actors, options.envs, options.evaluators),
                 folder.path / "logs",
-                [*clock_flags(options), *certificate_flags(options)],
-                low_priority=options.sync,
+                [*options.clock.flags(), *certificate_flags(options)],
+                low_priority=options.clock.sync,
             )
             stack.callback(children.close)
         display.line(

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import tyro
 
-from actors.envs import count_actions
 from common.errors import exit_on_input_error
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunFlags, parse_run
@@ -55,7 +54,7 @@ def main() -> None:
     )
     keep_large_blocks()
     config = options.config
-    actions = count_actions(config)
+    actions = config.action_count
     folder = RunFolder(options.runs, options.run)
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     stop = threading.Event()

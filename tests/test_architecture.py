@@ -31,15 +31,6 @@ DOORS = {
 
 EXCEPTIONS = {
     ("actors/__main__.py", "viewer"): "the command line joins a run, or shows a robot to a person",
-    ("actors/envs/ale.py", "viewer"): "render_mode='ansi' draws in the terminal",
-    ("actors/envs/robot.py", "viewer"): "render_mode='ansi' draws in the terminal",
-    ("actors/games.py", "viewer"): "plays whole games by the viewer's player",
-    ("learner/__main__.py", "actors"): "counts a game's actions, which the emulator knows",
-    ("replay/__main__.py", "actors"): "counts a game's actions, which the emulator knows",
-    (
-        "viewer/own_nao.py",
-        "pybullet",
-    ): "names the engine's error where another robot cannot be loaded",
 }
 """Imports against an arrow or beside a door that are still needed, and why. This list shrinks."""
 

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from actors.envs.clock import FRAME, Deadlines
 from actors.envs.game import AtariGame
 from actors.envs.world import World
-from actors.robots.nao.room import Room
+from actors.robots.interface import Robot
 from actors.vision.layout import ASPECT
 from actors.vision.screen_detector import ScreenDetector
 from common.actions import Keys, action_of_keys
 from common.errors import InputError
-from common.run.config import RunConfig
+from common.registry import ENVIRONMENTS, ROBOTS
+from common.run.config import CameraConfig, RunConfig
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys
 from viewer.terminal.terminal import Terminal
@@ -73,12 +74,14 @@ def play_by_hand(config: RunConfig, *, seed: int, stop: threading.Event) -> int:
         InputError: standard input or output is no terminal, or it is too small; no such game, or
             one without a robot.
     """
-    if config.env != "robot":
-        raise InputError("--human plays through the robot's hands: leave --env ale away.")
+    if not ENVIRONMENTS.find(config.env).robot:
+        raise InputError(f"--human plays through a robot's hands: omit --env {config.env}.")
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise InputError("--human needs a terminal for its keys and its picture: run it in one.")
     console = AtariGame(config.game, config.play, training=False)
-    room = Room(console.emulator.screen_shape)
+    robot: Robot = ROBOTS.make(
+        config.play.robot, console.emulator.screen_shape, CameraConfig(), config.play
+    )
     scores: list[float] = []
     try:
         with Terminal() as terminal:
@@ -88,10 +91,11 @@ def play_by_hand(config: RunConfig, *, seed: int, stop: threading.Event) -> int:
                     f"the terminal has {columns} × {rows} characters: make it "
                     f"{_LEAST_SIZE[0]} × {_LEAST_SIZE[1]} or larger."
                 )
-            world = World(room, console, config.play)
-            _Seat(terminal, console, room, world, scores).play(np.random.default_rng(seed), stop)
+            joints = ROBOTS.find(config.play.robot).joints
+            world = World(robot, joints, console, config.play)
+            _Seat(terminal, console, robot, world, scores).play(np.random.default_rng(seed), stop)
     finally:
-        room.close()
+        robot.close()
     for number, score in enumerate(scores, 1):
         print(f"game {number}: score {score:g}")
     return 0
@@ -104,16 +108,16 @@ class _Seat:
         self,
         terminal: Terminal,
         console: AtariGame,
-        room: Room,
+        robot: Robot,
         world: World,
         scores: list[float],
     ) -> None:
         self._terminal = terminal
         self._console = console
-        self._room = room
+        self._robot = robot
         self._world = world
         self._scores = scores
-        self._eye = ScreenDetector()
+        self._detector = ScreenDetector()
         self._keys = HeldKeys()
         self._reaction = Reaction()
         self._size = (0, 0)
@@ -159,8 +163,8 @@ class _Seat:
             self._size = size
             self._blocks = HalfBlocks(size[0], max(size[1] - 2, 1))
             text = "\x1b[0m\x1b[2J"
-        seen = self._room.picture(self._console.emulator.screen_rgb())
-        detection = self._eye.detect(seen)
+        seen = self._robot.camera_picture(self._console.emulator.screen_rgb())
+        detection = self._detector.detect(seen)
         picture = seen if detection.corners is None else _game_in(seen, detection.corners)
         text += self._blocks.draw(picture, aspect=ASPECT)
         lines = (

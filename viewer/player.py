@@ -8,9 +8,8 @@ import torch
 from numpy.typing import NDArray
 
 from actors.policy import Policy
-from common.network import QNetwork, build_network
-from common.protocol.weights import load_weights_file
-from common.run.config import EnvKind, RunConfig
+from common.registry import ENVIRONMENTS
+from common.run.config import RunConfig
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
 
@@ -18,10 +17,8 @@ from common.run.presets import PRESETS
 class ShownPolicy(Policy):
     """A policy that remembers the values of every state that it was asked about."""
 
-    def __init__(self, network: QNetwork, actions: int, rng: np.random.Generator) -> None:
-        super().__init__(network, actions, rng)
-        self.values: NDArray[np.float32] | None = None
-        """``float32 [actions]`` of the last state; None while play is all random."""
+    values: NDArray[np.float32] | None = None
+    """``float32 [actions]`` of the last state; None while play is all random."""
 
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
         """As `Policy.act`, for one environment."""
@@ -33,7 +30,7 @@ class ShownPolicy(Policy):
 
 
 def config_to_play(
-    weights: Path | None, env: EnvKind | None, game: str | None, minimal_actions: bool
+    weights: Path | None, env: str | None, game: str | None, minimal_actions: bool
 ) -> RunConfig:
     """What is played: as the run of ``weights`` did, changed by what else is given.
 
@@ -44,29 +41,8 @@ def config_to_play(
     """
     config = None if weights is None else origin_of(weights)
     if config is None:
-        config = PRESETS["fast" if env == "ale" else "robot"]
+        config = PRESETS[ENVIRONMENTS.find(env or RunConfig.env).preset]
         config = replace(config, play=replace(config.play, minimal_actions=False))
     if minimal_actions:
         config = replace(config, play=replace(config.play, minimal_actions=True))
     return replace(config, env=env or config.env, game=game or config.game)
-
-
-def build_player(
-    config: RunConfig, actions: int, weights: Path | None, epsilon: float, seed: int
-) -> ShownPolicy:
-    """A policy with the network in ``weights``, or a random one without.
-
-    Raises:
-        InputError: the file cannot be read, or does not fit ``config``.
-    """
-    policy = ShownPolicy(build_network(config, actions), actions, np.random.default_rng(seed))
-    if weights is None:
-        return policy
-    load_weights_file(
-        policy.network,
-        weights,
-        f"{config.game} ({config.env}) with {actions} actions",
-        "name what it was trained on by --env, --game and --minimal-actions",
-    )
-    policy.epsilon = epsilon
-    return policy

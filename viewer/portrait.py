@@ -13,13 +13,14 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from actors.envs.emulator import Emulator, check_game
+from actors.envs.emulator import Emulator
 from actors.robots.nao.room import Room
 from actors.robots.nao.viewpoint import Viewpoint
 from actors.vision.screen_detector import ScreenDetector
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.errors import InputError, exit_on_input_error
-from viewer import overlay as ink
+from common.games import check_game
+from viewer import overlay
 
 _WIDTH, _HEIGHT = 640, 480
 """Of each panel."""
@@ -76,9 +77,9 @@ def _portrait(room: Room, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
     scale = _WIDTH / seen.shape[1]
     # Corners count pixel centres.
     corners = np.asarray((detection.corners + 0.5) * scale - 0.5, np.float32)
-    ink.outline(camera, corners, ink.MAGENTA)
+    overlay.outline(camera, corners, overlay.MAGENTA)
     frame = cv2.resize(detection.frame, (_HEIGHT, _HEIGHT), interpolation=cv2.INTER_NEAREST)
-    network = np.full((_HEIGHT, _WIDTH, 3), ink.PAPER, np.uint8)
+    network = np.full((_HEIGHT, _WIDTH, 3), overlay.PAPER, np.uint8)
     left = (_WIDTH - _HEIGHT) // 2
     network[:, left : left + _HEIGHT] = frame[:, :, None]
     panels = (
@@ -90,8 +91,8 @@ def _portrait(room: Room, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
     drawn = []
     for picture, caption in panels:
         panel = np.array(picture, np.uint8)
-        ink.caption(panel, caption)
-        panel[:, -2:] = panel[-2:] = ink.PAPER
+        overlay.caption(panel, caption)
+        panel[:, -2:] = panel[-2:] = overlay.PAPER
         drawn.append(panel)
     return np.vstack((np.hstack(drawn[:2]), np.hstack(drawn[2:])))
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import InputError
-from viewer.snapshot import Glance
+from viewer.snapshot import Snapshot
 
 _VIEWER = ("127.0.0.1", 9876)
 """Where a viewer listens."""
@@ -20,7 +20,7 @@ _QUALITY = 90
 
 
 class RerunStream:
-    """Starts a viewer, or finds the one that runs, and sends it every glance.
+    """Starts a viewer, or finds the one that runs, and sends it every snapshot.
 
     Raises:
         InputError: Rerun is not installed, or its viewer cannot be started here.
@@ -35,15 +35,15 @@ class RerunStream:
             _start_viewer(self._rerun)
         self._decision = 0
 
-    def show(self, glance: Glance, panels: NDArray[np.uint8]) -> None:
+    def show(self, snapshot: Snapshot, panels: NDArray[np.uint8]) -> None:
         """Send the panels, and score and greatest value as curves."""
         rerun = self._rerun
         rerun.set_time("decision", sequence=self._decision)
         self._decision += 1
         rerun.log("panels", rerun.Image(panels).compress(jpeg_quality=_QUALITY))
-        rerun.log("score", rerun.Scalars(glance.score))
-        if glance.values is not None:
-            rerun.log("max_q", rerun.Scalars(float(glance.values.max())))
+        rerun.log("score", rerun.Scalars(snapshot.score))
+        if snapshot.values is not None:
+            rerun.log("max_q", rerun.Scalars(float(snapshot.values.max())))
 
 
 def _import_rerun() -> ModuleType:

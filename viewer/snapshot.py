@@ -9,7 +9,7 @@ from common.actions import Keys
 
 
 @dataclass(frozen=True)
-class RobotGlance:
+class RobotSnapshot:
     """What only a robot has to show; pictures are ``uint8 [height, width, 3]``."""
 
     outside: NDArray[np.uint8]
@@ -25,7 +25,7 @@ class RobotGlance:
 
 
 @dataclass(frozen=True)
-class Glance:
+class Snapshot:
     """One decision, and what came of it."""
 
     game: str
@@ -46,5 +46,5 @@ class Glance:
     """Index into ``actions``."""
     values: NDArray[np.float32] | None
     """Q-values that the actions were chosen by, ``float32 [actions]``; None at random play."""
-    robot: RobotGlance | None
+    robot: RobotSnapshot | None
     """None where the emulator plays alone."""

@@ -19,14 +19,14 @@ class ActuationDelay:
 
     def __init__(self, play: PlayConfig) -> None:
         self._play = play
-        self.reset()
+        self.rest()
 
     @property
     def held(self) -> Keys:
         """The keys that were pressed at the end of the last frame."""
         return self._held
 
-    def reset(self) -> None:
+    def rest(self) -> None:
         """No key pressed, no command on its way."""
         self._coming: deque[tuple[int, Keys]] = deque()  # with the frames in which they come
         self._held = self._old = self._wanted = Keys.NONE

@@ -1,6 +1,6 @@
-"""ALE-Only: the agent at the emulator itself, without robot or camera (the report's figure 2)."""
+"""ALE-Only: the agent at the emulator itself, without robot or camera (figure 2 of 2017)."""
 
-from typing import Any
+from typing import Any, Self
 
 import gymnasium
 import numpy as np
@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 
 from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.emulator import Emulator
-from actors.envs.game import REPORT_PLAY, AtariGame
+from actors.envs.game import DEFAULT_PLAY, AtariGame
 from actors.envs.observation import FrameStack, Observation, observation_space, shrink
 from actors.envs.proprioception import Proprioception
-from actors.vision.layout import ASPECT
+from actors.envs.step_info import StepInfo
 from common.actions import KEYS_OF_ACTION, action_of_keys
-from common.proprioception import KEY_FRAMES
-from common.run.config import PlayConfig
-from viewer.terminal.window import TerminalWindow, render_modes
+from common.proprioception import KEY_FRAMES, vector_width
+from common.run.clock import ClockConfig
+from common.run.config import PlayConfig, RunConfig
 
 
 class AtariEnv(gymnasium.Env[Observation, np.int64]):
@@ -29,25 +29,22 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
     With ``training`` an episode also ends at a lost life, and the next ``reset()`` carries the
     same game on without touching the emulator. A ``reset()`` with a seed, with
     ``options={"new_game": True}`` or in the middle of an episode starts a new game.
-    The keys of ``info`` are those of `AtariGame.info`.
+    ``info`` is a `StepInfo`.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 15}  # noqa: RUF012
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012
 
     def __init__(
         self,
         game: str = "pong",
         *,
-        play: PlayConfig = REPORT_PLAY,
+        play: PlayConfig = DEFAULT_PLAY,
         training: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        """Raises InputError for a game that ale-py does not bundle, and for render_mode "human"
-        where there is no terminal to draw into."""
-        rate = 60 / play.frame_skip
-        self.metadata = {"render_modes": render_modes(), "render_fps": rate}
+        """Raises InputError for a game that ale-py does not bundle."""
+        self.metadata = {**self.metadata, "render_fps": 60 / play.frame_skip}
         self.render_mode = render_mode
-        self._window = TerminalWindow(rate) if render_mode == "human" else None
         # An action that is held through all frames of a decision the emulator can repeat itself.
         self._prompt = not (play.command_latency or play.release_latency or play.press_latency)
         skip = play.frame_skip if self._prompt else 1
@@ -56,8 +53,13 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         self._keys = ActuationDelay(play)
         self._frames = FrameStack(play.frame_stack)
         self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
-        self.observation_space = observation_space(play, "ale")
-        self._sense = Proprioception("ale") if play.vector else None
+        self.observation_space = observation_space(play, vector_width(0))
+        self._sense = Proprioception() if play.vector else None
+
+    @classmethod
+    def of_run(cls, config: RunConfig, clock: ClockConfig, *, training: bool) -> Self:
+        """Returns the environment of a run; there is no robot whose ``clock`` could matter."""
+        return cls(config.game, play=config.play, training=training)
 
     @property
     def emulator(self) -> Emulator:
@@ -75,16 +77,15 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
             new_game=bool((options or {}).get("new_game", False)),
         )
         if new:
-            self._keys.reset()
+            self._keys.rest()
             if self._sense is not None:
                 self._sense.forget()
         self._frames.restart(shrink(self._game.emulator.screen_grey()))
-        self._show()
-        return self._observation(), self._game.info(valid_frame=True, keys_match=True, elapsed=0)
+        return self._observation(), StepInfo(*self._game.standing, elapsed=0)._asdict()
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold the action for one decision."""
-        command = self._game.actions[action]
+        command = self._game.action(action)
         wanted = KEYS_OF_ACTION[command]
         if self._sense is not None:
             self._sense.command(command)
@@ -100,22 +101,12 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
                 self._sense.feel(keys)
         terminated, truncated = self._game.end_decision()
         self._frames.push(shrink(self._game.emulator.screen_grey()))
-        self._show()
-        info = self._game.info(valid_frame=True, keys_match=pressed[-1] == wanted, elapsed=1)
-        return self._observation(), reward, terminated, truncated, info
+        info = StepInfo(*self._game.standing, keys_match=pressed[-1] == wanted)
+        return self._observation(), reward, terminated, truncated, info._asdict()
 
     def render(self) -> NDArray[np.uint8] | None:
         """The emulator's screen, ``uint8 [rows, columns, 3]``, for render_mode "rgb_array"."""
         return self._game.emulator.screen_rgb() if self.render_mode == "rgb_array" else None
-
-    def close(self) -> None:
-        """Give the terminal back, if it was drawn into."""
-        if self._window is not None:
-            self._window.close()
-
-    def _show(self) -> None:
-        if self._window is not None:
-            self._window.show(self._game.emulator.screen_rgb(), ASPECT)
 
     def _observation(self) -> Observation:
         frames = self._frames.state

@@ -4,7 +4,6 @@ It knows screens, points and lives, but nothing of episodes, states or robots; `
 `RobotEnv` both play on it.
 """
 
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -12,30 +11,12 @@ from ale_py import ALEInterface, LoggerMode, roms
 from numpy.typing import NDArray
 
 from actors.envs.phosphor import glow, glow_grey, glow_rgb
-from common.errors import InputError
+from common.games import check_game
 
 _ROMS = Path(roms.__file__).parent
-# ALE does not play them, and ends the process when it is asked to load one.
-_TWO_PLAYERS = {"combat", "joust", "maze_craze", "warlords"}
 
 _EUROPEAN_ROWS = 250
 """Of games made for PAL televisions, which have other colours."""
-
-GAMES: tuple[str, ...] = tuple(sorted(set(roms.get_all_rom_ids()) - _TWO_PLAYERS))
-"""Names of the games for one player that ale-py bundles, in snake_case."""
-
-
-def check_game(game: str) -> str:
-    """``game`` if ale-py bundles it.
-
-    Raises:
-        InputError: it does not; names that look alike are suggested.
-    """
-    if game not in GAMES:
-        alike = get_close_matches(game.lower().replace("-", "_").replace(" ", "_"), GAMES, n=3)
-        hint = f"did you mean {' or '.join(alike)}?" if alike else "write it as space_invaders."
-        raise InputError(f"there is no game {game!r} among ale-py's {len(GAMES)}: {hint}")
-    return game
 
 
 class Emulator:

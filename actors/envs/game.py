@@ -4,15 +4,15 @@
 and their scores can be compared; they differ only in who presses the keys and who looks.
 """
 
-from typing import Any
-
+import gymnasium
+import numpy as np
 from numpy.random import Generator
 
 from actors.envs.emulator import Emulator
 from common.run.config import PlayConfig
 
-REPORT_PLAY = PlayConfig()
-"""The report's settings, the default of both environments."""
+DEFAULT_PLAY = PlayConfig()
+"""The 2017 settings (README.md), the default of both environments."""
 
 
 class AtariGame:
@@ -93,24 +93,25 @@ class AtariGame:
         self._carries_on = terminated and not self.over
         return terminated, cut and not terminated
 
-    def info(self, *, valid_frame: bool, keys_match: bool, elapsed: int) -> dict[str, Any]:
-        """What `reset` and `step` of both environments tell beside the observation.
+    def action(self, index: np.int64 | int) -> int:
+        """Returns ALE's number of the action on offer that a step was called with.
 
-        Returns:
-            ``game_over`` (the game ended at this step, by game over or cut), ``game_score`` and
-            ``game_steps`` (points and decisions of the game so far, random start included),
-            ``valid_frame`` (the newest frame was really seen), ``keys_match`` (the keys pressed
-            at the step's end were the commanded ones), ``elapsed`` (decisions it took, 0 for
-            a reset).
+        Raises:
+            gymnasium.error.InvalidAction: there is no such action.
+            gymnasium.error.ResetNeeded: no game has begun.
         """
-        return {
-            "game_over": self.over,
-            "game_score": self.score,
-            "game_steps": self.steps,
-            "valid_frame": valid_frame,
-            "keys_match": keys_match,
-            "elapsed": elapsed,
-        }
+        if not self._used:
+            raise gymnasium.error.ResetNeeded("no game has begun: call reset() before step().")
+        if not 0 <= index < len(self.actions):
+            raise gymnasium.error.InvalidAction(
+                f"there is no action {index}: choose a number from 0 to {len(self.actions) - 1}."
+            )
+        return self.actions[index]
+
+    @property
+    def standing(self) -> tuple[bool, float, int]:
+        """The first three of `StepInfo`: whether the game is over, its score and its steps."""
+        return self.over, self.score, self.steps
 
     def _start_game(self, rng: Generator, *, power_on: bool) -> None:
         if power_on and self._used:

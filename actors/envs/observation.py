@@ -10,20 +10,19 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from common.proprioception import width_of
 from common.protocol.step_fields import FRAME_SHAPE
-from common.run.config import EnvKind, PlayConfig
+from common.run.config import PlayConfig
 
 Observation: TypeAlias = NDArray[np.uint8] | dict[str, Any]
 """Frames ``uint8 [frame_stack, 84, 84]``; or these as ``frames`` and ``vector float32 [P]``."""
 
 
-def observation_space(play: PlayConfig, env: EnvKind) -> gymnasium.Space[Any]:
-    """The space of an environment's observations."""
+def observation_space(play: PlayConfig, vector_width: int) -> gymnasium.Space[Any]:
+    """Returns the space of observations, with ``vector_width`` numbers if ``play.vector``."""
     frames = gymnasium.spaces.Box(0, 255, (play.frame_stack, *FRAME_SHAPE), np.uint8)
     if not play.vector:
         return frames
-    vector = gymnasium.spaces.Box(-1.0, 1.0, (width_of(env),), np.float32)
+    vector = gymnasium.spaces.Box(-1.0, 1.0, (vector_width,), np.float32)
     return gymnasium.spaces.Dict(frames=frames, vector=vector)
 
 

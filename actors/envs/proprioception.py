@@ -10,14 +10,11 @@ from numpy.typing import NDArray
 from common.actions import Keys
 from common.proprioception import (
     ACTIONS,
-    ANGLES_PART,
     COMMANDS_PART,
     KEYS,
     KEYS_PART,
-    SPEEDS_PART,
-    width_of,
+    vector_width,
 )
-from common.run.config import EnvKind
 
 _FLAGS = np.array(
     [[bool(number & key) for key in KEYS] for number in range(2 ** len(KEYS))], np.float32
@@ -28,8 +25,9 @@ _FLAGS = np.array(
 class Proprioception:
     """Remembers commands and keys. Vectors it gave out never change afterwards."""
 
-    def __init__(self, env: EnvKind) -> None:
-        self._now = np.zeros(width_of(env), np.float32)
+    def __init__(self, joints: int = 0) -> None:
+        """``joints`` is the number J of the robot's joints, 0 without a robot."""
+        self._now = np.zeros(vector_width(joints), np.float32)
         self._commands = self._now[COMMANDS_PART]
         self._keys = self._now[KEYS_PART]
 
@@ -48,21 +46,15 @@ class Proprioception:
         self._keys[: -len(KEYS)] = self._keys[len(KEYS) :].copy()
         self._keys[-len(KEYS) :] = _FLAGS[pressed]
 
-    def vector(
-        self,
-        angles: NDArray[np.float64] | None = None,
-        speeds: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.float32]:
-        """The observation ``float32 [width]``.
+    def vector(self, *joints: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Returns the observation, ``float32 [128 + 2J]``.
 
         Args:
-            angles: the robot's joints between their limits, -1 to 1, ``[8]``.
-            speeds: of the same joints, as shares of their greatest, ``[8]``.
+            joints: `Robot.proprioception`, angles and speeds ``[J]`` each; nothing without a
+                robot.
         """
         vector = self._now.copy()
-        if angles is not None:
-            vector[ANGLES_PART] = np.clip(angles, -1.0, 1.0)
-        if speeds is not None:
+        if joints:
             # The engine keeps a joint's greatest speed only nearly, and not against a push.
-            vector[SPEEDS_PART] = np.clip(speeds, -1.0, 1.0)
+            vector[KEYS_PART.stop :] = np.concatenate(joints).clip(-1.0, 1.0)
         return vector

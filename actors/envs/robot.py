@@ -1,14 +1,12 @@
-"""ALE-Robot: the agent behind a NAO's camera and hands (the report's figure 1).
+"""ALE-Robot: the agent behind a robot's camera and hands (figure 1 of 2017).
 
-The report's two switches are here too: ``sync`` off lets the world go on in real time, and
-``wait_action`` makes a step last until the hands hold the keys they were told to.
+It knows only the `Robot` protocol, and `ClockConfig` says how its time passes.
 """
 
-import math
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import Any
+from typing import Any, Self
 
 import gymnasium
 import numpy as np
@@ -16,19 +14,20 @@ from numpy.typing import NDArray
 
 from actors.envs.clock import Clock, Lockstep, RealTime
 from actors.envs.emulator import Emulator
-from actors.envs.game import REPORT_PLAY, AtariGame
+from actors.envs.game import DEFAULT_PLAY, AtariGame
 from actors.envs.observation import FrameStack, Observation, observation_space, shrink
+from actors.envs.step_info import StepInfo
 from actors.envs.world import Decision, World
-from actors.robots.nao.room import Room
-from actors.robots.nao.sensor import PERFECT_CAMERA
+from actors.robots.interface import Robot, ViewName
 from actors.vision.screen_detector import Detection, ScreenDetector
 from common.actions import Keys
-from common.run.config import CameraConfig, PlayConfig
-from viewer.terminal.window import TerminalWindow, render_modes
+from common.proprioception import vector_width
+from common.registry import ROBOTS
+from common.run.clock import ClockConfig
+from common.run.config import CameraConfig, PlayConfig, RunConfig
 
-ROOM_EVERY = 4
-"""Steps between renderings of the room for people, which take as long as a decision; the game on
-its screen is always new."""
+LOCKSTEP = ClockConfig()
+DEFAULT_CAMERA = CameraConfig()
 
 
 class RobotEnv(gymnasium.Env[Observation, np.int64]):
@@ -36,62 +35,45 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
 
     An action sends the hands to its keys; before every emulator frame the physics goes on and
     the controller is read, and the keys that are then really pressed are what the game gets. The
-    state's frames come from the robot's camera only. Spaces, rewards, episodes and ``info`` are
-    those of `AtariEnv`, so that the two can be compared.
+    state's frames come from the robot's camera only. Spaces, rewards, episodes and ``info``
+    (`StepInfo`) are those of `AtariEnv`, so that the two can be compared.
 
     A step takes several decisions where the agent waits for its keys or, in real time, was too
     slow; its reward is then their points discounted by the time that had passed, so that
-    ``reward + discount ** info["elapsed"] * value`` is the return. ``info`` has these beside
-    those of `AtariGame.info`: ``gave_up`` (the wait ended at its bound, without the keys),
-    ``missed_deadlines`` (decisions that passed before this step's command or, unless the agent
-    waits for its keys, after the one that the command was for),
-    ``late_frames`` (emulator frames of this step that began more than a frame too late) and
-    ``key_times`` (what `KeyWatch` measured since the last step, for `ActorCounters`; a reset tells
-    none).
+    ``reward + discount ** info["elapsed"] * value`` is the return.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 15}  # noqa: RUF012
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012
 
     def __init__(
         self,
         game: str = "pong",
         *,
-        play: PlayConfig = REPORT_PLAY,
-        camera: CameraConfig = PERFECT_CAMERA,
+        play: PlayConfig = DEFAULT_PLAY,
+        camera: CameraConfig = DEFAULT_CAMERA,
+        clock: ClockConfig = LOCKSTEP,
         training: bool = False,
-        sync: bool = True,
-        wait_action: bool = False,
-        speed: float = 1.0,
         discount: float = 1.0,
         clip_rewards: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        """Sit the robot down at its desk.
+        """Sit ``play.robot`` down at its desk.
 
         Args:
-            sync: the world waits for the agent; or else goes on in real time.
-            wait_action: a step lasts until the keys are as commanded, ``play.wait_bound``
-                decisions at most.
-            speed: game seconds per second, if not sync.
             discount: γ per decision, within steps of several decisions.
             clip_rewards: count each decision's points as -1 to 1. Scores stay as they are.
 
         Raises:
-            InputError: ale-py does not bundle the game, or render_mode is "human" where there is
-                no terminal to draw into.
+            InputError: there is no such robot, or ale-py does not bundle the game.
         """
-        rate = 60 / play.frame_skip
-        self.metadata = {"render_modes": render_modes(), "render_fps": rate}
+        self.metadata = {**self.metadata, "render_fps": 60 / play.frame_skip}
         self.render_mode = render_mode
-        # In real time the world's clock sets the pace, and the window must not hold it up.
-        pace = rate if sync else math.inf
-        self._window = TerminalWindow(pace) if render_mode == "human" else None
-        self._shown = 0  # pictures of the room since the last reset
+        self.clock = clock
         self._play = play
         # The random start is not the emulator's here: it goes through the hands, see `reset`.
         self._game = AtariGame(game, replace(play, random_starts=0), training=training)
         self._camera = camera
-        self.room = Room(self._game.emulator.screen_shape, camera)
+        self.robot: Robot = ROBOTS.make(play.robot, self._game.emulator.screen_shape, camera, play)
         """The robot and all around it."""
         self.eye = ScreenDetector(camera.distortion)
         """Replaced at each new game: do not keep it."""
@@ -103,16 +85,31 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         """Decisions since the last picture was taken."""
         self.detection: Detection
         """What the eye made of it."""
-        self._world = World(self.room, self._game, play)
-        self._clock: Clock = Lockstep(self._world) if sync else RealTime(self._world, speed)
-        self._most_decisions = play.wait_bound if wait_action else 1
-        self._wait_action = wait_action
+        joints = ROBOTS.find(play.robot).joints
+        self._world = World(self.robot, joints, self._game, play)
+        self._clock: Clock = (
+            Lockstep(self._world) if clock.sync else RealTime(self._world, clock.speed)
+        )
+        self._most_decisions = play.wait_bound if clock.wait_action else 1
         self._discount = discount
         self._clip_rewards = clip_rewards
         self._late_frames = 0
         self._frames = FrameStack(play.frame_stack)
         self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
-        self.observation_space = observation_space(play, "robot")
+        self.observation_space = observation_space(play, vector_width(joints))
+
+    @classmethod
+    def of_run(cls, config: RunConfig, clock: ClockConfig, *, training: bool) -> Self:
+        """Returns the environment of a run."""
+        return cls(
+            config.game,
+            play=config.play,
+            camera=config.camera,
+            clock=clock,
+            training=training,
+            discount=config.learning.discount,
+            clip_rewards=config.learning.clip_rewards,
+        )
 
     @property
     def emulator(self) -> Emulator:
@@ -159,22 +156,20 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             new_game=bool((options or {}).get("new_game", False)),
         ):
             self._world.restart()
-            self.room.begin_game(self.np_random)
+            self.robot.begin_game(self.np_random)
             # Nothing of an earlier game may show in a seeded one, not even where the screen was.
             self.eye = ScreenDetector(self._camera.distortion)
             self._play_random_start()
         self._photograph(0)
         self._look()
         self._frames.restart(self.detection.frame)
-        self._shown = 0
-        self._show()
-        observation, info = self._observation(), self._info([], 0, (), gave_up=False)
+        observation, info = self._observation(), self._info([], 0, ())
         self._clock.start()
         return observation, info
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Let the hands set out for the action's keys, and let time pass."""
-        decisions = self._clock.command(self._game.actions[action])
+        decisions = self._clock.command(self._game.action(action))
         missed = len(decisions)
         photographed = 0
         while not decisions or not decisions[-1].ended:
@@ -186,15 +181,13 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
                     self._photograph(len(decisions) - photographed)
                 photographed = len(decisions)
         last = decisions[-1]
-        if not self._wait_action:
+        if not self.clock.wait_action:
             missed = max(missed, len(decisions) - 1)
         with self._clock.still():
             self._photograph(len(decisions) - photographed)
             self._look()
             self._frames.push(self.detection.frame)
-            self._show()
-            gave_up = self._wait_action and not (last.ended or self._obeyed(last))
-            info = self._info(decisions, missed, self._world.key_watch.take(), gave_up=gave_up)
+            info = self._info(decisions, missed, self._world.key_watch.take())
             return (
                 self._observation(),
                 self._reward(decisions),
@@ -205,17 +198,20 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
 
     def render(self) -> NDArray[np.uint8] | None:
         """The room from outside, ``uint8 [480, 640, 3]``, for render_mode "rgb_array"."""
-        if self.render_mode != "rgb_array":
-            return None
+        return self.view(640, 480) if self.render_mode == "rgb_array" else None
+
+    def view(
+        self, width: int, height: int, viewpoint: ViewName = "room", *, moved: bool = True
+    ) -> NDArray[np.uint8]:
+        """The robot from outside as in `Robot.view`, ``uint8 [height, width, 3]``."""
         with self._clock.still():
-            return self.room.view(self._game.emulator.screen_rgb())
+            screen = self._game.emulator.screen_rgb()
+            return self.robot.view(screen, width, height, viewpoint, moved=moved)
 
     def close(self) -> None:
-        """End the physics, and give the terminal back if it was drawn into."""
-        if self._window is not None:
-            self._window.close()
+        """End the clock and the physics."""
         self._clock.close()
-        self.room.close()
+        self.robot.close()
 
     def _obeyed(self, decision: Decision) -> bool:
         return decision.pressed == self._world.wanted
@@ -231,24 +227,22 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         decisions: Sequence[Decision],
         missed: int,
         key_times: tuple[int, ...],
-        *,
-        gave_up: bool,
     ) -> dict[str, Any]:
         late, self._late_frames = (
             self._clock.late_frames - self._late_frames,
             self._clock.late_frames,
         )
-        return {
-            **self._game.info(
-                valid_frame=self.detection.valid,
-                keys_match=not decisions or self._obeyed(decisions[-1]),
-                elapsed=len(decisions),
-            ),
-            "gave_up": gave_up,
-            "missed_deadlines": missed,
-            "late_frames": late,
-            "key_times": key_times,
-        }
+        obeyed = not decisions or self._obeyed(decisions[-1])
+        return StepInfo(
+            *self._game.standing,
+            valid_frame=self.detection.valid,
+            keys_match=obeyed,
+            elapsed=len(decisions),
+            gave_up=self.clock.wait_action and not (obeyed or decisions[-1].ended),
+            missed_deadlines=missed,
+            late_frames=late,
+            key_times=key_times,
+        )._asdict()
 
     def _photograph(self, decisions: int) -> None:
         """Take a picture; ``decisions`` have passed since the last time."""
@@ -257,16 +251,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
 
     def _picture(self) -> NDArray[np.uint8]:
         passed, self._unseen = self._unseen, 0
-        ideal = self.room.picture(self._game.emulator.screen_rgb())
-        return self.room.sensor.take(ideal, passed)
-
-    def _show(self) -> None:
-        """Draw the room for people, small, as the terminal's cells are large."""
-        if self._window is not None:
-            moved = self._shown % ROOM_EVERY == 0
-            self._shown += 1
-            screen = self._game.emulator.screen_rgb()
-            self._window.show(self.room.view(screen, 256, 192, moved=moved))
+        return self.robot.camera_picture(self._game.emulator.screen_rgb(), passed)
 
     def _look(self) -> None:
         if self._play.eye == "camera":

@@ -1,10 +1,9 @@
-"""The robot at its console: room and game, moved on together, one emulator frame at a time.
+"""The robot at its console: robot and game, moved on together, one emulator frame at a time.
 
 Who moves it on, and when, is the clock's business (`actors.envs.clock`).
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.game import AtariGame
 from actors.envs.key_watch import KeyWatch
 from actors.envs.proprioception import Proprioception
-from actors.robots.nao.room import Room
+from actors.robots.interface import Hands, Robot
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.proprioception import KEYS
 from common.run.config import PlayConfig
@@ -37,23 +36,6 @@ class Decision:
         return self.terminated or self.truncated
 
 
-class Hand(Protocol):
-    """Whatever presses keys: the room with its robot, or a model of it."""
-
-    @property
-    def held(self) -> Keys:
-        """The keys that were pressed at the end of the last frame."""
-
-    def reset(self) -> None:
-        """No key pressed, no command on its way."""
-
-    def command(self, keys: Keys) -> None:
-        """Set out for exactly ``keys``."""
-
-    def step_frame(self) -> Keys:
-        """Pass one emulator frame; the keys that are pressed at its end."""
-
-
 class World:
     """Commands go in; each frame the hands move on, and the keys they press play the game.
 
@@ -62,18 +44,18 @@ class World:
     whole decision (the report's section 3.3: read, act on the emulator, and only then simulate).
     """
 
-    def __init__(self, room: Room, game: AtariGame, play: PlayConfig) -> None:
+    def __init__(self, robot: Robot, joints: int, game: AtariGame, play: PlayConfig) -> None:
         self.wanted = Keys.NONE
         """The keys of the last command."""
         self.pressed = Keys.NONE
         """The keys that the game was given at the last frame."""
         self.key_watch = KeyWatch()
         """Times the hands, whenever the controller is read."""
-        self._room = room
-        self._hand: Hand = room if play.hand == "arm" else ActuationDelay(play)
+        self._robot = robot
+        self._hands: Hands = robot if play.hand == "arm" else ActuationDelay(play)
         self._game = game
         self._play = play
-        self._sense = Proprioception("robot") if play.vector else None
+        self._sense = Proprioception(joints) if play.vector else None
         self._frames = 0  # of the present decision
         self._points = 0.0
 
@@ -81,11 +63,11 @@ class World:
         """The vector observation as of now, if ``play.vector`` asks for one."""
         if self._sense is None:
             return None
-        return self._sense.vector(*self._room.arms.posture())
+        return self._sense.vector(*self._robot.proprioception())
 
     def restart(self) -> None:
         """Hands at rest and nothing remembered, for a new game."""
-        self._hand.reset()
+        self._hands.rest()
         self.key_watch.restart()
         self.wanted = self.pressed = Keys.NONE
         self._frames, self._points = 0, 0.0
@@ -95,16 +77,16 @@ class World:
     def command(self, action: int) -> None:
         """Let the hands set out for one of the 18 actions."""
         self.wanted = KEYS_OF_ACTION[action]
-        self.key_watch.command(self.wanted, self._hand.held)
-        self._hand.command(self.wanted)
+        self.key_watch.command(self.wanted, self._hands.held)
+        self._hands.command(self.wanted)
         if self._sense is not None:
             self._sense.command(action)
 
     def frame(self) -> Decision | None:
         """Pass one emulator frame (1/60 s); the decision that it completes, if any."""
         if self._play.read_keys == "decision" and self._frames == 0:
-            self.pressed = self._hand.held
-        felt = self._hand.step_frame()
+            self.pressed = self._hands.held
+        felt = self._hands.step_frame()
         self.key_watch.frame(felt)
         if self._play.read_keys == "frame":
             self.pressed = felt

@@ -16,9 +16,9 @@ _VALUES: dict[str, Callable[[Step], Any]] = {
     "rewards": lambda step: step.r_t,
     "terminated": lambda step: step.terminated,
     "truncated": lambda step: step.truncated,
-    "elapsed": lambda step: step.info["elapsed"],
+    "elapsed": lambda step: step.info.elapsed,
     "valid": lambda step: step.valid,
-    "matched": lambda step: step.info["keys_match"],
+    "matched": lambda step: step.info.keys_match,
     "explored": lambda step: step.explored,
     "vectors": lambda step: step.x_tm1,
 }
@@ -77,9 +77,9 @@ class Chunker:
             final_frames=np.array([step.s_t for step in cut], np.uint8).reshape(len(cut), *frame),
             final_vectors=np.array([step.x_t for step in cut], np.float32).reshape(len(cut), width),
             games=tuple(
-                Game(float(step.info["game_score"]), int(step.info["game_steps"]))
+                Game(step.info.game_score, step.info.game_steps)
                 for step in steps
-                if step.info["game_over"]
+                if step.info.game_over
             ),
             **{
                 name: np.array([value(step) for step in steps], STEP_FIELDS[name].dtype)

@@ -15,7 +15,6 @@ import tyro
 from annotated_types import Ge, MinLen
 from numpy.typing import NDArray
 
-from actors.envs.emulator import check_game
 from actors.robots.nao.sensor import PERFECT_CAMERA
 from benchmarks.lab.sight_poses import (
     FAULTS,
@@ -28,6 +27,7 @@ from benchmarks.lab.sight_poses import (
 )
 from benchmarks.lab.sight_probe import QUANTITIES, collect, probe
 from benchmarks.report import BenchmarkOptions, Number, Report, Table, main
+from common.games import check_game
 
 MOST_PIXELS = 1.5
 MOST_DIFFERENCE = 8.0

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Protocol, TypeVar
 import tyro
 
 from common.errors import InputError
+from common.registry import ENVIRONMENTS
 from common.run.config import RENAMED, RunConfig
 from common.run.presets import PRESETS
 
@@ -26,7 +27,7 @@ def preset_of(arguments: Sequence[str]) -> RunConfig:
     first.add_argument("--preset")
     first.add_argument("--env")
     known, _ = first.parse_known_args(list(arguments))
-    name = known.preset or ("fast" if known.env == "ale" else "robot")
+    name = known.preset or ENVIRONMENTS.find(known.env or RunConfig.env).preset
     if name not in PRESETS:
         raise InputError(f"there is no preset {name!r}: choose one of {', '.join(PRESETS)}.")
     return PRESETS[name]

@@ -13,8 +13,8 @@ from annotated_types import Ge, Le, Lt
 
 from common.checked import Invalid, build
 from common.errors import InputError
-from common.proprioception import width_of
 from common.protocol.wire import MAX_MESSAGE_BYTES
+from common.registry import ENVIRONMENTS, ROBOTS
 
 MAX_CHUNK_STEPS = 1_024
 MAX_FRAME_STACK = 16
@@ -31,7 +31,6 @@ _STEP_BYTES = 32
 _HEAD_BYTES = 65_536
 """Size of the parts of a message that do not grow with its steps."""
 
-EnvKind = Literal["ale", "robot"]
 PresetName = Literal["paper", "fast", "robot"]
 
 RENAMED = {
@@ -82,6 +81,8 @@ class PlayConfig:
     """Proprioception beside the frames: last commands, pressed keys, and a robot's joints."""
     eye: Literal["camera", "emulator"] = "camera"
     """Source of a robot's frames: its camera's picture, or the emulator's own."""
+    robot: str = "nao"
+    """Robot of --env robot: 'nao' or a registered one."""
     hand: Literal["arm", "model"] = "arm"
     """Actuator of a robot's keys: its arms, or a model with the next three latencies. The bare
     emulator always has the model."""
@@ -246,9 +247,9 @@ class RunConfig:
 
     preset: PresetName = "robot"
     """Preset of settings; every other flag overrides it."""
-    env: EnvKind = "robot"
-    """Environment: 'ale', the emulator alone (ALE-Only); 'robot', NAO's camera and hands
-    (ALE-Robot)."""
+    env: str = "robot"
+    """Environment: 'ale', the emulator alone (ALE-Only); 'robot', a robot's camera and hands
+    (ALE-Robot); or a registered one."""
     game: str = "pong"
     """Game: any that ale-py bundles, in snake_case."""
     seed: Annotated[int, Ge(0), Lt(MAX_SEED)] = 1
@@ -269,7 +270,12 @@ class RunConfig:
     @property
     def vector_width(self) -> int:
         """Width of the vector observation beside the frames; 0 for none."""
-        return width_of(self.env) if self.play.vector else 0
+        return ENVIRONMENTS.find(self.env).vector_width(self.play) if self.play.vector else 0
+
+    @property
+    def action_count(self) -> int:
+        """Actions that the environment offers. Raises InputError for a game that there is not."""
+        return ENVIRONMENTS.find(self.env).actions(self)
 
     def epsilon_at(self, agent_steps: int) -> float:
         """Returns ε after ``agent_steps`` of all actors, those before learning starts included."""
@@ -284,6 +290,8 @@ class RunConfig:
             InputError: with the field at fault and what to choose.
         """
         from_mapping(RunConfig, dataclasses.asdict(self), "")
+        if ENVIRONMENTS.find(self.env).robot:
+            ROBOTS.find(self.play.robot)
         learning, replay, stream = self.learning, self.replay, self.stream
         # States travel in one message; a minibatch has two of each step.
         state_bytes = self.play.frame_stack * _FRAME_BYTES + 4 * self.vector_width + _STEP_BYTES

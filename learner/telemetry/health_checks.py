@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 from common.metrics import Values, number
 from common.press_latency import ms_of
+from common.registry import ENVIRONMENTS
 from common.run.config import PlayConfig, RunConfig
 from learner.telemetry.recent_latency import LEAST_MEASURED
 from learner.telemetry.snapshot import HealthCheck
@@ -94,7 +95,9 @@ def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:
     for rule in _RULES:
         value = number(values, rule.key)
         passed = None if value is None else bool(_HOLDS[rule.sign](value, rule.bound))
-        if (rule.robot and config.env != "robot") or (rule.quiet and passed is not False):
+        if (rule.robot and not ENVIRONMENTS.find(config.env).robot) or (
+            rule.quiet and passed is not False
+        ):
             continue
         if not _can_tell(rule, values, config.play):
             passed = None

@@ -7,6 +7,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.envs.step_info import StepInfo
+
 GOES_ON, LOSES_A_LIFE, GAME_OVER, CUT = "-", "l", "x", "t"
 
 
@@ -103,11 +105,11 @@ class NumberedEnv(gymnasium.Env[Any, np.int64]):
         return numbered_frame(self._number)
 
     def _info(self, *, over: bool, elapsed: int) -> dict[str, Any]:
-        return {
-            "valid_frame": self._number % 5 != 0,
-            "keys_match": self._number % 2 == 0,
-            "elapsed": elapsed,
-            "game_over": over,
-            "game_score": self._score,
-            "game_steps": self._steps,
-        }
+        return StepInfo(
+            over,
+            self._score,
+            self._steps,
+            valid_frame=self._number % 5 != 0,
+            keys_match=self._number % 2 == 0,
+            elapsed=elapsed,
+        )._asdict()

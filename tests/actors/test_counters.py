@@ -8,13 +8,14 @@ import pytest
 
 from actors import counters as tally
 from actors.counters import ActorCounters
+from actors.envs.step_info import StepInfo
 from actors.loop import Step
 
 STATE = np.zeros((4, 84, 84), np.uint8)
 
 
 def step(*, valid: bool = True, match: bool = True, **info: Any) -> Step:
-    told = {"keys_match": match, "elapsed": 1, **info}
+    told = StepInfo(False, 0.0, 1, keys_match=match, **info)
     return Step(0, False, STATE, valid, 0, False, 0.0, False, False, STATE, told)
 
 

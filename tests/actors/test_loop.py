@@ -5,6 +5,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.envs.step_info import StepInfo
 from actors.loop import Step, play
 from actors.policy import Policy
 from common.network import QNetwork
@@ -54,7 +55,7 @@ def test_environments_take_turns_and_steps_say_what_happened() -> None:
         assert step.r_t == moment.reward
         assert step.terminated == (moment.ending in (LOSES_A_LIFE, GAME_OVER))
         assert step.truncated == (moment.ending == CUT)
-        assert step.info == moment.info
+        assert step.info == StepInfo(**moment.info)
 
 
 def test_an_episode_begins_after_each_end_and_nowhere_else() -> None:

@@ -11,12 +11,12 @@ from actors.__main__ import ActorOptions
 from common.errors import InputError
 from common.process.command_line import parse, parse_run
 from common.protocol.weights import encode_weights
+from common.run.clock import ClockConfig
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from learner.__main__ import (
     LearnerOptions,
-    clock_flags,
-    clock_mode,
+    clock_figures,
     first_network,
     going_on,
     stored_config,
@@ -42,16 +42,16 @@ def learner(*arguments: str) -> LearnerOptions:
 )
 def test_local_actors_get_the_mode_that_was_asked_for(mode: list[str]) -> None:
     options = learner("--local", *mode)
-    actor = parse(ActorOptions, "actors", clock_flags(options))
+    actor = parse(ActorOptions, "actors", options.clock.flags())
     actor.check()
-    assert (actor.sync, actor.wait_action, actor.speed) == (
-        "--no-sync" not in mode,
-        "--wait-action" in mode,
-        2.5 if "2.5" in mode else 1.0,
+    assert actor.clock == ClockConfig(
+        sync="--no-sync" not in mode,
+        wait_action="--wait-action" in mode,
+        speed=2.5 if "2.5" in mode else 1.0,
     )
     # And the learner itself, when it is told to go on.
-    again = learner("--local", *clock_flags(options))
-    assert clock_flags(again) == clock_flags(options)
+    again = learner("--local", *options.clock.flags())
+    assert again.clock.flags() == options.clock.flags()
 
 
 @pytest.mark.parametrize(
@@ -62,8 +62,8 @@ def test_local_actors_get_the_mode_that_was_asked_for(mode: list[str]) -> None:
         (["--gate-minutes", "0"], "above 0, or --force"),
         (["--no-sync"], "--no-sync is for --local"),
         (["--wait-action"], "--wait-action is for --local"),
-        (["--local", "--env", "ale", "--no-sync"], "--no-sync is for the robot"),
-        (["--local", "--env", "ale", "--wait-action"], "--wait-action is for the robot"),
+        (["--local", "--env", "ale", "--no-sync"], "--no-sync is for a robot"),
+        (["--local", "--env", "ale", "--wait-action"], "--wait-action is for a robot"),
     ],
 )
 def test_what_would_have_no_effect_is_refused(arguments: list[str], words: str) -> None:
@@ -73,8 +73,8 @@ def test_what_would_have_no_effect_is_refused(arguments: list[str], words: str) 
 
 def test_records_tell_local_modes_clock_and_nobody_elses() -> None:
     options = learner("--local", "--no-sync", "--speed", "2", "--wait-action")
-    assert clock_mode(options) == {"run/sync": False, "run/wait_action": True, "run/speed": 2.0}
-    assert clock_mode(learner()) == {}
+    assert clock_figures(options) == {"run/sync": False, "run/wait_action": True, "run/speed": 2.0}
+    assert clock_figures(learner()) == {}
 
 
 @pytest.mark.parametrize("flag", ["--no-sync", "--wait-action"])

@@ -14,7 +14,7 @@ from common.protocol.weights import encode_weights
 from common.run.config import to_json
 from common.run.presets import PRESETS
 from learner.publish import Options, publish
-from viewer.player import build_player, config_to_play
+from viewer.player import ShownPolicy, config_to_play
 
 FAST = PRESETS["fast"]
 CONFIG = replace(
@@ -55,7 +55,7 @@ def test_a_policy_plays_from_its_two_files_alone(tmp_path: Path) -> None:
     assert evaluation["epsilon"] == 0.1
     assert evaluation["steps_of_games"] == [100, 100]  # 400 frames, as the run's games
     assert config_to_play(weights, None, None, False) == CONFIG
-    player = build_player(CONFIG, 4, weights, 0.0, 1)
+    player = ShownPolicy.of_file(CONFIG, 4, weights, 0.0, 1)
     torch.manual_seed(0)
     frames = torch.randint(256, (4, 4, 84, 84), dtype=torch.uint8)
     with torch.no_grad():

@@ -135,7 +135,7 @@ def test_without_a_terminal_it_is_refused() -> None:
 
 
 def test_without_a_robot_it_is_refused() -> None:
-    with pytest.raises(InputError, match="leave --env ale away"):
+    with pytest.raises(InputError, match="omit --env ale"):
         play_by_hand(PRESETS["fast"], seed=0, stop=threading.Event())
 
 

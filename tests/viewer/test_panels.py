@@ -8,15 +8,15 @@ import pytest
 
 from actors.vision.layout import GAME_IN_PICTURE
 from common.actions import Keys
-from viewer import overlay as ink
+from viewer import overlay
 from viewer.panels import PANEL, border_of, draw_panels
-from viewer.snapshot import Glance, RobotGlance
+from viewer.snapshot import RobotSnapshot, Snapshot
 
 WIDTH, HEIGHT = PANEL
 
 
-def robot_glance() -> RobotGlance:
-    return RobotGlance(
+def robot_snapshot() -> RobotSnapshot:
+    return RobotSnapshot(
         outside=np.full((HEIGHT, WIDTH, 3), (200, 0, 0), np.uint8),
         camera=np.full((240, 320, 3), (0, 0, 200), np.uint8),
         corners=np.array([[100, 60], [220, 60], [220, 150], [100, 150]], np.float32),
@@ -25,10 +25,10 @@ def robot_glance() -> RobotGlance:
     )
 
 
-def glance(robot: RobotGlance | None, values: np.ndarray | None = None) -> Glance:
+def snapshot(robot: RobotSnapshot | None, values: np.ndarray | None = None) -> Snapshot:
     frame = np.zeros((84, 84), np.uint8)
     frame[:42] = 255
-    return Glance(
+    return Snapshot(
         game="pong",
         score=-3.0,
         step=12,
@@ -43,13 +43,13 @@ def glance(robot: RobotGlance | None, values: np.ndarray | None = None) -> Glanc
     )
 
 
-def count(picture: np.ndarray, colour: ink.Colour) -> int:
+def count(picture: np.ndarray, colour: overlay.Colour) -> int:
     """Pixels of nearly that colour: thin letters are nowhere wholly of theirs."""
     return int((np.abs(picture.astype(int) - colour) < 60).all(axis=2).sum())
 
 
 def test_four_panels_for_a_robot() -> None:
-    picture = draw_panels(glance(robot_glance()))
+    picture = draw_panels(snapshot(robot_snapshot()))
     assert picture.shape == (2 * HEIGHT, 2 * WIDTH, 3)
     middles = [picture[y, x].tolist() for y, x in ((100, 30), (100, 560), (650, 30))]
     assert middles == [[200, 0, 0], [0, 0, 200], [90, 90, 0]]
@@ -59,16 +59,16 @@ def test_four_panels_for_a_robot() -> None:
 
 
 def test_two_panels_for_an_emulator() -> None:
-    picture = draw_panels(glance(None))
+    picture = draw_panels(snapshot(None))
     assert picture.shape == (HEIGHT, 2 * WIDTH, 3)
     assert picture[100, 100].tolist() == [0, 120, 0]
 
 
 def test_what_was_found_is_drawn_where_it_is() -> None:
-    camera = draw_panels(glance(robot_glance()))[:HEIGHT, WIDTH:]
+    camera = draw_panels(snapshot(robot_snapshot()))[:HEIGHT, WIDTH:]
     scale = WIDTH / 320
     # The border is 8 % of the game's own width and height.
-    for colour, aside, above in ((ink.MAGENTA, 0.0, 0.0), (ink.YELLOW, 9.6, 7.2)):
+    for colour, aside, above in ((overlay.MAGENTA, 0.0, 0.0), (overlay.YELLOW, 9.6, 7.2)):
         drawn = (np.abs(camera.astype(int) - colour) < 90).all(axis=2)
         # The four lines, where they cross the game's middle: each is a few pixels wide.
         rows = np.flatnonzero(drawn[:, round(160.5 * scale)])
@@ -80,11 +80,11 @@ def test_what_was_found_is_drawn_where_it_is() -> None:
 
 
 def test_a_screen_that_was_lost_is_told_in_red() -> None:
-    found = draw_panels(glance(robot_glance()))
-    lost = draw_panels(glance(replace(robot_glance(), found=False, corners=None)))
-    assert count(found[:HEIGHT, WIDTH:], ink.RED) == 0
-    assert count(lost[:HEIGHT, WIDTH:], ink.RED) > 0
-    assert count(lost[:HEIGHT, WIDTH:], ink.MAGENTA) == 0
+    found = draw_panels(snapshot(robot_snapshot()))
+    lost = draw_panels(snapshot(replace(robot_snapshot(), found=False, corners=None)))
+    assert count(found[:HEIGHT, WIDTH:], overlay.RED) == 0
+    assert count(lost[:HEIGHT, WIDTH:], overlay.RED) > 0
+    assert count(lost[:HEIGHT, WIDTH:], overlay.MAGENTA) == 0
 
 
 def test_border_of_inverts_the_layout() -> None:
@@ -99,7 +99,7 @@ def test_border_of_inverts_the_layout() -> None:
 def test_keys_are_filled_when_pressed_and_ringed_when_commanded(key: Keys) -> None:
     def drawn(wanted: Keys, pressed: Keys) -> np.ndarray:
         picture = np.zeros((100, 160, 3), np.uint8)
-        ink.controller_keys(picture, (80, 50), 62, wanted, pressed)
+        overlay.controller_keys(picture, (80, 50), 62, wanted, pressed)
         return picture
 
     idle, pressed, wanted = (
@@ -107,11 +107,11 @@ def test_keys_are_filled_when_pressed_and_ringed_when_commanded(key: Keys) -> No
         drawn(Keys.NONE, key),
         drawn(key, Keys.NONE),
     )
-    assert count(idle, ink.GREEN) == count(idle, ink.YELLOW) == 0
-    assert count(pressed, ink.GREEN) > 100
-    assert count(pressed, ink.YELLOW) == count(wanted, ink.GREEN) == 0
-    assert count(wanted, ink.YELLOW) > 20
-    ys, xs = np.nonzero((pressed == ink.GREEN).all(axis=2))
+    assert count(idle, overlay.GREEN) == count(idle, overlay.YELLOW) == 0
+    assert count(pressed, overlay.GREEN) > 100
+    assert count(pressed, overlay.YELLOW) == count(wanted, overlay.GREEN) == 0
+    assert count(wanted, overlay.YELLOW) > 20
+    ys, xs = np.nonzero((pressed == overlay.GREEN).all(axis=2))
     right, down = xs.mean() - 49, ys.mean() - 50
     sides = {
         Keys.UP: down < -5 and abs(right) < 3,
@@ -126,11 +126,11 @@ def test_keys_are_filled_when_pressed_and_ringed_when_commanded(key: Keys) -> No
 def test_bars_are_as_long_as_values_are_great() -> None:
     values = np.array([1.0, 3.0, 2.0, 5.0], np.float32)
     picture = np.zeros((120, 200, 3), np.uint8)
-    ink.action_values(picture, (0, 0, 200, 88), (0, 2, 3, 4), 3, values)
+    overlay.action_values(picture, (0, 0, 200, 88), (0, 2, 3, 4), 3, values)
     bars = []
     for index in range(4):
         row = picture[index * 22 + 11 - 6]
-        colour = ink.YELLOW if index == 3 else ink.GREY
+        colour = overlay.YELLOW if index == 3 else overlay.GREY
         bars.append(int((row[32:158] == colour).all(axis=1).sum()))
     full = 200 - 34 - 44
     assert bars == [1, full // 2 + 1, full // 4 + 1 + (full % 4 > 2), full + 1]
@@ -138,5 +138,5 @@ def test_bars_are_as_long_as_values_are_great() -> None:
 
 def test_equal_values_have_no_bars() -> None:
     picture = np.zeros((120, 200, 3), np.uint8)
-    ink.action_values(picture, (0, 0, 200, 88), (0, 2), 0, np.zeros(2, np.float32))
+    overlay.action_values(picture, (0, 0, 200, 88), (0, 2), 0, np.zeros(2, np.float32))
     assert (picture[5, 34:158] == 0).all()

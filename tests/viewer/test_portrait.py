@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from actors.robots.nao.shapes import ORANGE
-from viewer import overlay as ink
-from viewer import portrait
+from viewer import overlay, portrait
 
 
 def test_robot_screen_and_sight_are_in_the_picture(
@@ -27,8 +26,8 @@ def test_robot_screen_and_sight_are_in_the_picture(
     # The game's own colour, on the screen; the robot's orange parts and its pressed keys.
     assert (np.abs(room - (144, 72, 17)) < 12).all(axis=2).sum() > 500
     assert (np.abs(front - np.array(ORANGE) * 200) < 60).all(axis=2).sum() > 500
-    assert (np.abs(front - np.array(ink.GREEN)) < 40).all(axis=2).sum() > 20
-    assert (camera == ink.MAGENTA).all(axis=2).sum() > 200
+    assert (np.abs(front - np.array(overlay.GREEN)) < 40).all(axis=2).sum() > 20
+    assert (camera == overlay.MAGENTA).all(axis=2).sum() > 200
     # The network's frame is grey, and not of one grey.
     frame = network[:200, 40:280]
     assert (frame == frame[:, :, :1]).all()

@@ -13,13 +13,13 @@ from common.actions import Keys
 from common.errors import InputError
 from viewer import rerun_stream
 from viewer.rerun_stream import RerunStream
-from viewer.snapshot import Glance
+from viewer.snapshot import Snapshot
 
 PANELS = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
 
 
-def glance(score: float, values: np.ndarray | None) -> Glance:
-    return Glance(
+def snapshot(score: float, values: np.ndarray | None) -> Snapshot:
+    return Snapshot(
         game="pong",
         score=score,
         step=1,
@@ -75,11 +75,13 @@ def viewer(monkeypatch: pytest.MonkeyPatch) -> socket.socket:
     place.close()
 
 
-def test_every_glance_is_sent_to_the_viewer_that_runs(rerun: Rerun, viewer: socket.socket) -> None:
+def test_every_snapshot_is_sent_to_the_viewer_that_runs(
+    rerun: Rerun, viewer: socket.socket
+) -> None:
     viewer.listen()
     stream = RerunStream()
-    stream.show(glance(-1.0, None), PANELS)
-    stream.show(glance(2.0, np.array([0.5, 0.75], np.float32)), PANELS)
+    stream.show(snapshot(-1.0, None), PANELS)
+    stream.show(snapshot(2.0, np.array([0.5, 0.75], np.float32)), PANELS)
     picture = ("panels", ("jpeg", PANELS.tobytes()))
     assert rerun.said == [
         ("init", "ale-robot"),
@@ -119,7 +121,7 @@ def test_the_real_package_takes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(rerun_stream, "_viewer_runs", lambda: True)
     monkeypatch.setattr(rerun, "connect_grpc", lambda: rerun.save(path))
     stream = RerunStream()
-    stream.show(glance(1.0, np.array([0.5, 0.75], np.float32)), PANELS)
+    stream.show(snapshot(1.0, np.array([0.5, 0.75], np.float32)), PANELS)
     rerun.disconnect()
     said = path.read_bytes()
     for entity in (b"/panels", b"/score", b"/max_q"):

@@ -18,6 +18,7 @@ from actors.__main__ import main as actors_main
 from actors.envs.robot import RobotEnv
 from actors.robots.nao.latency import Change
 from actors.robots.nao.urdf import write_urdf
+from actors.viewer_options import ViewerOptions
 from common.errors import InputError
 from common.network import build_network
 from common.process.command_line import parse
@@ -25,8 +26,7 @@ from common.protocol.weights import encode_weights
 from common.run.config import PlayConfig, RunConfig, to_json
 from common.run.presets import PRESETS
 from viewer.check import check
-from viewer.options import LookingOptions
-from viewer.player import build_player, config_to_play
+from viewer.player import ShownPolicy, config_to_play
 
 SHORT = replace(
     PRESETS["robot"], play=PlayConfig(random_starts=0, max_game_frames=16, minimal_actions=True)
@@ -63,15 +63,15 @@ def flags(*arguments: str) -> ActorOptions:
 
 
 def test_joining_a_run_is_still_the_plain_command() -> None:
-    assert not flags("--sync").looking.looks
+    assert not flags("--sync").viewing.used
 
 
 def test_flags() -> None:
-    looking = flags("--play", "--weights", "w", "--video", "v.mp4", "--epsilon", "0").looking
-    assert looking.plays
-    assert (looking.weights, looking.video, looking.epsilon) == (Path("w"), Path("v.mp4"), 0.0)
-    assert flags("--check", "-o", "p.png").looking.output == Path("p.png")
-    assert flags("--viewer", "rerun").looking.plays
+    viewing = flags("--play", "--weights", "w", "--video", "v.mp4", "--epsilon", "0").viewing
+    assert viewing.plays
+    assert (viewing.weights, viewing.video, viewing.epsilon) == (Path("w"), Path("v.mp4"), 0.0)
+    assert flags("--check", "-o", "p.png").viewing.output == Path("p.png")
+    assert flags("--viewer", "rerun").viewing.plays
 
 
 @pytest.mark.parametrize(
@@ -111,23 +111,23 @@ def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> Non
 def test_weights_that_do_not_fit(tmp_path: Path) -> None:
     weights = in_run(tmp_path, SHORT, 6)
     with pytest.raises(InputError, match=r"with 18 actions.*--minimal-actions"):
-        build_player(SHORT, 18, weights, 0.0, 0)
+        ShownPolicy.of_file(SHORT, 18, weights, 0.0, 0)
     weights.write_bytes(b"no weights")
     with pytest.raises(InputError, match="does not fit"):
-        build_player(SHORT, 6, weights, 0.0, 0)
+        ShownPolicy.of_file(SHORT, 6, weights, 0.0, 0)
     with pytest.raises(InputError, match="cannot be read"):
-        build_player(SHORT, 6, tmp_path / "none", 0.0, 0)
+        ShownPolicy.of_file(SHORT, 6, tmp_path / "none", 0.0, 0)
 
 
 def test_the_shown_values_are_the_networks(tmp_path: Path) -> None:
     weights = in_run(tmp_path, SHORT, 6)
-    policy = build_player(SHORT, 6, weights, 0.0, 0)
+    policy = ShownPolicy.of_file(SHORT, 6, weights, 0.0, 0)
     frames = np.random.default_rng(0).integers(0, 256, (1, 4, 84, 84), np.uint8)
     (action,) = policy.act(frames, np.zeros((1, 0), np.float32))
     assert policy.values is not None
     assert policy.values.shape == (6,)
     assert action == policy.values.argmax()
-    random = build_player(SHORT, 6, None, 0.0, 0)
+    random = ShownPolicy.of_file(SHORT, 6, None, 0.0, 0)
     random.act(frames, np.zeros((1, 0), np.float32))
     assert random.values is None
 
@@ -294,5 +294,5 @@ def test_options_are_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="0"):
         parse(ActorOptions, "actors", ["--help"])
     said = capsys.readouterr().out
-    for field in LookingOptions.__dataclass_fields__:
+    for field in ViewerOptions.__dataclass_fields__:
         assert f"--{field.replace('_', '-')}" in said

@@ -18,13 +18,13 @@ _PRINT_ROWS = 4
 """Rows below the picture, in which scrolls what else is printed."""
 
 
-def render_modes() -> list[str]:
-    """Gymnasium's render modes that this process can show: "human" only in a terminal."""
-    return ["human", "rgb_array"] if _in_terminal() else ["rgb_array"]
-
-
-def _in_terminal() -> bool:
-    return sys.stdout is not None and sys.stdout.isatty()
+def check_terminal() -> None:
+    """Raises InputError if standard output is not a terminal."""
+    if sys.stdout is None or not sys.stdout.isatty():
+        raise InputError(
+            'render_mode "human" draws into the terminal, but standard output is not one: '
+            'use "rgb_array".'
+        )
 
 
 class TerminalWindow:
@@ -35,11 +35,7 @@ class TerminalWindow:
     """
 
     def __init__(self, rate: float) -> None:
-        if not _in_terminal():
-            raise InputError(
-                'render_mode "human" draws into the terminal, but standard output is none: '
-                'use "rgb_array".'
-            )
+        check_terminal()
         self._period = 1 / rate
         self._due = 0.0
         self._size = (0, 0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.robots.nao.room import Room
+from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys
 from common.press_latency import ms_of
 
@@ -42,24 +42,24 @@ class Change:
     """Whether a key of neither action was pressed on the way that was not pressed before."""
 
 
-def changes(room: Room, repetitions: int, seed: int) -> Iterator[Change]:
+def changes(hands: Hands, repetitions: int, seed: int) -> Iterator[Change]:
     """Yields changes for every ordered pair of actions, ``repetitions`` settled and as many not.
 
     The order is random, so that the hands start each pair from many positions.
     """
     rng = np.random.default_rng(seed)
     pairs = [(a, b) for a in range(_ACTIONS) for b in range(_ACTIONS) if a != b]
-    room.reset()
+    hands.rest()
     for _ in range(repetitions):
         for settled in (True, False):
             for index in rng.permutation(len(pairs)):
                 old, new = pairs[index]
                 if not settled:
                     for action in rng.integers(_ACTIONS, size=2):
-                        _hold(room, KEYS_OF_ACTION[action], DECISION)
-                before = _hold(room, KEYS_OF_ACTION[old], _SETTLED if settled else DECISION)[-1]
+                        _hold(hands, KEYS_OF_ACTION[action], DECISION)
+                before = _hold(hands, KEYS_OF_ACTION[old], _SETTLED if settled else DECISION)[-1]
                 wanted = KEYS_OF_ACTION[new]
-                way = _hold(room, wanted, _WATCHED)
+                way = _hold(hands, wanted, _WATCHED)
                 allowed = KEYS_OF_ACTION[old] | wanted | before
                 wrong = [number for number, keys in enumerate(way, start=1) if keys != wanted]
                 frames = max(wrong, default=0) + 1
@@ -72,9 +72,9 @@ def changes(room: Room, repetitions: int, seed: int) -> Iterator[Change]:
                 )
 
 
-def _hold(room: Room, keys: Keys, frames: int) -> list[Keys]:
-    room.command(keys)
-    return [room.step_frame() for _ in range(frames)]
+def _hold(hands: Hands, keys: Keys, frames: int) -> list[Keys]:
+    hands.command(keys)
+    return [hands.step_frame() for _ in range(frames)]
 
 
 @dataclass(frozen=True)

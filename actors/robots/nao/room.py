@@ -11,6 +11,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.robots.interface import ViewName
 from actors.robots.nao.arms import Arms
 from actors.robots.nao.assembly import Piece, assemble
 from actors.robots.nao.camera import top_camera
@@ -23,9 +24,9 @@ from actors.robots.nao.sensor import PERFECT_CAMERA, Sensor
 from actors.robots.nao.silence import silenced
 from actors.robots.nao.still_view import Movable, StillView
 from actors.robots.nao.urdf import write_urdf
-from actors.robots.nao.viewpoint import VISITOR, Viewpoint, Views
+from actors.robots.nao.viewpoint import Viewpoint, Views, place_of
 from common.actions import Keys
-from common.run.config import CameraConfig
+from common.run.config import CameraConfig, PlayConfig
 
 PHYSICS_RATE = 240
 """Physics steps per second."""
@@ -44,8 +45,12 @@ class Room:
     """One room in its own physics client; ``game_size`` is the game picture's rows and columns."""
 
     def __init__(
-        self, game_size: tuple[int, int] = (210, 160), camera: CameraConfig = PERFECT_CAMERA
+        self,
+        game_size: tuple[int, int] = (210, 160),
+        camera: CameraConfig = PERFECT_CAMERA,
+        play: PlayConfig | None = None,
     ) -> None:
+        """``play`` is for robots that follow some of its settings; this one follows none."""
         self._game_size = game_size
         self._camera = camera
         self.sensor = Sensor(camera)
@@ -84,7 +89,7 @@ class Room:
         for _ in range(PHYSICS_RATE // 2):
             engine.stepSimulation()
         self._at_rest: int = engine.saveState()
-        self.reset()
+        self.rest()
 
     def _limit_contacts(self) -> None:
         """Allow contacts only between a fingertip and a solid body.
@@ -120,7 +125,7 @@ class Room:
         self.controller.show()
         return self.controller.held
 
-    def reset(self) -> None:
+    def rest(self) -> None:
         """Restore the start state: hands at rest over released keys, identical every time."""
         self._engine.restoreState(self._at_rest)
         self.furniture.push_screen(self._screen_away)
@@ -178,6 +183,18 @@ class Room:
         3]`` projected: ``uint8 [240, 320, 3]``, larger by the lens's margin."""
         return self._projection.draw(self.view_of_robot.rendering(), game)
 
+    def camera_picture(self, screen: NDArray[np.uint8], decisions: int = 1) -> NDArray[np.uint8]:
+        """What the robot's camera gives, with its faults; see `Robot`."""
+        return self.sensor.take(self.picture(screen), decisions)
+
+    def proprioception(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Angles and speeds of both arms' joints, left first; see `Robot`."""
+        return self.arms.posture()
+
+    def true_corners(self) -> NDArray[np.float64]:
+        """Where the projected picture's corners are in the robot's picture; see `Robot`."""
+        return self.seen_at(self.furniture.picture_corners)
+
     def seen_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the pixels (x, y) of room ``points [N, 3]`` in the robot's picture, ``[N,
         2]``."""
@@ -190,7 +207,7 @@ class Room:
         game: NDArray[np.uint8],
         width: int = 640,
         height: int = 480,
-        viewpoint: Viewpoint = VISITOR,
+        viewpoint: ViewName | Viewpoint = "room",
         *,
         moved: bool = True,
     ) -> NDArray[np.uint8]:
@@ -199,7 +216,7 @@ class Room:
         Without ``moved`` (1 ms) only the game is drawn anew, over the last rendering.
         """
         self.controller.show()
-        return self._views.picture(viewpoint, game, width, height, moved=moved)
+        return self._views.picture(place_of(viewpoint), game, width, height, moved=moved)
 
     def close(self) -> None:
         """Disconnect the physics client; the room cannot be used afterwards. It may be called

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.robots.interface import ViewName
 from actors.robots.nao.anatomy import Vector
 from actors.robots.nao.camera import Camera, Rendering
 from actors.robots.nao.furniture import PICTURE_CORNERS
@@ -42,6 +43,14 @@ VISITOR = Viewpoint((-0.60, -1.05, 0.85), (0.50, 0.0, 0.335), 40.0)
 """View of the whole room: robot, desk and screen."""
 CLOSE_UP = Viewpoint((0.46, -0.12, 0.46), (0.185, 0.0, 0.222), 30.0, shadow=False)
 """View of both hands on the controller, from the desk's far side."""
+
+
+_NAMED: dict[ViewName, Viewpoint] = {"room": VISITOR, "hands": CLOSE_UP}
+
+
+def place_of(viewpoint: ViewName | Viewpoint) -> Viewpoint:
+    """Returns the viewpoint that a name of `Robot.view` stands for, or the one that is given."""
+    return viewpoint if isinstance(viewpoint, Viewpoint) else _NAMED[viewpoint]
 
 
 class Views:

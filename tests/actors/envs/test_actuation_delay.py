@@ -11,6 +11,7 @@ from actors.envs.emulator import Emulator
 from actors.envs.observation import shrink
 from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys
+from common.run.clock import ClockConfig
 from common.run.config import PlayConfig
 
 NONE, UP, DOWN, FIRE = Keys.NONE, Keys.UP, Keys.DOWN, Keys.FIRE
@@ -60,7 +61,7 @@ def test_a_command_on_the_way_is_overtaken() -> None:
 def test_commands_come_late_by_whole_decisions() -> None:
     keys = ActuationDelay(PlayConfig(command_latency=2, frame_skip=1))
     assert frames(keys, UP, DOWN, FIRE, NONE, count=1) == [[NONE], [NONE], [UP], [DOWN]]
-    keys.reset()
+    keys.rest()
     assert frames(keys, NONE, NONE, NONE, count=1) == [[NONE], [NONE], [NONE]]
 
 
@@ -76,7 +77,7 @@ def test_lateness_is_of_game_time_however_many_commands_are_given() -> None:
 
 def test_a_robot_that_waits_for_late_keys_gets_them() -> None:
     play = PlayConfig(random_starts=0, hand="model", command_latency=1, eye="emulator")
-    env = RobotEnv("pong", play=play, wait_action=True)
+    env = RobotEnv("pong", play=play, clock=ClockConfig(wait_action=True))
     env.reset(seed=1)
     for action in (2, 5, 0):
         *_, info = env.step(action)
@@ -130,7 +131,7 @@ def test_a_robot_with_a_modelled_hand_plays_as_the_emulator_does(eye: str) -> No
         assert difference.mean() < 8
         # The robot's vector has its arms too; they rest.
         assert (seen["vector"][:128] == known["vector"]).all()
-    assert robot.room.arms.posture()[1] == pytest.approx(0, abs=0.01)
+    assert robot.robot.arms.posture()[1] == pytest.approx(0, abs=0.01)
     robot.close()
 
 
@@ -142,5 +143,5 @@ def test_hands_play_while_the_eye_is_the_emulators() -> None:
         assert isinstance(state, np.ndarray)
         assert (state[-1] == shrink(env.emulator.screen_grey())).all()
         assert info["valid_frame"]
-    assert np.abs(env.room.arms.posture()[0]).max() > 0
+    assert np.abs(env.robot.arms.posture()[0]).max() > 0
     env.close()

@@ -10,9 +10,10 @@ import pytest
 from ale_py import ALEInterface, roms
 from gymnasium.utils.env_checker import check_env
 
-from actors.envs import GAMES, env_id, make_env
+from actors.envs import env_id, make_env
 from actors.envs.ale import AtariEnv
 from common.errors import InputError
+from common.games import GAMES
 from common.run.config import PlayConfig, RunConfig
 
 _INFO = {"game_over", "game_score", "game_steps", "valid_frame", "keys_match", "elapsed"}

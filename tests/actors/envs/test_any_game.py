@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from actors.envs.emulator import GAMES
 from actors.envs.robot import RobotEnv
+from common.games import GAMES
 from common.run.config import PlayConfig
 
 # A picture of 250 rows; black to its very edge; one that flashes all over; one that starts black.

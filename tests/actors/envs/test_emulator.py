@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from ale_py import ALEInterface, roms
 
-from actors.envs.emulator import GAMES, Emulator, check_game
-from common.errors import InputError
+from actors.envs.emulator import Emulator
 
 
 @pytest.mark.parametrize("game", ["pong", "breakout", "ms_pacman", "journey_escape"])
@@ -96,24 +95,6 @@ def test_pong_lost_without_moving_scores_minus_21() -> None:
     while not emulator.game_over:
         points += emulator.act(0)
     assert points == -21
-
-
-def test_unknown_games_get_suggestions() -> None:
-    assert check_game("space_invaders") == "space_invaders"
-    for wrong, right in (("pomg", "pong"), ("Space-Invaders", "space_invaders")):
-        with pytest.raises(InputError, match=rf"'{wrong}'.*did you mean .*{right}"):
-            check_game(wrong)
-    for hopeless in ("", "xyzzy", "../pong"):
-        with pytest.raises(InputError, match="there is no game"):
-            check_game(hopeless)
-    with pytest.raises(InputError, match="no game 'combat'"):  # two players: ALE would exit
-        Emulator("combat", 1)
-
-
-def test_all_games_of_the_bundle_but_those_for_two() -> None:
-    bundle = set(roms.get_all_rom_ids())
-    assert bundle - set(GAMES) == {"combat", "joust", "maze_craze", "warlords"}
-    assert not set(GAMES) - bundle
 
 
 def test_nothing_is_printed() -> None:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from ale_py import ALEInterface, roms
 
-from actors.envs.emulator import GAMES, Emulator
+from actors.envs.emulator import Emulator
+from common.games import GAMES
 
 # Its picture stands still while the console thinks, and what ALE then blends is not to be seen.
 _THINKING = {"tic_tac_toe_3d"}

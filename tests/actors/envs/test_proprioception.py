@@ -11,7 +11,6 @@ from actors.envs.ale import AtariEnv
 from actors.envs.proprioception import Proprioception
 from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys
-from common.proprioception import width_of
 from common.run.config import PlayConfig, RunConfig
 
 PLAY = PlayConfig(vector=True, random_starts=0)
@@ -34,7 +33,7 @@ def expected(commands: list[int], keys: list[Keys]) -> list[float]:
     st.lists(st.integers(0, 31).map(Keys), max_size=9),
 )
 def test_commands_and_keys(commands: list[int], keys: list[Keys]) -> None:
-    sense = Proprioception("ale")
+    sense = Proprioception()
     for action in commands:
         sense.command(action)
     for held in keys:
@@ -45,7 +44,7 @@ def test_commands_and_keys(commands: list[int], keys: list[Keys]) -> None:
 
 
 def test_what_was_given_out_does_not_change() -> None:
-    sense = Proprioception("ale")
+    sense = Proprioception()
     before = sense.vector()
     sense.command(3)
     sense.feel(Keys.FIRE)
@@ -53,7 +52,7 @@ def test_what_was_given_out_does_not_change() -> None:
 
 
 def test_joints_come_last_and_stay_within_bounds() -> None:
-    sense = Proprioception("robot")
+    sense = Proprioception(joints=8)
     angles, speeds = np.linspace(-1.1, 1.0, 8), np.linspace(0.0, 1.4, 8)
     vector = sense.vector(angles, speeds)
     assert vector.dtype == np.float32
@@ -65,7 +64,7 @@ def test_joints_come_last_and_stay_within_bounds() -> None:
 def test_the_configuration_knows_the_width(env: Any) -> None:
     assert RunConfig(env=env).vector_width == 0
     config = RunConfig(env=env, play=PLAY)
-    assert config.vector_width == width_of(env) == {"ale": 128, "robot": 144}[env]
+    assert config.vector_width == {"ale": 128, "robot": 144}[env]
 
 
 def test_the_emulators_vector() -> None:
@@ -100,15 +99,15 @@ def test_the_robots_vector() -> None:
     assert vector[:108].tolist() == expected(commands, [])[:108]
     assert vector[108:128].tolist() == expected([], [KEYS_OF_ACTION[17]] * 4)[108:]
     at = 128
-    engine = env.room._engine
+    engine = env.robot._engine
     names = {
-        engine.getJointInfo(env.room.body, joint)[1].decode(): joint
-        for joint in range(engine.getNumJoints(env.room.body))
+        engine.getJointInfo(env.robot.body, joint)[1].decode(): joint
+        for joint in range(engine.getNumJoints(env.robot.body))
     }
     for side in "LR":
         for name in ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll"):
-            info = engine.getJointInfo(env.room.body, names[side + name])
-            angle, speed, *_ = engine.getJointState(env.room.body, names[side + name])
+            info = engine.getJointInfo(env.robot.body, names[side + name])
+            angle, speed, *_ = engine.getJointState(env.robot.body, names[side + name])
             share = (angle - info[8]) / (info[9] - info[8])
             assert vector[at] == pytest.approx(2 * share - 1, abs=1e-6)
             assert vector[at + 8] == pytest.approx(speed / info[11], abs=1e-6)

@@ -59,12 +59,12 @@ def test_without_an_eye_pictures_are_taken_only_for_who_looks() -> None:
     for env in (unseen, watched, seeing):
 
         def draw(  # type: ignore[no-untyped-def]
-            game, env=env, draw=env.room.picture
+            game, env=env, draw=env.robot.picture
         ):
             drawn.append(env)
             return draw(game)
 
-        env.room.picture = draw  # type: ignore[method-assign]
+        env.robot.picture = draw  # type: ignore[method-assign]
     for env in (unseen, watched, seeing):
         env.reset(seed=3)
     for action in np.random.default_rng(3).integers(18, size=12):
@@ -109,7 +109,7 @@ def test_all_actions_are_pressed(env: RobotEnv, action: int) -> None:
     env.reset(seed=3)
     matches = [env.step(action)[4]["keys_match"] for _ in range(3)]
     assert matches[1:] == [True, True]
-    assert env.room.controller.held == KEYS_OF_ACTION[action]
+    assert env.robot.controller.held == KEYS_OF_ACTION[action]
 
 
 def test_keys_match_tells_of_a_hand_that_does_not_obey(
@@ -119,7 +119,7 @@ def test_keys_match_tells_of_a_hand_that_does_not_obey(
     for _ in range(3):
         env.step(0)
     with monkeypatch.context() as broken:
-        broken.setattr(env.room.arms.right, "advance", lambda: None)
+        broken.setattr(env.robot.arms.right, "advance", lambda: None)
         for _ in range(3):
             *_, info = env.step(1)
         assert not info["keys_match"]
@@ -133,14 +133,14 @@ def test_a_random_start_goes_through_the_hands() -> None:
     still = RobotEnv(play=PlayConfig(random_starts=0))
     _, info = still.reset(seed=0)
     assert info["game_steps"] == 0
-    assert still.room.controller.held == Keys.NONE
+    assert still.robot.controller.held == Keys.NONE
     still.close()
     moved = RobotEnv(play=PlayConfig(random_starts=5))
     steps, held = [], []
     for seed in range(6):
         _, info = moved.reset(seed=seed)
         steps.append(info["game_steps"])
-        held.append(moved.room.controller.held)
+        held.append(moved.robot.controller.held)
     assert len(set(steps)) > 1
     assert max(steps) <= 5
     assert set(held) != {Keys.NONE}
@@ -178,7 +178,7 @@ def test_minimal_actions() -> None:
     env.reset(seed=0)
     for _ in range(2):
         env.step(1)
-    assert env.room.controller.held == Keys.FIRE
+    assert env.robot.controller.held == Keys.FIRE
     env.close()
 
 

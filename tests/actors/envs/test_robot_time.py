@@ -14,8 +14,10 @@ import pytest
 from actors.envs.robot import RobotEnv
 from actors.envs.world import Decision
 from common.actions import KEYS_OF_ACTION, Keys
+from common.run.clock import ClockConfig
 from common.run.config import PlayConfig
 
+WAITING = ClockConfig(wait_action=True)
 PLAY = PlayConfig(random_starts=0)
 GAMMA = 0.9
 
@@ -50,7 +52,7 @@ def decision(points: float, pressed: Keys = Keys.NONE, end: str = "") -> Decisio
 @pytest.fixture(scope="module")
 def patient() -> Iterator[RobotEnv]:
     """An environment that waits, and clips rewards."""
-    env = RobotEnv(play=PLAY, discount=GAMMA, wait_action=True, clip_rewards=True)
+    env = RobotEnv(play=PLAY, discount=GAMMA, clock=WAITING, clip_rewards=True)
     env.reset(seed=0)
     yield env
     env.close()
@@ -130,7 +132,7 @@ def test_an_end_that_was_missed_ends_the_step_at_once(hasty: RobotEnv) -> None:
 
 
 def test_waiting_in_lockstep_ends_with_the_keys_that_were_commanded() -> None:
-    env = RobotEnv(play=PLAY, wait_action=True)
+    env = RobotEnv(play=PLAY, clock=WAITING)
     env.reset(seed=1)
     rng = np.random.default_rng(0)
     decisions = 0
@@ -145,9 +147,9 @@ def test_waiting_in_lockstep_ends_with_the_keys_that_were_commanded() -> None:
 
 
 def test_a_hand_that_does_not_move_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    env = RobotEnv(play=PlayConfig(random_starts=0, wait_bound=3), wait_action=True)
+    env = RobotEnv(play=PlayConfig(random_starts=0, wait_bound=3), clock=WAITING)
     env.reset(seed=1)
-    monkeypatch.setattr(env.room.arms.right, "advance", lambda: None)
+    monkeypatch.setattr(env.robot.arms.right, "advance", lambda: None)
     *_, info = env.step(1)
     assert (info["elapsed"], info["gave_up"], info["keys_match"]) == (3, True, False)
     env.close()
@@ -201,7 +203,7 @@ def frames_and_seconds(env: RobotEnv, seconds: float) -> tuple[int, float, int, 
 
 @pytest.mark.parametrize("wait_action", [False, True])
 def test_seconds_of_real_time_are_seconds_of_the_game(wait_action: bool) -> None:
-    env = RobotEnv(play=PLAY, sync=False, wait_action=wait_action)
+    env = RobotEnv(play=PLAY, clock=ClockConfig(sync=False, wait_action=wait_action))
     frames, seconds, _, late = frames_and_seconds(env, 1.0)
     env.close()
     assert frames / 60 <= seconds
@@ -211,7 +213,7 @@ def test_seconds_of_real_time_are_seconds_of_the_game(wait_action: bool) -> None
 
 
 def test_an_agent_that_thinks_too_long_misses_decisions_and_is_told() -> None:
-    env = RobotEnv(play=PLAY, sync=False, discount=GAMMA)
+    env = RobotEnv(play=PLAY, clock=ClockConfig(sync=False), discount=GAMMA)
     env.reset(seed=1)
     *_, info = env.step(0)
     steps = info["game_steps"]
@@ -245,7 +247,7 @@ def test_a_minute_of_real_time_on_a_loaded_machine_is_right_to_one_percent() -> 
     for burner in burners:
         burner.start()
     try:
-        env = RobotEnv(play=PLAY, sync=False)
+        env = RobotEnv(play=PLAY, clock=ClockConfig(sync=False))
         frames, seconds, missed, late = frames_and_seconds(env, 60.0)
         env.close()
     finally:

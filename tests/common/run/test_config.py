@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import InputError, MessageError
-from common.proprioception import width_of
+from common.proprioception import vector_width
 from common.protocol.step_fields import FRAME_SHAPE
 from common.run.config import (
     MAX_WAIT,
@@ -113,10 +113,10 @@ def test_ranges(field: str, least: int, most: int) -> None:
 def test_states_that_travel_together_fit_a_message() -> None:
     def held(states: int, frame_stack: int) -> bytes:
         frames = np.zeros((states, frame_stack, *FRAME_SHAPE), np.uint8)
-        return HeldOutStates(frames, np.zeros((states, width_of("robot")), np.float32)).encode()
+        return HeldOutStates(frames, np.zeros((states, vector_width(8)), np.float32)).encode()
 
     def minibatch(steps: int, frame_stack: int) -> bytes:
-        vectors = np.zeros((steps, width_of("robot")), np.float32)
+        vectors = np.zeros((steps, vector_width(8)), np.float32)
         return SharedBatch(
             frames=np.zeros((2 * steps * frame_stack, *FRAME_SHAPE), np.uint8),
             stacks=np.zeros((2, steps, frame_stack), np.int32),
@@ -336,8 +336,7 @@ def test_what_is_no_table_is_refused(data: Any) -> None:
         ("seed", True, "here.seed is True, which is not a whole number."),
         ("seed", -1, "here.seed is -1: choose 0 or more."),
         ("game", 5, "here.game is 5, which is not a text."),
-        ("env", "real", "here.env is 'real': choose 'ale' or 'robot'."),
-        ("env", ["ale"], "here.env is ['ale']: choose 'ale' or 'robot'."),
+        ("env", ["ale"], "here.env is ['ale'], which is not a text."),
         ("preset", None, "here.preset is None: choose 'paper', 'fast' or 'robot'."),
     ],
 )

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import pytest
 
-from common.proprioception import width_of
 from common.run.presets import PRESETS
 
 PAPER = PRESETS["paper"]
@@ -72,4 +71,4 @@ def test_no_network_is_told_of_its_own_body_unless_asked_for() -> None:
     for preset in PRESETS.values():
         assert preset.vector_width == 0
         told = replace(preset, play=replace(preset.play, vector=True))
-        assert told.vector_width == width_of(preset.env)
+        assert told.vector_width == {"ale": 128, "robot": 144}[preset.env]

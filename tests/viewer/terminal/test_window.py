@@ -20,7 +20,7 @@ import viewer.terminal.window
 from actors.envs import env_id
 from common.errors import InputError
 from tests.paths import ROOT
-from viewer.terminal.window import TerminalWindow, render_modes
+from viewer.terminal.window import TerminalWindow
 
 COLUMNS, ROWS = 60, 20
 PICTURE = np.full((30, 40, 3), 200, np.uint8)
@@ -128,12 +128,15 @@ def test_a_terminal_that_changes_its_size_is_drawn_anew(
 def test_without_a_terminal_only_pictures_are_offered(robot: bool) -> None:
     with pytest.raises(InputError, match='"human" draws into the terminal'):
         gymnasium.make(env_id("pong", robot=robot), render_mode="human")
-    assert render_modes() == ["rgb_array"]
+    env = gymnasium.make(env_id("pong", robot=robot), render_mode="rgb_array")
+    assert env.metadata["render_modes"] == ["rgb_array"]
+    env.close()
 
 
 PROGRAM = """
 import sys
 import gymnasium
+from common.run.clock import ClockConfig
 env = gymnasium.make(sys.argv[1], render_mode="human", **eval(sys.argv[2]))
 env.reset(seed=0)
 for action in (2, 3, 4, 5, 1):
@@ -148,7 +151,7 @@ print("closed")
     ("name", "how"),
     [
         ("ALERobot/Pong-v0", "{}"),
-        ("ALERobot/Pong-v0", "{'sync': False}"),
+        ("ALERobot/Pong-v0", "{'clock': ClockConfig(sync=False)}"),
         ("ALERobot/Breakout-Emulator-v0", "{}"),
     ],
     ids=["robot", "robot-async", "emulator"],

@@ -32,7 +32,7 @@ def hold(room: Room, keys: Keys, frames: int) -> list[Keys]:
 
 @pytest.mark.parametrize("action", range(18))
 def test_every_action_holds_exactly_its_keys_and_lets_them_go(room: Room, action: int) -> None:
-    room.reset()
+    room.rest()
     keys = KEYS_OF_ACTION[action]
     assert set(hold(room, keys, HALF_SECOND)[DECISION - 1 :]) == {keys}
     assert set(hold(room, Keys.NONE, HALF_SECOND)[DECISION - 1 :]) == {Keys.NONE}
@@ -40,7 +40,7 @@ def test_every_action_holds_exactly_its_keys_and_lets_them_go(room: Room, action
 
 def test_from_any_action_to_any_other_within_two_decisions(room: Room) -> None:
     """The way seldom presses a key of neither action."""
-    room.reset()
+    room.rest()
     frames, strays = [], 0
     for old in KEYS_OF_ACTION:
         for new in KEYS_OF_ACTION:
@@ -58,7 +58,7 @@ def test_from_any_action_to_any_other_within_two_decisions(room: Room) -> None:
 
 
 def test_random_play_pushes_no_key_through_its_stop(room: Room) -> None:
-    room.reset()
+    room.rest()
     rng = np.random.default_rng(0)
     for action in rng.integers(18, size=200):
         keys = KEYS_OF_ACTION[action]
@@ -68,7 +68,7 @@ def test_random_play_pushes_no_key_through_its_stop(room: Room) -> None:
 
 def test_rapid_commands_leave_no_finger_caught(room: Room) -> None:
     """Commands change before they are carried out; then one second is enough for the last one."""
-    room.reset()
+    room.rest()
     rng = np.random.default_rng(2)
     for _ in range(60):
         for action in rng.integers(18, size=4):
@@ -79,7 +79,7 @@ def test_rapid_commands_leave_no_finger_caught(room: Room) -> None:
 
 def test_a_finger_that_is_caught_frees_itself(room: Room) -> None:
     """The fingertip is put between two keys' sides, below their tops."""
-    room.reset()
+    room.rest()
     arm = room.arms.left
     chain = ArmChain("L")
     room.command(Keys.UP)
@@ -114,7 +114,7 @@ def test_poses_are_within_limits_and_put_the_fingertip_on_its_target(room: Room,
 
 
 def test_speeds_and_torques_stay_within_the_published_limits(room: Room) -> None:
-    room.reset()
+    room.rest()
     engine = room._engine
     rng = np.random.default_rng(1)
     fastest, strongest = np.zeros(8), np.zeros(8)
@@ -135,7 +135,7 @@ def test_speeds_and_torques_stay_within_the_published_limits(room: Room) -> None
 
 
 def test_keys_go_down_by_a_fingertips_touch_and_by_nothing_else(room: Room) -> None:
-    room.reset()
+    room.rest()
     engine, controller = room._engine, room.controller
     link_of = dict(zip(KEY_PLACES, controller.links, strict=True))
     rng = np.random.default_rng(3)

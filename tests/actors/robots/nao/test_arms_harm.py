@@ -54,7 +54,7 @@ def test_rapid_commands_push_no_finger_through_a_key_and_no_key_through_its_stop
     room: Room, most_frames: int
 ) -> None:
     """Random commands come every 1 to ``most_frames`` frames, far more often than in play."""
-    room.reset()
+    room.rest()
     rng = np.random.default_rng(most_frames)
     left = 0
     for _ in range(10 * SECOND):
@@ -111,9 +111,9 @@ def plate(room: Room, middle: tuple[float, float, float], half: tuple[float, flo
 
 
 def test_a_plate_over_the_keys_is_not_passed_and_does_no_harm(room: Room) -> None:
-    room.reset()
+    room.rest()
     free = hold_back(room, 2 * SECOND, 0)
-    room.reset()
+    room.rest()
     under = DESK_TOP + KEY_TOP + 0.0002
     x, y = CENTRE[0] + CROSS_MIDDLE[0], CENTRE[1] + CROSS_MIDDLE[1]
     body = plate(room, (x, y, under + 0.0005), (0.02, 0.02, 0.0005))
@@ -124,9 +124,9 @@ def test_a_plate_over_the_keys_is_not_passed_and_does_no_harm(room: Room) -> Non
 
 def test_a_box_that_stands_in_a_fingertip_pushes_it_out_gently(room: Room) -> None:
     """A sudden overlap of 3 mm is worse than anything in play."""
-    room.reset()
+    room.rest()
     free = hold_back(room, 2 * SECOND, 0)
-    room.reset()
+    room.rest()
     chain = ArmChain("L")
     tip = chain.fingertip(room.arms.left.poses.over[Keys.NONE])
     top = float(tip[2]) - FINGERTIP_RADIUS + 0.003
@@ -137,9 +137,9 @@ def test_a_box_that_stands_in_a_fingertip_pushes_it_out_gently(room: Room) -> No
 
 
 def test_a_hand_that_is_held_fast_pulls_and_lets_go(room: Room) -> None:
-    room.reset()
+    room.rest()
     free = hold_back(room, 2 * SECOND, 0)
-    room.reset()
+    room.rest()
     engine, arm = room._engine, room.arms.left
     position, turn = engine.getLinkState(room.body, arm.joints[-1], computeForwardKinematics=1)[:2]
     hold = engine.createConstraint(

@@ -30,7 +30,7 @@ def raise_arm(room: Room, pitch: float, roll: float) -> None:
 
 
 def test_playing_happens_out_of_view(room: Room) -> None:
-    room.reset()
+    room.rest()
     before = room.view_of_robot.renderings
     for keys in KEYS_OF_ACTION:
         room.command(keys)
@@ -45,7 +45,7 @@ def test_playing_happens_out_of_view(room: Room) -> None:
 
 @pytest.mark.parametrize("action", [0, 6, 17])
 def test_cached_picture_while_playing(room: Room, action: int) -> None:
-    room.reset()
+    room.rest()
     room.view_of_robot.rendering()
     room.command(KEYS_OF_ACTION[action])
     for _ in range(3):
@@ -54,13 +54,13 @@ def test_cached_picture_while_playing(room: Room, action: int) -> None:
 
 
 def test_cached_picture_with_an_arm_in_view(room: Room) -> None:
-    room.reset()
+    room.rest()
     empty = room.view_of_robot.rendering()
     for pitch, roll in ((-0.5, -0.3), (-0.5, -0.25), (-0.3, -0.3)):
         raise_arm(room, pitch, roll)
         assert (room.view_of_robot.rendering().bodies == room.body).any()
         assert_same_as_full(room)
-    room.reset()
+    room.rest()
     assert_same_as_full(room)
     assert np.array_equal(room.view_of_robot.rendering().rgb, empty.rgb)
 
@@ -74,7 +74,7 @@ def test_a_still_arm_in_view_is_rendered_once(room: Room) -> None:
     raise_arm(room, -0.5, -0.299)
     room.view_of_robot.rendering()
     assert room.view_of_robot.renderings == before + 1
-    room.reset()
+    room.rest()
 
 
 def test_may_see_has_no_false_negatives(room: Room) -> None:
@@ -89,7 +89,7 @@ def test_may_see_has_no_false_negatives(room: Room) -> None:
         if drawn:
             assert view._scene() != "nothing that moves"
     assert seen > 0
-    room.reset()
+    room.rest()
 
 
 def test_projected_corners_are_where_the_renderer_draws(room: Room) -> None:

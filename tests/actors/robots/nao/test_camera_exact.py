@@ -92,7 +92,7 @@ def move_arms(room: Room, rng: np.random.Generator) -> None:
     """Plays on, holds one or both arms somewhere in front, or leaves them where they are."""
     choice = rng.integers(4)
     if choice == 0:
-        room.reset()
+        room.rest()
         room.command(KEYS_OF_ACTION[rng.integers(18)])
         for _ in range(rng.integers(1, 8)):
             room.step_frame()
@@ -136,7 +136,7 @@ def assert_exact(room: Room, poses: int, seed: int) -> None:
         hidden += bool((room.view_of_robot.rendering().bodies == room.body).any())
     assert hidden > poses / 8  # arms were in view in many
     assert rendered < poses * 0.8  # and many needed no rendering
-    room.reset()
+    room.rest()
     room.pose()
 
 
@@ -170,7 +170,7 @@ def test_an_arm_hides_the_picture(room: Room) -> None:
         room.picture(np.full((ROWS, COLUMNS, 3), level, np.uint8)) for level in (0, 255)
     )
     in_front = arm.bodies == room.body
-    room.reset()
+    room.rest()
     free = room.picture(np.full((ROWS, COLUMNS, 3), 255, np.uint8)) != room.picture(
         np.zeros((ROWS, COLUMNS, 3), np.uint8)
     )

@@ -34,29 +34,29 @@ def trace(room: Room, seed: int) -> list[NDArray[np.float64]]:
 
 
 def test_reset_leaves_nothing_behind(room: Room) -> None:
-    room.reset()
+    room.rest()
     first = trace(room, 1)
     trace(room, 2)
-    room.reset()
+    room.rest()
     assert np.array_equal(first, trace(room, 1))
 
 
 def test_two_rooms_are_the_same_and_do_not_touch(room: Room) -> None:
     other = Room()
-    room.reset()
+    room.rest()
     first = trace(room, 3)
     assert np.array_equal(first, trace(other, 3))
-    room.reset()
+    room.rest()
     room.command(Keys.FIRE)
     for _ in range(8):
         room.step_frame()
-    other.reset()
+    other.rest()
     assert other.step_frame() == Keys.NONE
     other.close()
 
 
 def test_at_rest_nothing_is_pressed(room: Room) -> None:
-    room.reset()
+    room.rest()
     assert {room.step_frame() for _ in range(60)} == {Keys.NONE}
     assert room.controller.depths().max() < RELEASE_DEPTH / 2
 
@@ -69,7 +69,7 @@ def test_camera_picture_shows_the_game(room: Room) -> None:
 
 
 def test_view_shows_robot_and_game(room: Room) -> None:
-    room.reset()
+    room.rest()
     view = room.view(GAME, 320, 240)
     assert view.shape == (240, 320, 3)
     assert (view == (200, 40, 90)).all(axis=2).mean() > 0.03
@@ -79,7 +79,7 @@ def test_view_shows_robot_and_game(room: Room) -> None:
 
 
 def test_view_shows_a_pressed_key(room: Room) -> None:
-    room.reset()
+    room.rest()
     before = room.view(GAME, 320, 240)
     room.command(Keys.FIRE)
     for _ in range(8):

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from actors.robots.nao.meshes import check_meshes
 from common.errors import InputError
-from viewer.meshes import check_meshes
 
 OBJ = b"# a triangle\nv 0 0 0\nv 1 0 0 0.5 0.5 0.5\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 -1//1\n"
 TRIANGLE = struct.pack("<12fH", 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from actors.robots.nao.own_nao import OwnNao
 from actors.robots.nao.room import Room
 from actors.robots.nao.urdf import write_urdf
 from actors.robots.nao.viewpoint import CLOSE_UP, VISITOR, Viewpoint
 from common.actions import Keys
 from common.errors import InputError
-from viewer.own_nao import OwnNao
 
 GAME = np.random.default_rng(0).integers(0, 256, (210, 160, 3), np.uint8)
 SIZE = (160, 120)
@@ -40,7 +40,7 @@ def hold(room: Room, keys: Keys) -> None:
 
 @pytest.mark.parametrize("viewpoint", [VISITOR, CLOSE_UP], ids=["visitor", "close-up"])
 def test_it_sits_and_moves_as_ours_does(room: Room, urdf: Path, viewpoint: Viewpoint) -> None:
-    room.reset()
+    room.rest()
     own = OwnNao(urdf, (210, 160))
     pictures = []
     for keys in (Keys.UP | Keys.FIRE, Keys.LEFT):
@@ -69,7 +69,7 @@ def test_other_links_and_colours_and_a_base_below_the_torso(room: Room, urdf: Pa
     painted.write_text(
         start + "".join(f'<color rgba="1 0 1 1{v[v.index(chr(34)) :]}' for v in visuals)
     )
-    room.reset()
+    room.rest()
     ours = room.view(GAME, *SIZE)
     own = OwnNao(same, (210, 160))
     assert (np.abs(own.view(room, GAME, *SIZE, VISITOR).astype(int) - ours) > 8).mean() < 0.002

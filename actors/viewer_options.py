@@ -1,4 +1,4 @@
-"""The flags of `python -m actors` that look instead of joining a run."""
+"""The flags of `python -m actors` that check or show a robot instead of joining a run."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,54 +9,54 @@ import tyro
 from common.errors import InputError
 
 LONGEST_GIF = 120
-"""s of play; 350 MB of memory."""
+"""Seconds of play; 350 MB of memory."""
 
 Switch = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 
 @dataclass(frozen=True)
-class LookingOptions:
-    """Look instead of joining a run: --check, --play or --human. These need no hub; --env (robot
-    unless said otherwise), --game (pong) and --seed say what is played."""
+class ViewerOptions:
+    """Check or show a robot instead of joining a run: --check, --play or --human. These need no
+    hub; --env (default robot), --game (pong) and --seed say what is played."""
 
     check: Switch = False
-    """Does the robot see and touch? Prints gates and latencies, writes a picture of four panels;
-    exit code 1 when a gate is red."""
+    """Health checks of sight and touch: prints them with the hands' latencies and writes a picture
+    of four panels; exit code 1 when one is red."""
     play: Switch = False
     """Play, at random or with --weights, and print each game's score."""
     human: Switch = False
     """Play yourself through the robot's hands: arrow keys and space, in this terminal."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FILE.png")] = Path("check.png")
-    """Of --check: the picture."""
+    """File of the picture, of --check."""
     weights: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Of --play: a network to play with, such as runs/NAME/snapshots/best.safetensors; that run's
+    """Network that plays, of --play, such as runs/NAME/snapshots/best.safetensors; that run's
     settings are used."""
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Of --play: record the panels; the name ends in .mp4, or in .gif with --seconds."""
+    """Film of the panels, of --play; its name ends in .mp4, or in .gif with --seconds."""
     viewer: Literal["rerun"] | None = None
-    """Of --play, which it implies: stream the panels live to Rerun (pip install
-    'ale-robot[viz]')."""
+    """Live viewer of the panels, of --play, which it implies; Rerun needs pip install
+    'ale-robot[viz]'."""
     games: int = 1
-    """Of --play: how many games, each to its end."""
+    """Number of whole games, of --play."""
     seconds: float = 0.0
-    """Of --play: end after so many seconds of play, for a short film; 0 plays whole games."""
+    """Seconds of play, of --play, for a short film; 0 plays whole games."""
     epsilon: float = 0.001
-    """Of --play with weights: share of random actions; the report's tests have 0.05."""
+    """Share of random actions, of --play with --weights; evaluations had 0.05 in 2017."""
     minimal_actions: Switch = False
-    """The game's own actions only (Pong: 6) instead of all 18; --weights of a run go with that
-    run's."""
+    """Actions of the game only (Pong: 6) instead of all 18; with --weights, those of their
+    run."""
     nao_urdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Of --check and --play: show a NAO of your own, with meshes, in the pictures of the room;
-    the physics stay ours."""
+    """URDF of another NAO, with meshes, to show in the pictures of --check and --play; the physics
+    stay the same."""
 
     @property
     def plays(self) -> bool:
-        """A robot is to play for show."""
+        """Whether the robot plays games to be watched."""
         return self.play or self.viewer is not None
 
     @property
-    def looks(self) -> bool:
-        """Anything here is asked for, so that no hub is needed."""
+    def used(self) -> bool:
+        """Whether any of the modes is asked for, so that no hub is needed."""
         return self.check or self.plays or self.human
 
     def check_flags(self) -> None:
@@ -86,10 +86,10 @@ class LookingOptions:
                 "--check or --play",
                 self.check or self.plays,
             ),
-            ("--minimal-actions", self.minimal_actions, "--check, --play or --human", self.looks),
+            ("--minimal-actions", self.minimal_actions, "--check, --play or --human", self.used),
         ):
             if given and not wanted:
-                raise InputError(f"{flag} belongs to {owner}: add it, or leave {flag} away.")
+                raise InputError(f"{flag} belongs to {owner}: add it, or omit {flag}.")
         if not 0.0 <= self.epsilon <= 1.0:
             raise InputError(f"--epsilon is {self.epsilon}: choose a number from 0 to 1.")
         if self.games < 1:

@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.robots.interface import ViewName
 from actors.robots.nao.controller import Controller
 from actors.robots.nao.engine import open_engine
 from actors.robots.nao.furniture import DESK_TOP, PICTURE_CORNERS, Furniture
+from actors.robots.nao.meshes import check_meshes
 from actors.robots.nao.posture import ARM_JOINTS, HELD_ANGLES, TORSO_ORIGIN
 from actors.robots.nao.room import Room
 from actors.robots.nao.silence import silenced
-from actors.robots.nao.viewpoint import Viewpoint, Views
+from actors.robots.nao.viewpoint import Viewpoint, Views, place_of
 from common.errors import InputError
-from viewer.meshes import check_meshes
 
 _MOVING = tuple(side + name for side in "LR" for name in ARM_JOINTS)
 _ON_THE_TORSO = "LShoulderPitch"
@@ -85,7 +86,7 @@ class OwnNao:
         game: NDArray[np.uint8],
         width: int,
         height: int,
-        viewpoint: Viewpoint,
+        viewpoint: ViewName | Viewpoint,
         *,
         moved: bool = True,
     ) -> NDArray[np.uint8]:
@@ -98,7 +99,7 @@ class OwnNao:
             self._engine.resetJointState(self._body, self._joints[name], angle)
         self._controller.mimic(room.controller)
         self._controller.show()
-        return self._views.picture(viewpoint, game, width, height, moved=moved)
+        return self._views.picture(place_of(viewpoint), game, width, height, moved=moved)
 
     def _new_views(self) -> Views:
         furniture = self._furniture

@@ -1,0 +1,51 @@
+"""What an environment says about a step beside its observation, declared once."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+
+class StepInfo(NamedTuple):
+    """The ``info`` of a `reset` or `step`: typed here, a dictionary for Gymnasium.
+
+    An environment gives ``StepInfo(...)._asdict()``. The first three have no default: every
+    environment of this project plays games and must say where one ends.
+    """
+
+    game_over: bool
+    """The game ended at this step, by its own rules or cut short."""
+    game_score: float
+    """Points of the game so far, random start included."""
+    game_steps: int
+    """Agent steps of the game so far, random start included."""
+    valid_frame: bool = True
+    """The newest frame really shows the screen."""
+    keys_match: bool = True
+    """The keys pressed at the step's end were the commanded ones."""
+    elapsed: int = 1
+    """Agent steps of game time that the step took; 0 for a reset."""
+    gave_up: bool = False
+    """The wait for the commanded keys ended at its bound, without them."""
+    missed_deadlines: int = 0
+    """Agent steps of game time that passed before this step's command or, unless the agent waits
+    for its keys, after the one that the command was for."""
+    late_frames: int = 0
+    """Emulator frames of this step that began more than a frame too late."""
+    key_times: tuple[int, ...] = ()
+    """What `KeyWatch` measured since the last step (see `common.press_latency`); a reset tells
+    none."""
+
+    @classmethod
+    def of(cls, info: Mapping[str, Any]) -> "StepInfo":
+        """Returns what ``info`` says; the keys that a wrapper added are left out.
+
+        Raises:
+            KeyError: one of the keys without a default is missing.
+        """
+        missing = [name for name in cls._fields if name not in {*info, *cls._field_defaults}]
+        if missing:
+            raise KeyError(f"info lacks {', '.join(missing)}: give StepInfo(...)._asdict().")
+        # Each to its own type, because some environments count in numpy's.
+        return cls(**{name: kind(info[name]) for name, kind in _TYPES if name in info})
+
+
+_TYPES = tuple(StepInfo.__annotations__.items())

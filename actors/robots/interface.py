@@ -1,0 +1,75 @@
+"""What an environment needs of a robot: nothing above this protocol knows which robot it is.
+
+A robot is a module that implements `Robot` and an entry in `common.registry.ROBOTS`.
+"""
+
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from common.actions import Keys
+
+ViewName = Literal["room", "hands"]
+"""Where people look from: at the robot and its surroundings, or at its hands on the keys."""
+
+
+class Hands(Protocol):
+    """Whatever presses the controller's keys: a robot, or a model of its latency."""
+
+    @property
+    def held(self) -> Keys:
+        """The keys that were pressed at the end of the last frame."""
+
+    def rest(self) -> None:
+        """Take every hand off the keys, with no command on its way, whatever was before."""
+
+    def command(self, keys: Keys) -> None:
+        """Set out to hold exactly ``keys`` down."""
+
+    def step_frame(self) -> Keys:
+        """Pass one emulator frame (1/60 s); returns the keys that are pressed at its end."""
+
+
+class Robot(Hands, Protocol):
+    """A robot with its hands on a controller and its camera before the game's screen.
+
+    Its factory gets the screen's rows and columns, the `CameraConfig` and the `PlayConfig`.
+    """
+
+    def begin_game(self, rng: Generator) -> None:
+        """Draw what the settings let differ from game to game, before the game's first picture."""
+
+    def camera_picture(self, screen: NDArray[np.uint8], decisions: int = 1) -> NDArray[np.uint8]:
+        """Returns what the robot's camera gives, ``uint8 [240, 320, 3]``.
+
+        Args:
+            screen: the game's picture, ``uint8 [rows, columns, 3]``.
+            decisions: agent steps of game time since the last picture was taken.
+        """
+
+    def proprioception(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Returns the joints' angles, -1 to 1 between their limits, and their speeds as shares of
+        their greatest, ``float64 [J]`` each."""
+
+    def true_corners(self) -> NDArray[np.float64] | None:
+        """Returns where the corners of the projected picture truly are in the camera's,
+        ``float64 [4, 2]``, clockwise from the top left; None where nobody knows."""
+
+    def view(
+        self,
+        screen: NDArray[np.uint8],
+        width: int,
+        height: int,
+        viewpoint: ViewName = "room",
+        *,
+        moved: bool = True,
+    ) -> NDArray[np.uint8]:
+        """Returns a picture for people, ``uint8 [height, width, 3]``.
+
+        Without ``moved`` only the game on the screen has to be new.
+        """
+
+    def close(self) -> None:
+        """Release what the robot holds; closing twice does no harm."""

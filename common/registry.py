@@ -1,0 +1,130 @@
+"""Environments and robots by the names that a run's configuration calls them.
+
+Learner and replay need no more of an environment than its numbers of actions and of vector
+components, and only actors load the rest. So an entry tells these numbers, and where its factory
+is as text that is resolved late: PyBullet, OpenCV and ale-py are loaded only where they are used.
+
+Another environment is one module and its entry: `ENVIRONMENTS.add` in the same process, or an entry
+point of an installed package, which every process of a run finds (CONTRIBUTING.md)::
+
+    [project.entry-points."ale_robot.environments"]
+    catch = "my_package:CATCH"
+"""
+
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+from common.actions import KEYS_OF_ACTION
+from common.errors import InputError
+from common.games import MINIMAL_ACTIONS, check_game
+from common.proprioception import vector_width
+
+if TYPE_CHECKING:
+    from common.run.config import PlayConfig, PresetName, RunConfig
+
+
+@dataclass(frozen=True)
+class Environment:
+    """What is known of an environment without loading it."""
+
+    name: str
+    factory: str | Callable[..., Any]
+    """``factory(config: RunConfig, clock: ClockConfig, *, training: bool)`` returns the
+    `gymnasium.Env`; or ``"module:factory"``. With ``training`` episodes may end at a lost life."""
+    actions: Callable[["RunConfig"], int]
+    """Number of actions. Raises InputError for a game that there is not."""
+    vector_width: Callable[["PlayConfig"], int] = lambda play: vector_width(0)
+    """Numbers of the vector observation, if ``play.vector`` asks for one."""
+    robot: bool = False
+    """Whether hands press the keys, so that real time and waiting for keys mean something."""
+    preset: "PresetName" = "fast"
+    """Settings to start from where no preset is named."""
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class RobotKind:
+    """What is known of a robot without loading it."""
+
+    name: str
+    factory: str | Callable[..., Any]
+    """``factory(screen_shape: tuple[int, int], camera: CameraConfig, play: PlayConfig)`` returns
+    the `actors.robots.interface.Robot`; or ``"module:factory"``."""
+    joints: int
+    """Joints of its arms, whose angles and speeds are in the vector observation."""
+
+
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+    @property
+    def factory(self) -> str | Callable[..., Any]: ...
+
+
+T = TypeVar("T", bound=_Named)
+
+
+class Registry(Generic[T]):
+    """Entries by name: this project's, added ones, and those of installed packages."""
+
+    def __init__(self, noun: str, *entries: T) -> None:
+        self._noun = noun
+        self._group = f"ale_robot.{noun}s"
+        self._entries = {entry.name: entry for entry in entries}
+
+    @property
+    def names(self) -> list[str]:
+        """The names of all entries."""
+        return sorted({*self._entries, *entry_points(group=self._group).names})
+
+    def add(self, entry: T) -> None:
+        """Add an entry, or replace the one of the same name."""
+        self._entries[entry.name] = entry
+
+    def find(self, name: str) -> T:
+        """Returns the entry called ``name``.
+
+        Raises:
+            InputError: there is none.
+        """
+        if name not in self._entries:
+            for point in entry_points(group=self._group, name=name):
+                self.add(point.load())
+        if name not in self._entries:
+            raise InputError(
+                f"there is no {self._noun} {name!r}: choose one of {', '.join(self.names)}, "
+                "or install the package that has it."
+            )
+        return self._entries[name]
+
+    def make(self, name: str, *arguments: Any, **named: Any) -> Any:
+        """Returns what the factory of the entry called ``name`` makes."""
+        factory = self.find(name).factory
+        return (pkgutil.resolve_name(factory) if isinstance(factory, str) else factory)(
+            *arguments, **named
+        )
+
+
+def _atari_actions(config: "RunConfig") -> int:
+    minimal = MINIMAL_ACTIONS[check_game(config.game)]
+    return len(minimal if config.play.minimal_actions else KEYS_OF_ACTION)
+
+
+ROBOTS = Registry("robot", RobotKind("nao", "actors.robots.nao.room:Room", joints=8))
+
+ENVIRONMENTS = Registry(
+    "environment",
+    Environment("ale", "actors.envs.ale:AtariEnv.of_run", _atari_actions, title="ALE-Only"),
+    Environment(
+        "robot",
+        "actors.envs.robot:RobotEnv.of_run",
+        _atari_actions,
+        lambda play: vector_width(ROBOTS.find(play.robot).joints),
+        robot=True,
+        preset="robot",
+        title="ALE-Robot",
+    ),
+)

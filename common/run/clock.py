@@ -1,0 +1,47 @@
+"""How the world passes its time: declared and checked here, for actors, learner and viewer."""
+
+from dataclasses import dataclass
+
+from common.errors import InputError
+from common.registry import ENVIRONMENTS
+
+
+@dataclass(frozen=True)
+class ClockConfig:
+    """Whether a robot's world waits for its agent, and how long a step lasts."""
+
+    sync: bool = True
+    """Physics, emulator and agent in lockstep, as fast as the machine allows. With --no-sync
+    physics and game run in real time, whether the agent is ready or not."""
+    wait_action: bool = False
+    """Let a robot's step last until the commanded keys are pressed, play.wait_bound agent steps at
+    most."""
+    speed: float = 1.0
+    """Game seconds per second, with --no-sync."""
+
+    def check(self, env: str | None = None) -> None:
+        """Refuse settings that cannot work, in the environment called ``env`` if it is known.
+
+        Raises:
+            InputError: with the flag at fault and what to do.
+        """
+        if not 0 < self.speed < float("inf"):
+            raise InputError(f"--speed is {self.speed}: choose a number above 0.")
+        if self.sync and self.speed != 1.0:
+            raise InputError("--speed is for --no-sync: with --sync time goes as fast as it can.")
+        if env and (flag := self.robot_flag) and not ENVIRONMENTS.find(env).robot:
+            raise InputError(f"{flag} is for a robot, and --env {env} has none: omit it.")
+
+    @property
+    def robot_flag(self) -> str:
+        """The first flag that only a robot's world can follow; empty if there is none."""
+        return "--no-sync" if not self.sync else "--wait-action" if self.wait_action else ""
+
+    def flags(self) -> list[str]:
+        """Returns the flags that give a child process the same clock."""
+        flags = ["--sync"] if self.sync else ["--no-sync", "--speed", f"{self.speed:g}"]
+        return [*flags, "--wait-action"] if self.wait_action else flags
+
+    def __str__(self) -> str:
+        real_time = "" if self.sync else f", in real time × {self.speed:g}"
+        return real_time + (", waiting for its keys" if self.wait_action else "")

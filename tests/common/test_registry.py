@@ -1,0 +1,89 @@
+"""Environments and robots that are found by name, also those of installed packages."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from common.errors import InputError
+from common.registry import ENVIRONMENTS, ROBOTS, Environment, Registry, RobotKind
+from common.run.config import RunConfig
+from common.run.presets import PRESETS
+from tests.paths import ROOT
+
+
+def test_this_projects_are_known() -> None:
+    assert ENVIRONMENTS.names == ["ale", "robot"]
+    assert ROBOTS.names == ["nao"]
+    assert not ENVIRONMENTS.find("ale").robot
+    assert ENVIRONMENTS.find("robot").robot
+
+
+@pytest.mark.parametrize(
+    ("config", "sentence"),
+    [
+        (RunConfig(env="real"), "there is no environment 'real': choose one of ale, robot, or"),
+        (
+            replace(RunConfig(), play=replace(RunConfig().play, robot="atlas")),
+            "there is no robot 'atlas': choose one of nao, or install",
+        ),
+    ],
+)
+def test_a_run_in_what_nobody_has_is_refused(config: RunConfig, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        config.check()
+
+
+def test_an_emulator_alone_needs_no_robot() -> None:
+    play = replace(PRESETS["fast"].play, robot="atlas")
+    replace(PRESETS["fast"], play=play).check()
+
+
+def test_an_entry_is_added_made_and_replaced() -> None:
+    registry = Registry[RobotKind]("robot")
+    with pytest.raises(InputError):
+        registry.find("toy")
+    registry.add(RobotKind("toy", SimpleNamespace, joints=3))
+    assert registry.find("toy").joints == 3
+    assert registry.make("toy", arm=1) == SimpleNamespace(arm=1)
+    registry.add(RobotKind("toy", "types:SimpleNamespace", joints=4))
+    assert registry.names == ["toy"]
+    assert registry.find("toy").joints == 4
+    assert registry.make("toy", arm=2) == SimpleNamespace(arm=2)
+
+
+def test_an_installed_package_brings_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "my_catch.py").write_text(
+        "from common.registry import Environment\n"
+        "CATCH = Environment('catch', 'my_catch:make', lambda config: 3)\n"
+    )
+    metadata = tmp_path / "my_catch-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Name: my-catch\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[ale_robot.environments]\ncatch = my_catch:CATCH\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    registry = Registry[Environment]("environment")
+    assert registry.names == ["catch"]
+    assert "my_catch" not in sys.modules
+    assert registry.find("catch").actions(RunConfig()) == 3
+    monkeypatch.delitem(sys.modules, "my_catch")
+
+
+@pytest.mark.parametrize("package", ["replay", "learner"])
+def test_replay_and_learner_load_neither_actors_nor_an_emulator(package: str) -> None:
+    program = (
+        f"import sys, {package}.__main__\n"
+        "from common.run.config import RunConfig\n"
+        "assert RunConfig().action_count == 18\n"
+        "print(*{name.split('.')[0] for name in sys.modules})"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert not {"actors", "viewer", "ale_py", "pybullet", "gymnasium"} & set(loaded)
+    assert package in loaded

@@ -1,0 +1,107 @@
+"""Environments drawn into the terminal: Gymnasium's render_mode "human", as a wrapper.
+
+The environments themselves know only "rgb_array".
+"""
+
+import math
+import pkgutil
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.vision.layout import ASPECT
+from viewer.terminal.window import TerminalWindow, check_terminal
+
+ROOM_EVERY = 4
+"""Steps between renderings of the room, which take as long as a decision; the game on its screen
+is always new."""
+_ROOM_SIZE = (256, 192)
+"""Width and height: small, as the terminal's cells are large."""
+
+
+class TerminalRendering(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Draws ``env``, which renders "rgb_array", after every reset and step.
+
+    Args:
+        aspect: width of a picture as a multiple of its height, where its pixels are not square.
+
+    Raises:
+        InputError: standard output is not a terminal.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], aspect: float | None = None) -> None:
+        super().__init__(env)
+        rate = float(env.metadata["render_fps"])
+        self.metadata = {"render_modes": ["human", "rgb_array"], "render_fps": rate}
+        clock = getattr(env.unwrapped, "clock", None)
+        # In real time the world's clock sets the pace, and the window must not hold it up.
+        self._window = TerminalWindow(rate if clock is None or clock.sync else math.inf)
+        self._aspect = aspect
+        self._view: Callable[..., NDArray[np.uint8]] | None = getattr(env.unwrapped, "view", None)
+        self._shown = 0  # pictures since the last reset
+
+    @property
+    def render_mode(self) -> str:  # type: ignore[override]
+        """The mode that this wrapper makes of the environment's."""
+        return "human"
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment and draw it."""
+        outcome = self.env.reset(seed=seed, options=options)
+        self._shown = 0
+        self._show()
+        return outcome
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step the environment and draw it."""
+        outcome = self.env.step(action)
+        self._show()
+        return outcome
+
+    def render(self) -> None:
+        """Do nothing: every step is drawn already."""
+
+    def close(self) -> None:
+        """Close the environment and give the terminal back."""
+        self._window.close()
+        self.env.close()
+
+    def _show(self) -> None:
+        picture: Any
+        if self._view is None:
+            picture = self.env.render()
+        else:
+            picture = self._view(*_ROOM_SIZE, moved=self._shown % ROOM_EVERY == 0)
+        self._shown += 1
+        self._window.show(picture, self._aspect)
+
+
+class EntryPoint:
+    """What Gymnasium calls to make an environment: drawn into the terminal for "human"."""
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 15}  # noqa: RUF012
+
+    def __init__(self, env: str, aspect: float | None = None) -> None:
+        self._env = env
+        self._aspect = aspect
+
+    def __call__(
+        self, *, render_mode: str | None = None, **settings: Any
+    ) -> gymnasium.Env[Any, Any]:
+        """Raises InputError for render_mode "human" where standard output is not a terminal."""
+        human = render_mode == "human"
+        if human:
+            check_terminal()
+        made: gymnasium.Env[Any, Any] = pkgutil.resolve_name(self._env)(
+            render_mode="rgb_array" if human else render_mode, **settings
+        )
+        return TerminalRendering(made, self._aspect) if human else made
+
+
+robot_env = EntryPoint("actors.envs.robot:RobotEnv")
+emulator_env = EntryPoint("actors.envs.ale:AtariEnv", ASPECT)
