@@ -92,12 +92,11 @@ def keys_can_follow(play: PlayConfig) -> bool:
 def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:
     """Returns the health checks of a run with these figures; None is open, NaN fails."""
     checks = []
+    robot = ENVIRONMENTS.find(config.env).robot
     for rule in _RULES:
         value = number(values, rule.key)
         passed = None if value is None else bool(_HOLDS[rule.sign](value, rule.bound))
-        if (rule.robot and not ENVIRONMENTS.find(config.env).robot) or (
-            rule.quiet and passed is not False
-        ):
+        if (rule.robot and not robot) or (rule.quiet and passed is not False):
             continue
         if not _can_tell(rule, values, config.play):
             passed = None

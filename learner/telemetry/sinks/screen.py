@@ -16,6 +16,7 @@ from rich.text import Text
 
 from common.metrics import METRICS, Values, number
 from common.protocol.actor_stats import TOTALS
+from common.registry import ENVIRONMENTS
 from learner.telemetry.sinks import formats
 from learner.telemetry.sinks.formats import figure, fill, troubles
 from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
@@ -129,7 +130,8 @@ def _grid(*columns: Column, gap: int = 1, expand: bool = True) -> Table:
 
 
 def _header(values: Values) -> Table:
-    title = Text("ALE-Robot" if values["run/env"] == "robot" else "ALE-Only", f"bold {_ACCENT}")
+    env = ENVIRONMENTS.find(str(values["run/env"]))
+    title = Text(env.title or env.name, f"bold {_ACCENT}")
     title.append(f"  {values['run/game']}", "bold default")
     title.append(f"  run {values['run/run']}", "default")
     grid = _grid(Column(ratio=1), Column(justify="right"))
@@ -177,8 +179,9 @@ def _progress(values: Values) -> Table:
 def _figures(values: Values, rows: int) -> Table:
     """The panels of the table; the first `_FIGURE_ROWS` places of each are always shown."""
     panels: dict[str, list[tuple[int, str, str]]] = {}
+    robot = ENVIRONMENTS.find(str(values["run/env"])).robot
     for metric in METRICS.values():
-        if metric.panel and (values["run/env"] == "robot" or not metric.robot):
+        if metric.panel and (robot or not metric.robot):
             title, place = metric.panel
             shown = metric.shown or f"{{{metric.key}}}"
             line = place, fill(metric.label, values), fill(shown, values)

@@ -7,7 +7,7 @@ import pytest
 
 from common.metrics import Value
 from common.press_latency import UNMEASURED, Delay, ms_of
-from common.run.config import EnvKind, PlayConfig
+from common.run.config import PlayConfig
 from common.run.presets import PRESETS
 from learner.telemetry.health_checks import judge, keys_can_follow
 from learner.telemetry.snapshot import HealthCheck
@@ -27,7 +27,7 @@ HEALTHY: dict[str, Value] = {
 
 
 def judged(
-    values: dict[str, Value] | None = None, play: PlayConfig | None = None, env: EnvKind = "robot"
+    values: dict[str, Value] | None = None, play: PlayConfig | None = None, env: str = "robot"
 ) -> dict[str, HealthCheck]:
     config = replace(PRESETS["robot"], env=env, play=play or PlayConfig())
     return {check.name: check for check in judge({**HEALTHY, **(values or {})}, config)}
