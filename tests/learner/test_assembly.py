@@ -1,0 +1,131 @@
+"""A whole learner from its real parts, in one process: it starts, learns, stops and continues."""
+
+import io
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from safetensors import safe_open
+
+from common.network import build_network
+from common.protocol.run_keys import RunKeys
+from common.run.folder import RunFolder
+from common.transport.in_process import InProcessHub
+from common.transport.interface import Transport
+from learner.algorithm.registry import build_algorithm
+from learner.assembly import build_learner
+from learner.device import Device
+from learner.telemetry.sinks.display import PlainDisplay
+from learner.training import Learner
+from replay.replay_buffer import ReplayBuffer
+from replay.server import ReplayServer
+from tests.patience import PATIENCE, wait_until
+from tests.replay.replay_reference import GOES_ON, RUN, TERMINATES, Actor, make_config
+
+_SMALL = make_config(capacity=2_000, learning_starts=40, batch_size=4, frame_stack=4)
+CONFIG = replace(
+    _SMALL,
+    env="ale",
+    protocol=replace(_SMALL.protocol, epoch_steps=80, test_steps=20, held_out_states=8),
+    learning=replace(_SMALL.learning, train_period=8, publish_period=2),
+)
+
+
+@dataclass
+class Place:
+    """A learner, and what actors would see of its run."""
+
+    learner: Learner
+    memory: ReplayBuffer
+    folder: RunFolder
+    client: Transport
+    actor: Actor
+    rng: np.random.Generator
+
+    def play(self, chunks: int) -> None:
+        """An actor sends chunks of eight steps, at whose ends an episode ends."""
+        for _ in range(chunks):
+            self.memory.insert(self.actor.live([*[GOES_ON] * 7, TERMINATES], self.rng))
+
+    def checkpoint(self) -> dict[str, Any]:
+        with safe_open(self.folder.checkpoint, "pt") as file:
+            state: dict[str, Any] = json.loads(file.metadata()["state"])
+        return state
+
+
+@contextmanager
+def place(runs: Path, actor: Actor, *, resume: bool, steps_goal: int | None) -> Iterator[Place]:
+    """The process of a learner, from its start to its end."""
+    folder = RunFolder(runs, RUN)
+    folder.path.mkdir(exist_ok=True)
+    device = Device(torch.device("cpu"), bfloat16=False)
+    with ExitStack() as stack:
+        meeting = InProcessHub()
+        hub, client = (stack.enter_context(meeting.connect()) for _ in range(2))
+        memory = ReplayBuffer(CONFIG, folder.replay)
+        stack.callback(memory.close)
+        stack.enter_context(ReplayServer(hub, memory, CONFIG, RUN))
+        learner = build_learner(
+            *(hub, CONFIG, folder, memory),
+            build_algorithm(CONFIG, build_network(CONFIG, 18), device),
+            device,
+            PlainDisplay(io.StringIO()),
+            steps_goal=steps_goal,
+            resume=resume,
+            clock_mode={},
+            gate_minutes=1e6,
+            stall_minutes=1e6,
+            force=False,
+            stop=threading.Event(),
+        )
+        yield Place(learner, memory, folder, client, actor, np.random.default_rng(1))
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
+    actor = Actor("a", CONFIG.play.frame_stack)
+    with place(tmp_path, actor, resume=False, steps_goal=None) as run:
+        versions: list[int] = []
+        run.client.subscribe(
+            RunKeys(RUN).weights, lambda told: versions.append(int(told.attachment))
+        )
+        run.play(5)
+        run.learner.start()
+        thread = threading.Thread(target=run.learner.run)
+        thread.start()
+        run.play(12)
+        wait_until(lambda: (run.folder.snapshots / "epoch-0001.safetensors").exists(), "an epoch")
+        wait_until(lambda: versions and versions[-1] >= 10, "weights are broadcast")
+        run.learner.stop.set()
+        thread.join(PATIENCE)
+        before = run.checkpoint()
+        assert before["books"]["agent_steps"] == 17 * 8
+        assert before["updates"] >= 10
+        assert [test["epoch"] for test in before["tests"]] == [1]
+    rows = (run.folder.epochs).read_text().splitlines()
+
+    with place(tmp_path, actor, resume=True, steps_goal=18 * 8) as again:
+        again.learner.start()
+        assert again.checkpoint() | {"seconds": 0} == before | {"seconds": 0}
+        again.play(1)
+        again.learner.run()
+        assert again.learner.done
+        after = again.checkpoint()
+        assert after["updates"] >= before["updates"]
+        assert after["seconds"] >= before["seconds"]
+        assert json.loads(again.folder.summary.read_text())["agent_steps"] == 18 * 8
+    assert again.folder.epochs.read_text().splitlines()[: len(rows)] == rows
