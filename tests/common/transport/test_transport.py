@@ -384,6 +384,8 @@ def test_closing_a_transport_closes_all_that_is_its_own(place: Place) -> None:
     wait_until(lambda: watched[-1] == ("ale-robot/r/live/actor/a", False), "it is gone")
     wait_until(lambda: not asking.has_server, "its server is gone")
     assert not any(thread.is_alive() for thread in set(threading.enumerate()) - before)
+    place.hub.serve(f"{KEY}/other", echo)
+    assert outcome(requester.request(b"after the end")) is None
     transport.close()
 
 
@@ -499,7 +501,10 @@ def test_a_subscription_that_is_closed_hears_nothing(place: Place, client: Trans
 
 def test_presence_is_seen_from_its_beginning_to_its_end(place: Place, client: Transport) -> None:
     first = client.announce("ale-robot/r/live/actor/a")
-    watched: SimpleQueue[tuple[str, bool]] = SimpleQueue()
+    seen: SimpleQueue[tuple[str, bool]] = SimpleQueue()
+    place.hub.watch_presence("ale-robot/r/live/**", lambda *news: seen.put(news))
+    assert seen.get(timeout=PATIENCE) == ("ale-robot/r/live/actor/a", True)
+    watched: SimpleQueue[tuple[str, bool]] = SimpleQueue()  # by one who comes later
     watch = place.hub.watch_presence("ale-robot/r/live/*/*", lambda *news: watched.put(news))
     assert watched.get(timeout=PATIENCE) == ("ale-robot/r/live/actor/a", True)
     other = place.join()
