@@ -78,6 +78,13 @@ def number(values: Values, key: str) -> float | None:
 
 
 # fmt: off
+_OF_LATENCY: tuple[tuple[str, Unit, str, str], ...] = (
+    ("measured", "commands", "count", "Commands that were watched until"),
+    ("p50", "milliseconds", "ms", "Median of the time until"),
+    ("p99", "milliseconds", "ms", "99th percentile of the time until"),
+    ("watched", "milliseconds", "ms", "Longest time that a command was watched until"),
+    ("given_up", "ratio", ".3", "Share of the commands that were given up before"),
+)
 declare(
     Metric("run/run", "none", "text", "Name of the run", summary="run"),
     Metric("run/preset", "none", "text", "Preset of its settings", summary="preset"),
@@ -111,7 +118,7 @@ declare(
     Metric("run/test_steps_per_second", "per second", ".1",
            "Agent steps per second over all finished tests", summary="test_steps_per_second"),
     Metric("run/epochs_per_day", "per day", ".1",
-           "Epochs of 2017, training and then testing, that fit in a day at these two rates",
+           "Epochs of 2017, training and then testing, that fit in a day at the rates of this run",
            summary="epochs_per_day"),
 
     Metric("play/test_reward", "points", ".2", "Mean score of the latest finished test",
@@ -161,14 +168,16 @@ declare(
     Metric("stream/chunks_refused", "chunks", "count", "Chunks that the replay refused",
            "refused", ("Stream", 8), curve=True, gate="refused_chunks", summary="chunks.refused",
            counter=True),
-    Metric("hands/press_p50", "milliseconds", "ms", "The same, median",
+    Metric("hands/press_p50", "milliseconds", "ms",
+           "Median of the time until every key of a command is down, of late",
            "press p50/p99", ("Reward", 6), "{hands/press_p50}/{hands/press_p99}", robot=True,
            gate="press_p50_ms"),
     Metric("hands/release_p50", "milliseconds", "ms",
            "Median of the time until every key of the previous command is up, of late",
            "release p50/p99", ("Reward", 5), "{hands/release_p50}/{hands/release_p99}", robot=True,
            gate="release_p50_ms"),
-    Metric("hands/release_p99", "milliseconds", "ms", "The same, 99th percentile",
+    Metric("hands/release_p99", "milliseconds", "ms",
+           "99th percentile of the time until every key of the previous command is up, of late",
            gate="release_p99_ms"),
 
     Metric("stream/steps_per_second", "per second", ".1", "Agent steps per second, of late",
@@ -184,7 +193,8 @@ declare(
            "Median of the updates between a chunk's weights and the newest when it arrives",
            "stale p50/p95", ("Stream", 3), "{stream/staleness_p50} / {stream/staleness_p95}",
            curve=True, summary="staleness_updates.p50"),
-    Metric("stream/staleness_p95", "updates", ".0", "The same, 95th percentile",
+    Metric("stream/staleness_p95", "updates", ".0",
+           "95th percentile of the updates between a chunk's weights and the newest as it arrives",
            curve=True, summary="staleness_updates.p95"),
     Metric("stream/weights_version", "updates", "count",
            "Updates that made the newest published weights", "weights no.", ("Learning", 7),
@@ -210,7 +220,7 @@ declare(
            "Memory of the process that holds the replay, without file pages",
            summary="replay_process.private_bytes"),
     Metric("replay/resident_bytes", "bytes", "count",
-           "The same, with the file pages that happen to be in memory",
+           "Memory of the process that holds the replay, file pages in memory included",
            summary="replay_process.resident_bytes"),
     Metric("replay/file_bytes", "bytes", "count", "Size of the replay's files",
            summary="replay_process.file_bytes"),
@@ -220,26 +230,12 @@ declare(
            summary="decisions_per_step"),
 )
 for _goal, _until in (("press", "command is down"), ("release", "previous command is up")):
-    declare(
-        Metric(f"run/{_goal}_measured", "commands", "count",
-               f"Commands watched until every key of the {_until}, over the run",
-               summary=f"{_goal}_ms.measured", counter=True),
-        Metric(f"run/{_goal}_p50", "milliseconds", "ms",
-               f"Median of the time until every key of the {_until}, over the run",
-               summary=f"{_goal}_ms.p50"),
-        Metric(f"run/{_goal}_p99", "milliseconds", "ms", "The same, 99th percentile",
-               summary=f"{_goal}_ms.p99"),
-        Metric(f"run/{_goal}_watched", "milliseconds", "ms",
-               "Longest time that one of these commands was watched",
-               summary=f"{_goal}_ms.watched"),
-        Metric(f"run/{_goal}_given_up", "ratio", ".3",
-               "Share of these commands that were given up before",
-               summary=f"{_goal}_ms.given_up"),
-        Metric(f"hands/{_goal}_measured", "commands", "count",
-               f"Commands watched until every key of the {_until}, of late"),
-        Metric(f"hands/{_goal}_watched", "milliseconds", "ms",
-               "Longest time that one of these commands was watched"),
-        Metric(f"hands/{_goal}_given_up", "ratio", ".3",
-               "Share of these commands that were given up before"),
-    )
+    for _group, _when in (("run", "over the run"), ("hands", "of late")):
+        _told = f"every key of the {_until}, {_when}"
+        declare(*(
+            Metric(f"{_group}/{_goal}_{_name}", _unit, _form, f"{_what} {_told}",
+                   summary=f"{_goal}_ms.{_name}" if _group == "run" else "")
+            for _name, _unit, _form, _what in _OF_LATENCY
+            if f"{_group}/{_goal}_{_name}" not in METRICS
+        ))
 # fmt: on

@@ -17,6 +17,8 @@ def test_each_figure_is_declared_in_full(metric: Metric) -> None:
     assert metric.unit in get_args(Unit)
     assert metric.form in FORMS
     assert re.fullmatch(r"[A-Z0-9].{3,}[^.\s]", metric.meaning)
+    # It is read alone, such as in a HELP line of Prometheus.
+    assert not re.search(r"\b(the same|these|those two)\b", metric.meaning, re.IGNORECASE)
     assert bool(metric.label) == (metric.panel is not None)
     for template in (metric.label, metric.shown):
         assert set(re.findall(r"\{(.+?)\}", template)) <= METRICS.keys()

@@ -32,17 +32,17 @@ def _until(condition: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def chunks(roster: ActorRegistry) -> tuple[Any, ...]:
+def chunks(registry: ActorRegistry) -> tuple[Any, ...]:
     """Made, sent again, and stored in excess."""
-    values = roster.values()
+    values = registry.values()
     assert values.keys() <= METRICS.keys()
     return tuple(values[f"stream/chunks_{name}"] for name in ("made", "retried", "excess"))
 
 
-def credit(roster: ActorRegistry, count: int, incarnation: int = 7) -> None:
+def credit(registry: ActorRegistry, count: int, incarnation: int = 7) -> None:
     """The replay stores so many chunks of a process."""
     for index in range(count):
-        roster.accepted(
+        registry.accepted(
             ChunkStatistics(index, 64 * index, 64, "a1", 0.5, 50, 0, 64, 64, (), incarnation)
         )
 
@@ -51,25 +51,25 @@ def test_an_actor_from_its_arrival_to_its_leave(
     hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "_LAST_WORDS", 0.2)
-    roster = ActorRegistry(hub, KEYS)
+    registry = ActorRegistry(hub, KEYS)
     notes: list[str] = []
     token = client.announce(KEYS.live("actor", "a1"))
-    _until(lambda: roster.alive("actor") == {"a1"})
-    assert roster.alive("evaluator") == set()
+    _until(lambda: registry.alive("actor") == {"a1"})
+    assert registry.alive("evaluator") == set()
     client.publisher(KEYS.stats("actor", "a1")).publish(STATS.encode())
-    _until(lambda: chunks(roster) == (10, 2, 0))
-    (actor,) = roster.actors()
+    _until(lambda: chunks(registry) == (10, 2, 0))
+    (actor,) = registry.actors()
     assert (actor.alive, actor.stats) == (True, STATS)
     assert (actor.stats.valid_share, actor.stats.match_share) == (0.75, 0.5)
 
     client.publisher(KEYS.stats("actor", "a1")).publish(
         replace(STATS, leaving=True, made=11).encode()
     )
-    _until(lambda: chunks(roster) == (11, 2, 0))
+    _until(lambda: chunks(registry) == (11, 2, 0))
     token.close()
-    _until(lambda: bool(notes.extend(roster.take_notes()) or "a1 left" in notes))
+    _until(lambda: bool(notes.extend(registry.take_notes()) or "a1 left" in notes))
     assert notes == ["a1 joined", "a1 left"]
-    (actor,) = roster.actors()
+    (actor,) = registry.actors()
     assert not actor.alive
 
 
@@ -77,30 +77,30 @@ def test_one_that_goes_without_a_word_was_lost(
     hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "_LAST_WORDS", 0.2)
-    roster = ActorRegistry(hub, KEYS)
+    registry = ActorRegistry(hub, KEYS)
     token = client.announce(KEYS.live("actor", "a1"))
-    _until(lambda: roster.alive("actor") == {"a1"})
+    _until(lambda: registry.alive("actor") == {"a1"})
     client.publisher(KEYS.stats("actor", "a1")).publish(STATS.encode())
-    _until(lambda: chunks(roster) == (10, 2, 0))
+    _until(lambda: chunks(registry) == (10, 2, 0))
     token.close()
     notes: list[str] = []
-    _until(lambda: bool(notes.extend(roster.take_notes()) or "a1 was lost" in notes))
-    assert roster.alive("actor") == set()
+    _until(lambda: bool(notes.extend(registry.take_notes()) or "a1 was lost" in notes))
+    assert registry.alive("actor") == set()
 
 
 def test_counts_add_up_over_restarts_of_actor_and_learner(
     hub: Transport, client: Transport
 ) -> None:
-    roster = ActorRegistry(hub, KEYS)
+    registry = ActorRegistry(hub, KEYS)
     client.publisher(KEYS.stats("actor", "a1")).publish(STATS.encode())
     client.publisher(KEYS.stats("actor", "a1")).publish(
         replace(STATS, incarnation=8, made=5).encode()
     )
-    _until(lambda: chunks(roster) == (15, 4, 0))
+    _until(lambda: chunks(registry) == (15, 4, 0))
     again = ActorRegistry(client, KEYS)
-    again.restore(json.loads(json.dumps(roster.state())))
+    again.restore(json.loads(json.dumps(registry.state())))
     assert chunks(again) == (15, 4, 0)
-    assert again.key_times() == roster.key_times() == (2,) * 60 + (10,) * 60
+    assert again.key_times() == registry.key_times() == (2,) * 60 + (10,) * 60
     values = again.values()
     assert [values[f"actors/{name}"] for name in ("steps", "elapsed", "missed_deadlines")] == [
         1_280,
@@ -116,37 +116,37 @@ def test_counts_add_up_over_restarts_of_actor_and_learner(
 
 
 def test_a_checkpoint_from_before_hands_were_timed_is_restored(hub: Transport) -> None:
-    roster = ActorRegistry(hub, KEYS)
-    assert roster.key_times() == ()
+    registry = ActorRegistry(hub, KEYS)
+    assert registry.key_times() == ()
     told = asdict(STATS)
     del told["key_times"], told["valid"]
     told["valid_share"] = 0.75
-    roster.restore([told, asdict(replace(STATS, incarnation=8))])
-    assert chunks(roster) == (20, 4, 0)
-    assert roster.key_times() == STATS.key_times
+    registry.restore([told, asdict(replace(STATS, incarnation=8))])
+    assert chunks(registry) == (20, 4, 0)
+    assert registry.key_times() == STATS.key_times
 
 
 def test_noise_is_passed_over(hub: Transport, client: Transport) -> None:
-    roster = ActorRegistry(hub, KEYS)
+    registry = ActorRegistry(hub, KEYS)
     client.publisher(KEYS.stats("actor", "a1")).publish(b"noise")
     client.publisher(KEYS.stats("actor", "somebody-else")).publish(STATS.encode())
     client.publisher(KEYS.stats("actor", "a1")).publish(replace(STATS, made=3).encode())
-    _until(lambda: chunks(roster) != (0, 0, 0))
-    assert chunks(roster) == (3, 2, 0)
+    _until(lambda: chunks(registry) != (0, 0, 0))
+    assert chunks(registry) == (3, 2, 0)
 
 
 def test_one_that_left_is_still_counted(
     hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "LEFT_SHOWN", 0.0)
-    roster = ActorRegistry(hub, KEYS)
+    registry = ActorRegistry(hub, KEYS)
     token = client.announce(KEYS.live("actor", "a1"))
     client.publisher(KEYS.stats("actor", "a1")).publish(replace(STATS, leaving=True).encode())
-    _until(lambda: chunks(roster) == (10, 2, 0) and roster.alive("actor") == {"a1"})
-    assert not roster.actors()[0].left
+    _until(lambda: chunks(registry) == (10, 2, 0) and registry.alive("actor") == {"a1"})
+    assert not registry.actors()[0].left
     token.close()
-    _until(lambda: roster.alive("actor") == set())
-    (actor,) = roster.actors()
+    _until(lambda: registry.alive("actor") == set())
+    (actor,) = registry.actors()
     assert (actor.left, actor.stats.made) == (True, 10)
 
 

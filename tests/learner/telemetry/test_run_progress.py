@@ -38,21 +38,21 @@ def _chunks(count: int, first: int = 0, steps: int = 50, **more: object) -> list
 
 
 def test_warm_up_then_epochs() -> None:
-    books = RunProgress(CONFIG)
-    ends = list(books.book(_chunks(11)))
+    progress = RunProgress(CONFIG)
+    ends = list(progress.book(_chunks(11)))
     assert [(end.epoch, end.steps, end.scores) for end in ends] == [
         (0, 100, (0.0, 1.0)),
         (1, 200, (2.0, 3.0, 4.0, 5.0)),
         (2, 200, (6.0, 7.0, 8.0, 9.0)),
     ]
-    assert (books.epoch, books.phase_steps, books.agent_steps, books.train_steps) == (
+    assert (progress.epoch, progress.phase_steps, progress.agent_steps, progress.train_steps) == (
         3,
         50,
         550,
         450,
     )
-    assert books.games == 9  # those of the warm-up do not count as training
-    values = books.values(finishing=False)
+    assert progress.games == 9  # those of the warm-up do not count as training
+    values = progress.values(finishing=False)
     assert values["play/train_reward"] == pytest.approx(sum(range(2, 11)) / 9)
     assert values["play/valid_frame_share"] == 1.0
     assert values["play/press_match_share"] == 0.5
@@ -63,20 +63,20 @@ def test_warm_up_then_epochs() -> None:
 
 
 def test_shares_are_over_the_newest_chunks() -> None:
-    books = RunProgress(CONFIG)
-    list(books.book(_chunks(20, valid=0)))
-    list(books.book(_chunks(60, first=20)))
-    assert books.values(finishing=False)["play/valid_frame_share"] == 0.75
-    list(books.book(_chunks(20, first=80)))
-    assert books.values(finishing=False)["play/valid_frame_share"] == 1.0
+    progress = RunProgress(CONFIG)
+    list(progress.book(_chunks(20, valid=0)))
+    list(progress.book(_chunks(60, first=20)))
+    assert progress.values(finishing=False)["play/valid_frame_share"] == 0.75
+    list(progress.book(_chunks(20, first=80)))
+    assert progress.values(finishing=False)["play/valid_frame_share"] == 1.0
 
 
 def test_facts_that_were_seen_before_count_once() -> None:
-    books = RunProgress(CONFIG)
-    list(books.book(_chunks(3)))
-    list(books.book(_chunks(3)))
-    list(books.book(_chunks(2, first=2)))
-    assert (books.agent_steps, books.epoch, books.phase_steps) == (200, 1, 100)
+    progress = RunProgress(CONFIG)
+    list(progress.book(_chunks(3)))
+    list(progress.book(_chunks(3)))
+    list(progress.book(_chunks(2, first=2)))
+    assert (progress.agent_steps, progress.epoch, progress.phase_steps) == (200, 1, 100)
 
 
 def test_it_goes_on_from_its_state() -> None:
@@ -90,18 +90,18 @@ def test_it_goes_on_from_its_state() -> None:
 
 
 def test_an_end_that_is_asked_for_starts_the_next_phase() -> None:
-    books = RunProgress(CONFIG)
-    list(books.book(_chunks(3)))
-    ended = books.close_phase()
+    progress = RunProgress(CONFIG)
+    list(progress.book(_chunks(3)))
+    ended = progress.close_phase()
     assert (ended.epoch, ended.steps) == (1, 50)
-    (next_end,) = books.book(_chunks(5, first=3))
+    (next_end,) = progress.book(_chunks(5, first=3))
     assert (next_end.epoch, next_end.steps) == (2, 200)
 
 
 def test_at_the_very_end_the_last_epoch_is_told_whole() -> None:
-    books = RunProgress(CONFIG)
-    list(books.book(_chunks(6)))
+    progress = RunProgress(CONFIG)
+    list(progress.book(_chunks(6)))
     shown = ("run/epoch", "run/phase_steps", "run/phase_length")
     for finishing, expected in ((False, [2, 0, 200]), (True, [1, 200, 200])):
-        values = books.values(finishing=finishing)
+        values = progress.values(finishing=finishing)
         assert [values[key] for key in shown] == expected

@@ -174,6 +174,7 @@ def test_resume_with_rows_missing_is_refused(path: Path) -> None:
     [
         (b"", "does not name the columns"),
         (b"epoch,phase\n", "does not name the columns"),
+        (HEADER.rstrip().encode(), "does not name the columns"),
         (b"\xff\xfe\x00", "it is not text"),
         ((HEADER + "1,train\n").encode(), "row 1 has 2 cells instead of 16"),
         ((HEADER + TRAIN_LINE.replace("train", "dream")).encode(), "'dream' as its phase"),

@@ -81,7 +81,7 @@ def test_resume_drops_what_came_after_the_checkpoint(tmp_path: Path) -> None:
     for steps in (1_000, 2_000, 3_000):
         table.write(changed(STATUS, {"run/agent_steps": steps}))
     with path.open("a") as file:
-        file.write("70.0,15")  # torn
+        file.write("70.0,1500,,,,,,,,,,,valid fr")  # torn
     started(path, 2_000).write(changed(STATUS, {"run/agent_steps": 2_500}))
     assert [row["agent_steps"] for row in read(path)] == ["1000", "2000", "2500"]
 
@@ -93,6 +93,7 @@ def test_a_table_with_fewer_columns_is_carried_over(tmp_path: Path) -> None:
         "1.0,500,0.5,0,valid frames\n"
         "2.0,1000,1\n"
         "3.0,1500,1,0,\n"
+        "3.0,1500,1,0,,,\n"
         "4.0,2000,1,0,\n"
     )
     started(path, 1_500).write(changed(STATUS, {"run/agent_steps": 1_600}))
