@@ -108,11 +108,7 @@ class Evaluator:
             games += ended
             done = steps >= job.steps and games > 0
             if ended or done:
-                found = (
-                    (Game(step.info.game_score, step.info.game_steps),)
-                    if ended
-                    else ()
-                )
+                found = (Game(step.info.game_score, step.info.game_steps),) if ended else ()
                 report = EvaluationReport(self._name, job.epoch, steps - reported, found, done)
                 reported = steps
                 if not self._report(report):
