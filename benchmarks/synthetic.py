@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from common.protocol.chunk import Chunk
-from common.protocol.step_fields import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_SHAPE, STEP_FIELDS
 
 _GAME_STEPS = 500
 _POOL = 16
@@ -15,12 +15,17 @@ class Streams:
     """Chunks in the order in which ``actors`` that play equally fast would hand them in.
 
     Their frames come from a small pool, for what is measured copies pixels without looking at them.
+    A step field that matters to nothing measured is 0.
     """
 
     def __init__(self, run: str, *, actors: tuple[str, ...], steps: int, frame_stack: int) -> None:
         rng = np.random.default_rng(1)
         self._actors = actors
         self._made = 0
+        blank = {
+            name: np.zeros(field.array.shape_for({"T": steps, "P": 0}), field.dtype)
+            for name, field in STEP_FIELDS.items()
+        }
         self._pool = [
             Chunk(
                 run=run,
@@ -31,18 +36,16 @@ class Streams:
                 weights_version=0,
                 epsilon=0.1,
                 context=frames[: frame_stack - 1],
-                frames=frames[frame_stack - 1 :],
-                actions=rng.integers(6, size=steps, dtype=np.uint8),
-                rewards=rng.integers(-1, 2, size=steps).astype(np.float32),
-                terminated=rng.random(steps) < 1 / _GAME_STEPS,
-                truncated=np.zeros(steps, np.bool_),
-                elapsed=np.ones(steps, np.uint8),
-                valid=np.ones(steps, np.bool_),
-                matched=np.ones(steps, np.bool_),
-                explored=np.zeros(steps, np.bool_),
-                vectors=np.zeros((steps, 0), np.float32),
                 final_frames=np.zeros((0, *FRAME_SHAPE), np.uint8),
                 final_vectors=np.zeros((0, 0), np.float32),
+                **blank
+                | {name: np.ones_like(blank[name]) for name in ("elapsed", "valid", "matched")}
+                | {
+                    "frames": frames[frame_stack - 1 :],
+                    "actions": rng.integers(6, size=steps, dtype=np.uint8),
+                    "rewards": rng.integers(-1, 2, size=steps).astype(np.float32),
+                    "terminated": rng.random(steps) < 1 / _GAME_STEPS,
+                },
             )
             for frames in rng.integers(
                 256, size=(_POOL, frame_stack - 1 + steps, *FRAME_SHAPE), dtype=np.uint8

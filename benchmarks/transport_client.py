@@ -181,13 +181,10 @@ def _rates(calls: int, seconds: float, latencies: list[float]) -> dict[str, Any]
 def main() -> None:
     options = tyro.cli(Options, prog="python -m benchmarks.transport_client")
     keep_large_blocks()
-    transport = connect(options.connect, _PATIENCE)
-    try:
+    with connect(options.connect, _PATIENCE) as transport:
         keys, config = find_run(transport, options.run, _PATIENCE, lambda: False)
         part = send if options.role == "send" else draw
         print(json.dumps(part(transport, keys, config, options)), flush=True)
-    finally:
-        transport.close()
 
 
 if __name__ == "__main__":
