@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 from learner.algorithm.augmentation import RandomShift
+from tests.learner.small_batches import random_batch
 
 
 def test_each_state_is_a_window_of_its_padded_self_and_all_windows_come() -> None:
@@ -44,3 +45,12 @@ def test_a_run_that_goes_on_draws_other_shifts_than_at_its_start() -> None:
 def test_no_shift_is_none() -> None:
     frames = torch.randint(256, (4, 4, 84, 84), dtype=torch.uint8)
     assert torch.equal(RandomShift(0, seed=1).shift(frames), frames)
+
+
+def test_the_two_states_of_a_transition_move_apart_and_nothing_else_changes() -> None:
+    batch = random_batch(size=16)
+    batch = batch._replace(s_t=batch.s_tm1)
+    shifted = RandomShift(4, seed=1)(batch)
+    same = [torch.equal(*both) for both in zip(shifted.s_tm1, shifted.s_t, strict=True)]
+    assert sum(same) <= 3  # one of 81 by chance
+    assert shifted._replace(s_tm1=batch.s_tm1, s_t=batch.s_t) == batch
