@@ -81,6 +81,7 @@ class Ring:
         """The oldest id alive."""
         self._columns = columns
         self._rows = columns.rows
+        self._drawn = tuple(drawn_fields())
         self._capacity = columns.capacity
         self._frame_stack = frame_stack
         self._n_step = n_step
@@ -231,7 +232,7 @@ class Ring:
             "weights": weights,
             "x_tm1": rows["vectors"][slots[0]],
             "x_t": rows["vectors"][slots[-1]],
-            "drawn": {name: self._values(name, slots[0]) for name in drawn_fields()},
+            "drawn": {name: self._values(name, slots[0]) for name in self._drawn},
         }
 
     def _values(self, name: str, slots: Ids) -> NDArray[Any]:

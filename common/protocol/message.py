@@ -19,16 +19,16 @@ from pydantic_core import CoreSchema, core_schema
 
 from common.checked import Invalid, build
 from common.errors import MessageError
-from common.protocol.wire import pack, pack_array, take_array, unpack
+from common.protocol.wire import pack, pack_array, unpack
 
 
 class Array:
     """The shape of an array: sizes, and letters, each of one size throughout its message.
 
-    Booleans are 0 or 1, floats finite, and none is further from 0 than ``most``.
+    Booleans are 0 or 1. With ``most``, no number is further from 0, nor one that is not finite.
     """
 
-    def __init__(self, *shape: int | str, most: float = float(np.finfo(np.float32).max)) -> None:
+    def __init__(self, *shape: int | str, most: float | None = None) -> None:
         self.shape = shape
         self.most = most
 
@@ -52,22 +52,35 @@ class Array:
         sizes: dict[str, int],
         limits: Mapping[str, tuple[int, int]],
     ) -> NDArray[Any]:
-        """Returns the array that ``packed`` holds, and notes the ``sizes`` of its letters.
+        """Returns the array that ``packed`` holds (read-only, no copy), and notes the ``sizes`` of
+        its letters.
 
         Raises:
             MessageError: it is another array than declared, or breaks a bound or limit.
         """
-        wanted = tuple(sizes.get(size) if isinstance(size, str) else size for size in self.shape)
-        array = take_array(packed, name, dtype, wanted)
-        for letter, size in zip(self.shape, array.shape, strict=True):
-            if isinstance(letter, str):
+        if not isinstance(packed, dict):
+            raise MessageError(f"{name} should be an array")
+        if packed.get("dtype") != dtype.str:
+            raise MessageError(f"{name} should be {dtype.str}, is {packed.get('dtype')!r:.40}")
+        found, data, count = packed.get("shape"), packed.get("data"), 1
+        if not isinstance(found, list) or len(found) != len(self.shape):
+            raise MessageError(f"{name} has shape {found!r:.40} where {self.shape} is expected")
+        for letter, size in zip(self.shape, found, strict=True):
+            wanted = sizes.get(letter, size) if isinstance(letter, str) else letter
+            if type(size) is not int or not 0 <= size < 2**31 or size != wanted:
+                raise MessageError(f"{name} has {size!r:.40} where {letter} is {wanted!r:.40}")
+            if isinstance(letter, str) and letter not in sizes:
                 sizes[letter] = size
                 least, most = limits.get(letter, (0, size))
                 if not least <= size <= most:
                     raise MessageError(f"{letter} is {size} where {least} to {most} are allowed")
-        if dtype == np.bool_ and array.size and array.view(np.uint8).max() > 1:
+            count *= size
+        if not isinstance(data, bytes) or len(data) != count * dtype.itemsize:
+            raise MessageError(f"{name} does not hold the bytes of its shape")
+        array: NDArray[Any] = np.frombuffer(data, dtype).reshape(found)
+        if dtype == np.bool_ and data.strip(b"\0\1"):
             raise MessageError(f"{name} should be booleans")
-        if dtype.kind == "f" and not (np.abs(array) <= self.most).all():
+        if self.most is not None and data and not (np.abs(array) <= self.most).all():
             raise MessageError(f"{name} should be finite, and from -{self.most:g} to {self.most:g}")
         return array
 

@@ -23,7 +23,7 @@ class StoredArray(Array):
         drawn: whether minibatches carry it, in `replay.batch.Batch.drawn`.
     """
 
-    def __init__(self, *shape: int | str, drawn: bool = False, most: float = MAX_SIZE) -> None:
+    def __init__(self, *shape: int | str, drawn: bool = False, most: float | None = None) -> None:
         super().__init__("T", *shape, most=most)
         self.drawn = drawn
 
@@ -50,7 +50,7 @@ class StepFields:
     actions: Annotated[NDArray[np.uint8], Column()]
     frames: Annotated[NDArray[np.uint8], Column(*FRAME_SHAPE)]
     """Newest frame of each state."""
-    rewards: Annotated[NDArray[np.float32], Column()]
+    rewards: Annotated[NDArray[np.float32], Column(most=MAX_SIZE)]
     terminated: Annotated[NDArray[np.bool_], Flag(1)]
     truncated: Annotated[NDArray[np.bool_], Flag(2)]
     elapsed: Annotated[NDArray[np.uint8], Column()]
@@ -61,7 +61,7 @@ class StepFields:
     """The keys pressed at the step's end were the commanded ones."""
     explored: Annotated[NDArray[np.bool_], Flag(16)]
     """The action was random."""
-    vectors: Annotated[NDArray[np.float32], Column("P")]
+    vectors: Annotated[NDArray[np.float32], Column("P", most=MAX_SIZE)]
     """Vector observation of each state; P may be 0."""
 
 

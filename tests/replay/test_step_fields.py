@@ -16,7 +16,7 @@ from replay.replay_buffer import ReplayBuffer
 from replay.ring import STEP
 from tests.replay.replay_reference import GOES_ON, TERMINATES, TRUNCATES, Actor, make_config
 
-FLAG, PAIR = Flag(32, drawn=True), Column(2, drawn=True)
+FLAG, PAIR = Flag(32, drawn=True), Column(2, drawn=True, most=1e9)
 
 
 @dataclass(frozen=True)

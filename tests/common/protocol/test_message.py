@@ -1,0 +1,110 @@
+"""Arrays of messages: what goes in comes out, and what is not as declared is refused."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from common.errors import MessageError
+from common.protocol.message import Array
+from common.protocol.wire import pack, pack_array, unpack
+
+
+def taken(packed: Any, dtype: Any, *shape: int | str, **sizes: int) -> NDArray[Any]:
+    return Array(*shape, most=1e9).take(packed, "field", np.dtype(dtype), sizes, {"N": (0, 9)})
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.bool_, np.int64, np.float32])
+@pytest.mark.parametrize("shape", [(0,), (5,), (2, 0), (3, 4), (2, 3, 4)])
+def test_arrays_keep_values_dtype_and_shape(dtype: Any, shape: tuple[int, ...]) -> None:
+    array = np.arange(np.prod(shape)).reshape(shape).astype(dtype)
+    found = taken(unpack(pack({"a": pack_array(array)}))["a"], dtype, *shape)
+    assert found.dtype == dtype
+    assert found.shape == shape
+    assert (found == array).all()
+    assert not found.flags.writeable
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.arange(24, dtype=np.int32).reshape(4, 6)[::2, ::-3],
+        np.arange(24, dtype=np.int32).reshape(4, 6).T,
+    ],
+    ids=["slices", "transposed"],
+)
+def test_strided_arrays_travel_by_value(array: NDArray[np.int32]) -> None:
+    packed = unpack(pack({"a": pack_array(array)}))["a"]
+    assert (taken(packed, np.int32, *array.shape) == array).all()
+
+
+GOOD: dict[str, Any] = {"dtype": "<f4", "shape": [2, 3], "data": bytes(24)}
+
+
+@pytest.mark.parametrize(
+    "packed",
+    [
+        None,
+        [],
+        bytes(24),
+        {},
+        {**GOOD, "dtype": ">f4"},
+        {**GOOD, "dtype": "<f8"},
+        {**GOOD, "dtype": "O"},
+        {**GOOD, "dtype": ["<f4"]},
+        {**GOOD, "shape": [3, 2]},
+        {**GOOD, "shape": [2]},
+        {**GOOD, "shape": [2, 3, 1]},
+        {**GOOD, "shape": [2, -3]},
+        {**GOOD, "shape": [2, 3.0]},
+        {**GOOD, "shape": [2, True]},
+        {**GOOD, "shape": [2**31, 3], "data": b""},
+        {**GOOD, "shape": [2**62, 2**62], "data": b""},
+        {**GOOD, "shape": "23"},
+        {**GOOD, "shape": None},
+        {**GOOD, "data": bytes(23)},
+        {**GOOD, "data": bytes(25)},
+        {**GOOD, "data": b""},
+        {**GOOD, "data": "x" * 24},
+        {**GOOD, "data": [0.0] * 6},
+        {**GOOD, "data": None},
+    ],
+)
+def test_an_array_that_is_not_what_it_should_be_is_refused(packed: Any) -> None:
+    with pytest.raises(MessageError, match="field"):
+        taken(packed, np.float32, "N", 3)
+
+
+def test_a_letter_admits_any_size() -> None:
+    assert taken(GOOD, np.float32, "N", "M").shape == (2, 3)
+    empty = {"dtype": "<f4", "shape": [0, 3], "data": b""}
+    assert taken(empty, np.float32, "N", 3).shape == (0, 3)
+
+
+def test_a_letter_is_one_size_throughout() -> None:
+    assert taken(GOOD, np.float32, "N", 3, N=2).shape == (2, 3)
+    with pytest.raises(MessageError, match="field has 2 where N is 1"):
+        taken(GOOD, np.float32, "N", 3, N=1)
+    with pytest.raises(MessageError, match="field has 3 where N is 2"):
+        taken(GOOD, np.float32, "N", "N")
+
+
+def test_a_letter_has_limits() -> None:
+    nine = pack_array(np.zeros((9, 1), np.float32))
+    ten = pack_array(np.zeros((10, 1), np.float32))
+    assert len(taken(unpack(pack({"a": nine}))["a"], np.float32, "N", 1)) == 9
+    with pytest.raises(MessageError, match="N is 10 where 0 to 9 are allowed"):
+        taken(unpack(pack({"a": ten}))["a"], np.float32, "N", 1)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1.001e9, -1.001e9, 3e38])
+def test_floats_are_finite_and_bounded(value: float) -> None:
+    packed = unpack(pack({"a": pack_array(np.array([0, value, 0], np.float32))}))["a"]
+    with pytest.raises(MessageError, match=r"field should be finite, and from -1e\+09 to 1e\+09"):
+        taken(packed, np.float32, 3)
+
+
+def test_the_bound_itself_is_admitted() -> None:
+    packed = unpack(pack({"a": pack_array(np.array([1e9, -1e9], np.float32))}))["a"]
+    assert taken(packed, np.float32, 2).tolist() == [1e9, -1e9]
