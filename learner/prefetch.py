@@ -35,16 +35,8 @@ def to_device(batch: Batch, device: torch.device) -> DeviceBatch:
             return tensor.pin_memory().to(device, non_blocking=True)
         return tensor
 
-    return DeviceBatch(
-        s_tm1=move(batch.s_tm1),
-        a_tm1=move(batch.a_tm1.astype(np.int64)),
-        r_t=move(batch.r_t),
-        discount_t=move(batch.discount_t),
-        s_t=move(batch.s_t),
-        weights=move(batch.weights),
-        x_tm1=move(batch.x_tm1),
-        x_t=move(batch.x_t),
-    )
+    batch = batch._replace(a_tm1=batch.a_tm1.astype(np.int64))  # PyTorch's type of an index
+    return DeviceBatch(*(move(getattr(batch, name)) for name in DeviceBatch._fields))
 
 
 class Prefetcher:
