@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from common.protocol.chunk import Chunk
-from common.protocol.step_fields import FRAME_SHAPE, STEP_FIELDS
+from common.protocol.step_fields import FRAME_SHAPE, zero_steps
 
 _GAME_STEPS = 500
 _POOL = 16
@@ -22,10 +22,7 @@ class Streams:
         rng = np.random.default_rng(1)
         self._actors = actors
         self._made = 0
-        blank = {
-            name: np.zeros(field.array.shape_for({"T": steps, "P": 0}), field.dtype)
-            for name, field in STEP_FIELDS.items()
-        }
+        blank = zero_steps(steps)
         self._pool = [
             Chunk(
                 run=run,

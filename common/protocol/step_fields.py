@@ -86,6 +86,15 @@ def step_fields(kind: type) -> dict[str, StepField]:
 STEP_FIELDS = step_fields(StepFields)
 
 
+def zero_steps(count: int, vector_width: int = 0) -> dict[str, NDArray[Any]]:
+    """Returns ``count`` steps by field, all zeros, for those that set only the fields they need."""
+    sizes = {"T": count, "P": vector_width}
+    return {
+        name: np.zeros(field.array.shape_for(sizes), field.dtype)
+        for name, field in STEP_FIELDS.items()
+    }
+
+
 def bit_of(name: str) -> int:
     """Returns the bit of a `Flag` of the table."""
     array = STEP_FIELDS[name].array

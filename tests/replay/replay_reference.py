@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.protocol.chunk import Chunk, Game
+from common.protocol.step_fields import zero_steps
 from common.run.config import LearningConfig, PlayConfig, ReplayConfig, RunConfig, StreamConfig
 
 RUN = "test"
@@ -147,16 +148,19 @@ def chunk_of(actor: Actor, context: list[int], moments: list[Moment]) -> Chunk:
         weights_version=0,
         epsilon=0.5,
         context=frames(context),
-        frames=frames(newest),
-        actions=np.array([moment.action for moment in moments], np.uint8),
-        rewards=np.array([moment.reward for moment in moments], np.float32),
-        terminated=np.array([moment.ending == TERMINATES for moment in moments]),
-        truncated=np.array([moment.ending == TRUNCATES for moment in moments]),
-        elapsed=np.array([moment.elapsed for moment in moments], np.uint8),
-        valid=np.array([moment.valid for moment in moments]),
-        matched=np.ones(len(moments), np.bool_),
-        explored=np.array([moment.explored for moment in moments]),
-        vectors=vectors(newest),
+        **zero_steps(len(moments), actor.width)
+        | {
+            "frames": frames(newest),
+            "actions": np.array([moment.action for moment in moments], np.uint8),
+            "rewards": np.array([moment.reward for moment in moments], np.float32),
+            "terminated": np.array([moment.ending == TERMINATES for moment in moments]),
+            "truncated": np.array([moment.ending == TRUNCATES for moment in moments]),
+            "elapsed": np.array([moment.elapsed for moment in moments], np.uint8),
+            "valid": np.array([moment.valid for moment in moments]),
+            "matched": np.ones(len(moments), np.bool_),
+            "explored": np.array([moment.explored for moment in moments]),
+            "vectors": vectors(newest),
+        },
         final_frames=frames(finals),
         final_vectors=vectors(finals),
         games=tuple(Game(1.5, 9) for moment in moments if moment.ending == TERMINATES),

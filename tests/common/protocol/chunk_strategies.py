@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from common.protocol.chunk import Chunk, Game
-from common.protocol.step_fields import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_SHAPE, zero_steps
 
 NAMES = st.text("abcdefghijklmnopqrstuvwxyz0123456789-._", min_size=1, max_size=64)
 COUNTS = st.integers(0, 2**63 - 1)
@@ -30,8 +30,13 @@ def chunks(draw: st.DrawFn, most_steps: int = 12) -> Chunk:
     def floats(*shape: int) -> NDArray[np.float32]:
         return rng.normal(scale=100, size=shape).astype(np.float32)
 
-    def flags() -> NDArray[np.bool_]:
-        return rng.random(steps) < 0.5
+    def noise(like: NDArray[Any]) -> NDArray[Any]:
+        """Random values of a field that has no rule of its own."""
+        if like.dtype == np.bool_:
+            return rng.random(like.shape) < 0.5
+        if like.dtype == np.uint8:
+            return rng.integers(256, size=like.shape, dtype=np.uint8)
+        return floats(*like.shape).astype(like.dtype)
 
     games = draw(st.lists(st.tuples(SCORES, st.integers(0, 2**31 - 1)), max_size=steps))
     return Chunk(
@@ -43,16 +48,13 @@ def chunks(draw: st.DrawFn, most_steps: int = 12) -> Chunk:
         weights_version=draw(COUNTS),
         epsilon=draw(SHARES),
         context=frames(draw(st.integers(0, 15))),
-        frames=frames(steps),
-        actions=rng.integers(18, size=steps, dtype=np.uint8),
-        rewards=floats(steps),
-        terminated=ends == "x",
-        truncated=ends == "t",
-        elapsed=rng.integers(1, 256, size=steps).astype(np.uint8),
-        valid=flags(),
-        matched=flags(),
-        explored=flags(),
-        vectors=floats(steps, width),
+        **{name: noise(zeros) for name, zeros in zero_steps(steps, width).items()}
+        | {
+            "actions": rng.integers(18, size=steps, dtype=np.uint8),
+            "terminated": ends == "x",
+            "truncated": ends == "t",
+            "elapsed": rng.integers(1, 256, size=steps).astype(np.uint8),
+        },
         final_frames=frames(finals),
         final_vectors=floats(finals, width),
         games=tuple(Game(*game) for game in games),
@@ -84,7 +86,7 @@ def example_chunk(**changes: Any) -> Chunk:
         "final_vectors": np.array([[8.0, 9.0]], np.float32),
         "games": (Game(-21.0, 764),),
     }
-    return Chunk(**(fields | changes))
+    return Chunk(**(zero_steps(3, 2) | fields | changes))
 
 
 def same(one: Chunk, other: Chunk) -> bool:
