@@ -1,0 +1,176 @@
+"""A transport defined here and known to nobody, on which replay, actor and learner meet.
+
+It has no threads and no queues: a server answers in the thread of whoever asks.
+"""
+
+import fnmatch
+from collections.abc import Callable
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from actors.stream.insert_client import InsertClient
+from actors.stream.weights_client import WeightsClient
+from common.errors import MessageError
+from common.protocol.run_keys import RunKeys
+from common.run.join import find_run
+from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester, Unanswered
+from replay.client import RemoteReplay
+from replay.replay_buffer import ReplayBuffer
+from replay.server import ReplayServer
+from tests.replay.replay_reference import GOES_ON, RUN, Actor, make_config
+
+
+class Entry:
+    """Something in a list, until it is closed."""
+
+    def __init__(self, place: list[Any], entry: Any) -> None:
+        self._place, self._entry = place, entry
+        place.append(entry)
+
+    def close(self) -> None:
+        if self._entry in self._place:
+            self._place.remove(self._entry)
+
+
+class DirectRequest:
+    """Ends as its server says."""
+
+    def __init__(self, key: str, payload: bytes, future: Future[Envelope]) -> None:
+        self.key, self.payload, self._future = key, payload, future
+
+    def reply(self, answer: bytes | Envelope) -> None:
+        payload, attachment, _ = answer if isinstance(answer, Envelope) else Envelope(answer)
+        self._future.set_result(Envelope(payload, attachment, self.key))
+
+    def refuse(self, reason: str) -> None:
+        self._future.set_exception(MessageError(reason))
+
+    def drop(self) -> None:
+        self._future.set_exception(Unanswered())
+
+
+class DirectTransport:
+    """Implements `Transport` for all who hold it."""
+
+    def __init__(self) -> None:
+        self._services: list[tuple[str, Answer]] = []
+        self._subscriptions: list[tuple[str, Callable[[Envelope], None]]] = []
+
+    def serve(self, key: str, answer: Answer) -> Closeable:
+        return Entry(self._services, (key, answer))
+
+    def requester(self, key: str, deadline: float) -> Requester:
+        return DirectRequester(self, key)
+
+    def gather(self, key: str, deadline: float) -> list[Envelope]:
+        found = [self.ask(served, b"", answer) for served, answer in self.at(key)]
+        return [future.result() for future in found if future.exception() is None]
+
+    def publisher(self, key: str) -> Publisher:
+        return DirectPublisher(self._subscriptions, key)
+
+    def subscribe(self, key: str, callback: Callable[[Envelope], None]) -> Closeable:
+        return Entry(self._subscriptions, (key, callback))
+
+    def announce(self, key: str) -> Closeable:
+        raise NotImplementedError
+
+    def watch_presence(self, key: str, callback: Callable[[str, bool], None]) -> Closeable:
+        raise NotImplementedError
+
+    def close(self) -> None: ...
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def at(self, key: str) -> list[tuple[str, Answer]]:
+        return [
+            (served, answer)
+            for served, answer in self._services
+            if fnmatch.fnmatch(key, served) or fnmatch.fnmatch(served, key)
+        ]
+
+    def ask(self, key: str, payload: bytes, answer: Answer) -> Future[Envelope]:
+        future: Future[Envelope] = Future()
+        request = DirectRequest(key, payload, future)
+        try:
+            if (found := answer(request)) is not None:
+                request.reply(found)
+        except MessageError as error:
+            request.refuse(str(error))
+        return future
+
+
+class DirectRequester:
+    """Implements `interface.Requester`."""
+
+    def __init__(self, transport: DirectTransport, key: str) -> None:
+        self._transport, self._key = transport, key
+
+    @property
+    def has_server(self) -> bool:
+        return bool(self._transport.at(self._key))
+
+    def request(self, payload: bytes) -> Future[Envelope]:
+        for _, answer in self._transport.at(self._key):
+            return self._transport.ask(self._key, payload, answer)
+        future: Future[Envelope] = Future()
+        future.set_exception(Unanswered())
+        return future
+
+    def close(self) -> None: ...
+
+
+class DirectPublisher:
+    """Implements `interface.Publisher`."""
+
+    def __init__(self, listeners: list[tuple[str, Callable[[Envelope], None]]], key: str) -> None:
+        self._listeners, self._key = listeners, key
+
+    def publish(self, payload: bytes, attachment: bytes = b"") -> None:
+        for key, callback in self._listeners:
+            if fnmatch.fnmatch(self._key, key):
+                callback(Envelope(payload, attachment, self._key))
+
+    def close(self) -> None: ...
+
+
+def test_replay_actor_and_learner_meet_on_a_transport_from_outside(tmp_path: Path) -> None:
+    transport, keys = DirectTransport(), RunKeys(RUN)
+    config = make_config(capacity=256, learning_starts=20, ratio_tolerance=64, chunk_steps=8)
+    memory = ReplayBuffer(config, tmp_path)
+    with ReplayServer(transport, memory, config, RUN):
+        assert find_run(transport, None, 0.0, lambda: True) == (keys, config)
+        transport.publisher(keys.weights).publish(b"weights", b"50")
+
+        weights = WeightsClient(transport, keys)
+        weights.fetch()
+        assert weights.take() == (50, b"weights")
+
+        warnings: list[str] = []
+        inserts = InsertClient(
+            *(transport, keys.insert("a"), 2),
+            patience=0.0,
+            stopped=lambda: False,
+            warn=warnings.append,
+        )
+        chunk = Actor("a", 4).live([GOES_ON] * 30, np.random.default_rng(0))
+        inserts.send(chunk.encode())
+        inserts.send(b"junk")
+        assert (inserts.made, inserts.acked, inserts.refused) == (2, 1, 1)
+        assert inserts.last_ack is not None
+        assert inserts.last_ack.weights_version == 50
+        assert "refused a chunk" in warnings[0]
+
+        replay = RemoteReplay(transport, keys, config)
+        batch = replay.sample(0, 1.0)
+        assert batch is not None
+        assert {int(action) for action in batch.a_tm1} <= set(chunk.actions.tolist())
+        assert replay.progress(0).agent_steps == 30
+    assert replay.sample(0, 0.0) is None, "a server that is away"
+    memory.close()
