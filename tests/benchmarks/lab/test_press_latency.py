@@ -16,9 +16,9 @@ class TwoFrames:
     """A room whose hands need two frames, and for "up left fire" for ever."""
 
     def __init__(self) -> None:
-        self.reset()
+        self.rest()
 
-    def reset(self) -> None:
+    def rest(self) -> None:
         self._wanted, self._pressed, self._since = Keys.NONE, Keys.NONE, 0
 
     def command(self, keys: Keys) -> None:
