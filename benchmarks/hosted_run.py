@@ -77,7 +77,7 @@ class HostedRun:
             check: raises where none will come any more.
         """
         while True:
-            facts = self._replay.progress(self._seen).facts
+            facts = self._replay.progress(self._seen).statistics
             now = time.monotonic()
             self.check()
             check()

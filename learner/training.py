@@ -25,7 +25,7 @@ from learner.telemetry.held_out import HeldOut
 from learner.telemetry.run_progress import PhaseEnd, RunProgress
 from learner.telemetry.snapshot import HealthCheck, Phase
 from learner.telemetry.telemetry import Telemetry
-from replay.chunk_statistics import MOST_FACTS, ChunkStatistics, Progress
+from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics, Progress
 from replay.interface import Replay
 
 _TICK = 0.1
@@ -226,10 +226,10 @@ class Learner:
             self._replay_progress = self.replay.progress(
                 self.progress.facts_seen, finished=self._finished
             )
-            facts = self._replay_progress.facts
+            facts = self._replay_progress.statistics
             for ended in self.progress.book(self._credited(facts)):
                 self._end_phase(ended)
-            if len(facts) < MOST_FACTS:
+            if len(facts) < MAX_STATISTICS:
                 return
 
     def _credited(self, facts: Iterable[ChunkStatistics]) -> Iterator[ChunkStatistics]:

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from common.checked import build
-from replay.chunk_statistics import MOST_FACTS, ChunkStatistics
+from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics
 from replay.journal import Entry
 from replay.ring import Placement
 
-_KEPT_FACTS = 4 * MOST_FACTS
+_KEPT_STATISTICS = 4 * MAX_STATISTICS
 _MOST_GAPS = 64
 
 
@@ -72,7 +72,7 @@ class ChunkIndex:
         self.refused = 0
         self.tail = 0
         """Ids below it are evicted."""
-        self.facts: deque[ChunkStatistics] = deque(maxlen=_KEPT_FACTS)
+        self.statistics: deque[ChunkStatistics] = deque(maxlen=_KEPT_STATISTICS)
         self._chunks: dict[ChunkKey, ChunkRecord] = {}
         self._received: dict[tuple[str, int, int], Received] = {}
 
@@ -112,14 +112,14 @@ class ChunkIndex:
         newest = next(reversed(self._chunks.values()), None)
         return self.tail if newest is None else newest.placement.end
 
-    def accept(self, record: ChunkRecord, facts: ChunkStatistics) -> None:
+    def accept(self, record: ChunkRecord, statistics: ChunkStatistics) -> None:
         """Book a chunk that is written."""
         self._received.setdefault(record.key[:3], Received()).add(record.key.sequence)
         self._chunks[record.key] = record
         self.stored += record.placement.steps
-        self.accepted = facts.index + 1
-        self.agent_steps = facts.agent_steps
-        self.facts.append(facts)
+        self.accepted = statistics.index + 1
+        self.agent_steps = statistics.agent_steps
+        self.statistics.append(statistics)
 
     def evict(self, tail: int) -> list[ChunkRecord]:
         """Strike the chunks that lie below ``tail``."""
@@ -130,16 +130,16 @@ class ChunkIndex:
         self.tail = tail
         return gone
 
-    def facts_since(self, index: int) -> tuple[ChunkStatistics, ...]:
-        """The oldest `MOST_FACTS` facts from ``index`` on that are still kept."""
-        if not self.facts:
+    def statistics_since(self, index: int) -> tuple[ChunkStatistics, ...]:
+        """The oldest `MAX_STATISTICS` statistics from ``index`` on that are still kept."""
+        if not self.statistics:
             return ()
-        begin = max(index - self.facts[0].index, 0)
-        end = min(begin + MOST_FACTS, len(self.facts))
-        return tuple(self.facts[at] for at in range(begin, end))
+        begin = max(index - self.statistics[0].index, 0)
+        end = min(begin + MAX_STATISTICS, len(self.statistics))
+        return tuple(self.statistics[at] for at in range(begin, end))
 
     def entries(self) -> Iterator[Entry]:
-        """Journal entries from which `apply` makes this ledger again."""
+        """Journal entries from which `apply` makes this index again."""
         yield {
             "kind": "state",
             "agent_steps": self.agent_steps,
@@ -151,8 +151,8 @@ class ChunkIndex:
             ],
         }
         yield self.counts_entry()
-        for facts in self.facts:
-            yield {"kind": "facts", "facts": facts}
+        for statistics in self.statistics:
+            yield {"kind": "facts", "facts": statistics}
         for record in self._chunks.values():
             yield {"kind": "held", "key": record.key, "placement": record.placement}
 
@@ -177,7 +177,7 @@ class ChunkIndex:
             self.duplicates = entry["duplicates"]
             self.refused = entry["refused"]
         elif kind == "facts":
-            self.facts.append(build(ChunkStatistics, entry["facts"]))
+            self.statistics.append(build(ChunkStatistics, entry["facts"]))
         elif kind == "held":
             record = _record(entry)
             self._chunks[record.key] = record
@@ -190,13 +190,13 @@ class ChunkIndex:
             raise ValueError(kind)
 
 
-def chunk_entry(record: ChunkRecord, facts: ChunkStatistics) -> Entry:
+def chunk_entry(record: ChunkRecord, statistics: ChunkStatistics) -> Entry:
     """The entry by which a chunk is accepted."""
     return {
         "kind": "chunk",
         "key": record.key,
         "placement": record.placement,
-        "facts": facts,
+        "facts": statistics,
     }
 
 

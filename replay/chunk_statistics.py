@@ -1,6 +1,6 @@
 """What the replay tells about itself: a line for each accepted chunk, and its own counters.
 
-The learner counts games, staleness and the gates from these facts. They are journaled with the
+The learner counts games, staleness and the gates from these statistics. They are journaled with the
 chunks, so a restart of either side loses none.
 """
 
@@ -13,7 +13,7 @@ from common.checked import Count, Rows, Share
 from common.protocol.chunk import Game
 from common.protocol.message import Message
 
-MOST_FACTS = 4_096
+MAX_STATISTICS = 4_096
 """In one `Progress`."""
 
 
@@ -61,5 +61,5 @@ class Progress(Message):
     private_bytes: Count
     """Of the same process, without file pages."""
     file_bytes: Count
-    facts: Annotated[Rows[ChunkStatistics], MaxLen(MOST_FACTS)]
-    """From the index asked for, at most `MOST_FACTS`: ask again from the last one plus one."""
+    statistics: Annotated[Rows[ChunkStatistics], MaxLen(MAX_STATISTICS)]
+    """From the index asked for, at most `MAX_STATISTICS`: ask again from the last one plus one."""

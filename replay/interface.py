@@ -31,7 +31,7 @@ class Replay(Protocol):
         """
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
-        """The replay's counters, and the facts of chunks from index ``since`` on.
+        """The replay's counters, and the statistics of chunks from index ``since`` on.
 
         ``finished`` tells the actors, through their acknowledgements, whether the run is over; it
         holds until it is told otherwise. None asks only.

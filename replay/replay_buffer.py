@@ -51,7 +51,7 @@ class ReplayBuffer:
         self._state = threading.Condition()
         self._store = Store(config, folder, self._state, actions)
         # The sequence differs after each start, or a resumed run would draw the same places again.
-        self._rng = np.random.default_rng([config.seed, self._store.ledger.accepted])
+        self._rng = np.random.default_rng([config.seed, self._store.index.accepted])
         self._closed = False
         self._finished = False
         self._drawn = 0
@@ -76,12 +76,12 @@ class ReplayBuffer:
             status,
             throttle=self._should_throttle(),
             finished=self._finished,
-            agent_steps=self._store.ledger.agent_steps,
+            agent_steps=self._store.index.agent_steps,
             weights_version=self.weights_version,
         )
 
     def _should_throttle(self) -> bool:
-        return self._limiter.should_throttle(self._store.ledger.agent_steps, self._drawn)
+        return self._limiter.should_throttle(self._store.index.agent_steps, self._drawn)
 
     def await_release(self, timeout: float) -> Ack:
         """Returns once a throttled actor may go on or leave, or after ``timeout`` seconds."""
@@ -126,8 +126,8 @@ class ReplayBuffer:
         return self._store.sampler.draw(self._rng, self._batch_size)
 
     def _may_sample(self, drawn: int) -> bool:
-        inserted = self._store.ledger.agent_steps
-        return len(self._store.sampler.admitted) > 0 and self._limiter.may_sample(inserted, drawn)
+        inserted = self._store.index.agent_steps
+        return len(self._store.sampler.sampleable) > 0 and self._limiter.may_sample(inserted, drawn)
 
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """See `Replay.update_priorities`.
@@ -143,7 +143,7 @@ class ReplayBuffer:
     def held_out(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """See `Replay.held_out`."""
         with self._state:
-            ids = self._rng.permutation(self._store.sampler.admitted.ids)
+            ids = self._rng.permutation(self._store.sampler.sampleable.ids)
             ids = ids[self._store.ring.all_seen(ids)][:count]
             return self._store.ring.states(ids)
 
@@ -154,19 +154,19 @@ class ReplayBuffer:
             if finished is not None and finished != self._finished:
                 self._finished = finished
                 self._state.notify_all()
-            ledger = self._store.ledger
+            index = self._store.index
             return Progress(
-                agent_steps=ledger.agent_steps,
-                stored=ledger.stored,
-                samplable=len(self._store.sampler.admitted),
-                accepted=ledger.accepted,
-                duplicates=ledger.duplicates,
-                refused=ledger.refused,
+                agent_steps=index.agent_steps,
+                stored=index.stored,
+                samplable=len(self._store.sampler.sampleable),
+                accepted=index.accepted,
+                duplicates=index.duplicates,
+                refused=index.refused,
                 throttle=self._should_throttle(),
                 resident_bytes=resident,
                 private_bytes=private,
                 file_bytes=self._store.file_bytes,
-                facts=ledger.facts_since(since),
+                statistics=index.statistics_since(since),
             )
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ _SMALLEST = 1e-6  # a priority of 0 would never be drawn, nor corrected, again
 Ids = NDArray[np.int64]
 
 
-class Admitted:
+class SampleableIndex:
     """The ids of steps that may be drawn: a dense array, and each slot's place in it."""
 
     def __init__(self, capacity: int) -> None:
@@ -63,13 +63,13 @@ class Admitted:
 class Sampler(Protocol):
     """Draws from the steps it was given."""
 
-    admitted: Admitted
+    sampleable: SampleableIndex
 
     def add(self, ids: Ids) -> None:
-        """Admit ``ids``, which are distinct and absent."""
+        """Make ``ids``, which are distinct and absent, sampleable."""
 
     def restore(self, ids: Ids) -> None:
-        """Admit ``ids`` that an earlier process had stored."""
+        """Make ``ids`` sampleable that an earlier process had stored."""
 
     def remove(self, ids: Ids) -> None:
         """Strike ``ids``, which are distinct and present."""
@@ -85,19 +85,19 @@ class UniformSampler:
     """Each step is as likely as any other."""
 
     def __init__(self, capacity: int) -> None:
-        self.admitted = Admitted(capacity)
+        self.sampleable = SampleableIndex(capacity)
 
     def add(self, ids: Ids) -> None:
-        self.admitted.add(ids)
+        self.sampleable.add(ids)
 
     def restore(self, ids: Ids) -> None:
-        self.admitted.add(ids)
+        self.sampleable.add(ids)
 
     def remove(self, ids: Ids) -> None:
-        self.admitted.remove(ids)
+        self.sampleable.remove(ids)
 
     def draw(self, rng: np.random.Generator, count: int) -> tuple[Ids, NDArray[np.float32]]:
-        ids = self.admitted.ids
+        ids = self.sampleable.ids
         return ids[rng.integers(len(ids), size=count)], np.ones(count, np.float32)
 
     def update(self, ids: Ids, priorities: NDArray[np.float64]) -> None:
@@ -111,7 +111,7 @@ class PrioritisedSampler:
         self, capacity: int, leaves: NDArray[np.float64], alpha: float, beta: float
     ) -> None:
         """``leaves`` holds the priorities of an earlier process, to the power of α, or zeros."""
-        self.admitted = Admitted(capacity)
+        self.sampleable = SampleableIndex(capacity)
         self._capacity = capacity
         self._alpha = alpha
         self._beta = beta
@@ -121,32 +121,32 @@ class PrioritisedSampler:
         self._largest = 1.0
 
     def restore(self, ids: Ids) -> None:
-        """Admit ``ids`` with the priorities that an earlier process left them."""
+        """Make ``ids`` sampleable with the priorities that an earlier process left them."""
         values = self._earlier[ids % self._capacity]
         usable = np.isfinite(values) & (values > 0)
         if usable.any():
             self._largest = float(values[usable].max())
-        self.admitted.add(ids)
+        self.sampleable.add(ids)
         self._tree.set(ids % self._capacity, np.where(usable, values, self._largest))
 
     def add(self, ids: Ids) -> None:
         """New steps get the largest value so far, so that each is drawn soon."""
-        self.admitted.add(ids)
+        self.sampleable.add(ids)
         self._tree.set(ids % self._capacity, self._largest)
 
     def remove(self, ids: Ids) -> None:
-        self.admitted.remove(ids)
+        self.sampleable.remove(ids)
         self._tree.set(ids % self._capacity, 0.0)
 
     def draw(self, rng: np.random.Generator, count: int) -> tuple[Ids, NDArray[np.float32]]:
         total = self._tree.total
         slots = self._tree.find(rng.random(count) * total)
         chances = self._tree.get(slots) / total
-        weights = (len(self.admitted) * chances) ** -self._beta
-        return self.admitted.at_slots(slots), (weights / weights.max()).astype(np.float32)
+        weights = (len(self.sampleable) * chances) ** -self._beta
+        return self.sampleable.at_slots(slots), (weights / weights.max()).astype(np.float32)
 
     def update(self, ids: Ids, priorities: NDArray[np.float64]) -> None:
-        there = self.admitted.contains(ids)
+        there = self.sampleable.contains(ids)
         if not there.any():
             return
         values = (priorities[there] + _SMALLEST) ** self._alpha

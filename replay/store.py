@@ -1,8 +1,8 @@
 """`Store`: what is remembered of a run, in files and in RAM, and how it changes.
 
 An insert: make room (journaled before anything is overwritten) → write the data → journal the
-chunk → link and admit its steps. A process killed in between has not acknowledged the chunk, and
-its successor finds all that was acknowledged before.
+chunk → link its steps and make them sampleable. A process killed in between has not acknowledged
+the chunk, and its successor finds all that was acknowledged before.
 
 One insert passes at a time, and writes files without disturbing anyone; only what is decided in
 RAM happens under the lock that readers share.
@@ -33,7 +33,7 @@ _SPARE_LINES = 1_000
 class Store:
     """Ring, books, journal and sampler of one run, kept in step.
 
-    ``ledger``, ``ring`` and ``sampler`` may be read under ``state``, the lock given.
+    ``index``, ``ring`` and ``sampler`` may be read under ``state``, the lock given.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Store:
         self._writer = threading.Lock()
         self._closed = False
         path = folder / "journal.jsonl"
-        self.ledger = self._read(path)
+        self.index = self._read(path)
         prioritised = config.replay.sampler == "prioritised"
         self._columns = Columns(
             folder,
@@ -86,13 +86,13 @@ class Store:
         }
 
     def _read(self, path: Path) -> ChunkIndex:
-        ledger, entries = ChunkIndex(), read_journal(path)
+        index, entries = ChunkIndex(), read_journal(path)
         if path.exists() and not entries:
             raise damaged(path, 1)
         for number, entry in enumerate(entries, start=1):
             if number > 1:
                 try:
-                    ledger.apply(entry)
+                    index.apply(entry)
                 except (KeyError, TypeError, ValueError):
                     raise damaged(path, number) from None
             elif unequal := [
@@ -104,7 +104,7 @@ class Store:
                     f"the replay in {path.parent} has {', '.join(unequal)}: resume it with the "
                     "settings it was made with, or name another run."
                 )
-        return ledger
+        return index
 
     def _new_sampler(self) -> Sampler:
         settings = self._config.replay
@@ -118,18 +118,18 @@ class Store:
         )
 
     def _rebuild(self) -> None:
-        """Links and admitted steps from the ledger and the files."""
-        ring, ledger = self.ring, self.ledger
-        ring.tail, ring.head = ledger.tail, ledger.head
-        for record in ledger.chunks:
+        """Links and sampleable steps from the index and the files."""
+        ring, index = self.ring, self.index
+        ring.tail, ring.head = index.tail, index.head
+        for record in index.chunks:
             ring.link(record.placement)
-        for record in ledger.chunks:
-            self._join(record, ledger.neighbour(record.key, 1))
+        for record in index.chunks:
+            self._join(record, index.neighbour(record.key, 1))
         alive = np.arange(ring.tail, ring.head)
         self.sampler.restore(alive[ring.is_complete(alive)])
 
     def _entries(self) -> Iterable[Entry]:
-        return chain([self._header], self.ledger.entries())
+        return chain([self._header], self.index.entries())
 
     def insert(self, chunk: Chunk, staleness: int) -> bool:
         """Store ``chunk``; False if it came before.
@@ -147,16 +147,16 @@ class Store:
         with self._writer:
             if self._closed:
                 raise OSError("the replay is closed")
-            if self.ledger.has_received(key):
-                self.ledger.duplicates += 1
-                self._journal.append(self.ledger.counts_entry())
+            if self.index.has_received(key):
+                self.index.duplicates += 1
+                self._journal.append(self.index.counts_entry())
                 return False
             record = ChunkRecord(key, self._place(key, chunk))
             self.ring.write(record.placement, chunk)
-            facts = self._facts(chunk, staleness)
-            self._journal.append(chunk_entry(record, facts))
+            statistics = self._statistics(chunk, staleness)
+            self._journal.append(chunk_entry(record, statistics))
             with self._state:
-                self._admit(record, facts)
+                self._accept(record, statistics)
                 self._state.notify_all()
             if self._journal.lines > 2 * self._compacted_lines + _SPARE_LINES:
                 self._journal.rewrite(self._entries())
@@ -166,9 +166,9 @@ class Store:
     def count_refused(self) -> None:
         """Note a chunk that could not be accepted."""
         with self._writer:
-            self.ledger.refused += 1
+            self.index.refused += 1
             if not self._closed:
-                self._journal.append(self.ledger.counts_entry())
+                self._journal.append(self.index.counts_entry())
 
     @property
     def file_bytes(self) -> int:
@@ -198,10 +198,10 @@ class Store:
 
     def _place(self, key: ChunkKey, chunk: Chunk) -> Placement:
         """Make room for the chunk, and say where it goes."""
-        ring, ledger = self.ring, self.ledger
+        ring, index = self.ring, self.index
         steps, finals, context = len(chunk), len(chunk.final_frames), len(chunk.context)
         self._make_room(steps + finals)
-        before, previous = ledger.neighbour(key, -1), -1
+        before, previous = index.neighbour(key, -1), -1
         if context and before is not None and ring.is_open(before.placement):
             last = before.placement.last
             if ring.can_lend(last):
@@ -211,10 +211,10 @@ class Store:
 
     def _make_room(self, count: int) -> None:
         """Evict the oldest chunks until ``count`` slots are free."""
-        ring, ledger = self.ring, self.ledger
+        ring, index = self.ring, self.index
         least = ring.head + count - self._config.replay.capacity
         tail = ring.tail
-        for record in ledger.chunks:
+        for record in index.chunks:
             if tail >= least:
                 break
             tail = record.placement.end
@@ -224,24 +224,24 @@ class Store:
         # process must not take them for what they were.
         self._journal.append(tail_entry(tail))
         with self._state:
-            admitted = self.sampler.admitted
+            sampleable = self.sampler.sampleable
             touched = set(range(ring.tail, tail))
             ring.tail = tail
-            for record in ledger.evict(tail):
+            for record in index.evict(tail):
                 touched |= self._steps_beside(record.key)
             ids = np.array(sorted(touched), np.int64)
-            ids = ids[admitted.contains(ids)]
+            ids = ids[sampleable.contains(ids)]
             self.sampler.remove(ids[~ring.is_complete(ids)])
 
     def _steps_beside(self, key: ChunkKey) -> set[int]:
         """Steps whose return, or whose stack, may reach into the chunk."""
         n_step, frame_stack = self._config.learning.n_step, self._config.play.frame_stack
-        return self.ledger.steps_beside(key, n_step, frame_stack - 1)
+        return self.index.steps_beside(key, n_step, frame_stack - 1)
 
-    def _facts(self, chunk: Chunk, staleness: int) -> ChunkStatistics:
+    def _statistics(self, chunk: Chunk, staleness: int) -> ChunkStatistics:
         return ChunkStatistics(
-            index=self.ledger.accepted,
-            agent_steps=self.ledger.agent_steps + len(chunk),
+            index=self.index.accepted,
+            agent_steps=self.index.agent_steps + len(chunk),
             steps=len(chunk),
             actor=chunk.actor,
             epsilon=chunk.epsilon,
@@ -253,18 +253,18 @@ class Store:
             incarnation=chunk.incarnation,
         )
 
-    def _admit(self, record: ChunkRecord, facts: ChunkStatistics) -> None:
-        ring, ledger, place = self.ring, self.ledger, record.placement
-        ledger.accept(record, facts)
+    def _accept(self, record: ChunkRecord, statistics: ChunkStatistics) -> None:
+        ring, index, place = self.ring, self.index, record.placement
+        index.accept(record, statistics)
         ring.head = place.end
         ring.link(place)
-        before = ledger.neighbour(record.key, -1)
+        before = index.neighbour(record.key, -1)
         if before is not None:
             self._join(before, record)
-        self._join(record, ledger.neighbour(record.key, 1))
+        self._join(record, index.neighbour(record.key, 1))
         touched = self._steps_beside(record.key) | set(range(place.first, place.last + 1))
         ids = np.array(sorted(touched), np.int64)
-        ids = ids[~self.sampler.admitted.contains(ids)]
+        ids = ids[~self.sampler.sampleable.contains(ids)]
         self.sampler.add(ids[ring.is_complete(ids)])
 
     def _join(self, record: ChunkRecord, after: ChunkRecord | None) -> None:

@@ -80,12 +80,12 @@ def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stag
     after = _progress(stage)
     assert after.accepted >= before.accepted
     assert after.agent_steps >= before.agent_steps
-    assert after.facts[: len(before.facts)] == before.facts
+    assert after.statistics[: len(before.statistics)] == before.statistics
     learner.ends()
     actor.ends()
     end = _progress(stage)
     assert end.agent_steps >= 2000
-    assert sum(facts.steps for facts in end.facts) == end.agent_steps
+    assert sum(facts.steps for facts in end.statistics) == end.agent_steps
     assert end.refused == 0
 
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from common.checked import build
 from common.protocol.chunk import Game
 from replay.chunk_index import ChunkIndex, ChunkKey, ChunkRecord, Received, chunk_entry, tail_entry
-from replay.chunk_statistics import MOST_FACTS, ChunkStatistics
+from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics
 from replay.ring import Placement
 
 
@@ -30,7 +30,7 @@ def test_gaps_are_bounded() -> None:
     assert 0 in received  # given up as lost
 
 
-def facts(index: int, **others: object) -> ChunkStatistics:
+def statistics(index: int, **others: object) -> ChunkStatistics:
     values: dict[str, object] = {
         "index": index,
         "agent_steps": 4 * (index + 1),
@@ -48,55 +48,55 @@ def facts(index: int, **others: object) -> ChunkStatistics:
 
 
 def filled(count: int) -> tuple[ChunkIndex, list[str]]:
-    ledger, lines = ChunkIndex(), []
+    chunks, lines = ChunkIndex(), []
     for index in range(count):
         record = ChunkRecord(ChunkKey("a", 1, 0, index), Placement(4 * index, 0, 4, 0, -1))
-        lines.append(json.dumps(chunk_entry(record, facts(index))))
-        ledger.accept(record, facts(index))
-    return ledger, lines
+        lines.append(json.dumps(chunk_entry(record, statistics(index))))
+        chunks.accept(record, statistics(index))
+    return chunks, lines
 
 
 def same(one: ChunkIndex, other: ChunkIndex) -> bool:
     return list(one.entries()) == list(other.entries()) and one.stored == other.stored
 
 
-def test_entries_make_the_ledger_again() -> None:
-    ledger, lines = filled(5)
-    ledger.evict(8)
-    ledger.refused = 3
+def test_entries_make_the_index_again() -> None:
+    chunks, lines = filled(5)
+    chunks.evict(8)
+    chunks.refused = 3
     again = ChunkIndex()
-    for line in [*lines, json.dumps(tail_entry(8)), json.dumps(ledger.counts_entry())]:
+    for line in [*lines, json.dumps(tail_entry(8)), json.dumps(chunks.counts_entry())]:
         again.apply(json.loads(line))
-    assert same(ledger, again)
+    assert same(chunks, again)
     compacted = ChunkIndex()
-    for entry in ledger.entries():
+    for entry in chunks.entries():
         compacted.apply(json.loads(json.dumps(entry)))
-    assert same(ledger, compacted)
+    assert same(chunks, compacted)
     assert compacted.agent_steps == 20
     assert compacted.has_received(ChunkKey("a", 1, 0, 0))
     assert not compacted.has_received(ChunkKey("a", 1, 0, 5))
     assert not compacted.has_received(ChunkKey("a", 2, 0, 0))
 
 
-def test_facts_come_in_portions() -> None:
-    ledger, _ = filled(MOST_FACTS + 10)
-    shard = ledger.facts_since(4)
-    assert [each.index for each in shard] == list(range(4, MOST_FACTS + 4))
-    rest = ledger.facts_since(shard[-1].index + 1)
-    assert [each.index for each in rest] == list(range(MOST_FACTS + 4, MOST_FACTS + 10))
-    assert ledger.facts_since(MOST_FACTS + 10) == ()
-    assert ChunkIndex().facts_since(0) == ()
+def test_statistics_come_in_portions() -> None:
+    chunks, _ = filled(MAX_STATISTICS + 10)
+    shard = chunks.statistics_since(4)
+    assert [each.index for each in shard] == list(range(4, MAX_STATISTICS + 4))
+    rest = chunks.statistics_since(shard[-1].index + 1)
+    assert [each.index for each in rest] == list(range(MAX_STATISTICS + 4, MAX_STATISTICS + 10))
+    assert chunks.statistics_since(MAX_STATISTICS + 10) == ()
+    assert ChunkIndex().statistics_since(0) == ()
 
 
 def test_steps_beside_a_chunk_cross_chunks_but_no_gap() -> None:
-    ledger, _ = filled(4)
+    chunks, _ = filled(4)
     key = ChunkKey("a", 1, 0, 2)
-    assert ledger.steps_beside(key, before=6, after=3) == {2, 3, 4, 5, 6, 7, 12, 13, 14}
-    ledger.evict(4)
-    assert ledger.steps_beside(key, before=6, after=9) == {4, 5, 6, 7, 12, 13, 14, 15}
+    assert chunks.steps_beside(key, before=6, after=3) == {2, 3, 4, 5, 6, 7, 12, 13, 14}
+    chunks.evict(4)
+    assert chunks.steps_beside(key, before=6, after=9) == {4, 5, 6, 7, 12, 13, 14, 15}
 
 
 def test_a_journal_from_before_incarnations_were_kept_is_read() -> None:
-    told = json.loads(json.dumps(facts(0)))
-    assert build(ChunkStatistics, told) == facts(0)
-    assert build(ChunkStatistics, told[:-1]) == facts(0, incarnation=0)
+    told = json.loads(json.dumps(statistics(0)))
+    assert build(ChunkStatistics, told) == statistics(0)
+    assert build(ChunkStatistics, told[:-1]) == statistics(0, incarnation=0)

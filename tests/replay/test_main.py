@@ -94,7 +94,7 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
         resident_bytes=found[0].resident_bytes,  # type: ignore[attr-defined]
         private_bytes=found[0].private_bytes,  # type: ignore[attr-defined]
     )
-    assert after.facts == before.facts
+    assert after.statistics == before.statistics
     assert (after.agent_steps, after.stored, after.samplable) == (29 * 16, 400, 400)
     assert insert(transport, chunks[-2]).status == "duplicate"
     assert insert(transport, chunks[0]).status == "duplicate"  # evicted, but not forgotten

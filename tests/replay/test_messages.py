@@ -107,7 +107,7 @@ def test_a_batch_without_one_of_its_arrays_is_refused(name: str) -> None:
         SharedBatch.decode(pack(message))
 
 
-FACTS = st.builds(
+STATISTICS = st.builds(
     ChunkStatistics,
     index=st.integers(0, 2**62),
     agent_steps=st.integers(0, 2**62),
@@ -124,16 +124,16 @@ FACTS = st.builds(
 )
 
 
-@given(st.lists(FACTS, max_size=3).map(tuple), st.booleans(), st.integers(0, 2**62))
+@given(st.lists(STATISTICS, max_size=3).map(tuple), st.booleans(), st.integers(0, 2**62))
 def test_progress_comes_through_whole(
-    facts: tuple[ChunkStatistics, ...], throttle: bool, number: int
+    statistics: tuple[ChunkStatistics, ...], throttle: bool, number: int
 ) -> None:
-    progress = Progress(number, 1, 2, 3, 4, 5, throttle, 6, 7, number, facts)
+    progress = Progress(number, 1, 2, 3, 4, 5, throttle, 6, 7, number, statistics)
     assert Progress.decode(progress.encode()) == progress
 
 
 @pytest.mark.parametrize("bad", [None, [], [1], [[1, 2, 3]], [[0, 1, 1, "a", 1, 0, 0, 0, 0, []]]])
-def test_facts_of_other_kinds_are_refused(bad: Any) -> None:
+def test_statistics_of_other_kinds_are_refused(bad: Any) -> None:
     message = unpack(Progress(0, 1, 2, 3, 4, 5, False, 6, 7, 8, ()).encode())
     del message["schema"]
     with pytest.raises(MessageError):
@@ -181,7 +181,7 @@ def test_random_bytes_are_refused(kind: type[Message], payload: bytes) -> None:
 @given(
     st.sampled_from(KINDS),
     st.dictionaries(
-        st.sampled_from(["ids", "drawn", "timeout", "count", "since", "facts", "frames", "stacks"]),
+        st.sampled_from(["ids", "drawn", "timeout", "count", "since", "statistics", "stacks"]),
         st.none() | st.integers(-(2**63), 2**63) | st.floats() | st.text(max_size=3) | st.just([]),
     ),
 )

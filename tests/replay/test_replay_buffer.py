@@ -223,7 +223,7 @@ def test_that_the_run_is_over_holds_until_it_is_taken_back(tmp_path: Path) -> No
     assert not memory.await_release(0.0).finished
 
 
-def test_facts_tell_what_each_chunk_was(tmp_path: Path) -> None:
+def test_statistics_tell_what_each_chunk_was(tmp_path: Path) -> None:
     config = make_config(batch_size=16)
     memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
     chunks = [actor.live([GOES_ON, TERMINATES, GOES_ON], rng) for _ in range(3)]
@@ -235,18 +235,18 @@ def test_facts_tell_what_each_chunk_was(tmp_path: Path) -> None:
         memory.insert(Actor("b", 4, width=2).live([GOES_ON], rng))
     progress = memory.progress(0)
     assert (progress.accepted, progress.duplicates, progress.refused) == (2, 1, 1)
-    first, second = progress.facts
+    first, second = progress.statistics
     assert (first.index, first.agent_steps, first.steps, first.actor) == (0, 3, 3, "a")
     assert (first.epsilon, first.staleness, second.staleness) == (0.5, 0, 5)
     assert (first.valid, first.matched) == (int(chunks[0].valid.sum()), 3)
     assert [(game.score, game.steps) for game in first.games] == [(1.5, 9)]
-    assert memory.progress(1).facts == (second,)
+    assert memory.progress(1).statistics == (second,)
     assert progress.file_bytes >= 64 * 7_056
     assert progress.resident_bytes > progress.private_bytes > 0
     memory.close()
     again = ReplayBuffer(config, tmp_path)
     after = again.progress(0)
-    assert after.facts == progress.facts
+    assert after.statistics == progress.statistics
     assert (after.accepted, after.duplicates, after.refused) == (2, 1, 1)
     assert again.insert(chunks[1]).status == "duplicate"
 

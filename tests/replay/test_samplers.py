@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay.samplers import Admitted, PrioritisedSampler, UniformSampler
+from replay.samplers import PrioritisedSampler, SampleableIndex, UniformSampler
 from replay.sum_tree import padded
 
 CAPACITY = 50
@@ -16,17 +16,17 @@ def prioritised(alpha: float = 1.0, beta: float = 1.0) -> PrioritisedSampler:
 @settings(max_examples=50)
 @given(st.lists(st.tuples(st.booleans(), st.sets(st.integers(0, 19), max_size=8)), max_size=30))
 def test_admitted_ids_are_a_set(changes: list[tuple[bool, set[int]]]) -> None:
-    admitted, expected = Admitted(20), set[int]()
+    sampleable, expected = SampleableIndex(20), set[int]()
     turn = 1_000  # ids are far beyond their slots
     for add, slots in changes:
         ids = {turn * 20 + slot for slot in slots}
         ids = ids - expected if add else ids & expected
-        (admitted.add if add else admitted.remove)(np.array(sorted(ids), np.int64))
+        (sampleable.add if add else sampleable.remove)(np.array(sorted(ids), np.int64))
         expected = expected | ids if add else expected - ids
-        assert set(admitted.ids.tolist()) == expected
-        assert len(admitted) == len(expected)
+        assert set(sampleable.ids.tolist()) == expected
+        assert len(sampleable) == len(expected)
         everything = np.arange((turn - 1) * 20, (turn + 2) * 20)
-        assert set(everything[admitted.contains(everything)].tolist()) == expected
+        assert set(everything[sampleable.contains(everything)].tolist()) == expected
 
 
 def test_uniform_draws_each_step_as_often() -> None:

@@ -94,8 +94,8 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
     assert len(frames) == len(vectors) <= 2
     progress = place.remote.progress(0)
     assert (progress.accepted, progress.duplicates, progress.refused) == (1, 1, 0)
-    assert progress.facts == place.memory.progress(0).facts
-    assert place.remote.progress(1, finished=True).facts == ()
+    assert progress.statistics == place.memory.progress(0).statistics
+    assert place.remote.progress(1, finished=True).statistics == ()
     assert insert(place.client, actor.live([GOES_ON], rng)).finished
 
 
