@@ -152,6 +152,11 @@ def main() -> int:
             for _ in range(options.envs)
         ]
         actions = int(envs[0].action_space.n)  # type: ignore[attr-defined]
+        if actions != config.action_count:
+            raise InputError(
+                f"{config.game} ({config.env}) offers {actions} actions here, but the run has "
+                f"{config.action_count}: install the versions of requirements.lock."
+            )
         policy = Policy(
             build_network(config, actions),
             actions,
