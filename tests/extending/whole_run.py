@@ -1,0 +1,95 @@
+"""A whole run in one process: an actor plays, the replay stores, the learner learns."""
+
+import io
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from actors.actor import Actor
+from actors.envs import make_env
+from actors.policy import Policy
+from common.network import build_network
+from common.protocol.run_keys import RunKeys
+from common.registry import Registry
+from common.run.config import RunConfig
+from common.run.folder import RunFolder
+from common.run.join import find_run
+from common.transport.in_process import InProcessHub
+from learner.algorithm.registry import build_algorithm
+from learner.assembly import build_learner
+from learner.device import Device
+from learner.telemetry.sinks.display import PlainDisplay
+from replay.replay_buffer import ReplayBuffer
+from replay.server import ReplayServer
+from tests.patience import PATIENCE
+
+RUN = "extended"
+
+
+@contextmanager
+def added(registry: Registry[Any], entry: Any) -> Iterator[None]:
+    """``entry`` is in ``registry`` for the block."""
+    registry.add(entry)
+    try:
+        yield
+    finally:
+        del registry._entries[entry.name]
+
+
+def learned(config: RunConfig, runs: Path, steps: int) -> tuple[dict[str, Any], Policy]:
+    """The summary of a run of so many steps, and the policy that acted in it."""
+    config.check()
+    folder = RunFolder(runs, RUN)
+    folder.path.mkdir()
+    device = Device(torch.device("cpu"), bfloat16=False)
+    stop = threading.Event()
+    with ExitStack() as stack:
+        meeting = InProcessHub()
+        hub, client = (stack.enter_context(meeting.connect()) for _ in range(2))
+        memory = ReplayBuffer(config, folder.replay)
+        stack.callback(memory.close)
+        stack.enter_context(ReplayServer(hub, memory, config, RUN))
+        network = build_network(config, config.action_count)
+        learner = build_learner(
+            *(hub, config, folder, memory),
+            build_algorithm(config, network, device),
+            device,
+            PlainDisplay(io.StringIO()),
+            steps_goal=steps,
+            resume=False,
+            clock_mode={},
+            gate_minutes=1e6,
+            stall_minutes=1e6,
+            force=False,
+            stop=threading.Event(),
+        )
+        _, announced = find_run(client, RUN, PATIENCE, lambda: False)
+        assert announced == config
+        actions = announced.action_count
+        env = make_env(announced, training=True)
+        stack.callback(env.close)
+        assert env.action_space.n == actions
+        policy = Policy(build_network(announced, actions), actions, np.random.default_rng(1))
+        actor = Actor(
+            *(client, announced, RunKeys(RUN), "a", 1, [env], policy),
+            patience=PATIENCE,
+            stop=stop,
+            warn=print,
+        )
+        acting = threading.Thread(target=actor.run, args=([1],))
+        acting.start()
+        try:
+            learner.start()
+            learner.run()
+        finally:
+            stop.set()
+            acting.join(PATIENCE)
+        assert learner.done
+    summary: dict[str, Any] = json.loads(folder.summary.read_text())
+    return summary, policy
