@@ -1,4 +1,4 @@
-"""`python -m actors --check`: does this robot see and touch? Gates, latencies and a picture."""
+"""`python -m actors --check`: health checks of sight and touch, latencies and a picture."""
 
 import threading
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from actors.loop import Step, play
 from actors.robots.nao.latency import DECISION_MS, MOST_STRAYS, Change, Latency, changes
 from common.errors import InputError
 from common.run.config import RunConfig
-from viewer.health_checks import MOST_CORNER_ERROR, Figure, judge
+from viewer.health_checks import MOST_CORNER_ERROR, Check, judge
 from viewer.observer import Observer
 from viewer.panels import border_of, draw_panels
 from viewer.player import ShownPolicy
@@ -36,7 +36,7 @@ def check(
     stop: threading.Event,
     console: Console | None = None,
 ) -> int:
-    """Play `DECISIONS` random decisions and judge them; 0 if all gates are green, else 1.
+    """Play `DECISIONS` random decisions and judge them; 0 if all health checks pass, else 1.
 
     Raises:
         InputError: the picture cannot be written, the user's robot not shown.
@@ -55,9 +55,9 @@ def check(
             if observed.steps == DECISIONS or stop.is_set():
                 break
         _write_picture(output, draw_panels(observer.look(step, None)))
-        gates = observed.gates(robot=isinstance(env, RobotEnv))
+        checks = observed.checks(robot=isinstance(env, RobotEnv))
         title = f"{config.game} ({config.env}), {observed.steps} random decisions"
-        console.print(_gates_table(gates, title))
+        console.print(_checks_table(checks, title))
         if isinstance(env, RobotEnv):
             console.print(_latency_table(list(changes(env.robot, 1, seed))))
         console.print(f"wrote {output}", soft_wrap=True)
@@ -65,7 +65,7 @@ def check(
         if observer is not None:
             observer.close()
         env.close()
-    return 0 if all(gate.green for gate in gates) else 1
+    return 0 if all(each.green for each in checks) else 1
 
 
 class _Observed:
@@ -84,7 +84,7 @@ class _Observed:
         if isinstance(env, RobotEnv):
             self._in_place += _corners_in_place(env)
 
-    def gates(self, *, robot: bool) -> list[Figure]:
+    def checks(self, *, robot: bool) -> list[Check]:
         """The judgement; the last three figures are a robot's."""
         return judge(
             pixel_deviation=float(np.mean(self._deviations)),
@@ -95,7 +95,7 @@ class _Observed:
 
 
 def _corners_in_place(env: RobotEnv) -> bool:
-    """Whether the eye has the picture's corners where the room's geometry puts them."""
+    """Whether the detector has the picture's corners where the room's geometry puts them."""
     if env.detection.corners is None or not env.detection.valid:
         return False
     truth = env.robot.true_corners()
@@ -116,15 +116,15 @@ def _write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
         raise InputError(f"{path} cannot be written: {error.strerror}.") from None
 
 
-def _gates_table(gates: list[Figure], title: str) -> Table:
+def _checks_table(checks: list[Check], title: str) -> Table:
     table = Table(title=title, title_justify="left")
-    table.add_column("gate")
+    table.add_column("health check")
     table.add_column("found", justify="right")
     table.add_column("at least", justify="right")
     table.add_column("")
-    for gate in gates:
-        verdict = "[green]green[/]" if gate.green else f"[red]red: {gate.meaning}[/]"
-        table.add_row(gate.name, f"{gate.value:.3g}", f"{gate.least:g}", verdict)
+    for each in checks:
+        verdict = "[green]green[/]" if each.green else f"[red]red: {each.meaning}[/]"
+        table.add_row(each.name, f"{each.value:.3g}", f"{each.least:g}", verdict)
     return table
 
 

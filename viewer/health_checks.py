@@ -1,7 +1,7 @@
-"""What `--check` judges: figures that tell whether this robot sees and touches at all.
+"""Health checks of `--check`: figures that tell whether this robot sees and touches at all.
 
-The learner judges a whole run by gates of its own (`learner.telemetry.health_checks`); these need
-no learner.
+The learner has health checks of a whole run (`learner.telemetry.health_checks`); these need no
+learner.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ LEAST_KEYS_MATCHED = 0.5
 
 
 @dataclass(frozen=True)
-class Figure:
+class Check:
     """One measured figure against its bound."""
 
     name: str
@@ -36,18 +36,18 @@ def judge(
     valid_share: float | None,
     corners_share: float | None,
     match_share: float | None,
-) -> list[Figure]:
-    """The gates for these figures.
+) -> list[Check]:
+    """Returns the health checks of these figures.
 
     Args:
         pixel_deviation: mean of the frames' standard deviations, grey levels of 255.
-        valid_share: of the frames, those in which the eye says that it found the screen.
+        valid_share: of the frames, those in which the detector says that it found the screen.
         corners_share: of the frames, those in which all corners are where they truly are.
         match_share: of the decisions, those that ended with the commanded keys pressed. The last
             three are a robot's; None elsewhere.
     """
-    figures = [
-        Figure(
+    checks = [
+        Check(
             "pixel deviation",
             pixel_deviation,
             LEAST_PIXEL_DEVIATION,
@@ -70,5 +70,5 @@ def judge(
         ),
     ):
         if value is not None:
-            figures.append(Figure(name, value, least, meaning))
-    return figures
+            checks.append(Check(name, value, least, meaning))
+    return checks

@@ -1,4 +1,4 @@
-"""A snapshot as one picture of four panels: the room, the robot's camera with what the eye found,
+"""A snapshot as one picture of four panels: the room, the robot's camera with what was found in it,
 what the network gets, and the controller, with keys, Q-values, score and step drawn in."""
 
 import cv2

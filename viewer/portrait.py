@@ -1,7 +1,7 @@
 """`python -m viewer.portrait -o docs/robot.png`: the robot at play, as a picture.
 
 Above the room, and the robot from the front; below what its camera sees, with the game's corners as
-the eye found them, and the 84×84 frame that the network gets.
+the detector found them, and the 84×84 frame that the network gets.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from common.games import check_game
 from viewer import overlay
 
 _WIDTH, _HEIGHT = 640, 480
-"""Of each panel."""
+"""Size of each panel in pixels."""
 _FROM_THE_FRONT = Viewpoint((0.66, -0.32, 0.72), (0.075, 0.0, 0.272), 34.0, shadow=False)
 
 
@@ -32,13 +32,13 @@ class Options:
     """Let the robot play at random for a while, and take its picture."""
 
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("robot.png")
-    """PNG to write."""
+    """PNG file of the picture."""
     game: str = "pong"
-    """Any game that ale-py bundles."""
+    """Game: any that ale-py bundles."""
     decisions: int = 60
-    """Decisions before the picture."""
+    """Agent steps before the picture."""
     seed: int = 7
-    """Of the random play."""
+    """Seed of the random play."""
 
 
 def main() -> int:
@@ -71,7 +71,7 @@ def _portrait(room: Room, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
     seen = room.picture(game)
     detection = ScreenDetector().detect(seen)
     if detection.corners is None:
-        raise InputError("the eye found no screen, so there is nothing to show.")
+        raise InputError("no screen was found in the picture: choose another --seed.")
     resized = cv2.resize(seen, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_NEAREST)
     camera = np.asarray(resized, np.uint8)
     scale = _WIDTH / seen.shape[1]

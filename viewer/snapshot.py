@@ -17,7 +17,7 @@ class RobotSnapshot:
     camera: NDArray[np.uint8]
     """What the robot's camera sees, ``[240, 320, 3]``."""
     corners: NDArray[np.float32] | None
-    """Of the game in ``camera`` as the eye has it, ``float32 [4, 2]``, clockwise."""
+    """Corners of the game in ``camera`` as the detector has it, ``float32 [4, 2]``, clockwise."""
     found: bool
     """The corners were found in this very picture; else they are the last ones."""
     controller: NDArray[np.uint8]

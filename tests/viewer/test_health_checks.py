@@ -1,4 +1,4 @@
-"""The gates of --check at their bounds."""
+"""The health checks of --check at their bounds."""
 
 import math
 
@@ -10,10 +10,10 @@ from viewer.health_checks import judge
 def colours(
     deviation: float, valid: float | None, corners: float | None, match: float | None
 ) -> list[bool]:
-    gates = judge(
+    checks = judge(
         pixel_deviation=deviation, valid_share=valid, corners_share=corners, match_share=match
     )
-    return [gate.green for gate in gates]
+    return [check.green for check in checks]
 
 
 @pytest.mark.parametrize(

@@ -183,7 +183,7 @@ def test_check_of_the_emulator_alone(
 def test_check_is_red_for_a_robot_that_is_blind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its eye is shown a grey wall, as in 2017, when nobody was told."""
+    """Its detector is shown a grey wall, as in 2017, when nobody was told."""
     look = RobotEnv._look
 
     def look_at_a_wall(env: RobotEnv) -> None:
