@@ -13,7 +13,7 @@ from common.errors import MessageError
 from common.protocol.announcement import encode_announcement
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import RunKeys
-from common.protocol.wire import MAX_MESSAGE_BYTES
+from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
 from common.run.config import RunConfig
 from common.transport.interface import Answer, Envelope, Request, Transport
 from replay.messages import (
@@ -28,7 +28,6 @@ from replay.replay_buffer import ReplayBuffer
 
 LONGEST_WAIT = 1.0
 """Seconds that a draw or a poll may wait at the server."""
-_LONGEST_VERSION = 20
 
 _log = logging.getLogger(__name__)
 
@@ -134,10 +133,14 @@ class ReplayServer:
         return self._weights
 
     def _keep_weights(self, message: Envelope) -> None:
-        version, size = message.attachment, len(message.payload)
-        if not version.isdigit() or len(version) > _LONGEST_VERSION or size > MAX_MESSAGE_BYTES:
-            _log.warning("weights of %d bytes, version %r, were passed over", size, version)
+        size = len(message.payload)
+        try:
+            version = decode_version(message.attachment)
+            if size > MAX_MESSAGE_BYTES:
+                raise MessageError(f"more than {MAX_MESSAGE_BYTES} bytes")
+        except MessageError as error:
+            _log.warning("weights of %d bytes were passed over: %s", size, error)
             return
         # Not the largest but the latest: a resumed learner may start from an older version.
         self._weights = message
-        self._memory.weights_version = int(version)
+        self._memory.weights_version = version

@@ -5,7 +5,7 @@ import threading
 
 from common.errors import MessageError
 from common.protocol.run_keys import RunKeys
-from common.protocol.wire import MAX_MESSAGE_BYTES
+from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
 from common.transport.interface import Envelope, Transport, Unanswered
 
 _FETCH_TIMEOUT = 5.0
@@ -40,8 +40,8 @@ class WeightsClient:
         if len(message.payload) > MAX_MESSAGE_BYTES:
             return
         try:
-            version = int(message.attachment)
-        except ValueError:
+            version = decode_version(message.attachment)
+        except MessageError:
             return
         with self._lock:
             self._latest = (version, message.payload)

@@ -11,6 +11,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from common.checked import MAX_COUNT
 from common.errors import MessageError
 
 SCHEMA = 4
@@ -110,3 +111,14 @@ def pack_array(array: NDArray[Any]) -> dict[str, Any]:
     # The view saves a copy; an empty array has none that msgpack would take.
     data = plain.data.cast("B") if plain.size else b""
     return {"dtype": plain.dtype.str, "shape": list(array.shape), "data": data}
+
+
+def decode_version(attachment: bytes) -> int:
+    """Returns the version that is sent beside weights, as decimal digits.
+
+    Raises:
+        MessageError: it is not a number from 0 to `MAX_COUNT`.
+    """
+    if not attachment.isdigit() or len(attachment) > 19 or int(attachment) > MAX_COUNT:
+        raise MessageError(f"{attachment[:40]!r} is not a version of weights")
+    return int(attachment)

@@ -162,6 +162,7 @@ def test_the_newest_weights_wait_for_late_joiners(place: Place) -> None:
     publisher = place.client.publisher(KEYS.weights)
     actor, rng = Actor("a", 4), np.random.default_rng(0)
     publisher.publish(b"unversioned")
+    publisher.publish(b"no counter holds it", b"9" * 20)  # once the end of the thread that read
     publisher.publish(b"odd", b"-1")
     for version in (50, 100):
         publisher.publish(b"weights %d" % version, b"%d" % version)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from common.errors import MessageError
 from common.protocol import wire
-from common.protocol.wire import SCHEMA, pack, pack_array, unpack
+from common.protocol.wire import SCHEMA, decode_version, pack, pack_array, unpack
 
 SCALARS = (
     st.none()
@@ -144,3 +144,16 @@ def test_the_bytes_are_those_that_msgpack_itself_would_write(size: int) -> None:
         "last": 2**40,
     }
     assert pack(message) == msgpack.packb({"schema": SCHEMA, **message})
+
+
+@pytest.mark.parametrize("version", [0, 7, 2**63 - 1])
+def test_a_version_is_read(version: int) -> None:
+    assert decode_version(b"%d" % version) == version
+
+
+@pytest.mark.parametrize(
+    "attachment", [b"", b"-1", b"+1", b"1_0", b" 1", b"1.0", b"%d" % 2**63, b"9" * 20, b"9" * 9_999]
+)
+def test_a_version_that_no_counter_holds_is_refused(attachment: bytes) -> None:
+    with pytest.raises(MessageError, match="not a version of weights"):
+        decode_version(attachment)
