@@ -24,6 +24,7 @@ from common.network import build_network
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import parse
 from common.process.lifeline import leave_with_parent, on_signals
+from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import check_name
 from common.run.clock import ClockConfig
 from common.run.config import MAX_SEED, RunConfig
@@ -135,9 +136,12 @@ def main() -> int:
     def warn(text: str) -> None:
         print(f"{name}: {text}", file=sys.stderr, flush=True)
 
-    with connect(
-        options.connect, options.patience, stop.is_set, certificates=options.certificates
-    ) as transport:
+    with (
+        end_with_any_thread(stop),
+        connect(
+            options.connect, options.patience, stop.is_set, certificates=options.certificates
+        ) as transport,
+    ):
         keys, config = find_run(transport, options.run, options.patience, stop.is_set)
         options.check_against(config)
         incarnation = time.time_ns()

@@ -3,9 +3,7 @@
 import threading
 from functools import partial
 
-from common.metrics import Values
 from common.protocol.run_keys import RunKeys
-from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.transport.interface import Transport
 from learner.algorithm.interface import Algorithm
@@ -17,6 +15,7 @@ from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
 from learner.health_guard import HealthGuard
+from learner.options import LearnerOptions, clock_figures
 from learner.phases import Phases
 from learner.prefetch import Prefetcher, to_device
 from learner.telemetry.actor_registry import ActorRegistry
@@ -34,35 +33,22 @@ from replay.interface import Replay
 
 
 def build_learner(
-    transport: Transport,
-    config: RunConfig,
+    options: LearnerOptions,
     folder: RunFolder,
+    transport: Transport,
     replay: Replay,
     algorithm: Algorithm,
     device: Device,
     display: Display,
-    *,
-    steps_goal: int | None,
-    resume: bool,
-    clock_mode: Values,
-    gate_minutes: float,
-    stall_minutes: float,
-    force: bool,
     stop: threading.Event,
 ) -> Learner:
     """Returns the learner of the run in ``folder``, not yet started.
 
-    Args:
-        steps_goal: agent steps, warm-up included, after which it ends by itself.
-        resume: continue from the checkpoint in ``folder``.
-        clock_mode: figures of how time passes for local mode's actors.
-        gate_minutes: minutes for which a gate may be red before the run ends by itself.
-        stall_minutes: minutes for which steps and updates may stand still.
-        force: only warn then, and train on.
-
     Raises:
         InputError: a file of the run is damaged.
     """
+    config = options.config
+    resume = options.resume and folder.checkpoint.exists()
     keys = RunKeys(folder.name)
     state = load_checkpoint(folder.checkpoint, algorithm) if resume else None
     clock = RunClock()
@@ -75,11 +61,11 @@ def build_learner(
         seconds=clock.seconds,
     )
     facts = {
-        **clock_mode,
+        **clock_figures(options),
         "run/run": keys.run,
         "run/device": device.name,
         "run/initial": folder.initial.exists(),
-        "run/steps_goal": steps_goal,
+        "run/steps_goal": options.steps,
     }
     sinks = (
         TensorBoardSink(folder.tensorboard),
@@ -91,7 +77,7 @@ def build_learner(
     telemetry.start(state)
     learner = Learner(
         config=config,
-        steps_goal=steps_goal,
+        steps_goal=options.steps,
         replay=replay,
         algorithm=algorithm,
         draw=partial(
@@ -109,8 +95,8 @@ def build_learner(
         registry=registry,
         telemetry=telemetry,
         guard=HealthGuard(
-            *(gate_minutes, stall_minutes, config.stream.chunk_steps),
-            force=force,
+            *(options.gate_minutes, options.stall_minutes, config.stream.chunk_steps),
+            force=options.force,
             warn=display.line,
             now=clock.now,
         ),

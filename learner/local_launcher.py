@@ -1,43 +1,32 @@
 """Local mode: actors and evaluators as supervised children of the learner."""
 
-from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 
 from common.process.supervisor import Child, Supervisor
+from common.run.folder import RunFolder
+from learner.options import LearnerOptions
 
 
-def launch(
-    endpoint: str,
-    run: str,
-    actors: int,
-    envs: int,
-    evaluators: int,
-    logs: Path,
-    flags: Sequence[str],
-    *,
-    low_priority: bool,
-) -> Supervisor:
-    """Start the actors and evaluators of a run on this machine.
+def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervisor:
+    """Start the actors and evaluators of a run on this machine; they log into its folder.
 
-    Args:
-        envs: environments in each actor.
-        logs: folder for what they print.
-        flags: for all of them: how time passes, such as ``["--sync"]``, and their certificates.
-        low_priority: run them at a lower priority than this process. Not for robots in real
-            time, whose deadlines do not wait.
+    Where the world waits for the agent they have a lower priority than the learner. Robots in real
+    time have not: their deadlines do not wait.
     """
+    logs = folder.path / "logs"
     logs.mkdir(parents=True, exist_ok=True)
-    roles = {f"actor-{index}": ["--envs", str(envs)] for index in range(1, actors + 1)}
-    roles |= {f"evaluator-{index}": ["--evaluator"] for index in range(1, evaluators + 1)}
-    common = ("--connect", endpoint, "--run", run, *flags)
+    roles = {f"actor-{i}": ["--envs", str(options.envs)] for i in range(1, options.actors + 1)}
+    roles |= {f"evaluator-{i}": ["--evaluator"] for i in range(1, options.evaluators + 1)}
+    common = ["--connect", endpoint, "--run", folder.name, *options.clock.flags()]
+    if options.certificates is not None:
+        common += ["--certificates", str(options.certificates)]
     return Supervisor(
         {
             name: partial(
                 Child,
                 *("actors", "--name", name, *common, *own),
                 leash=True,
-                low_priority=low_priority,
+                low_priority=options.clock.sync,
                 log=logs / f"{name}.log",
             )
             for name, own in roles.items()

@@ -15,6 +15,7 @@ from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunFlags, parse_run
 from common.process.lifeline import on_signals
 from common.process.output import silence
+from common.process.threads import end_with_any_thread
 from common.run.folder import RunFolder
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.zenoh_transport import open_hub
@@ -59,7 +60,7 @@ def main() -> None:
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     stop = threading.Event()
     on_signals(stop)
-    with open_hub(options.listen, options.certificates) as transport:
+    with end_with_any_thread(stop), open_hub(options.listen, options.certificates) as transport:
         memory = ReplayBuffer(config, folder.replay, actions)
         try:
             with ReplayServer(transport, memory, config, folder.name):

@@ -22,6 +22,7 @@ from common.transport.interface import Transport
 from learner.algorithm.registry import build_algorithm
 from learner.assembly import build_learner
 from learner.device import Device
+from learner.options import LearnerOptions
 from learner.telemetry.sinks.display import PlainDisplay
 from learner.training import Learner
 from replay.replay_buffer import ReplayBuffer
@@ -73,17 +74,12 @@ def place(runs: Path, actor: Actor, *, resume: bool, steps_goal: int | None) -> 
         stack.callback(memory.close)
         stack.enter_context(ReplayServer(hub, memory, CONFIG, RUN))
         learner = build_learner(
-            *(hub, CONFIG, folder, memory),
+            LearnerOptions(CONFIG, resume=resume, steps=steps_goal),
+            *(folder, hub, memory),
             build_algorithm(CONFIG, build_network(CONFIG, 18), device),
             device,
             PlainDisplay(io.StringIO()),
-            steps_goal=steps_goal,
-            resume=resume,
-            clock_mode={},
-            gate_minutes=1e6,
-            stall_minutes=1e6,
-            force=False,
-            stop=threading.Event(),
+            threading.Event(),
         )
         yield Place(learner, memory, folder, client, actor, np.random.default_rng(1))
 

@@ -14,13 +14,8 @@ from common.protocol.weights import encode_weights
 from common.run.clock import ClockConfig
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
-from learner.__main__ import (
-    LearnerOptions,
-    clock_figures,
-    first_network,
-    going_on,
-    stored_config,
-)
+from learner.__main__ import first_network
+from learner.options import LearnerOptions, clock_figures, resume_command, stored_config
 
 
 def learner(*arguments: str) -> LearnerOptions:
@@ -118,7 +113,7 @@ def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path)
     ],
 )
 def test_the_command_that_goes_on_is_told(arguments: str, done: bool, again: str) -> None:
-    told = going_on(shlex.split(arguments), "r", done=done)
+    told = resume_command(shlex.split(arguments), "r", done=done)
     assert told == f"python -m learner {again}"
 
 

@@ -8,7 +8,11 @@ from pathlib import Path
 import pytest
 
 from common.process import supervisor
+from common.run.clock import ClockConfig
+from common.run.folder import RunFolder
+from common.run.presets import PRESETS
 from learner.local_launcher import launch
+from learner.options import LearnerOptions
 from tests.patience import PATIENCE
 
 _TELLS = """import json, os, sys
@@ -26,8 +30,11 @@ def test_actors_and_evaluators_are_told_their_run(
     child.write_text(f"#!{sys.executable}\n{_TELLS}\n")
     child.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(child))
-    logs = tmp_path / "logs"
-    children = launch("tcp/h:1", "r", 1, 4, 1, logs, ["--sync"], low_priority=low_priority)
+    logs = tmp_path / "r" / "logs"
+    options = LearnerOptions(
+        PRESETS["robot"], envs=4, clock=ClockConfig(sync=low_priority), certificates=Path("c")
+    )
+    children = launch(options, "tcp/h:1", RunFolder(tmp_path, "r"))
     roles = ("actor", "evaluator")
     assert [children.works(role) for role in roles] == [True, True]
     children.close()
@@ -36,5 +43,16 @@ def test_actors_and_evaluators_are_told_their_run(
     nice = min(ours + 10, 19) if low_priority else ours
     for name, own in (("actor-1", ["--envs", "4"]), ("evaluator-1", ["--evaluator"])):
         told = json.loads((logs / f"{name}.log").read_text())
-        common = ["--connect", "tcp/h:1", "--run", "r", "--sync"]
-        assert told == [nice, "-m", "actors", "--name", name, *common, *own, "--leash"]
+        common = ["--connect", "tcp/h:1", "--run", "r", *options.clock.flags()]
+        assert told == [
+            nice,
+            "-m",
+            "actors",
+            "--name",
+            name,
+            *common,
+            "--certificates",
+            "c",
+            *own,
+            "--leash",
+        ]

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.figures.plot_histogram import read_evaluation
 from benchmarks.lab.ladder import COLUMNS, FLAGS, Options, Rung, add_row, row_of
 from common.process.command_line import parse_run
-from learner.__main__ import LearnerOptions
+from learner.options import LearnerOptions
 from learner.telemetry.sinks.epochs_csv import EpochPhase, EpochRow, EpochTable
 from tests.epoch_rows import epoch_row
 from tests.patience import PATIENCE

@@ -15,7 +15,7 @@ from common.errors import InputError
 from common.process.command_line import parse_run
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
-from learner.__main__ import LearnerOptions
+from learner.options import LearnerOptions
 from tests.paths import ROOT
 
 POLICY = ROOT / "policies" / "ale_pong.safetensors"

@@ -1,0 +1,159 @@
+"""The learner's command line: its flags, what they mean together, and the command to continue."""
+
+import os
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import tyro
+
+from common.errors import InputError
+from common.metrics import Value
+from common.process.command_line import RunFlags
+from common.run.clock import ClockConfig
+from common.run.config import RunConfig
+from common.run.folder import RunFolder
+from common.run.origin import origin_of
+from common.transport.endpoint import DEFAULT_ENDPOINT
+from learner.device import DeviceChoice, PrecisionChoice
+from learner.evaluation.offline import EvaluationOptions
+from learner.health_guard import STALL_MINUTES
+from learner.telemetry.gate import MINUTES
+
+
+@dataclass(frozen=True)
+class LearnerOptions:
+    """Train a network from what the actors live through, and send them its weights.
+
+    Hosts the run's replay and hub unless --connect names a replay of its own. Actors join from
+    other terminals or machines by `python -m actors --sync`; with --local they are started here.
+    """
+
+    config: RunFlags
+    run: str | None = None
+    """Name of the run; by default made of environment, game and preset."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs."""
+    resume: bool = False
+    """Go on with the run that is there, under its own settings."""
+    initial: Path | None = None
+    """Begin with this network, such as policies/ale_pong.safetensors, instead of a fresh one;
+    --exploration.start then says how much of its play is random at first."""
+    steps: int | None = None
+    """End by itself after so many agent steps, the warm-up included."""
+    local: bool = False
+    """Start actors and an evaluator on this machine, and end them with the learner."""
+    actors: int = 1
+    """Training actors of local mode."""
+    envs: int = 1
+    """Environments in each actor of local mode."""
+    evaluators: int = 1
+    """Evaluators of local mode."""
+    clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
+    device: DeviceChoice = "auto"
+    """Hardware of the learner; 'auto' takes CUDA where there is one."""
+    precision: PrecisionChoice = "auto"
+    """Of the network's arithmetic; 'auto' takes bfloat16 where the hardware is made for it."""
+    threads: int = 0
+    """Processor threads of an update; 0 for as many cores as local mode's actors leave free, or
+    half of them when actors may run in other terminals."""
+    listen: str = DEFAULT_ENDPOINT
+    """Address where actors find this process; name 0.0.0.0 to let other machines in."""
+    connect: str | None = None
+    """Address of a `python -m replay` to use instead of a replay of one's own."""
+    patience: float = 60.0
+    """Seconds to wait for that replay."""
+    certificates: Path | None = None
+    """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
+    gate_minutes: float = MINUTES
+    """Minutes that a gate may be red before the run ends by itself, with exit code 3."""
+    stall_minutes: float = STALL_MINUTES
+    """Minutes without any agent step or update after which the run ends by itself, with exit code
+    3; inf to wait for ever."""
+    force: bool = False
+    """Train on though a gate stays red or nothing happens; only warn."""
+    evaluation: tyro.conf.OmitArgPrefixes[EvaluationOptions] = field(
+        default_factory=EvaluationOptions
+    )
+
+    def check(self) -> None:
+        self.evaluation.check()
+        for name, value, least in (
+            ("--actors", self.actors, 1),
+            ("--envs", self.envs, 1),
+            ("--evaluators", self.evaluators, 0),
+            ("--threads", self.threads, 0),
+        ):
+            if value < least:
+                raise InputError(f"{name} is {value}: choose {least} or more.")
+        self.clock.check(self.config.env)
+        if not 0 < self.gate_minutes < float("inf"):
+            raise InputError(
+                f"--gate-minutes is {self.gate_minutes}: choose a number above 0, or --force."
+            )
+        if not self.stall_minutes > 0:
+            raise InputError(
+                f"--stall-minutes is {self.stall_minutes}: choose a number above 0, or inf."
+            )
+        if self.initial is not None and self.resume:
+            raise InputError("a run that goes on has a network: leave --initial or --resume away.")
+        if self.evaluation.evaluate is not None:
+            return  # the games' own processes check the rest
+        if (flag := self.clock.robot_flag) and not self.local:
+            raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
+        if self.steps is not None and self.steps <= self.config.replay.learning_starts:
+            raise InputError(
+                f"--steps is {self.steps}, all of which the warm-up of "
+                f"{self.config.replay.learning_starts} takes: choose more, or lower "
+                "--replay.learning-starts."
+            )
+
+
+def run_name(options: LearnerOptions) -> str:
+    config = options.config
+    return options.run or f"{config.env}-{config.game}-{config.preset}".replace("_", "-")
+
+
+def stored_config(options: LearnerOptions) -> RunConfig | None:
+    """Of the run to resume, or of that which trained the network to evaluate."""
+    if options.evaluation.evaluate is not None:
+        return origin_of(options.evaluation.evaluate)
+    if options.resume:
+        return RunFolder(options.runs, run_name(options)).stored_config()
+    return None
+
+
+def clock_figures(options: LearnerOptions) -> dict[str, Value]:
+    """Returns how time passes, for the run's records; nothing where actors start elsewhere."""
+    return {f"run/{name}": value for name, value in vars(options.clock).items() if options.local}
+
+
+def free_cores(options: LearnerOptions) -> int:
+    """Cores for the update: those that actors here leave free.
+
+    Threads that share a core wait for each other at every layer: two on two busy cores are far
+    slower than one alone (benchmarks/LOG.md).
+    """
+    cores = len(os.sched_getaffinity(0))
+    return max(cores - options.actors if options.local else cores // 2, 1)
+
+
+def resume_command(arguments: Sequence[str], run: str, *, done: bool) -> str:
+    """Returns the command that continues a run which was started with ``arguments``.
+
+    Args:
+        done: whether it has all the steps it was asked for.
+    """
+    told: list[str] = []
+    omitted = {"--initial", *(["--steps"] if done else [])}
+    skip = False
+    for argument in arguments:
+        name, equals, _ = argument.partition("=")
+        if not skip and name not in {*omitted, "--force"}:
+            told.append(argument)
+        skip = name in omitted and not equals
+    flags = {argument.partition("=")[0] for argument in told}
+    more = [] if "--run" in flags else ["--run", run]
+    more += [] if "--resume" in flags else ["--resume"]
+    return shlex.join(["python", "-m", "learner", *told, *more])
