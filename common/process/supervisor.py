@@ -111,12 +111,18 @@ class Supervisor:
 
     Args:
         plans: what starts each child, by its name.
+        now: monotonic seconds.
     """
 
-    def __init__(self, plans: Mapping[str, Callable[[], Child]]) -> None:
+    def __init__(
+        self,
+        plans: Mapping[str, Callable[[], Child]],
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._plans = plans
+        self._now = now
         self._children = {name: start() for name, start in plans.items()}
-        self._started = dict.fromkeys(plans, time.monotonic())
+        self._started = dict.fromkeys(plans, now())
         self._early_ends = dict.fromkeys(plans, 0)
         self._leaving = False
 
@@ -135,7 +141,7 @@ class Supervisor:
             if status is None or self._leaving or (status == 0 and finished):
                 continue
             how = f"signal {-status}" if status < 0 else f"status {status}"
-            now = time.monotonic()
+            now = self._now()
             early = now - self._started[name] < _EARLY
             self._early_ends[name] = self._early_ends[name] + 1 if early else 0
             if self._early_ends[name] >= _MOST_EARLY_ENDS:

@@ -133,6 +133,28 @@ def test_a_child_that_has_worked_may_end_often(
     children.close()
 
 
+def test_each_start_has_its_own_time_to_get_to_work(program: Path, tmp_path: Path) -> None:
+    write(program, "raise SystemExit(3)")
+    clock = [0.0]
+    start = partial(Child, "m", leash=True, log=tmp_path / "actor-1.log")
+    children = Supervisor({"actor-1": start}, lambda: clock[0])
+    clock[0] = 1_000.0  # it worked for long
+    notes_of(children)
+    for _ in range(2):
+        clock[0] += 14.0
+        notes_of(children)
+    clock[0] += 14.0
+    with pytest.raises(InputError, match="it ended 3 times"):
+        notes_of(children)
+    children.close()
+
+
+def test_a_child_that_fails_at_the_end_is_started_again(program: Path, tmp_path: Path) -> None:
+    children = started(program, tmp_path, "raise SystemExit(3)")
+    assert notes_of(children, finished=True) == ["actor-1 ended by status 3, started again"]
+    children.close()
+
+
 def test_children_that_were_asked_to_leave_are_not_started_again(
     program: Path, tmp_path: Path
 ) -> None:
