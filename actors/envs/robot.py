@@ -75,7 +75,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         self._camera = camera
         self.robot: Robot = ROBOTS.make(play.robot, self._game.emulator.screen_shape, camera, play)
         """The robot and all around it."""
-        self.eye = ScreenDetector(camera.distortion)
+        self.detector = ScreenDetector(camera.distortion)
         """Replaced at each new game: do not keep it."""
         # Drawing takes a tenth of a decision: not where only a person might look at the picture.
         # A late camera has to be asked each time, or it has no earlier picture to give.
@@ -84,7 +84,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         self._unseen = 0
         """Decisions since the last picture was taken."""
         self.detection: Detection
-        """What the eye made of it."""
+        """The game as detected in the last picture."""
         joints = ROBOTS.find(play.robot).joints
         self._world = World(self.robot, joints, self._game, play)
         self._clock: Clock = (
@@ -158,7 +158,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             self._world.restart()
             self.robot.begin_game(self.np_random)
             # Nothing of an earlier game may show in a seeded one, not even where the screen was.
-            self.eye = ScreenDetector(self._camera.distortion)
+            self.detector = ScreenDetector(self._camera.distortion)
             self._play_random_start()
         self._photograph(0)
         self._look()
@@ -255,7 +255,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
 
     def _look(self) -> None:
         if self._play.eye == "camera":
-            self.detection = self.eye.detect(self.seen)
+            self.detection = self.detector.detect(self.seen)
         else:
             self.detection = Detection(shrink(self._game.emulator.screen_grey()), True, None)
 

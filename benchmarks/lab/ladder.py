@@ -9,8 +9,8 @@ R0  sight and touch, no learning (`python -m actors --check`)
 R1  the emulator alone
 R2  the emulator under keys as late as the robot's: none at all for two frames, then the new ones;
     and `--delay` decisions more
-R3  the camera's pixels, keys as commanded: an eye without a hand
-R4  the emulator's pixels, keys pressed by the arms: a hand without an eye
+R3  the camera's pixels, keys as commanded: no hand
+R4  the emulator's pixels, keys pressed by the arms: no camera
 R5  the robot
 """
 

@@ -40,7 +40,7 @@ _FOUND, _LOST = (255, 0, 255), (255, 160, 0)
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Measure what the robot's eye makes of its camera's pictures."""
+    """Measure screen detection in the robot's camera pictures."""
 
     games: Annotated[tuple[str, ...], MinLen(1)] = (
         "pong",

@@ -1,7 +1,7 @@
 """Looking at the screen from many poses: how well its corners are found, and what is then seen.
 
-Every picture is looked at by a new eye, which knows nothing of an earlier place, unless the case
-is that arms rise before a screen that it had seen.
+Every picture is searched by a new detector, which knows nothing of an earlier place, unless the
+case is that arms rise before a screen that it had seen.
 """
 
 from collections.abc import Callable
@@ -96,7 +96,7 @@ class ActorCounters:
 
 @dataclass(frozen=True)
 class Look:
-    """One picture, what the eye made of it, and where the corners really are."""
+    """One picture, its detection, and the true corners."""
 
     case: Case
     game: str
@@ -120,16 +120,16 @@ def measure(
     for _ in range(poses):
         _stand_somewhere(room, rng)
         room.sensor.begin_game(rng)
-        eyes = {game: ScreenDetector(case.camera.distortion) for game in games}
+        detectors = {game: ScreenDetector(case.camera.distortion) for game in games}
         if case.arm != "never":
             if case.arm == "later":
                 for game, emulator in emulators.items():
-                    eyes[game].detect(room.sensor.take(room.picture(emulator.screen_rgb())))
+                    detectors[game].detect(room.sensor.take(room.picture(emulator.screen_rgb())))
             _raise_arm(room, rng)
         for game, emulator in emulators.items():
             _play_on(emulator, rng)
             picture = room.sensor.take(room.picture(emulator.screen_rgb()))
-            look = Look(case, game, picture, eyes[game].detect(picture), corners_in(room))
+            look = Look(case, game, picture, detectors[game].detect(picture), corners_in(room))
             tally = tallies[game]
             tally.pictures += 1
             if look.sight.valid and look.sight.corners is not None:

@@ -55,14 +55,14 @@ def collect(count: int, camera: CameraConfig, seed: int) -> Frames:
     nearly every ball at once, and always the same way.
     """
     rng = np.random.default_rng(seed)
-    emulator, room, eye = Emulator("pong", seed), Room(camera=camera), None
+    emulator, room, detector = Emulator("pong", seed), Room(camera=camera), None
     own, seen, truth = [], [], []
     held, left = 0, 0
     for _ in range(count):
-        if eye is None or emulator.game_over:
+        if detector is None or emulator.game_over:
             emulator.reset()
             room.begin_game(rng)
-            eye = ScreenDetector(camera.distortion)
+            detector = ScreenDetector(camera.distortion)
         if left == 0 and rng.random() < _WHIMS:
             held, left = int(rng.integers(18)), int(rng.integers(1, _MOST_HELD))
         if left:
@@ -73,7 +73,7 @@ def collect(count: int, camera: CameraConfig, seed: int) -> Frames:
         for _ in range(rng.integers(1, _MOST_FRAMES + 1)):
             emulator.act(action)
         memory = emulator.ram()
-        detection = eye.detect(room.sensor.take(room.picture(emulator.screen_rgb())))
+        detection = detector.detect(room.sensor.take(room.picture(emulator.screen_rgb())))
         where = [int(memory[place]) for place in QUANTITIES.values()]
         if detection.valid and all(where[2:]):  # the ball's are 0 while it is not in play
             own.append(shrink(emulator.screen_grey()))

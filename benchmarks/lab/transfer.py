@@ -1,7 +1,8 @@
 """`python -m benchmarks.lab.transfer policies/ale_pong.safetensors`: one network on every rung.
 
 What a network that was trained on one rung of the ladder (`benchmarks.lab.ladder`) scores on the
-others without learning anew tells which difficulty it cannot bear: an eye, a hand, or late keys.
+others without learning anew tells which difficulty it cannot bear: the camera, the hands, or
+actuation latency.
 """
 
 from dataclasses import dataclass

@@ -189,7 +189,7 @@ def test_check_is_red_for_a_robot_that_is_blind(
     def look_at_a_wall(env: RobotEnv) -> None:
         look(env)
         env._seen = np.full_like(env.seen, 128)
-        env.detection = env.eye.__class__().detect(env.seen)
+        env.detection = env.detector.__class__().detect(env.seen)
 
     monkeypatch.setattr(RobotEnv, "_look", look_at_a_wall)
     console = Console(file=io.StringIO(), width=120)
