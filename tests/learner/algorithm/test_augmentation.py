@@ -53,4 +53,6 @@ def test_the_two_states_of_a_transition_move_apart_and_nothing_else_changes() ->
     shifted = RandomShift(4, seed=1)(batch)
     same = [torch.equal(*both) for both in zip(shifted.s_tm1, shifted.s_t, strict=True)]
     assert sum(same) <= 3  # one of 81 by chance
+    assert not torch.equal(shifted.s_tm1, batch.s_tm1)
+    assert not torch.equal(shifted.s_t, batch.s_t)
     assert shifted._replace(s_tm1=batch.s_tm1, s_t=batch.s_t) == batch
