@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from common.errors import MessageError
 from common.protocol.chunk import Chunk, Game
+from common.protocol.step_fields import zero_steps
 from tests.common.protocol.chunk_strategies import chunks, example_chunk, same
 
 ARRAYS = [name for name, value in vars(example_chunk()).items() if isinstance(value, np.ndarray)]
@@ -114,18 +115,8 @@ def test_a_chunk_has_1_to_1024_steps(steps: int) -> None:
 
 def test_a_chunk_of_1024_steps_is_taken() -> None:
     steps = 1_024
-    off = np.zeros(steps, np.bool_)
     chunk = example_chunk(
-        frames=np.zeros((steps, 84, 84), np.uint8),
-        actions=np.zeros(steps, np.uint8),
-        rewards=np.zeros(steps, np.float32),
-        terminated=off,
-        truncated=off,
-        elapsed=np.ones(steps, np.uint8),
-        valid=off,
-        matched=off,
-        explored=off,
-        vectors=np.zeros((steps, 0), np.float32),
+        **zero_steps(steps) | {"elapsed": np.ones(steps, np.uint8)},
         final_frames=np.zeros((0, 84, 84), np.uint8),
         final_vectors=np.zeros((0, 0), np.float32),
     )
