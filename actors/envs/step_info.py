@@ -1,7 +1,7 @@
 """What an environment says about a step beside its observation, declared once."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_origin
 
 
 class StepInfo(NamedTuple):
@@ -41,11 +41,14 @@ class StepInfo(NamedTuple):
         Raises:
             KeyError: one of the keys without a default is missing.
         """
-        missing = [name for name in cls._fields if name not in {*info, *cls._field_defaults}]
-        if missing:
-            raise KeyError(f"info lacks {', '.join(missing)}: give StepInfo(...)._asdict().")
         # Each to its own type, because some environments count in numpy's.
-        return cls(**{name: kind(info[name]) for name, kind in _TYPES if name in info})
+        told = {name: kind(info[name]) for name, kind in _TYPES if name in info}
+        if missing := _REQUIRED - told.keys():
+            raise KeyError(
+                f"info lacks {', '.join(sorted(missing))}: give StepInfo(...)._asdict()."
+            )
+        return cls(**told)
 
 
-_TYPES = tuple(StepInfo.__annotations__.items())
+_TYPES = tuple((name, get_origin(kind) or kind) for name, kind in StepInfo.__annotations__.items())
+_REQUIRED = set(StepInfo._fields) - StepInfo._field_defaults.keys()
