@@ -42,7 +42,7 @@ class StepInfo(NamedTuple):
             KeyError: one of the keys without a default is missing.
         """
         # Each to its own type, because some environments count in numpy's.
-        told = {name: kind(info[name]) for name, kind in _TYPES if name in info}
+        told = {name: kind(info[name]) for name, kind in _TYPES.items() if name in info}
         if missing := _REQUIRED - told.keys():
             raise KeyError(
                 f"info lacks {', '.join(sorted(missing))}: give StepInfo(...)._asdict()."
@@ -50,5 +50,7 @@ class StepInfo(NamedTuple):
         return cls(**told)
 
 
-_TYPES = tuple((name, get_origin(kind) or kind) for name, kind in StepInfo.__annotations__.items())
+_TYPES: dict[str, Any] = {
+    name: get_origin(kind) or kind for name, kind in StepInfo.__annotations__.items()
+}
 _REQUIRED = set(StepInfo._fields) - StepInfo._field_defaults.keys()
