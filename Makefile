@@ -1,5 +1,7 @@
 # Everything a fresh machine with Python 3.11 and make needs.
 
+# A test keeps about one core busy.
+TESTS_AT_ONCE ?= 2
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
@@ -26,7 +28,7 @@ train: setup  ## train the robot on this machine until Ctrl-C; go on by running 
 		$(if $(wildcard runs/$(NAME)/replay),--resume) $(ARGS)
 
 test: setup check  ## static checks and the whole test suite
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" -n $(TESTS_AT_ONCE)
 
 test-slow: setup  ## the tests that take minutes each
 	$(BIN)/python -m pytest -m slow

@@ -55,22 +55,23 @@ class Lamps(gymnasium.Env[Any, np.int64]):
         return self._frames.copy()
 
 
+_FAST = PRESETS["fast"]
+CONFIG = replace(
+    _FAST,
+    env="lamps",
+    game="lamps",
+    stream=StreamConfig(chunk_steps=16, window=2),
+    replay=replace(_FAST.replay, capacity=5_000, learning_starts=64, ratio_tolerance=64),
+    learning=replace(_FAST.learning, batch_size=4, train_period=8, publish_period=1),
+    protocol=replace(_FAST.protocol, epoch_steps=10_000, held_out_states=16),
+)
+"""A run of a second."""
 LAMPS = Environment("lamps", Lamps.of_run, lambda config: 3, title="Lamps")
 
 
 def test_an_environment_from_outside_is_learned(tmp_path: Path) -> None:
-    fast = PRESETS["fast"]
-    config = replace(
-        fast,
-        env="lamps",
-        game="lamps",
-        stream=StreamConfig(chunk_steps=16, window=2),
-        replay=replace(fast.replay, capacity=5_000, learning_starts=64, ratio_tolerance=64),
-        learning=replace(fast.learning, batch_size=4, train_period=8, publish_period=1),
-        protocol=replace(fast.protocol, epoch_steps=10_000, held_out_states=16),
-    )
     with added(ENVIRONMENTS, LAMPS):
-        summary, policy = learned(config, tmp_path, steps=240)
+        summary, policy = learned(CONFIG, tmp_path, steps=240)
     assert summary["env"] == "lamps"
     assert summary["agent_steps"] >= 240
     assert summary["updates"] > 0

@@ -24,6 +24,7 @@ from common.transport.in_process import InProcessHub
 from learner.algorithm.registry import build_algorithm
 from learner.assembly import build_learner
 from learner.device import Device
+from learner.options import LearnerOptions
 from learner.telemetry.sinks.display import PlainDisplay
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
@@ -57,17 +58,14 @@ def learned(config: RunConfig, runs: Path, steps: int) -> tuple[dict[str, Any], 
         stack.enter_context(ReplayServer(hub, memory, config, RUN))
         network = build_network(config, config.action_count)
         learner = build_learner(
-            *(hub, config, folder, memory),
+            LearnerOptions(config, run=RUN, runs=runs, steps=steps),
+            folder,
+            hub,
+            memory,
             build_algorithm(config, network, device),
             device,
             PlainDisplay(io.StringIO()),
-            steps_goal=steps,
-            resume=False,
-            clock_mode={},
-            gate_minutes=1e6,
-            stall_minutes=1e6,
-            force=False,
-            stop=threading.Event(),
+            threading.Event(),
         )
         _, announced = find_run(client, RUN, PATIENCE, lambda: False)
         assert announced == config
