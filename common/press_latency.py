@@ -54,7 +54,8 @@ class Delay:
     @classmethod
     def of(cls, counts: Sequence[int], goal: Goal) -> "Delay":
         """Sum up ``counts``, `COUNTS` of them or none."""
-        outcomes = np.array(counts or [0] * COUNTS, np.int64).reshape(2, 2, MOST_FRAMES)
+        # Python's integers, because sums of what processes tell may not fit numpy's.
+        outcomes = np.array(counts or [0] * COUNTS, object).reshape(2, 2, MOST_FRAMES)
         reached, given_up = outcomes[int(goal == "press")]
         measured = int((reached + given_up).sum())
         if not measured:
@@ -71,7 +72,7 @@ class Delay:
 UNMEASURED = Delay()
 
 
-def _percentile(reached: NDArray[np.int64], measured: int, percent: int) -> float:
+def _percentile(reached: NDArray[np.object_], measured: int, percent: int) -> float:
     """ms after which at least so many of all have reached the goal."""
     enough = np.flatnonzero(100 * np.cumsum(reached) >= percent * measured)
     return ms_of(int(enough[0]) + 1) if enough.size else math.inf

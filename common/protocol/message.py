@@ -9,6 +9,7 @@ annotation::
         priorities: Annotated[NDArray[np.float32], Array("B")]
 """
 
+import reprlib
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self, get_args
 
@@ -61,14 +62,17 @@ class Array:
         if not isinstance(packed, dict):
             raise MessageError(f"{name} should be an array")
         if packed.get("dtype") != dtype.str:
-            raise MessageError(f"{name} should be {dtype.str}, is {packed.get('dtype')!r:.40}")
+            told = reprlib.repr(packed.get("dtype"))
+            raise MessageError(f"{name} should be {dtype.str}, is {told}")
         found, data, count = packed.get("shape"), packed.get("data"), 1
         if not isinstance(found, list) or len(found) != len(self.shape):
-            raise MessageError(f"{name} has shape {found!r:.40} where {self.shape} is expected")
+            told = reprlib.repr(found)
+            raise MessageError(f"{name} has shape {told} where {self.shape} is expected")
         for letter, size in zip(self.shape, found, strict=True):
             wanted = sizes.get(letter, size) if isinstance(letter, str) else letter
             if type(size) is not int or not 0 <= size < 2**31 or size != wanted:
-                raise MessageError(f"{name} has {size!r:.40} where {letter} is {wanted!r:.40}")
+                told = reprlib.repr(size)
+                raise MessageError(f"{name} has {told} where {letter} is {reprlib.repr(wanted)}")
             if isinstance(letter, str) and letter not in sizes:
                 sizes[letter] = size
                 least, most = limits.get(letter, (0, size))

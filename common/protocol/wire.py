@@ -4,6 +4,7 @@ Nothing here or anywhere else unpickles. A message that breaks a bound raises `M
 which its receiver counts and answers.
 """
 
+import reprlib
 from collections.abc import Iterator
 from typing import Any
 
@@ -101,7 +102,8 @@ def unpack(payload: bytes) -> dict[str, Any]:
     if not isinstance(message, dict) or not all(isinstance(key, str) for key in message):
         raise MessageError("not a map with text keys")
     if type(message.get("schema")) is not int or message["schema"] != SCHEMA:
-        raise MessageError(f"schema {message.get('schema')!r} where {SCHEMA} is spoken")
+        told = reprlib.repr(message.get("schema"))
+        raise MessageError(f"schema {told} where {SCHEMA} is spoken")
     return message
 
 

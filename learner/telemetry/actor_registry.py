@@ -4,7 +4,7 @@ import math
 import threading
 import time
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, cast
 
 from common.errors import MessageError
@@ -37,8 +37,8 @@ class _Process:
     stats: ActorStats
     accepted: int = 0
     """Its chunks that the replay has stored."""
-    heard: float | None = None
-    """Monotonic seconds; None if only a checkpoint, or a chunk, tells of it."""
+    heard: float = field(default_factory=lambda: time.monotonic())
+    """Monotonic seconds at which a heartbeat, a chunk or a checkpoint last told of it."""
     known: int = 0
     """Of the accepted chunks, those so old that its counters must include them."""
     marked: tuple[float, int] = (-math.inf, 0)
@@ -86,7 +86,6 @@ class ActorRegistry:
         self._heard: dict[str, float] = {}
         self._notes: list[str] = []
         self._lost: dict[str, float] = {}
-        self._began = time.monotonic()
         self._subscriptions = (
             transport.subscribe(keys.stats("*", "*"), self._on_stats),
             transport.watch_presence(keys.live("*", "*"), self._on_presence),
@@ -99,8 +98,9 @@ class ActorRegistry:
         with self._lock:
             for each in state["processes"]:
                 stats = _stats_from(each)
-                process = _Process(stats, accepted=each.get("accepted", 0))
-                self._processes.setdefault(stats.incarnation, process)
+                # One that goes on may have been heard already, of which its chunks know nothing.
+                process = self._processes.setdefault(stats.incarnation, _Process(stats))
+                process.accepted = each.get("accepted", 0)
             self._gone = {stats.role: stats for stats in map(_stats_from, state["gone"])}
             self._gone_excess = state["excess"]
             self._folded = dict(state["folded"])
@@ -125,10 +125,12 @@ class ActorRegistry:
                 if self._folded[chunk.incarnation]:
                     self._gone_excess += 1
                 else:
-                    self._gone["actor"].made += 1
+                    self._gone_as("actor").made += 1
             elif chunk.incarnation:
                 unheard = _Process(ActorStats(chunk.actor, "actor", chunk.incarnation))
-                self._processes.setdefault(chunk.incarnation, unheard).accepted += 1
+                process = self._processes.setdefault(chunk.incarnation, unheard)
+                process.accepted += 1
+                process.heard = time.monotonic()
 
     def take_notes(self) -> list[str]:
         """Arrivals and losses since the last call, as sentences."""
@@ -199,15 +201,14 @@ class ActorRegistry:
         for incarnation, process in self._processes.items():
             key = f"{process.stats.role}/{process.stats.name}"
             replaced = self._newest.get(key, incarnation) != incarnation
-            heard = self._began if process.heard is None else process.heard
-            if now - heard > _SETTLED and (replaced or not self._alive.get(key)):
-                gone.append((not replaced, heard, incarnation, key))
+            if now - process.heard > _SETTLED and (replaced or not self._alive.get(key)):
+                gone.append((not replaced, process.heard, incarnation, key))
         gone.sort()
         replaced_ones = sum(not by_name for by_name, *_ in gone)
         for _, _, incarnation, key in gone[: max(replaced_ones, len(gone) - _MOST_GONE)]:
             process = self._processes.pop(incarnation)
             stats = process.totals
-            total = self._gone.setdefault(stats.role, ActorStats("gone", stats.role))
+            total = self._gone_as(stats.role)
             for name in TOTALS:
                 setattr(total, name, getattr(total, name) + getattr(stats, name))
             total.key_times = _sums((total.key_times, stats.key_times))
@@ -218,6 +219,9 @@ class ActorRegistry:
                     by_name.pop(key, None)
         for incarnation in list(self._folded)[:-_MOST_FOLDED]:
             del self._folded[incarnation]
+
+    def _gone_as(self, role: Role) -> ActorStats:
+        return self._gone.setdefault(role, ActorStats("gone", role))
 
     def _on_stats(self, message: Envelope) -> None:
         try:

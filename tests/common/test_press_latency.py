@@ -107,3 +107,13 @@ def test_with_nothing_given_up_they_are_plain_percentiles(ages: list[int]) -> No
     found = Delay.of(counted("release", [(True, age) for age in ages]), "release")
     p50, p99 = np.percentile(ages, (50, 99), method="inverted_cdf")
     assert (found.p50, found.p99) == (ms_of(p50), ms_of(p99))
+
+
+@pytest.mark.parametrize("count", [2**63 - 1, 2**70])
+def test_sums_of_any_size_are_read(count: int) -> None:
+    counts = [0] * COUNTS
+    for reached, frames in ((True, 3), (True, 5), (False, 7)):
+        counts[place_of("press", reached, frames)] = count
+    read = Delay.of(counts, "press")
+    assert (read.measured, read.p50, read.p99) == (3 * count, ms_of(5), math.inf)
+    assert (read.watched, read.given_up) == (ms_of(7), pytest.approx(1 / 3))

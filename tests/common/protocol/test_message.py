@@ -108,3 +108,17 @@ def test_floats_are_finite_and_bounded(value: float) -> None:
 def test_the_bound_itself_is_admitted() -> None:
     packed = unpack(pack({"a": pack_array(np.array([1e9, -1e9], np.float32))}))["a"]
     assert taken(packed, np.float32, 2).tolist() == [1e9, -1e9]
+
+
+@pytest.mark.parametrize("part", ["dtype", "shape"])
+@pytest.mark.parametrize("depth", [100, 900, 2_000])
+def test_a_deep_list_in_an_array_is_refused_in_brief(part: str, depth: int) -> None:
+    deep: list[Any] = []
+    for _ in range(depth):
+        deep = [deep]
+    packed = {"dtype": "<i8", "shape": [0], "data": b"", part: deep}
+    with pytest.raises(MessageError) as refused:
+        Array("B").take(packed, "ids", np.dtype(np.int64), {}, {})
+    with pytest.raises(MessageError):
+        Array("B").take({**packed, "dtype": "<i8", "shape": [deep]}, "ids", np.dtype("<i8"), {}, {})
+    assert len(str(refused.value)) < 200

@@ -157,3 +157,12 @@ def test_a_version_is_read(version: int) -> None:
 def test_a_version_that_no_counter_holds_is_refused(attachment: bytes) -> None:
     with pytest.raises(MessageError, match="not a version of weights"):
         decode_version(attachment)
+
+
+@pytest.mark.parametrize("depth", [100, 990, 1_015])
+def test_what_is_refused_is_told_in_brief(depth: int) -> None:
+    """Python's own repr of so deep a list raises RecursionError."""
+    deep = b"\x91" * depth + b"\x90"
+    with pytest.raises(MessageError) as refused:
+        unpack(b"\x81" + msgpack.packb("schema") + deep)
+    assert len(str(refused.value)) < 200

@@ -264,3 +264,39 @@ def test_what_is_remembered_of_folded_processes_is_bounded(
     state = told.registry.state()
     assert [incarnation for incarnation, _ in state["folded"]] == [103, 104]
     assert (state["processes"], len(state["gone"])) == ([], 1)
+
+
+def test_a_process_started_again_is_not_gone_before_its_first_heartbeat(told: Told) -> None:
+    told.say(incarnation=7, made=10)
+    told.registry._on_presence(KEYS.live("actor", "a1"), True)
+    told.now += 1_000.0
+    credit(told.registry, 1, incarnation=8)  # a quick one's first chunk; its name is the old one's
+    assert chunks(told.registry)[0] == 11
+    told.say(incarnation=8, made=5, refused=2)
+    assert [actor.stats.incarnation for actor in told.registry.actors()] == [8]
+    assert told.registry.values()["actors/refused"] == 2
+    assert chunks(told.registry)[0] == 15
+
+
+def test_one_that_is_heard_before_the_checkpoint_is_restored_keeps_its_chunks(
+    told: Told, hub: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told.say(made=10)
+    credit(told.registry, 20)
+    again = Told(hub, monkeypatch)
+    again.say(made=12, seconds=1.0)
+    again.registry.restore(json.loads(json.dumps(told.registry.state())))
+    assert again.registry.actors() == ()
+    assert [each["made"] for each in again.registry.state()["processes"]] == [12]
+    assert chunks(again.registry)[0] == 20
+
+
+def test_a_chunk_in_the_name_of_a_folded_evaluator_ends_nothing(
+    told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_MOST_GONE", 0)
+    told.say(name="e", role="evaluator", made=0)
+    told.now += 100.0
+    assert chunks(told.registry)[0] == 0
+    credit(told.registry, 1)
+    assert chunks(told.registry)[0] == 1
