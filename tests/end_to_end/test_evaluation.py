@@ -52,7 +52,7 @@ def test_games_are_played_to_their_ends_and_summed_up(run: Path, tmp_path: Path)
     assert first["steps"] == sum(first["steps_of_games"]) > 3 * 500
     assert (first["press_match_share"], first["valid_frame_share"]) == (1.0, 1.0)
     # A bare emulator has no hands to time.
-    nothing = {"measured": 0, "p50": None, "p99": None, "watched": 0.0}
+    nothing = {"measured": 0, "p50": None, "p99": None, "watched": 0.0, "given_up": None}
     assert first["press_ms"] == first["release_ms"] == nothing
     # The same seed plays the same games, in whatever order the processes end them.
     again = played("again.json")

@@ -1,6 +1,6 @@
 """A field of a step is declared once, and comes from the actor's chunk to the minibatch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +14,7 @@ from common.protocol.step_fields import STEP_FIELDS, Column, Flag, StepField, bi
 from replay.batch import SharedBatch
 from replay.replay_buffer import ReplayBuffer
 from replay.ring import STEP
+from tests.replay import replay_reference
 from tests.replay.replay_reference import GOES_ON, TERMINATES, TRUNCATES, Actor, make_config
 
 FLAG, PAIR = Flag(32, drawn=True), Column(2, drawn=True, most=1e9)
@@ -31,13 +32,15 @@ class ToyChunk(Chunk):
 def toy_fields(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("lucky", "pair"):
         monkeypatch.setitem(STEP_FIELDS, name, step_fields(ToyChunk)[name])
+    monkeypatch.setattr(replay_reference, "Chunk", ToyChunk)
 
 
 def toy_chunk(actor: Actor, endings: list[int]) -> ToyChunk:
     """A chunk whose new fields follow from its actions."""
     chunk = actor.live(endings, np.random.default_rng(len(endings)))
     pair = np.stack([chunk.actions + 0.5, -chunk.actions.astype(np.float32)], axis=1)
-    return ToyChunk(**vars(chunk), lucky=chunk.actions % 2 == 1, pair=pair.astype(np.float32))
+    assert isinstance(chunk, ToyChunk)
+    return replace(chunk, lucky=chunk.actions % 2 == 1, pair=pair.astype(np.float32))
 
 
 @pytest.mark.usefixtures("toy_fields")

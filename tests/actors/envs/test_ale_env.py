@@ -12,11 +12,10 @@ from gymnasium.utils.env_checker import check_env
 
 from actors.envs import env_id, make_env
 from actors.envs.ale import AtariEnv
+from actors.envs.step_info import StepInfo
 from common.errors import InputError
 from common.games import GAMES
 from common.run.config import PlayConfig, RunConfig
-
-_INFO = {"game_over", "game_score", "game_steps", "valid_frame", "keys_match", "elapsed"}
 
 
 def test_an_episode_is_what_bare_ale_shows() -> None:
@@ -37,7 +36,7 @@ def test_an_episode_is_what_bare_ale_shows() -> None:
     for _ in range(400):
         assert np.array_equal(state, seen[-4:])
         assert (info["game_score"], info["game_steps"]) == (score, steps)
-        assert set(info) == _INFO
+        assert set(info) == set(StepInfo._fields)
         assert info["valid_frame"]
         assert info["keys_match"]
         action = int(rng.integers(18))
@@ -143,8 +142,9 @@ def test_all_games_are_registered_under_both_names() -> None:
         for robot in (True, False):
             spec = gymnasium.spec(env_id(game, robot=robot))
             assert spec.kwargs == {"game": game}
-            kind = "robot:RobotEnv" if robot else "ale:AtariEnv"
-            assert spec.entry_point == f"actors.envs.{kind}"
+            # Where a person looks on, the environment is drawn into the terminal.
+            kind = "robot_env" if robot else "emulator_env"
+            assert spec.entry_point == f"viewer.terminal.rendering:{kind}"
 
 
 def test_make_env_follows_the_configuration() -> None:

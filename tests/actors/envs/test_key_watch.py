@@ -1,6 +1,7 @@
 """Hands whose every frame is known, timed; and the robot's own, beside the offline benchmark."""
 
 import json
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -152,11 +153,14 @@ def test_the_robot_is_as_prompt_in_play_as_its_benchmark_says(read_keys: str) ->
     assert ms_of(1) <= release.p50 < press.p50
 
 
-def test_commands_that_live_for_two_frames_still_tell_of_a_third() -> None:
+def test_commands_that_are_replaced_before_their_keys_come_count_as_slow() -> None:
     """Pong's own keys come after two or three frames, and two are all that most commands have."""
     play = PlayConfig(frame_skip=2, minimal_actions=True, eye="emulator")
     _, press = delays(RobotEnv(play=play), 300, 1)
-    assert press.p99 == pytest.approx(ms_of(3))
+    assert press.measured > 100
+    assert press.given_up is not None
+    assert 0.5 < press.given_up < 1
+    assert press.p50 == press.p99 == math.inf
 
 
 def test_a_robots_modelled_hand_is_timed_as_well() -> None:

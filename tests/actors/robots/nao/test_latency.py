@@ -15,9 +15,13 @@ class LateHands:
         self._delay = delay
         self._never = never
         self._stray = stray
-        self.reset()
+        self.rest()
 
-    def reset(self) -> None:
+    @property
+    def held(self) -> Keys:
+        return self._pressed
+
+    def rest(self) -> None:
         self._wanted = self._pressed = Keys.NONE
         self._since = 0
 
@@ -36,7 +40,7 @@ class LateHands:
 
 @pytest.mark.parametrize("delay", [1, 2, 4])
 def test_a_known_delay_is_found_for_every_pair(delay: int) -> None:
-    found = list(changes(LateHands(delay), 1, 0))  # type: ignore[arg-type]
+    found = list(changes(LateHands(delay), 1, 0))
     assert len(found) == 2 * 18 * 17
     assert {(each.old, each.new, each.settled) for each in found} == {
         (a, b, settled) for a in range(18) for b in range(18) for settled in (True, False) if a != b
@@ -48,7 +52,7 @@ def test_a_known_delay_is_found_for_every_pair(delay: int) -> None:
 
 
 def test_keys_that_are_never_pressed_count_as_not_reached() -> None:
-    found = list(changes(LateHands(2, never=Keys.FIRE), 1, 0))  # type: ignore[arg-type]
+    found = list(changes(LateHands(2, never=Keys.FIRE), 1, 0))
     unreached = [each for each in found if each.frames is None]
     assert {each.new for each in unreached} == {
         action for action, keys in enumerate(KEYS_OF_ACTION) if keys & Keys.FIRE
@@ -63,7 +67,7 @@ def test_hands_that_never_reach_anything_have_no_times() -> None:
 
 
 def test_a_stray_key_is_one_of_neither_command() -> None:
-    found = list(changes(LateHands(2, stray=Keys.FIRE), 1, 0))  # type: ignore[arg-type]
+    found = list(changes(LateHands(2, stray=Keys.FIRE), 1, 0))
     for each in found:
         keys = KEYS_OF_ACTION[each.old] | KEYS_OF_ACTION[each.new]
         assert each.strayed == (not keys & Keys.FIRE)
