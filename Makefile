@@ -28,7 +28,7 @@ train: setup  ## train the robot on this machine until Ctrl-C; go on by running 
 		$(if $(wildcard runs/$(NAME)/replay),--resume) $(ARGS)
 
 test: setup check  ## static checks and the whole test suite
-	$(BIN)/python -m pytest -m "not slow" -n $(TESTS_AT_ONCE)
+	$(BIN)/python -m pytest -m "not slow" -n $(TESTS_AT_ONCE) --dist worksteal
 
 test-slow: setup  ## the tests that take minutes each
 	$(BIN)/python -m pytest -m slow
