@@ -1,5 +1,6 @@
 """`RemoteReplay`: the replay of another process, for a learner that is its client."""
 
+import logging
 import threading
 import time
 from collections import deque
@@ -30,13 +31,14 @@ MOST_ADVICE = 64
 DEADLINE = 5.0
 """Seconds for an answer, before the server counts as away."""
 _PAUSE = 0.2
+_log = logging.getLogger(__name__)
 
 
 class RemoteReplay:
     """Implements `replay.interface.Replay` by requests.
 
     A server that is away is waited for: `sample` answers None, as when actors are behind, and
-    `held_out` and `progress` return when it is back.
+    `held_out` and `progress` say so, once, and return when it is back.
 
     Args:
         ahead: minibatches to ask for before they are wanted; 0 asks for one at a time.
@@ -139,9 +141,15 @@ class RemoteReplay:
             requester.close()
 
     def _insist(self, requester: Requester, request: bytes) -> bytes:
+        away = False
         while (answer := _answer(requester.request(request))) is None:
+            if not away:
+                _log.warning("the replay does not answer: training waits for it")
+            away = True
             if self._closed.wait(_PAUSE):
                 raise InputError("the replay did not answer before this process stopped.")
+        if away:
+            _log.warning("the replay answers again: training continues")
         return answer
 
 

@@ -302,3 +302,24 @@ def test_a_learner_that_stops_waits_no_longer(place: Place) -> None:
     asking.join(PATIENCE)
     assert "did not answer" in str(failures[0])
     assert place.remote.sample(0, 10 * PATIENCE) is None
+
+
+def test_a_learner_says_once_that_it_waits_and_once_that_it_goes_on(
+    place: Place, caplog: pytest.LogCaptureFixture
+) -> None:
+    """For hours otherwise, in silence: who waits looks at no watchdog."""
+    place.server.close()
+    found: list[int] = []
+    waiting = threading.Thread(target=lambda: found.append(place.remote.progress(0).accepted))
+    waiting.start()
+    for _ in until_late():
+        if "does not answer" in caplog.text:
+            break
+    waiting.join(0.5)  # it asks some more times
+    place.server = ReplayServer(place.hub, place.memory, make_config(), RUN)
+    waiting.join(PATIENCE)
+    assert found == [0]
+    assert [record.message for record in caplog.records] == [
+        "the replay does not answer: training waits for it",
+        "the replay answers again: training continues",
+    ]

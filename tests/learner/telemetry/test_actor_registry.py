@@ -129,7 +129,9 @@ def test_a_checkpoint_from_before_hands_were_timed_is_restored(hub: Transport) -
 def test_noise_is_passed_over(hub: Transport, client: Transport) -> None:
     registry = ActorRegistry(hub, KEYS)
     client.publisher(KEYS.stats("actor", "a1")).publish(b"noise")
-    client.publisher(KEYS.stats("actor", "somebody-else")).publish(STATS.encode())
+    client.publisher(KEYS.stats("actor", "somebody-else")).publish(
+        replace(STATS, incarnation=8).encode()
+    )
     client.publisher(KEYS.stats("actor", "a1")).publish(replace(STATS, made=3).encode())
     _until(lambda: chunks(registry) != (0, 0, 0))
     assert chunks(registry) == (3, 2, 0)
@@ -300,3 +302,24 @@ def test_a_chunk_in_the_name_of_a_folded_evaluator_ends_nothing(
     assert chunks(told.registry)[0] == 0
     credit(told.registry, 1)
     assert chunks(told.registry)[0] == 1
+
+
+def test_one_that_is_back_at_once_was_not_lost(told: Told) -> None:
+    key = KEYS.live("actor", "a1")
+    for present in (True, False, True):
+        told.registry._on_presence(key, present)
+    told.now += 100.0
+    assert told.registry.take_notes() == ["a1 joined", "a1 joined"]
+
+
+def test_one_that_is_present_is_kept_however_long_it_is_silent(
+    told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_MOST_GONE", 0)
+    told.registry._on_presence(KEYS.live("actor", "a1"), True)
+    told.say()
+    told.now += 1_000.0
+    assert chunks(told.registry)[0] == 10
+    told.say(made=12)
+    assert chunks(told.registry)[0] == 12
+    assert [actor.stats.made for actor in told.registry.actors()] == [12]
