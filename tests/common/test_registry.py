@@ -71,6 +71,9 @@ def test_an_installed_package_brings_its_own(
     assert registry.names == ["catch"]
     assert "my_catch" not in sys.modules
     assert registry.find("catch").actions(RunConfig()) == 3
+    # What is added in this process comes before what is installed.
+    registry.add(Environment("catch", "my_catch:make", lambda config: 4))
+    assert registry.find("catch").actions(RunConfig()) == 4
     monkeypatch.delitem(sys.modules, "my_catch")
 
 

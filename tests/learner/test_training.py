@@ -143,7 +143,9 @@ class World:
         if finished is not None:
             self.told_finished.append(finished)
         known = self.agent_steps - self.lost
-        return Progress(known, known, 0, 0, 0, 0, False, 0, 0, 0, tuple(self.facts[since:]))
+        # One that is counted already is told again: each counts once all the same.
+        told = tuple(self.facts[max(since - 1, 0) :])
+        return Progress(known, known, 0, 0, 0, 0, False, 0, 0, 0, told)
 
     # ---------------------------------------------------------------- algorithm
 

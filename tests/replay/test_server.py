@@ -323,3 +323,25 @@ def test_a_learner_says_once_that_it_waits_and_once_that_it_goes_on(
         "the replay does not answer: training waits for it",
         "the replay answers again: training continues",
     ]
+
+
+def test_a_draw_waits_no_longer_than_the_server_lets_it(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python itself waits for no more than 292 years, and raises if it is asked to."""
+    monkeypatch.setattr("replay.server.LONGEST_WAIT", 0.05)
+    assert ask(place.client, KEYS.sample, SampleRequest(0, 1e308).encode()) == NO_BATCH
+
+
+def test_weights_that_no_actor_would_take_are_passed_over(
+    place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("replay.server.MAX_MESSAGE_BYTES", 10)
+    voice = place.hub.publisher(KEYS.weights)
+    voice.publish(b"x" * 11, b"8")
+    voice.publish(b"x" * 10, b"7")
+    for _ in until_late():
+        if place.memory.weights_version == 7:
+            break
+    assert ask(place.client, KEYS.latest_weights, b"") == b"x" * 10
+    assert "weights of 11 bytes were passed over" in caplog.text

@@ -152,14 +152,18 @@ def test_a_bfloat16_copy_takes_over_weights_that_are_loaded() -> None:
         assert torch.equal(ours, theirs.to(ours.dtype))
 
 
-def test_importance_weights_scale_the_loss() -> None:
+def test_importance_weights_scale_the_loss_and_nothing_else() -> None:
     config = LearningConfig(loss="mse")
     batch = random_batch()
     whole, half = (
-        learn(double_dqn(_network(), config, CPU), batch._replace(weights=weights)).loss
+        learn(double_dqn(_network(), config, CPU), batch._replace(weights=weights))
         for weights in (batch.weights, batch.weights / 2)
     )
-    assert float(half) == pytest.approx(float(whole) / 2)
+    assert float(half.loss) == pytest.approx(float(whole.loss) / 2)
+    torch.testing.assert_close(half.priorities, whole.priorities)
+    assert float(half.metrics["td_error_squared"]) == pytest.approx(
+        float(whole.metrics["td_error_squared"])
+    )
 
 
 def test_bfloat16_follows_float32_over_many_updates() -> None:
