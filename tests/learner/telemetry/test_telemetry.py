@@ -199,7 +199,9 @@ def test_a_network_that_has_not_explored_is_not_compared_with_a_blind_one(tmp_pa
     run = Run(tmp_path)
     told: dict[str, Value] = {"learning/relative_td_error": 3.0}
     assert run.values(**told)["learning/relative_td_error"] is None
-    run.progress.agent_steps = 100 + CONFIG.exploration.steps
+    run.progress.agent_steps = 99 + CONFIG.exploration.steps
+    assert run.values(**told)["learning/relative_td_error"] is None
+    run.progress.agent_steps += 1
     assert run.values(**told)["learning/relative_td_error"] == 3.0
 
 
