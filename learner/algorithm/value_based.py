@@ -55,10 +55,11 @@ class ValueBased(Generic[Network]):
         self._loss = loss
         self._device = device.torch
         self._augmentation = build_augmentation(config, seed)
-        self._precision = build_precision(self._online, device)
+        # Copies first: a copy of a network that has a precision would sync that one too.
         self._target = TargetNetwork(self._online, device)
-        self._optimizer = BoundedOptimizer(self._online.parameters(), config)
         self._published = build_published(self._online, config)
+        self._precision = build_precision(self._online, device)
+        self._optimizer = BoundedOptimizer(self._online.parameters(), config)
         self._target_update_period = config.target_update_period
         self._updates = 0
 

@@ -166,6 +166,16 @@ def test_importance_weights_scale_the_loss_and_nothing_else() -> None:
     )
 
 
+def test_a_sync_of_the_target_leaves_the_online_copy_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    algorithm = double_dqn(_network(), LearningConfig(), CPU_BFLOAT16)
+    synced: list[Bfloat16[QNetwork]] = []
+    monkeypatch.setattr(Bfloat16, "sync_from_master", lambda self: synced.append(self))
+    algorithm._target.sync(algorithm._online)
+    assert synced == [algorithm._target._precision]
+
+
 def test_bfloat16_follows_float32_over_many_updates() -> None:
     """The faster precision learns the same: losses within 2 % over 60 updates of fixed data."""
     config = replace(LearningConfig(), learning_rate=1e-4)
