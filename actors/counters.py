@@ -1,4 +1,4 @@
-"""Counts what an actor process has lived through."""
+"""Counts the steps of an actor process and what became of them."""
 
 import time
 from dataclasses import replace

@@ -1,7 +1,7 @@
-"""Which decisions are random, and what they are then: ε-greedy's chance.
+"""Exploration: which agent steps are random, and by which action (ε-greedy, εz-greedy).
 
-Redrawn at every decision, chance makes an arm tremble: it has hardly left for one key when it is
-told to go to another. With ``lasting`` a random action goes on for a while (εz-greedy: Dabney,
+Redrawn at every agent step, chance makes an arm tremble: it has hardly left for one key when it is
+told to go to another. With ``ez_greedy`` a random action lasts for a while (εz-greedy: Dabney,
 Ostrovski and Barreto 2021, "Temporally-extended ε-greedy exploration").
 """
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from common.run.config import ExplorationConfig
 
 LEAST, MOST = 4, 12
-"""Decisions that a lasting action goes on: 3 + Zipf(2), cut at `MOST`."""
+"""Agent steps that a random action lasts with ``ez_greedy``: 3 + Zipf(2), cut at `MOST`."""
 GREEDY = -1
 _POWERS = 7.0
 """Ape-X's α: ε to the powers from 1 to 1 + α."""
@@ -30,7 +30,7 @@ MEAN_DURATION = float(DURATION_LAW @ _DURATIONS)
 
 
 class Exploration:
-    """Chance for ``envs`` environments at once, each with its own share of random decisions."""
+    """Chance for ``envs`` environments at once, each with its own share of random agent steps."""
 
     def __init__(
         self, config: ExplorationConfig, actions: int, envs: int, rng: np.random.Generator
@@ -47,18 +47,18 @@ class Exploration:
         self._left = np.zeros(envs, np.int64)
 
     def shares(self, epsilon: float) -> NDArray[np.float64]:
-        """Each environment's share of random decisions when the run's is ``epsilon``, ``[E]``."""
+        """Each environment's share of random agent steps when the run's is ``epsilon``, ``[E]``."""
         return epsilon**self._powers
 
     def draw(self, epsilon: float) -> NDArray[np.int64]:
-        """A random action, or `GREEDY`, for the next decision of each environment, ``[E]``."""
+        """A random action, or `GREEDY`, for the next agent step of each environment, ``[E]``."""
         shares = self.shares(epsilon)
         envs = len(shares)
         if not self._lasting:
             chosen = self._rng.integers(self._actions, size=envs)
             chosen[self._rng.random(envs) >= shares] = GREEDY
             return chosen
-        # Random runs of mean m begin at a share p of the other decisions: ε = pm / (pm + 1 - p).
+        # Random runs of mean m begin at a share p of the other agent steps: ε = pm / (pm + 1 - p).
         begin = shares / (shares + MEAN_DURATION * (1 - shares))
         begins = (self._left == 0) & (self._rng.random(envs) < begin)
         self._held[begins] = self._rng.integers(self._actions, size=begins.sum())

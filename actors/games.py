@@ -31,14 +31,14 @@ class GamesOptions:
     """Play whole games and print a line of JSON for each."""
 
     weights: Path
-    """The network."""
+    """Network that plays."""
     config: str
-    """The settings that it plays under, as JSON."""
+    """Configuration of the run to play under, as JSON."""
     games: int = 1
     steps: int = 0
-    """Play on until so many steps are done, as the report's tests do."""
+    """Minimum number of agent steps, over all games, as in the tests of 2017."""
     epsilon: float = 0.001
-    """Share of random decisions."""
+    """Share of random agent steps."""
     seed: int = 1
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     leash: bool = False
@@ -55,7 +55,7 @@ class GameResult:
     valid: int
     """Steps in which the screen was found."""
     decisions: int
-    """Of game time that the steps took."""
+    """Agent steps of game time that the steps took."""
     missed_deadlines: int
     late_frames: int
     """As `ActorCounters` has them; 0 unless in real time."""
@@ -63,9 +63,9 @@ class GameResult:
     """How long the hands took, as counts (see `common.press_latency`)."""
 
     @classmethod
-    def of(cls, score: float, tally: ActorCounters) -> Self:
-        """The game that ``tally`` has counted."""
-        stats = tally.stats
+    def of(cls, score: float, counters: ActorCounters) -> Self:
+        """Returns the game that ``counters`` counted."""
+        stats = counters.stats
         return cls(
             score=score,
             steps=stats.steps,
@@ -74,7 +74,7 @@ class GameResult:
             decisions=stats.decisions,
             missed_deadlines=stats.missed_deadlines,
             late_frames=stats.late_frames,
-            key_times=tuple(tally.key_times),
+            key_times=tuple(counters.key_times),
         )
 
 
@@ -85,12 +85,12 @@ def games(config: RunConfig, options: GamesOptions, stop: threading.Event) -> It
         policy_seed, env_seed = map(int, np.random.SeedSequence(options.seed).generate_state(2))
         actions = int(env.action_space.n)  # type: ignore[attr-defined]
         policy = Policy.of_file(config, actions, options.weights, options.epsilon, policy_seed)
-        ended, tally = 0, ActorCounters()
+        ended, counters = 0, ActorCounters()
         for steps, step in enumerate(play([env], policy, [env_seed]), start=1):
-            tally.count(step)
+            counters.count(step)
             if step.info.game_over:
-                yield GameResult.of(step.info.game_score, tally)
-                ended, tally = ended + 1, ActorCounters()
+                yield GameResult.of(step.info.game_score, counters)
+                ended, counters = ended + 1, ActorCounters()
                 if ended >= options.games and steps >= options.steps:
                     return
             if stop.is_set():

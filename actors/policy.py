@@ -14,7 +14,7 @@ from common.run.config import ExplorationConfig, RunConfig
 
 
 class Policy:
-    """Greedy on the network's values, but for a share ``epsilon`` of random decisions."""
+    """Greedy on the network's values, but for a share ``epsilon`` of random agent steps."""
 
     def __init__(
         self,
@@ -25,7 +25,7 @@ class Policy:
         envs: int = 1,
         exploration: ExplorationConfig | None = None,
     ) -> None:
-        """``exploration`` says how its chance goes; by default anew at every decision."""
+        """``exploration`` says how its chance goes; by default anew at every agent step."""
         self.network = network.eval()
         self.weights_version = 0
         self.epsilon = 1.0
@@ -55,7 +55,7 @@ class Policy:
 
     @property
     def random_share(self) -> float:
-        """Share of random decisions, over all environments."""
+        """Share of random agent steps, over all environments."""
         return float(self._exploration.shares(self.epsilon).mean())
 
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:

@@ -102,7 +102,7 @@ class Pace(NamedTuple):
     """Updates by which an actor's weights were behind as its chunk arrived."""
     staleness_p95: float
     deadlines_kept: float | None
-    """Share of the actors' decisions that their command reached in time; None with ``sync``."""
+    """Share of the actors' agent steps that their command reached in time; None with ``sync``."""
     cpu_share: dict[str, float]
     """Of the time of all usable cores, by role."""
 
@@ -255,12 +255,12 @@ def rate_of_tests(stamped: list[tuple[float, ActorStats]]) -> float:
 
 
 def deadlines_kept(heard: list[ActorStats]) -> float | None:
-    """Share of the actors' decisions whose command came in time; None without any."""
-    decisions = missed = 0
+    """Share of the actors' agent steps whose command came in time; None without any."""
+    agent_steps = missed = 0
     for own in _by_process(heard, "actor").values():
-        decisions += own[-1].decisions - own[0].decisions
+        agent_steps += own[-1].decisions - own[0].decisions
         missed += own[-1].missed_deadlines - own[0].missed_deadlines
-    return 1 - missed / decisions if decisions else None
+    return 1 - missed / agent_steps if agent_steps else None
 
 
 def cpu_share(

@@ -40,9 +40,9 @@ class Options(BenchmarkOptions):
     only: Annotated[tuple[Subject, ...], MinLen(1)] = get_args(Subject)
     """What to compare."""
     seconds: Seconds = 15.0
-    """Of each turn of training."""
+    """Seconds of each turn of training."""
     turns: Number = 2
-    """Turns of training."""
+    """Number of turns of training."""
     replay_steps: Annotated[int, Ge(1_000)] = 20_000
     """Steps in each of the replays, of 56 KB in others' plain ones."""
 

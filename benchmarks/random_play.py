@@ -15,7 +15,7 @@ from replay.replay_buffer import ReplayBuffer
 
 
 def random_play(config: RunConfig, steps: int, folder: Path) -> ReplayBuffer:
-    """The run's replay after ``steps`` random decisions, with a limiter that never says wait."""
+    """The run's replay after ``steps`` random agent steps, with a limiter that never says wait."""
     config = replace(
         config,
         replay=replace(config.replay, capacity=2 * steps, learning_starts=1, ratio_tolerance=10**9),

@@ -1,1 +1,1 @@
-"""What more than one process speaks: configuration, messages, the Zenoh session, the network."""
+"""What more than one process speaks: configuration, messages, transport, metrics, the network."""

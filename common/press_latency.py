@@ -1,7 +1,7 @@
 """How long hands take from a command to its keys, as counts that add up over processes.
 
-A command has two goals: *release*, no key is pressed any more that it does not ask for; and
-*press*, all that it asks for are. Each is measured where it was not reached when the command came,
+A command has two goals: *release*, every key that it does not ask for is up; and *press*, every
+key that it asks for is down. Each is measured where it was not reached when the command came,
 in whole emulator frames of game time, because that is how often the controller is read. A goal
 that was not reached before another command, or within `MOST_FRAMES`, is *given up* at that age.
 

@@ -1,4 +1,4 @@
-"""Room on the disk, without which the next checkpoint would end the run."""
+"""Room on the disk; without it the next checkpoint would end the run."""
 
 import shutil
 import threading

@@ -1,4 +1,4 @@
-"""Ends a run that is not healthy: a gate stays red, or nothing happens any more."""
+"""Ends a run that is not healthy: a gate stays red, or no progress is made."""
 
 from collections.abc import Callable, Sequence
 

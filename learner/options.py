@@ -24,7 +24,7 @@ from learner.telemetry.gate import MINUTES
 
 @dataclass(frozen=True)
 class LearnerOptions:
-    """Train a network from what the actors live through, and send them its weights.
+    """Train a network on the actors' transitions, and send them its weights.
 
     Hosts the run's replay and hub unless --connect names a replay of its own. Actors join from
     other terminals or machines by `python -m actors --sync`; with --local they are started here.
@@ -36,34 +36,34 @@ class LearnerOptions:
     runs: Path = Path("runs")
     """Folder that holds the runs."""
     resume: bool = False
-    """Go on with the run that is there, under its own settings."""
+    """Resume the run of that name, under its own settings."""
     initial: Path | None = None
-    """Begin with this network, such as policies/ale_pong.safetensors, instead of a fresh one;
+    """Network to begin with, such as policies/ale_pong.safetensors, instead of a fresh one;
     --exploration.start then says how much of its play is random at first."""
     steps: int | None = None
-    """End by itself after so many agent steps, the warm-up included."""
+    """Agent steps after which the run ends by itself, the warm-up included."""
     local: bool = False
-    """Start actors and an evaluator on this machine, and end them with the learner."""
+    """Local mode: start actors and evaluators on this machine, and end them with the learner."""
     actors: int = 1
-    """Training actors of local mode."""
+    """Number of training actors, in local mode."""
     envs: int = 1
-    """Environments in each actor of local mode."""
+    """Number of environments in each actor, in local mode."""
     evaluators: int = 1
-    """Evaluators of local mode."""
+    """Number of evaluators, in local mode."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     device: DeviceChoice = "auto"
     """Hardware of the learner; 'auto' takes CUDA where there is one."""
     precision: PrecisionChoice = "auto"
-    """Of the network's arithmetic; 'auto' takes bfloat16 where the hardware is made for it."""
+    """Precision of the updates; 'auto' takes bfloat16 where the hardware multiplies it natively."""
     threads: int = 0
     """Processor threads of an update; 0 for as many cores as local mode's actors leave free, or
     half of them when actors may run in other terminals."""
     listen: str = DEFAULT_ENDPOINT
     """Address where actors find this process; name 0.0.0.0 to let other machines in."""
     connect: str | None = None
-    """Address of a `python -m replay` to use instead of a replay of one's own."""
+    """Address of a `python -m replay` to use instead of a replay in this process."""
     patience: float = 60.0
-    """Seconds to wait for that replay."""
+    """Seconds to wait for the replay of --connect."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
     gate_minutes: float = MINUTES
@@ -72,7 +72,7 @@ class LearnerOptions:
     """Minutes without any agent step or update after which the run ends by itself, with exit code
     3; inf to wait for ever."""
     force: bool = False
-    """Train on though a gate stays red or nothing happens; only warn."""
+    """Only warn, and train on, where a gate stays red or no progress is made."""
     evaluation: tyro.conf.OmitArgPrefixes[EvaluationOptions] = field(
         default_factory=EvaluationOptions
     )
@@ -97,7 +97,7 @@ class LearnerOptions:
                 f"--stall-minutes is {self.stall_minutes}: choose a number above 0, or inf."
             )
         if self.initial is not None and self.resume:
-            raise InputError("a run that goes on has a network: leave --initial or --resume away.")
+            raise InputError("a resumed run has a network: omit --initial or --resume.")
         if self.evaluation.evaluate is not None:
             return  # the games' own processes check the rest
         if (flag := self.clock.robot_flag) and not self.local:
@@ -116,7 +116,7 @@ def run_name(options: LearnerOptions) -> str:
 
 
 def stored_config(options: LearnerOptions) -> RunConfig | None:
-    """Of the run to resume, or of that which trained the network to evaluate."""
+    """Returns the settings of the run to resume or the network to evaluate; None for neither."""
     if options.evaluation.evaluate is not None:
         return origin_of(options.evaluation.evaluate)
     if options.resume:

@@ -28,19 +28,19 @@ _REPORT_EVERY = 5.0
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """Keep what the actors live through, and give the learner minibatches of it."""
+    """Store the actors' transitions, and give the learner minibatches of them."""
 
     config: RunFlags
     run: str = tyro.MISSING
     """Name of the run."""
     runs: Path = Path("runs")
-    """Folder that holds the runs; the memory lies in <runs>/<run>/replay."""
+    """Folder that holds the runs; the replay lies in <runs>/<run>/replay."""
     listen: str = DEFAULT_ENDPOINT
     """Address where learner and actors find this process."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
     resume: bool = False
-    """Go on with the run that is there."""
+    """Resume the run of that name, under its own settings."""
 
 
 def main() -> None:

@@ -27,7 +27,7 @@ class Batch(NamedTuple):
     r_t: NDArray[np.float32]
     """Discounted sum of the rewards on the way, ``[B]``."""
     discount_t: NDArray[np.float32]
-    """γ to the power of the decisions on the way; 0 if the episode terminated there, ``[B]``."""
+    """γ to the power of the agent steps on the way; 0 if the episode terminated there, ``[B]``."""
     s_t: NDArray[np.uint8]
     """State after those steps, ``[B, H, 84, 84]``; of no meaning where discount_t is 0."""
     weights: NDArray[np.float32]
@@ -91,7 +91,7 @@ class SharedBatch(Message):
             raise MessageError(f"stacks of {stacks.size} frames are over the bound")
 
     def whole(self) -> Batch:
-        """With states of their own, which may be written to."""
+        """Returns the batch with states of their own, which may be written to."""
         s_tm1, s_t = self.frames.take(self.stacks, axis=0, mode="clip")
         rest = {name: getattr(self, name) for name in Batch._fields if name not in ("s_tm1", "s_t")}
         return Batch(s_tm1=s_tm1, s_t=s_t, **rest)

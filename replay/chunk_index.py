@@ -1,4 +1,4 @@
-"""Which chunks there are and which there have been: the replay's books.
+"""Which chunks there are and which there have been: the replay's index.
 
 Everything here can be written as journal entries and be read back from them, in order.
 """
@@ -113,7 +113,7 @@ class ChunkIndex:
         return self.tail if newest is None else newest.placement.end
 
     def accept(self, record: ChunkRecord, statistics: ChunkStatistics) -> None:
-        """Book a chunk that is written."""
+        """Count a chunk that is written."""
         self._received.setdefault(record.key[:3], Received()).add(record.key.sequence)
         self._chunks[record.key] = record
         self.stored += record.placement.steps
@@ -157,14 +157,14 @@ class ChunkIndex:
             yield {"kind": "held", "key": record.key, "placement": record.placement}
 
     def counts_entry(self) -> Entry:
-        """Of what was not stored."""
+        """The entry that counts what was not stored."""
         return {"kind": "counts", "duplicates": self.duplicates, "refused": self.refused}
 
     def apply(self, entry: Entry) -> None:
         """Do what a journal entry says.
 
         Raises:
-            KeyError, TypeError, ValueError: it is none.
+            KeyError, TypeError, ValueError: it is not a valid entry.
         """
         kind = entry["kind"]
         if kind == "state":

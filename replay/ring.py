@@ -10,7 +10,7 @@ Two links per slot make every walk a fixed number of array look-ups, without a c
 * ``previous``: the frame before. The first frame of an episode is its own, and so is repeated
   when a state is stacked there.
 * ``next``: the frame one step later. Of a terminated step, itself, with a discount of 0; of a
-  truncated one, its final frame; of that, itself, with a reward of 0 after 0 decisions; of the
+  truncated one, its final frame; of that, itself, with a reward of 0 after 0 agent steps; of the
   newest step of a stream, -1 until the next chunk comes.
 """
 
@@ -86,11 +86,11 @@ class Ring:
         self._frame_stack = frame_stack
         self._n_step = n_step
         self._clip_rewards = clip_rewards
-        self._cut_random = watkins_cut
+        self._watkins_cut = watkins_cut
         self._previous = np.zeros(columns.capacity, np.int64)
         self._next = np.full(columns.capacity, -1, np.int64)
         self._discounts = discount ** np.arange(256, dtype=np.float64)
-        """Of a step, by the decisions it took."""
+        """γ to the power of the agent steps that a step took."""
 
     def write(self, placement: Placement, chunk: Chunk) -> None:
         """Put the chunk's data into its slots, which no id alive has."""
@@ -213,12 +213,12 @@ class Ring:
         rows = self._rows
         rewards = rows["rewards"][slots[:-1]].astype(np.float64)
         if self._clip_rewards:
-            # A step of several decisions brings the sum of rewards that were clipped one by one.
+            # A step of several agent steps brings the sum of rewards that were clipped one by one.
             most = rows["elapsed"][slots[:-1]].astype(np.float64)
             rewards = rewards.clip(-most, most)
         going_on = (rows["flags"][slots[:-1]] & TERMINATED) == 0
         discounts = self._discounts[rows["elapsed"][slots[:-1]]] * going_on
-        if self._cut_random:
+        if self._watkins_cut:
             # The way stands still from there on: nothing more is gained, and no time passes.
             cut = np.logical_or.accumulate(self._is_random(path[1:-1]), axis=0)
             rewards[1:][cut], discounts[1:][cut] = 0.0, 1.0
@@ -248,7 +248,7 @@ class Ring:
         path[0] = ids
         for step in range(self._n_step):
             path[step + 1] = self._next[path[step] % self._capacity]
-            if self._cut_random and step:
+            if self._watkins_cut and step:
                 np.copyto(path[step + 1], path[step], where=self._is_random(path[step]))
         return path
 

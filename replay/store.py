@@ -31,7 +31,7 @@ _SPARE_LINES = 1_000
 
 
 class Store:
-    """Ring, books, journal and sampler of one run, kept in step.
+    """Ring, chunk index, journal and sampler of one run, kept in step.
 
     ``index``, ``ring`` and ``sampler`` may be read under ``state``, the lock given.
     """

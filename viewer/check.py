@@ -14,7 +14,7 @@ from actors.envs import make_env
 from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
-from actors.robots.nao.latency import DECISION_MS, MOST_STRAYS, Change, Latency, changes
+from actors.robots.nao.latency import AGENT_STEP_MS, MOST_STRAYS, Change, Latency, changes
 from common.errors import InputError
 from common.run.config import RunConfig
 from viewer.health_checks import MOST_CORNER_ERROR, Check, judge
@@ -22,7 +22,7 @@ from viewer.observer import Observer
 from viewer.panels import border_of, draw_panels
 from viewer.player import ShownPolicy
 
-DECISIONS = 200
+AGENT_STEPS = 200
 _HAIR = 1.001
 """Times of frames are not exact in binary."""
 
@@ -36,7 +36,7 @@ def check(
     stop: threading.Event,
     console: Console | None = None,
 ) -> int:
-    """Play `DECISIONS` random decisions and judge them; 0 if all health checks pass, else 1.
+    """Play `AGENT_STEPS` random agent steps and judge them; 0 if all health checks pass, else 1.
 
     Raises:
         InputError: the picture cannot be written, the user's robot not shown.
@@ -52,11 +52,11 @@ def check(
         observed = _Observed()
         for step in play([env], policy, [seed]):
             observed.add(step, env)
-            if observed.steps == DECISIONS or stop.is_set():
+            if observed.steps == AGENT_STEPS or stop.is_set():
                 break
         _write_picture(output, draw_panels(observer.look(step, None)))
         checks = observed.checks(robot=isinstance(env, RobotEnv))
-        title = f"{config.game} ({config.env}), {observed.steps} random decisions"
+        title = f"{config.game} ({config.env}), {observed.steps} random agent steps"
         console.print(_checks_table(checks, title))
         if isinstance(env, RobotEnv):
             console.print(_latency_table(list(changes(env.robot, 1, seed))))
@@ -69,7 +69,7 @@ def check(
 
 
 class _Observed:
-    """What the decisions came to."""
+    """What the agent steps came to."""
 
     def __init__(self) -> None:
         self.steps = 0
@@ -142,8 +142,8 @@ def _latency_table(found: list[Change]) -> Table | str:
         table.add_column(name, justify="right")
     table.add_column("goal", justify="right")
     rows: list[tuple[str, Callable[[Latency], float], float, str]] = [
-        ("p50", lambda latency: latency.p50_ms, DECISION_MS, "{:.1f} ms"),
-        ("p99", lambda latency: latency.p99_ms, 2 * DECISION_MS, "{:.1f} ms"),
+        ("p50", lambda latency: latency.p50_ms, AGENT_STEP_MS, "{:.1f} ms"),
+        ("p99", lambda latency: latency.p99_ms, 2 * AGENT_STEP_MS, "{:.1f} ms"),
         ("not reached", lambda latency: latency.unreached, 0, "{:.0f}"),
         ("over a stray key", lambda latency: latency.stray_share, MOST_STRAYS, "{:.1%}"),
     ]

@@ -43,7 +43,7 @@ def judge(
         pixel_deviation: mean of the frames' standard deviations, grey levels of 255.
         valid_share: of the frames, those in which the detector says that it found the screen.
         corners_share: of the frames, those in which all corners are where they truly are.
-        match_share: of the decisions, those that ended with the commanded keys pressed. The last
+        match_share: of the agent steps, those that ended with the commanded keys pressed. The last
             three are a robot's; None elsewhere.
     """
     checks = [

@@ -134,8 +134,8 @@ class _Seat:
             if (delay := deadlines.delay()) > 0:
                 time.sleep(delay)
             self._late += deadlines.meet()
-            decision = self._frame()
-            if decision and self._console.over:
+            agent_step = self._frame()
+            if agent_step and self._console.over:
                 self._scores.append(self._console.score)
                 self._console.begin_episode(rng, seeded=False, new_game=True)
                 self._world.restart()
@@ -146,15 +146,15 @@ class _Seat:
                 self._draw()
 
     def _frame(self) -> bool:
-        """Pass one emulator frame under the person's keys; whether a decision ended with it."""
+        """Pass one emulator frame under the person's keys; whether an agent step ended with it."""
         now = time.monotonic()
         self._keys.feed(self._terminal.keys(), now)
         wanted = self._keys.held(now)
         if wanted != self._world.wanted:
             self._world.command(action_of_keys(wanted))
-        decision = self._world.frame()
+        agent_step = self._world.frame()
         self._reaction.frame(self._world.wanted, self._world.pressed)
-        return decision is not None
+        return agent_step is not None
 
     def _draw(self) -> None:
         size = self._terminal.size

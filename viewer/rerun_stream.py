@@ -33,13 +33,13 @@ class RerunStream:
             self._rerun.connect_grpc()
         else:
             _start_viewer(self._rerun)
-        self._decision = 0
+        self._agent_step = 0
 
     def show(self, snapshot: Snapshot, panels: NDArray[np.uint8]) -> None:
         """Send the panels, and score and greatest value as curves."""
         rerun = self._rerun
-        rerun.set_time("decision", sequence=self._decision)
-        self._decision += 1
+        rerun.set_time("agent step", sequence=self._agent_step)
+        self._agent_step += 1
         rerun.log("panels", rerun.Image(panels).compress(jpeg_quality=_QUALITY))
         rerun.log("score", rerun.Scalars(snapshot.score))
         if snapshot.values is not None:

@@ -19,7 +19,7 @@ from viewer.player import ShownPolicy
 from viewer.rerun_stream import RerunStream
 
 OUTSIDE_EVERY = 4
-"""Decisions between renderings of the whole room: it is seen from afar."""
+"""Agent steps between renderings of the whole room: it is seen from afar."""
 
 
 def show(
@@ -51,7 +51,7 @@ def show(
         stack.callback(observer.close)
         scores: list[float] = []
         missed = 0
-        # Decisions that are still to be shown.
+        # Agent steps that are still to be shown.
         left = options.seconds * 60 / config.play.frame_skip or float("inf")
         for step in play([env], policy, [env_seed]):
             if movie is not None or viewer is not None:

@@ -1,4 +1,4 @@
-"""All that can be shown of one decision, gathered when it is over."""
+"""All that can be shown of one agent step, gathered when it is over."""
 
 from dataclasses import dataclass
 
@@ -26,12 +26,12 @@ class RobotSnapshot:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """One decision, and what came of it."""
+    """One agent step, and what came of it."""
 
     game: str
     score: float
     step: int
-    """Decisions of the game so far."""
+    """Agent steps of the game so far."""
     screen: NDArray[np.uint8]
     """The emulator's own, ``uint8 [rows, columns, 3]``."""
     frame: NDArray[np.uint8]
@@ -39,7 +39,7 @@ class Snapshot:
     wanted: Keys
     """The keys commanded."""
     pressed: Keys
-    """The keys that the game was given at the decision's end."""
+    """The keys that the game was given at the agent step's end."""
     actions: tuple[int, ...]
     """ALE's numbers of the actions on offer."""
     chosen: int

@@ -1,4 +1,4 @@
-"""A hand as a model: keys that follow commands as late as one says, without any physics.
+"""A hand as a model: keys that follow commands with a given latency, without any physics.
 
 Between the emulator, whose keys are as commanded at once, and the robot, whose arms take their
 time, it tells how much delay alone costs a learner. A pure delay would not do as a model of an
@@ -12,10 +12,12 @@ from common.run.config import PlayConfig
 
 
 class ActuationDelay:
-    """Keys that let go of the old command after ``play.release_latency`` emulator frames and press
-    the new
-    one after ``play.press_latency``; commands themselves come ``play.command_latency`` decisions
-    late, of game time, however many commands are given in it."""
+    """Keys that follow each command with the latencies of ``play``.
+
+    The keys of the previous command are released ``release_latency`` emulator frames after a
+    command arrives, and its own are pressed after ``press_latency``. A command arrives
+    ``command_latency`` agent steps of game time after it was given.
+    """
 
     def __init__(self, play: PlayConfig) -> None:
         self._play = play

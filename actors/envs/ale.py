@@ -19,11 +19,11 @@ from common.run.config import PlayConfig, RunConfig
 
 
 class AtariEnv(gymnasium.Env[Observation, np.int64]):
-    """One step is one decision of ``play.frame_skip`` emulator frames.
+    """One step is one agent step of ``play.frame_skip`` emulator frames.
 
     Observation: ``uint8 [frame_stack, 84, 84]``, newest frame last; with ``play.vector`` in a
-    dictionary beside the last commands and keys. The keys are the commanded ones, unless
-    ``play.command_latency``, ``release`` or ``press`` let them come late (`ActuationDelay`).
+    dictionary beside the last commands and keys. The keys are the commanded ones, unless ``play``
+    has a command, release or press latency (`ActuationDelay`).
     Action: an index into all 18 actions, or into the game's own with ``play.minimal_actions``.
     Reward: points, not clipped.
     With ``training`` an episode also ends at a lost life, and the next ``reset()`` carries the
@@ -45,7 +45,7 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         """Raises InputError for a game that ale-py does not bundle."""
         self.metadata = {**self.metadata, "render_fps": 60 / play.frame_skip}
         self.render_mode = render_mode
-        # An action that is held through all frames of a decision the emulator can repeat itself.
+        # An action that is held through all frames of an agent step the emulator can repeat itself.
         self._prompt = not (play.command_latency or play.release_latency or play.press_latency)
         skip = play.frame_skip if self._prompt else 1
         self._game = AtariGame(game, play, training=training, emulator_skip=skip)
@@ -84,7 +84,7 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         return self._observation(), StepInfo(*self._game.standing, elapsed=0)._asdict()
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Hold the action for one decision."""
+        """Hold the action for one agent step."""
         command = self._game.action(action)
         wanted = KEYS_OF_ACTION[command]
         if self._sense is not None:
@@ -99,7 +99,7 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         if self._sense is not None:
             for keys in pressed[-KEY_FRAMES:]:
                 self._sense.feel(keys)
-        terminated, truncated = self._game.end_decision()
+        terminated, truncated = self._game.end_agent_step()
         self._frames.push(shrink(self._game.emulator.screen_grey()))
         info = StepInfo(*self._game.standing, keys_match=pressed[-1] == wanted)
         return self._observation(), reward, terminated, truncated, info._asdict()

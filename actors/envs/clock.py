@@ -1,6 +1,6 @@
 """Whose time it is: the world waits for the agent (lockstep), or goes on without it (real time).
 
-An environment asks its clock to pass decisions and never moves the world itself, so that all else
+An environment asks its clock to pass agent steps and never moves the world itself, so that all else
 is the same in both.
 """
 
@@ -10,15 +10,15 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
-from actors.envs.world import Decision
+from actors.envs.world import AgentStep
 
 FRAME = 1 / 60
-"""s of game time per emulator frame."""
+"""Seconds of game time per emulator frame."""
 MOST_MISSED = 100
-"""Decisions after which a world that nobody attends to stops, as on a console put on pause. A
-chunk counts the decisions of a step in one byte, and a held actor should not lose its games."""
+"""Agent steps after which a world that nobody attends to stops, as on a console put on pause. A
+chunk counts the agent steps of a step in one byte, and a held actor should not lose its games."""
 BREATH = 5e-5
-"""s that a late world leaves the agent between two frames, which else could not get in."""
+"""Seconds that a late world waits between two frames; otherwise the agent thread starves."""
 
 
 class Moving(Protocol):
@@ -27,15 +27,15 @@ class Moving(Protocol):
     def command(self, action: int) -> None:
         """Let the hands set out for one of the 18 actions."""
 
-    def frame(self) -> Decision | None:
-        """Pass one emulator frame; the decision that it completes, if any."""
+    def frame(self) -> AgentStep | None:
+        """Pass one emulator frame; the agent step that it completes, if any."""
 
-    def decide(self) -> Decision:
-        """Pass the frames to the end of the decision."""
+    def finish_agent_step(self) -> AgentStep:
+        """Pass the frames to the end of the agent step."""
 
 
 class Clock(Protocol):
-    """Passes the world's decisions."""
+    """Passes the world's agent steps."""
 
     late_frames: int
     """Frames so far that began more than a frame too late."""
@@ -49,11 +49,11 @@ class Clock(Protocol):
     def still(self) -> AbstractContextManager[object]:
         """While it is entered the world stands still, to be looked at."""
 
-    def command(self, action: int) -> list[Decision]:
-        """Give a command; the decisions that passed before it, for want of one."""
+    def command(self, action: int) -> list[AgentStep]:
+        """Give a command; the agent steps that passed before it, for want of one."""
 
-    def pass_decision(self) -> list[Decision]:
-        """The next decision, or all up to now if there were several; never after an episode's
+    def pass_agent_step(self) -> list[AgentStep]:
+        """The next agent step, or all up to now if there were several; never after an episode's
         end."""
 
     def close(self) -> None:
@@ -68,7 +68,7 @@ class Lockstep:
         self._world = world
 
     def start(self) -> None:
-        """Nothing to do: time passes decision by decision."""
+        """Nothing to do: time passes agent step by agent step."""
 
     def stop(self) -> None:
         """Nothing to do."""
@@ -77,14 +77,14 @@ class Lockstep:
         """The world stands still anyway."""
         return nullcontext()
 
-    def command(self, action: int) -> list[Decision]:
+    def command(self, action: int) -> list[AgentStep]:
         """Give a command; nothing ever passed before it."""
         self._world.command(action)
         return []
 
-    def pass_decision(self) -> list[Decision]:
-        """One decision."""
-        return [self._world.decide()]
+    def pass_agent_step(self) -> list[AgentStep]:
+        """One agent step."""
+        return [self._world.finish_agent_step()]
 
     def close(self) -> None:
         """Nothing to do."""
@@ -120,10 +120,10 @@ def _wait(changed: threading.Condition, seconds: float | None) -> None:
 class RealTime:
     """Time passes by itself, frame by frame, in a thread of its own.
 
-    The agent's command takes effect when it comes, and it is answered at the end of the decision
-    that runs by then. If it was not ready in time for the decision before, that one has passed
+    The agent's command takes effect when it comes, and it is answered at the end of the agent step
+    that runs by then. If it was not ready in time for the agent step before, that one has passed
     under the old command. What is late is made up for at once, as fast as the machine goes. Time
-    stands still outside episodes, and when nobody comes for `MOST_MISSED` decisions.
+    stands still outside episodes, and when nobody comes for `MOST_MISSED` agent steps.
 
     Args:
         speed: game seconds per second.
@@ -144,7 +144,7 @@ class RealTime:
         self._wait = wait
         self._deadlines = Deadlines(FRAME / speed, now)
         self._changed = threading.Condition()
-        self._passed: list[Decision] = []
+        self._passed: list[AgentStep] = []
         self._running = False
         self._closing = False
         self._failure: BaseException | None = None
@@ -169,14 +169,14 @@ class RealTime:
         """While it is entered the world stands still, to be looked at."""
         return self._changed
 
-    def command(self, action: int) -> list[Decision]:
-        """Give a command; the decisions that passed before it, for want of one."""
+    def command(self, action: int) -> list[AgentStep]:
+        """Give a command; the agent steps that passed before it, for want of one."""
         with self._changed:
             self._world.command(action)
             return self._take()
 
-    def pass_decision(self) -> list[Decision]:
-        """The next decision, or all up to now if there were several; never after an episode's
+    def pass_agent_step(self) -> list[AgentStep]:
+        """The next agent step, or all up to now if there were several; never after an episode's
         end.
 
         Raises:
@@ -199,7 +199,7 @@ class RealTime:
         if self._thread.is_alive():
             self._thread.join()
 
-    def _take(self) -> list[Decision]:
+    def _take(self) -> list[AgentStep]:
         passed, self._passed = self._passed, []
         if len(passed) >= MOST_MISSED:
             self._deadlines.restart()
@@ -226,10 +226,10 @@ class RealTime:
             self._wait(self._changed, delay)
             return
         self.late_frames += self._deadlines.meet()
-        decision = self._world.frame()
-        if decision is not None:
-            self._passed.append(decision)
-            self._running = not decision.ended
+        agent_step = self._world.frame()
+        if agent_step is not None:
+            self._passed.append(agent_step)
+            self._running = not agent_step.ended
             self._changed.notify_all()
         # Waiting gives the lock away; the agent would starve beside a world that is always late.
         self._wait(self._changed, BREATH)

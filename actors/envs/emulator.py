@@ -1,4 +1,4 @@
-"""The Atari emulator: one game of ale-py, set as in the report's section 4.
+"""The Atari emulator: one game of ale-py, set as in 2017.
 
 It knows screens, points and lives, but nothing of episodes, states or robots; `AtariEnv` and
 `RobotEnv` both play on it.

@@ -20,8 +20,8 @@ class AtariGame:
 
     A *game* lasts from reset to game over, or until ``play.max_game_frames`` cut it. When
     training, a lost life ends the *episode* only: the next one carries the same game on. Time is
-    counted in *decisions* of ``play.frame_skip`` emulator frames; a decision is one or more
-    `hold` (``frame_skip / emulator_skip`` of them) and then `end_decision`.
+    counted in *agent steps* of ``play.frame_skip`` emulator frames; an agent step is one or more
+    `hold` (``frame_skip / emulator_skip`` of them) and then `end_agent_step`.
     """
 
     def __init__(
@@ -41,9 +41,9 @@ class AtariGame:
         self.score = 0.0
         """Points of the present game, its random start included."""
         self.steps = 0
-        """Decisions of the present game, its random start included."""
+        """Agent steps of the present game, its random start included."""
         self.over = False
-        """The game ended at the last decision, by its own rules or cut short."""
+        """The game ended at the last agent step, by its own rules or cut short."""
         self._play = play
         self._training = training
         self._emulator_skip = emulator_skip
@@ -82,8 +82,8 @@ class AtariGame:
         self.score += points
         return points
 
-    def end_decision(self) -> tuple[bool, bool]:
-        """Count a decision; whether the episode was terminated by it, and whether truncated."""
+    def end_agent_step(self) -> tuple[bool, bool]:
+        """Count an agent step; whether the episode was terminated by it, and whether truncated."""
         self.steps += 1
         limit = self._play.max_game_frames
         ended = self.emulator.game_over

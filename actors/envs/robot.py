@@ -17,7 +17,7 @@ from actors.envs.emulator import Emulator
 from actors.envs.game import DEFAULT_PLAY, AtariGame
 from actors.envs.observation import FrameStack, Observation, observation_space, shrink
 from actors.envs.step_info import StepInfo
-from actors.envs.world import Decision, World
+from actors.envs.world import AgentStep, World
 from actors.robots.interface import Robot, ViewName
 from actors.vision.screen_detector import Detection, ScreenDetector
 from common.actions import Keys
@@ -31,14 +31,14 @@ DEFAULT_CAMERA = CameraConfig()
 
 
 class RobotEnv(gymnasium.Env[Observation, np.int64]):
-    """One step is one decision of ``play.frame_skip`` emulator frames, 1/60 s each.
+    """One step is one agent step of ``play.frame_skip`` emulator frames, 1/60 s each.
 
     An action sends the hands to its keys; before every emulator frame the physics goes on and
     the controller is read, and the keys that are then really pressed are what the game gets. The
     state's frames come from the robot's camera only. Spaces, rewards, episodes and ``info``
     (`StepInfo`) are those of `AtariEnv`, so that the two can be compared.
 
-    A step takes several decisions where the agent waits for its keys or, in real time, was too
+    A step takes several agent steps where the agent waits for its keys or, in real time, was too
     slow; its reward is then their points discounted by the time that had passed, so that
     ``reward + discount ** info["elapsed"] * value`` is the return.
     """
@@ -60,8 +60,8 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         """Sit ``play.robot`` down at its desk.
 
         Args:
-            discount: γ per decision, within steps of several decisions.
-            clip_rewards: count each decision's points as -1 to 1. Scores stay as they are.
+            discount: γ per agent step, within steps of several agent steps.
+            clip_rewards: count each agent step's points as -1 to 1. Scores stay as they are.
 
         Raises:
             InputError: there is no such robot, or ale-py does not bundle the game.
@@ -77,12 +77,12 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         """The robot and all around it."""
         self.detector = ScreenDetector(camera.distortion)
         """Replaced at each new game: do not keep it."""
-        # Drawing takes a tenth of a decision: not where only a person might look at the picture.
+        # Drawing takes a tenth of an agent step: not where only a person might look at the picture.
         # A late camera has to be asked each time, or it has no earlier picture to give.
         self._looks = play.eye == "camera" or camera.latency > 0
         self._seen: NDArray[np.uint8] | None = None
         self._unseen = 0
-        """Decisions since the last picture was taken."""
+        """Agent steps since the last picture was taken."""
         self.detection: Detection
         """The game as detected in the last picture."""
         joints = ROBOTS.find(play.robot).joints
@@ -90,7 +90,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         self._clock: Clock = (
             Lockstep(self._world) if clock.sync else RealTime(self._world, clock.speed)
         )
-        self._most_decisions = play.wait_bound if clock.wait_action else 1
+        self._most_agent_steps = play.wait_bound if clock.wait_action else 1
         self._discount = discount
         self._clip_rewards = clip_rewards
         self._late_frames = 0
@@ -144,7 +144,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         """Begin an episode; its first state is what is seen first, repeated.
 
         A new game begins with the hands at rest and up to ``play.random_starts`` random
-        decisions; a game that goes on after a lost life leaves everything as it is. No game time
+        agent steps; a game that goes on after a lost life leaves everything as it is. No game time
         passes between two episodes, not even in real time, and the random start is played as fast
         as the machine goes.
         """
@@ -169,28 +169,28 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Let the hands set out for the action's keys, and let time pass."""
-        decisions = self._clock.command(self._game.action(action))
-        missed = len(decisions)
+        agent_steps = self._clock.command(self._game.action(action))
+        missed = len(agent_steps)
         photographed = 0
-        while not decisions or not decisions[-1].ended:
-            decisions += self._clock.pass_decision()
-            if self._obeyed(decisions[-1]) or len(decisions) - missed >= self._most_decisions:
+        while not agent_steps or not agent_steps[-1].ended:
+            agent_steps += self._clock.pass_agent_step()
+            if self._obeyed(agent_steps[-1]) or len(agent_steps) - missed >= self._most_agent_steps:
                 break
             if self._camera.latency > 0:  # a late picture may be one from the middle of a step
                 with self._clock.still():
-                    self._photograph(len(decisions) - photographed)
-                photographed = len(decisions)
-        last = decisions[-1]
+                    self._photograph(len(agent_steps) - photographed)
+                photographed = len(agent_steps)
+        last = agent_steps[-1]
         if not self.clock.wait_action:
-            missed = max(missed, len(decisions) - 1)
+            missed = max(missed, len(agent_steps) - 1)
         with self._clock.still():
-            self._photograph(len(decisions) - photographed)
+            self._photograph(len(agent_steps) - photographed)
             self._look()
             self._frames.push(self.detection.frame)
-            info = self._info(decisions, missed, self._world.key_watch.take())
+            info = self._info(agent_steps, missed, self._world.key_watch.take())
             return (
                 self._observation(),
-                self._reward(decisions),
+                self._reward(agent_steps),
                 last.terminated,
                 last.truncated,
                 info,
@@ -213,18 +213,18 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         self._clock.close()
         self.robot.close()
 
-    def _obeyed(self, decision: Decision) -> bool:
-        return decision.pressed == self._world.wanted
+    def _obeyed(self, agent_step: AgentStep) -> bool:
+        return agent_step.pressed == self._world.wanted
 
-    def _reward(self, decisions: Sequence[Decision]) -> float:
-        points = [decision.points for decision in decisions]
+    def _reward(self, agent_steps: Sequence[AgentStep]) -> float:
+        points = [agent_step.points for agent_step in agent_steps]
         if self._clip_rewards:
             points = [min(max(each, -1.0), 1.0) for each in points]
         return sum(self._discount**time * each for time, each in enumerate(points))
 
     def _info(
         self,
-        decisions: Sequence[Decision],
+        agent_steps: Sequence[AgentStep],
         missed: int,
         key_times: tuple[int, ...],
     ) -> dict[str, Any]:
@@ -232,21 +232,21 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             self._clock.late_frames - self._late_frames,
             self._clock.late_frames,
         )
-        obeyed = not decisions or self._obeyed(decisions[-1])
+        obeyed = not agent_steps or self._obeyed(agent_steps[-1])
         return StepInfo(
             *self._game.standing,
             valid_frame=self.detection.valid,
             keys_match=obeyed,
-            elapsed=len(decisions),
-            gave_up=self.clock.wait_action and not (obeyed or decisions[-1].ended),
+            elapsed=len(agent_steps),
+            gave_up=self.clock.wait_action and not (obeyed or agent_steps[-1].ended),
             missed_deadlines=missed,
             late_frames=late,
             key_times=key_times,
         )._asdict()
 
-    def _photograph(self, decisions: int) -> None:
-        """Take a picture; ``decisions`` have passed since the last time."""
-        self._unseen += decisions
+    def _photograph(self, agent_steps: int) -> None:
+        """Take a picture; ``agent_steps`` have passed since the last time."""
+        self._unseen += agent_steps
         self._seen = self._picture() if self._looks else None
 
     def _picture(self) -> NDArray[np.uint8]:
@@ -268,10 +268,10 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         count = self.np_random.integers(self._play.random_starts + 1)
         for action in self.np_random.choice(self._game.actions, count):
             self._world.command(int(action))
-            decision = self._world.decide()
+            agent_step = self._world.finish_agent_step()
             if self._game.over:  # an unlucky start: play from the very beginning instead
                 self._game.begin_episode(self.np_random, seeded=False, new_game=True)
                 self._world.restart()
                 return
-            if decision.terminated:  # a life lost before the episode began does not end it
+            if agent_step.terminated:  # a life lost before the episode began does not end it
                 self._game.begin_episode(self.np_random, seeded=False, new_game=False)

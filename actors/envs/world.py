@@ -21,8 +21,8 @@ _ACTION_OF_KEYS = tuple(action_of_keys(Keys(bits)) for bits in range(2 ** len(KE
 
 
 @dataclass(frozen=True)
-class Decision:
-    """What the ``play.frame_skip`` emulator frames of one decision came to."""
+class AgentStep:
+    """What the ``play.frame_skip`` emulator frames of one agent step came to."""
 
     points: float
     pressed: Keys
@@ -41,7 +41,7 @@ class World:
 
     With ``play.read_keys`` "frame" the controller is read at the end of each frame's physics.
     With "decision" it is read once, before the arms move, and what was pressed then holds for the
-    whole decision (the report's section 3.3: read, act on the emulator, and only then simulate).
+    whole agent step (as in 2017: read, act on the emulator, and only then simulate).
     """
 
     def __init__(self, robot: Robot, joints: int, game: AtariGame, play: PlayConfig) -> None:
@@ -56,7 +56,7 @@ class World:
         self._game = game
         self._play = play
         self._sense = Proprioception(joints) if play.vector else None
-        self._frames = 0  # of the present decision
+        self._frames = 0  # of the present agent step
         self._points = 0.0
 
     def vector(self) -> NDArray[np.float32] | None:
@@ -82,8 +82,8 @@ class World:
         if self._sense is not None:
             self._sense.command(action)
 
-    def frame(self) -> Decision | None:
-        """Pass one emulator frame (1/60 s); the decision that it completes, if any."""
+    def frame(self) -> AgentStep | None:
+        """Pass one emulator frame (1/60 s); the agent step that it completes, if any."""
         if self._play.read_keys == "decision" and self._frames == 0:
             self.pressed = self._hands.held
         felt = self._hands.step_frame()
@@ -96,14 +96,14 @@ class World:
         self._frames += 1
         if self._frames < self._play.frame_skip:
             return None
-        decision = Decision(self._points, self.pressed, *self._game.end_decision())
+        agent_step = AgentStep(self._points, self.pressed, *self._game.end_agent_step())
         self._frames, self._points = 0, 0.0
-        if decision.ended:
+        if agent_step.ended:
             self.key_watch.give_up()
-        return decision
+        return agent_step
 
-    def decide(self) -> Decision:
-        """Pass the frames to the end of the decision."""
-        while (decision := self.frame()) is None:
+    def finish_agent_step(self) -> AgentStep:
+        """Pass the frames to the end of the agent step."""
+        while (agent_step := self.frame()) is None:
             pass
-        return decision
+        return agent_step

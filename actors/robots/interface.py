@@ -41,12 +41,12 @@ class Robot(Hands, Protocol):
     def begin_game(self, rng: Generator) -> None:
         """Draw what the settings let differ from game to game, before the game's first picture."""
 
-    def camera_picture(self, screen: NDArray[np.uint8], decisions: int = 1) -> NDArray[np.uint8]:
+    def camera_picture(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
         """Returns what the robot's camera gives, ``uint8 [240, 320, 3]``.
 
         Args:
             screen: the game's picture, ``uint8 [rows, columns, 3]``.
-            decisions: agent steps of game time since the last picture was taken.
+            agent_steps: agent steps of game time since the last picture was taken.
         """
 
     def proprioception(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

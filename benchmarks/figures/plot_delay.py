@@ -19,7 +19,7 @@ from common.errors import InputError
 from common.press_latency import ms_of
 
 _FRAME_MS = ms_of(1)
-_DECISION_FRAMES = 4
+_AGENT_STEP_FRAMES = 4
 _PLAYED = {"network", "press", "mean"}
 _CLIMBED = {"rung", "game", "seed", "flags", "agent_steps", "random_reward", "mean"}
 """Columns that a table needs; whatever others it has, it may be of a former commit."""
@@ -92,7 +92,7 @@ def _climb(row: dict[str, str]) -> Climb:
         for name, default in (
             ("command-latency", 0),
             ("press-latency", 0),
-            ("frame-skip", _DECISION_FRAMES),
+            ("frame-skip", _AGENT_STEP_FRAMES),
         )
     )
     # What sets a run apart beside delay and seed; the rung's own flags go without saying.
@@ -136,12 +136,12 @@ def delay_figure(climbs: Sequence[Climb]) -> Figure:
     draw_series(axes, series)
     draw_random(axes, [climb.random for climb in climbs if climb.random is not None])
     label(axes, "game time without the commanded keys (ms)", "mean score of the evaluation's games")
-    decision = _DECISION_FRAMES * _FRAME_MS
+    agent_step = _AGENT_STEP_FRAMES * _FRAME_MS
     above = axes.secondary_xaxis(
         "top",
-        functions=(lambda ms: np.asarray(ms) / decision, lambda n: np.asarray(n) * decision),
+        functions=(lambda ms: np.asarray(ms) / agent_step, lambda n: np.asarray(n) * agent_step),
     )
-    above.set_xlabel("in decisions of 66.7 ms", color="#333333", fontsize=9)
+    above.set_xlabel("in agent steps of 66.7 ms", color="#333333", fontsize=9)
     above.tick_params(colors="#333333", labelsize=8)
     above.spines["top"].set_visible(False)
     legend(figure, axes)

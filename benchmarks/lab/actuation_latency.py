@@ -28,16 +28,16 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Options:
-    """Play games by trained networks under keys that come late."""
+    """Play games by trained networks under several actuation latencies."""
 
     networks: tyro.conf.Positional[tuple[Path, ...]]
     """Published policies, or checkpoints in their runs' folders."""
     press: tuple[int, ...] = (0, 1, 2, 3, 4, 6, 8)
     """Frames until a new command's keys are down, each of them played."""
     games: int = 10
-    """For each network and lateness."""
+    """Number of games for each network and latency."""
     epsilon: float = EPSILON
-    """Share of random decisions."""
+    """Share of random agent steps."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("late_keys.csv")
     """Table to write."""
 
@@ -65,7 +65,7 @@ def name_of(network: Path) -> str:
 
 
 def hand_flags(network: Path, press: int) -> list[str]:
-    """So that keys are pressed by a model of a hand, the robot's arms or not.
+    """Returns the flags by which a modelled hand presses the keys, of a robot too.
 
     Raises:
         InputError: nobody knows under which settings the network was trained.

@@ -8,7 +8,7 @@ name of its own: `--rung R5 --label vector --learner="--play.vector"`.
 R0  sight and touch, no learning (`python -m actors --check`)
 R1  the emulator alone
 R2  the emulator under keys as late as the robot's: none at all for two frames, then the new ones;
-    and `--delay` decisions more
+    and `--delay` agent steps more
 R3  the camera's pixels, keys as commanded: no hand
 R4  the emulator's pixels, keys pressed by the arms: no camera
 R5  the robot
@@ -67,23 +67,23 @@ class Options:
 
     rung: Rung
     steps: int = 1_000_000
-    """Agent steps of each run; one that was stopped goes on when it is asked for again."""
+    """Agent steps of each run; the same command resumes a run that was stopped."""
     seeds: int = 1
-    """Runs, each with a seed of its own:"""
+    """Number of runs, each with a seed of its own."""
     seed: int = 1
-    """that of the first; the others' follow."""
+    """Seed of the first run; those of the others follow it."""
     game: str = "pong"
-    """Any game that ale-py bundles."""
+    """Game: any that ale-py bundles, in snake_case."""
     preset: Literal["fast", "robot"] = "robot"
-    """Of all rungs the same, or they could not be compared."""
+    """Preset of the run; rungs can be compared only under the same one."""
     label: str = ""
     """Name of an ablation, where --learner has other settings than the rung."""
     delay: int = 0
-    """Of R2: decisions by which commands come late, beside the keys' own time."""
+    """Command latency of rung R2 in agent steps, in addition to that of its keys."""
     games: int = 30
     """Games of each evaluation."""
     epsilon: float = EPSILON
-    """Share of random decisions in it."""
+    """Share of random actions in each evaluation."""
     learner: str = ""
     """More flags for `python -m learner`, as in --learner="--threads 2"."""
     runs: Path = Path("runs")
@@ -92,13 +92,13 @@ class Options:
     """Table to which the rows are added; beside it go each run's epochs and a JSON of its games."""
 
     def flags(self, seed: int) -> list[str]:
-        """Of the learner, but for those of its folder."""
+        """Returns the flags of the learner, without those of its folder."""
         late = ["--play.command-latency", f"{self.delay}"] if self.delay else []
         run = ["--preset", self.preset, "--game", self.game, "--seed", f"{seed}"]
         return [*run, *FLAGS[self.rung], *late, *shlex.split(self.learner)]
 
     def run_name(self, seed: int) -> str:
-        """Of the run's folder."""
+        """Returns the name of the run's folder."""
         parts = [self.label] if self.label else []
         parts += [f"late-{self.delay}"] if self.delay else []
         parts = ["ladder", self.rung, *parts, self.game, self.preset, f"seed-{seed}"]

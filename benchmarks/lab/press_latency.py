@@ -1,6 +1,6 @@
 """`python -m benchmarks.lab.press_latency`: from a command to its keys, for every pair of actions.
 
-Half of the changes begin after the old keys were held for a while, half one decision after the
+Half of the changes begin after the old keys were held for a while, half one agent step after the
 old command, as in play. Times are whole emulator frames of 16.7 ms.
 """
 
@@ -14,7 +14,7 @@ import tyro
 from annotated_types import Ge
 
 from actors.robots.nao.latency import (
-    DECISION_MS,
+    AGENT_STEP_MS,
     FRAME_MS,
     MOST_STRAYS,
     Latency,
@@ -91,8 +91,8 @@ def table(latency: Latency) -> Table:
 def sentences(latency: Latency, settled: Latency, unsettled: Latency) -> list[str]:
     """What all changes came to, and whether the goals are kept."""
     kept = (
-        latency.p50_ms <= DECISION_MS + 0.1
-        and latency.p99_ms <= 2 * DECISION_MS + 0.1
+        latency.p50_ms <= AGENT_STEP_MS + 0.1
+        and latency.p99_ms <= 2 * AGENT_STEP_MS + 0.1
         and not latency.unreached
         and latency.stray_share <= MOST_STRAYS
     )
@@ -103,7 +103,7 @@ def sentences(latency: Latency, settled: Latency, unsettled: Latency) -> list[st
             for title, found in (
                 ("all", latency),
                 ("from held keys", settled),
-                ("one decision after the last command", unsettled),
+                ("one agent step after the last command", unsettled),
             )
         ),
         "goals: p50 ≤ 66.7 ms, p99 ≤ 133.3 ms, all reached, strays ≤ 5 %: "
@@ -114,7 +114,7 @@ def sentences(latency: Latency, settled: Latency, unsettled: Latency) -> list[st
 def draw(latency: Latency, output: Path) -> None:
     """Write the medians as a heat map to ``output``."""
     figure, axes = plt.subplots(figsize=(8, 7), layout="constrained")
-    image = axes.imshow(latency.table_ms, cmap="viridis", vmin=0, vmax=2 * DECISION_MS)
+    image = axes.imshow(latency.table_ms, cmap="viridis", vmin=0, vmax=2 * AGENT_STEP_MS)
     axes.set_xticks(range(18), _NAMES, fontsize=8)
     axes.set_yticks(range(18), _NAMES, fontsize=8)
     axes.set(xlabel="to", ylabel="from")
@@ -125,11 +125,11 @@ def draw(latency: Latency, output: Path) -> None:
     )
     for (old, new), ms in np.ndenumerate(latency.table_ms):
         if not np.isnan(ms):
-            colour = "white" if ms < DECISION_MS else "black"
+            colour = "white" if ms < AGENT_STEP_MS else "black"
             axes.text(new, old, f"{ms:.0f}", ha="center", va="center", fontsize=6, color=colour)
     bar = figure.colorbar(image, ax=axes, shrink=0.8)
     bar.set_label("median, ms")
-    bar.set_ticks([0, DECISION_MS, 2 * DECISION_MS], labels=["0", "66.7", "133.3"])
+    bar.set_ticks([0, AGENT_STEP_MS, 2 * AGENT_STEP_MS], labels=["0", "66.7", "133.3"])
     save(figure, output)
 
 

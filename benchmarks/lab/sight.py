@@ -54,7 +54,7 @@ class Options(BenchmarkOptions):
     frames: Annotated[int, Ge(200)] = 7_000
     """Pictures of Pong for the probe; fewer than two thirds have the ball in play."""
     seed: int = 1
-    """Of poses, play and faults."""
+    """Seed of poses, play and faults."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """PNG of samples with the corners found."""
 

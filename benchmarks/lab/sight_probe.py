@@ -31,9 +31,9 @@ _BLURS = (3.0, 8.0)
 _MOST_FRAMES = 7
 """From one picture to the next; with always 4 the ball would be seen at few places only."""
 _WHIMS = 0.1
-"""Chance of a random action, at each decision, that is then held for a while."""
+"""Chance of a random action, at each agent step, that is then held for a while."""
 _MOST_HELD = 8
-"""Decisions, at most, for which it is held."""
+"""Agent steps, at most, for which it is held."""
 
 
 @dataclass(frozen=True)

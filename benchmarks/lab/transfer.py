@@ -33,7 +33,7 @@ class Options(BenchmarkOptions):
     games: Number = 10
     """Games on each rung."""
     epsilon: float = EPSILON
-    """Share of random decisions."""
+    """Share of random agent steps."""
 
 
 def rung_flags(rung: Rung) -> list[str]:

@@ -1,4 +1,4 @@
-"""Standard output that nobody reads any more: its reader has gone, or the disk is full."""
+"""Standard output that nobody can read: its reader has gone, or the disk is full."""
 
 import os
 from typing import TextIO

@@ -9,7 +9,7 @@ from common.protocol.message import Message
 
 @dataclass(frozen=True)
 class Ack(Message):
-    """The chunk needs no care any more; the rest steers the actor."""
+    """The fate of a chunk, and what steers its actor."""
 
     status: Literal["stored", "duplicate", "poll"]
     """'poll' answers an empty insert, by which a throttled actor asks whether to go on."""

@@ -30,7 +30,7 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
 
     Raises:
         MessageError: not safetensors, other names, shapes or types than the network's, or a
-            weight that is no finite number.
+            weight that is not finite.
     """
     try:
         found = load(payload)
@@ -53,7 +53,7 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
                 f"{expected[name].dtype} {list(expected[name].shape)}"
             )
         if not torch.isfinite(value).all():
-            raise MessageError(f"{name} holds a value that is no finite number")
+            raise MessageError(f"{name} holds a value that is not finite")
     network.load_state_dict(found)
 
 

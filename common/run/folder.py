@@ -121,7 +121,7 @@ class RunFolder:
         if bound and stored is not None and (unequal := differences(stored, config)):
             raise InputError(
                 f"the run in {self.path} has another configuration ({'; '.join(unequal[:5])}): "
-                "leave those flags away, or name another run."
+                "omit those flags, or name another run with --run."
             )
         try:
             self.path.mkdir(parents=True, exist_ok=True)

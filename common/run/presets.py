@@ -64,17 +64,17 @@ _FAST = RunConfig(
         optimizer_epsilon=1.5e-4,  # Rainbow's
         gradient_norm=10.0,  # Wang et al. 2016
         scale_pixels=True,  # layers' inputs near 1 suit their first weights
-        # A point is lost some 50 decisions after its cause, and with each copy of the target
-        # network it is known n decisions earlier. Rainbow has 3, and copies half as often.
+        # A point is lost some 50 agent steps after its cause, and with each copy of the target
+        # network it is known n agent steps earlier. Rainbow has 3, and copies half as often.
         n_step=5,
         train_period=4,  # Mnih et al. 2015
         target_update_period=1_000,  # updates: 4,000 agent steps
     ),
     exploration=ExplorationConfig(
         start=1.0,
-        end=0.02,  # a rally lasts some 40 decisions; at 0.1 four of them would be random
+        end=0.02,  # a rally lasts some 40 agent steps; at 0.1 four of them would be random
         steps=100_000,  # a tenth of a run of a million
-        ez_greedy=True,  # Dabney et al. 2021; one decision moves a paddle little
+        ez_greedy=True,  # Dabney et al. 2021; one agent step moves a paddle little
     ),
     protocol=ProtocolConfig(
         epoch_steps=50_000,  # a fifth of 2017's

@@ -1,4 +1,4 @@
-"""DQN (Mnih et al. 2015) and Double DQN (van Hasselt et al. 2016): equations 2 to 4 of the report.
+"""DQN (Mnih et al. 2015) and Double DQN (van Hasselt et al. 2016): equations 2 to 4 of 2017.
 
 Names are indexed by time: the agent did ``a_tm1`` in ``s_tm1``, got ``r_t`` and came to ``s_t``.
 """

@@ -182,7 +182,7 @@ class EvaluationCoordinator:
         """Count what an evaluator has played since its last report.
 
         Raises:
-            MessageError: it has no shard of that test any more.
+            MessageError: its shard of that test was given to another evaluator.
         """
         with self._lock:
             shard = self._shards.get(report.evaluator)

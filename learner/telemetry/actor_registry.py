@@ -18,12 +18,12 @@ from replay.chunk_statistics import ChunkStatistics
 _LAST_WORDS = 1.0
 """Seconds in which the counters of a process that leaves may come after its token has gone."""
 LEFT_SHOWN = 10.0
-"""Seconds that an actor which took its leave stays on the display."""
+"""Seconds for which an actor that left stays on the display."""
 _SETTLED = 60.0
 """Seconds after which nothing more is expected of a process that has gone: its last counters and
 chunks are there."""
 _LONGEST_DELAY = 5.0
-"""Seconds that a heartbeat is on its way at most."""
+"""Maximum number of seconds that a heartbeat is on its way."""
 _MOST_GONE = 256
 """Processes that are kept by name after they have gone; the rest is kept as totals."""
 _MOST_FOLDED = 4_096

@@ -69,7 +69,7 @@ class Telemetry:
         self._means = RunningMeans()
         self._latency = RecentLatency(now)
         self.rows: list[EpochRow] = []
-        """Of all phases and tests that are complete."""
+        """The rows of all complete phases and tests."""
         self._ticks: deque[tuple[float, int, int]] = deque()
         self._notes: deque[str] = deque(maxlen=_NOTES)
 

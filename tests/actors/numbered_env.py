@@ -20,7 +20,7 @@ def numbered_frame(number: int) -> NDArray[np.uint8]:
 
 
 class Moment(NamedTuple):
-    """One decision as the environment lived it."""
+    """One agent step as the environment lived it."""
 
     state: NDArray[np.uint8]
     valid: bool

@@ -1,4 +1,4 @@
-"""Chance: εz-greedy's law of durations, the share of random decisions, Ape-X's powers."""
+"""Chance: εz-greedy's law of durations, the share of random agent steps, Ape-X's powers."""
 
 import itertools
 
@@ -43,11 +43,11 @@ def test_a_random_action_lasts_by_that_law() -> None:
 
 @pytest.mark.parametrize("ez_greedy", [False, True])
 @pytest.mark.parametrize("epsilon", [0.0, 0.05, 0.4, 1.0])
-def test_the_share_of_random_decisions_is_epsilon(epsilon: float, ez_greedy: bool) -> None:
+def test_the_share_of_random_agent_steps_is_epsilon(epsilon: float, ez_greedy: bool) -> None:
     chance = exploration(envs=8, ez_greedy=ez_greedy)
     drawn = np.array([chance.draw(epsilon) for _ in range(10_000)])
     share = (drawn != GREEDY).mean()
-    # Runs of up to 12 make 80,000 decisions worth some 80,000 / 12 independent ones at least.
+    # Runs of up to 12 make 80,000 agent steps worth some 80,000 / 12 independent ones at least.
     deviation = np.sqrt(epsilon * (1 - epsilon) / (80_000 / (MOST if ez_greedy else 1)))
     assert abs(share - epsilon) <= 4 * deviation
     assert set(np.unique(drawn)) <= {GREEDY, *range(6)}

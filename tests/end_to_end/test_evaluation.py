@@ -77,7 +77,7 @@ def test_settings_other_than_the_runs_are_played_under_and_told(run: Path, tmp_p
     assert content["changed"] == changes
     told = " ".join(ended.stdout.split())
     assert all(f"other than trained │ {change}" in told for change in changes)
-    # A decision's keys are those of the command before: the same for one in six.
+    # An agent step's keys are those of the command before: the same for one in six.
     assert 0 < content["press_match_share"] < 0.5
 
 

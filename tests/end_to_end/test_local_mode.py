@@ -74,7 +74,7 @@ def test_a_run_that_begins_with_a_given_network_plays_by_it_at_once(stage: Stage
     assert summary["random_reward"] is None
 
     output = stage.learner("--resume", *policy).ends(status=2)
-    assert "leave --initial or --resume away" in output
+    assert "omit --initial or --resume" in output
 
 
 def test_a_given_network_that_does_not_fit_is_told_and_nothing_begun(stage: Stage) -> None:

@@ -24,7 +24,7 @@ def test_what_a_run_learned_is_played_and_filmed_with_its_settings(stage: Stage)
     # Pong's own actions, instead of 18.
     assert snapshot["actions.weight"].shape[0] == 6
     steps = [int(found) for found in re.findall(r"game \d: score -?\d+ in (\d+) steps", output)]
-    # 240 frames are 60 decisions, random starts included.
+    # 240 frames are 60 agent steps, random starts included.
     assert steps == [60, 60]
     video = cv2.VideoCapture(str(film))
     assert 60 <= video.get(cv2.CAP_PROP_FRAME_COUNT) <= 120

@@ -25,17 +25,17 @@ def test_a_robot_learns_in_every_mode_and_tells_how_its_time_went(
     assert summary["updates"] > 0
     assert summary["chunks"]["made"] == summary["chunks"]["acked"]
     assert summary["valid_frame_share"] >= 0.99
-    decisions = sum(actor["decisions"] for actor in summary["actors"])
+    agent_steps = sum(actor["decisions"] for actor in summary["actors"])
     steps = sum(actor["steps"] for actor in summary["actors"])
-    assert decisions >= steps >= 900
-    assert summary["decisions_per_step"] == pytest.approx(decisions / steps)
+    assert agent_steps >= steps >= 900
+    assert summary["decisions_per_step"] == pytest.approx(agent_steps / steps)
     if "--no-sync" not in mode:
         assert (summary["missed_deadlines"], summary["late_frames"]) == (0, 0)
     if "--wait-action" not in mode:
         assert summary["waits_given_up"] == 0
-        # One that missed a game's end has no decision of its own.
+        # One that missed a game's end has no agent step of its own.
         games = sum(int(row["nr_games"]) for row in stage.rows())
-        assert 0 <= steps + summary["missed_deadlines"] - decisions <= games
+        assert 0 <= steps + summary["missed_deadlines"] - agent_steps <= games
     else:
         # The keys are as commanded unless the wait was given up, or the episode ended.
         assert summary["press_match_share"] > 0.95

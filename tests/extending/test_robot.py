@@ -54,7 +54,7 @@ class Finger:
     def begin_game(self, rng: Generator) -> None:
         self.games += 1
 
-    def camera_picture(self, screen: NDArray[np.uint8], decisions: int = 1) -> NDArray[np.uint8]:
+    def camera_picture(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
         assert screen.shape == (*self.screen_shape, 3)
         return np.zeros((240, 320, 3), np.uint8)
 

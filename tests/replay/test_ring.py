@@ -143,12 +143,12 @@ def test_a_truncated_episode_bootstraps_from_its_true_final_frame(tmp_path: Path
     assert after == [[1, 1, 2, 3], [1, 1, 2, 3]]  # 3 is the final frame; 4 begins the next episode
 
 
-def test_the_discount_follows_the_decisions_that_passed(tmp_path: Path) -> None:
+def test_the_discount_follows_the_agent_steps_that_passed(tmp_path: Path) -> None:
     ring = make_ring(tmp_path, n_step=3)
     place = put(ring, with_rewards([GOES_ON] * 4, [1, 2, 4, 8], elapsed=[2, 1, 3, 1]))
     batch = ring.read(np.array([place.first]), np.ones(1, np.float32))
     assert batch is not None
-    # the second reward comes after 2 decisions, the third after 3, the state after 6
+    # the second reward comes after 2 agent steps, the third after 3, the state after 6
     assert batch.r_t.tolist() == [1 + 2 * 0.5**2 + 4 * 0.5**3]
     assert batch.discount_t.tolist() == [0.5**6]
 

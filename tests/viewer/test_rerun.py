@@ -86,8 +86,8 @@ def test_every_snapshot_is_sent_to_the_viewer_that_runs(
     assert rerun.said == [
         ("init", "ale-robot"),
         "connect",
-        *(("decision", 0), picture, ("score", -1.0)),
-        *(("decision", 1), picture, ("score", 2.0), ("max_q", 0.75)),
+        *(("agent step", 0), picture, ("score", -1.0)),
+        *(("agent step", 1), picture, ("score", 2.0), ("max_q", 0.75)),
     ]
 
 

@@ -31,7 +31,7 @@ from viewer.player import ShownPolicy, config_to_play
 SHORT = replace(
     PRESETS["robot"], play=PlayConfig(random_starts=0, max_game_frames=16, minimal_actions=True)
 )
-"""Games of 4 decisions."""
+"""Games of 4 agent steps."""
 
 
 def in_run(folder: Path, config: RunConfig, actions: int) -> Path:
@@ -143,7 +143,7 @@ CHANGES = [
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """A check that is over soon."""
-    monkeypatch.setattr(viewer.check, "DECISIONS", 20)
+    monkeypatch.setattr(viewer.check, "AGENT_STEPS", 20)
     monkeypatch.setattr(viewer.check, "changes", lambda room, repetitions, seed: CHANGES)
 
 
@@ -212,12 +212,12 @@ def test_a_picture_that_cannot_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(viewer.check, "DECISIONS", 1)
+    monkeypatch.setattr(viewer.check, "AGENT_STEPS", 1)
     with pytest.raises(InputError, match=r"p\."):
         command(monkeypatch, "--check", "--env", "ale", "-o", str(tmp_path / name))
 
 
-def test_play_prints_scores_and_records_every_decision(
+def test_play_prints_scores_and_records_every_agent_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     weights = in_run(tmp_path, SHORT, 6)
@@ -245,7 +245,7 @@ def test_a_film_in_real_time_lasts_as_long_as_its_game(
     video = tmp_path / "film.mp4"
     arguments = ("--play", "--weights", str(weights), "--video", str(video), "--no-sync")
     assert command(monkeypatch, *arguments) == 0
-    assert pictures_in(video) == 4  # decisions of the game, in however few steps
+    assert pictures_in(video) == 4  # agent steps of the game, in however few steps
 
 
 def test_play_ends_after_so_many_seconds_of_play(
@@ -254,7 +254,7 @@ def test_play_ends_after_so_many_seconds_of_play(
     weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
     arguments = ("--play", "--weights", str(weights), "--games", "9", "--seconds", "0.6")
     assert command(monkeypatch, *arguments) == 0
-    # 0.6 s are 9 decisions of 66.7 ms: two games of 4, and one of the next.
+    # 0.6 s are 9 agent steps of 66.7 ms: two games of 4, and one of the next.
     assert capsys.readouterr().out.splitlines()[2:] == ["mean score of 2 games: 0.00"]
 
 

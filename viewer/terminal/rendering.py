@@ -16,7 +16,7 @@ from actors.vision.layout import ASPECT
 from viewer.terminal.window import TerminalWindow, check_terminal
 
 ROOM_EVERY = 4
-"""Steps between renderings of the room, which take as long as a decision; the game on its screen
+"""Steps between renderings of the room, which take as long as an agent step; the game on its screen
 is always new."""
 _ROOM_SIZE = (256, 192)
 """Width and height: small, as the terminal's cells are large."""

@@ -15,14 +15,14 @@ from common.actions import KEYS_OF_ACTION, Keys
 from common.press_latency import ms_of
 
 FRAME_MS = ms_of(1)
-DECISION = 4
+AGENT_STEP = 4
 """Emulator frames per agent step."""
-DECISION_MS = DECISION * FRAME_MS
+AGENT_STEP_MS = AGENT_STEP * FRAME_MS
 """Duration of an agent step, ms: the goal for the median latency; the goal for p99 is twice
 that."""
 MOST_STRAYS = 0.05
 """Maximum share of changes that may press, on the way, a key of neither action."""
-_SETTLED = 3 * DECISION
+_SETTLED = 3 * AGENT_STEP
 _WATCHED = 30
 """Emulator frames after which keys that are still wrong count as not reached."""
 _ACTIONS = len(KEYS_OF_ACTION)
@@ -56,8 +56,8 @@ def changes(hands: Hands, repetitions: int, seed: int) -> Iterator[Change]:
                 old, new = pairs[index]
                 if not settled:
                     for action in rng.integers(_ACTIONS, size=2):
-                        _hold(hands, KEYS_OF_ACTION[action], DECISION)
-                before = _hold(hands, KEYS_OF_ACTION[old], _SETTLED if settled else DECISION)[-1]
+                        _hold(hands, KEYS_OF_ACTION[action], AGENT_STEP)
+                before = _hold(hands, KEYS_OF_ACTION[old], _SETTLED if settled else AGENT_STEP)[-1]
                 wanted = KEYS_OF_ACTION[new]
                 way = _hold(hands, wanted, _WATCHED)
                 allowed = KEYS_OF_ACTION[old] | wanted | before

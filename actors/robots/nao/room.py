@@ -183,9 +183,9 @@ class Room:
         3]`` projected: ``uint8 [240, 320, 3]``, larger by the lens's margin."""
         return self._projection.draw(self.view_of_robot.rendering(), game)
 
-    def camera_picture(self, screen: NDArray[np.uint8], decisions: int = 1) -> NDArray[np.uint8]:
+    def camera_picture(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
         """What the robot's camera gives, with its faults; see `Robot`."""
-        return self.sensor.take(self.picture(screen), decisions)
+        return self.sensor.take(self.picture(screen), agent_steps)
 
     def proprioception(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Angles and speeds of both arms' joints, left first; see `Robot`."""

@@ -54,13 +54,13 @@ class Sensor:
             grain = config.noise * self._rng.standard_normal(size, np.float32)
             self._grain = np.clip(np.rint(grain), -127, 127).astype(np.int8)
 
-    def take(self, ideal: NDArray[np.uint8], decisions: int = 1) -> NDArray[np.uint8]:
+    def take(self, ideal: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
         """Returns the robot's picture, ``uint8 [height, width, 3]``.
 
         Args:
             ideal: The pinhole's present picture, larger by the lens's margin if there is a lens. A
                 perfect camera returns this same array.
-            decisions: Agent steps since the last picture was taken.
+            agent_steps: Agent steps since the last picture was taken.
         """
         image = ideal
         if self.lens is not None:
@@ -74,7 +74,7 @@ class Sensor:
             start = self._rng.integers(len(self._grain) - image.size + 1)
             grain = self._grain[start : start + image.size].reshape(self._shape)
             image = np.asarray(cv2.add(image, grain, dtype=cv2.CV_8U), np.uint8)
-        self._now += decisions
+        self._now += agent_steps
         self._late.append((self._now, image))
         # The newest picture that is late enough; a game's first one until a later one is.
         while len(self._late) > 1 and self._late[1][0] <= self._now - self._config.latency:

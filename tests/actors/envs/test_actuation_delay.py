@@ -18,7 +18,7 @@ NONE, UP, DOWN, FIRE = Keys.NONE, Keys.UP, Keys.DOWN, Keys.FIRE
 
 
 def frames(keys: ActuationDelay, *commands: Keys, count: int = 4) -> list[list[Keys]]:
-    """What is pressed in each frame of each decision."""
+    """What is pressed in each frame of each agent step."""
     pressed = []
     for command in commands:
         keys.command(command)
@@ -58,7 +58,7 @@ def test_a_command_on_the_way_is_overtaken() -> None:
     assert frames(keys, UP, DOWN, DOWN) == [[NONE] * 4, [NONE] * 4, [NONE, NONE, DOWN, DOWN]]
 
 
-def test_commands_come_late_by_whole_decisions() -> None:
+def test_commands_come_late_by_whole_agent_steps() -> None:
     keys = ActuationDelay(PlayConfig(command_latency=2, frame_skip=1))
     assert frames(keys, UP, DOWN, FIRE, NONE, count=1) == [[NONE], [NONE], [UP], [DOWN]]
     keys.rest()
@@ -69,7 +69,7 @@ def test_lateness_is_of_game_time_however_many_commands_are_given() -> None:
     keys = ActuationDelay(PlayConfig(command_latency=1))
     keys.command(UP)
     assert [keys.step_frame() for _ in range(9)] == [NONE] * 4 + [UP] * 5
-    keys.command(DOWN)  # in the middle of a decision, as in real time
+    keys.command(DOWN)  # in the middle of an agent step, as in real time
     assert [keys.step_frame() for _ in range(2)] == [UP] * 2
     keys.command(FIRE)
     assert [keys.step_frame() for _ in range(6)] == [UP] * 2 + [DOWN] * 2 + [FIRE] * 2
@@ -107,7 +107,7 @@ def test_the_emulator_is_played_by_the_late_keys() -> None:
         assert reward == points
         assert info["keys_match"] == (pressed == wanted)
         matched.append(info["keys_match"])
-    assert 0.5 < np.mean(matched) < 0.9  # one decision late, of three
+    assert 0.5 < np.mean(matched) < 0.9  # one agent step late, of three
 
 
 @pytest.mark.parametrize("eye", ["camera", "emulator"])

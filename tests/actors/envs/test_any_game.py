@@ -11,7 +11,7 @@ from common.run.config import PlayConfig
 UNUSUAL = ("carnival", "asteroids", "yars_revenge", "video_cube")
 
 
-def play(game: str, decisions: int) -> tuple[float, int]:
+def play(game: str, agent_steps: int) -> tuple[float, int]:
     """Share of valid frames, and how many different frames there were, at random play."""
     env = RobotEnv(game, play=PlayConfig(random_starts=5))
     try:
@@ -19,7 +19,7 @@ def play(game: str, decisions: int) -> tuple[float, int]:
         rng = np.random.default_rng(1)
         valid = 0
         frames = set()
-        for action in rng.integers(18, size=decisions):
+        for action in rng.integers(18, size=agent_steps):
             state, reward, terminated, truncated, info = env.step(int(action))
             assert isinstance(state, np.ndarray)
             assert env.observation_space.contains(state)
@@ -31,7 +31,7 @@ def play(game: str, decisions: int) -> tuple[float, int]:
                 assert not info["game_over"]
         _, info = env.reset(options={"new_game": True})
         assert info["valid_frame"]
-        return valid / decisions, len(frames)
+        return valid / agent_steps, len(frames)
     finally:
         env.close()
 

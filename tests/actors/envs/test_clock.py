@@ -9,16 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.envs.clock import BREATH, FRAME, MOST_MISSED, Clock, Deadlines, Lockstep, RealTime
-from actors.envs.world import Decision
+from actors.envs.world import AgentStep
 from common.actions import Keys
 
 SKIP = 4
-DECISION = SKIP * FRAME
+AGENT_STEP = SKIP * FRAME
 A_WHILE = 20.0
 
 
 class CountingWorld:
-    """Decisions whose points are their number; it notes the command of each frame."""
+    """Agent steps whose points are their number; it notes the command of each frame."""
 
     def __init__(self, ends: int | None = None) -> None:
         self.frames = 0
@@ -29,16 +29,16 @@ class CountingWorld:
     def command(self, action: int) -> None:
         self._action = action
 
-    def frame(self) -> Decision | None:
+    def frame(self) -> AgentStep | None:
         self.frames += 1
         self.under.append(self._action)
         number, left = divmod(self.frames, SKIP)
-        return None if left else Decision(float(number), Keys.NONE, number == self._ends, False)
+        return None if left else AgentStep(float(number), Keys.NONE, number == self._ends, False)
 
-    def decide(self) -> Decision:
-        while (decision := self.frame()) is None:
+    def finish_agent_step(self) -> AgentStep:
+        while (agent_step := self.frame()) is None:
             pass
-        return decision
+        return agent_step
 
 
 class HandTime:
@@ -92,8 +92,8 @@ def run(hand: HandTime) -> Iterator[Callable[..., RealTime]]:
         clock.close()
 
 
-def numbers(decisions: list[Decision]) -> list[float]:
-    return [decision.points for decision in decisions]
+def numbers(agent_steps: list[AgentStep]) -> list[float]:
+    return [agent_step.points for agent_step in agent_steps]
 
 
 def test_in_lockstep_nothing_passes_by_itself() -> None:
@@ -101,7 +101,7 @@ def test_in_lockstep_nothing_passes_by_itself() -> None:
     clock: Clock = Lockstep(world)
     clock.start()
     assert clock.command(3) == []
-    assert numbers(clock.pass_decision()) == [1]
+    assert numbers(clock.pass_agent_step()) == [1]
     assert world.under == [3] * SKIP
     clock.close()
 
@@ -147,8 +147,8 @@ def test_a_prompt_agent_misses_nothing(hand: HandTime, run: Callable[..., RealTi
     clock = run(world)
     for number in range(1, 6):
         assert clock.command(number) == []
-        hand.go_on(DECISION)
-        assert numbers(clock.pass_decision()) == [number]
+        hand.go_on(AGENT_STEP)
+        assert numbers(clock.pass_agent_step()) == [number]
     assert world.under == [action for action in range(1, 6) for _ in range(SKIP)]
 
 
@@ -156,10 +156,10 @@ def test_a_late_agent_gets_what_it_missed(hand: HandTime, run: Callable[..., Rea
     world = CountingWorld()
     clock = run(world)
     clock.command(1)
-    hand.go_on(3 * DECISION + 2 * FRAME)
+    hand.go_on(3 * AGENT_STEP + 2 * FRAME)
     assert numbers(clock.command(2)) == [1, 2, 3]
     hand.go_on(2 * FRAME)
-    assert numbers(clock.pass_decision()) == [4]
+    assert numbers(clock.pass_agent_step()) == [4]
     assert world.under == [1] * 14 + [2] * 2
 
 
@@ -168,13 +168,13 @@ def test_nothing_passes_after_an_end_until_the_next_start(
 ) -> None:
     world = CountingWorld(ends=2)
     clock = run(world)
-    hand.go_on(10 * DECISION)
+    hand.go_on(10 * AGENT_STEP)
     assert world.frames == 2 * SKIP
-    assert [decision.ended for decision in clock.pass_decision()] == [False, True]
+    assert [agent_step.ended for agent_step in clock.pass_agent_step()] == [False, True]
     clock.start()
-    hand.go_on(DECISION)
+    hand.go_on(AGENT_STEP)
     assert world.frames == 3 * SKIP
-    assert numbers(clock.pass_decision()) == [3]
+    assert numbers(clock.pass_agent_step()) == [3]
 
 
 def test_stopped_means_stopped(hand: HandTime, run: Callable[..., RealTime]) -> None:
@@ -189,24 +189,24 @@ def test_stopped_means_stopped(hand: HandTime, run: Callable[..., RealTime]) -> 
 def test_a_world_that_nobody_attends_to_stops(hand: HandTime, run: Callable[..., RealTime]) -> None:
     world = CountingWorld()
     clock = run(world)
-    hand.go_on(10 * MOST_MISSED * DECISION)
+    hand.go_on(10 * MOST_MISSED * AGENT_STEP)
     assert world.frames == MOST_MISSED * SKIP
     hand.settle()
     assert len(clock.command(0)) == MOST_MISSED
     # And goes on from there in time, without making up for the pause.
-    hand.go_on(DECISION)
-    assert numbers(clock.pass_decision()) == [MOST_MISSED + 1]
+    hand.go_on(AGENT_STEP)
+    assert numbers(clock.pass_agent_step()) == [MOST_MISSED + 1]
 
 
 def test_a_world_that_breaks_is_not_waited_for() -> None:
     class Broken(CountingWorld):
-        def frame(self) -> Decision | None:
+        def frame(self) -> AgentStep | None:
             raise ZeroDivisionError
 
     clock = RealTime(Broken())
     clock.start()
     with pytest.raises(ZeroDivisionError):
-        clock.pass_decision()
+        clock.pass_agent_step()
     clock.close()
 
 
@@ -216,15 +216,15 @@ def test_nobody_waits_for_a_time_that_does_not_pass(
 ) -> None:
     clock = run(CountingWorld(ends=1))
     if how == "ended":
-        hand.go_on(DECISION)
-        assert numbers(clock.pass_decision()) == [1]
+        hand.go_on(AGENT_STEP)
+        assert numbers(clock.pass_agent_step()) == [1]
     elif how == "stopped":
         clock.stop()
     else:
         clock.close()
     assert clock.command(3) == []
     with pytest.raises(RuntimeError, match="reset"):
-        clock.pass_decision()
+        clock.pass_agent_step()
 
 
 def test_closing_ends_the_thread_and_twice_does_no_harm(run: Callable[..., RealTime]) -> None:
@@ -247,20 +247,20 @@ def test_two_seconds_of_real_time() -> None:
         return looks[-1]
 
     class TimedWorld(CountingWorld):
-        def frame(self) -> Decision | None:
+        def frame(self) -> AgentStep | None:
             begun.append(looks[-1])  # by which the clock judged that the frame is due
             return super().frame()
 
-    period, decisions = FRAME / 3.0, 90  # fewer than those after which it stops for nobody
-    clock = RealTime(TimedWorld(ends=decisions), speed=3.0, now=now)
+    period, agent_steps = FRAME / 3.0, 90  # fewer than those after which it stops for nobody
+    clock = RealTime(TimedWorld(ends=agent_steps), speed=3.0, now=now)
     looks.clear()
     clock.start()
-    passed: list[Decision] = []
-    while len(passed) < decisions:
-        passed += clock.pass_decision()
+    passed: list[AgentStep] = []
+    while len(passed) < agent_steps:
+        passed += clock.pass_agent_step()
     clock.close()
-    assert numbers(passed) == [float(number) for number in range(1, decisions + 1)]
-    assert len(begun) == decisions * SKIP
+    assert numbers(passed) == [float(number) for number in range(1, agent_steps + 1)]
+    assert len(begun) == agent_steps * SKIP
     late = [at - looks[0] - number * period for number, at in enumerate(begun, start=1)]
     assert min(late) > -1e-9
     assert clock.late_frames == sum(seconds > period for seconds in late)

@@ -20,7 +20,7 @@ def _begin(game: AtariGame, seed: int = 0, **how: bool) -> bool:
 
 def _decide(game: AtariGame, action: int, holds: int = 1) -> tuple[float, bool, bool]:
     points = sum(game.hold(action) for _ in range(holds))
-    return points, *game.end_decision()
+    return points, *game.end_agent_step()
 
 
 def _until_end(game: AtariGame, action: int = 1) -> tuple[bool, bool]:
@@ -30,23 +30,23 @@ def _until_end(game: AtariGame, action: int = 1) -> tuple[bool, bool]:
             return terminated, truncated
 
 
-def test_frame_by_frame_and_by_decision_are_the_same_game() -> None:
+def test_frame_by_frame_and_by_agent_step_are_the_same_game() -> None:
     play = PlayConfig(random_starts=10)
     by_frame = AtariGame("breakout", play, training=True, emulator_skip=1)
-    by_decision = AtariGame("breakout", play, training=True, emulator_skip=4)
-    for game in (by_frame, by_decision):
+    by_agent_step = AtariGame("breakout", play, training=True, emulator_skip=4)
+    for game in (by_frame, by_agent_step):
         _begin(game, seed=3, seeded=True)
     episodes = 0
     for action in np.random.default_rng(1).integers(18, size=600).tolist():
-        ended = _decide(by_decision, action)
+        ended = _decide(by_agent_step, action)
         assert _decide(by_frame, action, holds=4) == ended
         assert (by_frame.score, by_frame.steps, by_frame.over) == (
-            by_decision.score,
-            by_decision.steps,
-            by_decision.over,
+            by_agent_step.score,
+            by_agent_step.steps,
+            by_agent_step.over,
         )
         if any(ended[1:]):
-            assert _begin(by_frame, 5) == _begin(by_decision, 5)
+            assert _begin(by_frame, 5) == _begin(by_agent_step, 5)
             episodes += 1
     assert episodes > 5
 
@@ -93,9 +93,9 @@ def test_a_new_game_is_forced_by_seed_option_or_a_reset_in_between() -> None:
 def test_a_long_game_is_cut_and_then_starts_anew() -> None:
     game = AtariGame("pong", PlayConfig(random_starts=0, max_game_frames=100), training=True)
     _begin(game)
-    for decision in range(1, 26):
+    for agent_step in range(1, 26):
         _, terminated, truncated = _decide(game, 0, holds=4)
-        assert (terminated, truncated, game.over) == (False, decision == 25, decision == 25)
+        assert (terminated, truncated, game.over) == (False, agent_step == 25, agent_step == 25)
     assert _begin(game)
     assert game.steps == game.emulator.frames == 0
     endless = AtariGame("pong", PlayConfig(random_starts=0, max_game_frames=0), training=True)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from actors.envs.robot import RobotEnv
-from actors.envs.world import Decision
+from actors.envs.world import AgentStep
 from common.actions import KEYS_OF_ACTION, Keys
 from common.run.clock import ClockConfig
 from common.run.config import PlayConfig
@@ -23,9 +23,9 @@ GAMMA = 0.9
 
 
 class ScriptedClock:
-    """Decisions as they come, some of them before the command."""
+    """Agent steps as they come, some of them before the command."""
 
-    def __init__(self, missed: list[Decision], passing: list[list[Decision]]) -> None:
+    def __init__(self, missed: list[AgentStep], passing: list[list[AgentStep]]) -> None:
         self.late_frames = 0
         self._missed = missed
         self._passing = iter(passing)
@@ -37,16 +37,16 @@ class ScriptedClock:
     def still(self) -> nullcontext[None]:
         return nullcontext()
 
-    def command(self, action: int) -> list[Decision]:
+    def command(self, action: int) -> list[AgentStep]:
         return list(self._missed)
 
-    def pass_decision(self) -> list[Decision]:
+    def pass_agent_step(self) -> list[AgentStep]:
         self.late_frames += 1
         return next(self._passing)
 
 
-def decision(points: float, pressed: Keys = Keys.NONE, end: str = "") -> Decision:
-    return Decision(points, pressed, end == "terminated", end == "truncated")
+def agent_step(points: float, pressed: Keys = Keys.NONE, end: str = "") -> AgentStep:
+    return AgentStep(points, pressed, end == "terminated", end == "truncated")
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +68,9 @@ def hasty() -> Iterator[RobotEnv]:
 
 
 def step(
-    env: RobotEnv, missed: list[Decision], *passing: list[Decision]
+    env: RobotEnv, missed: list[AgentStep], *passing: list[AgentStep]
 ) -> tuple[float, bool, bool, dict[str, Any]]:
-    """What a step tells in which these decisions pass, with fire commanded."""
+    """What a step tells in which these agent steps pass, with fire commanded."""
     env._clock, env._late_frames = ScriptedClock(missed, list(passing)), 0
     env._world.wanted = Keys.FIRE
     _, reward, terminated, truncated, info = env.step(1)
@@ -78,8 +78,8 @@ def step(
 
 
 def test_a_wait_is_paid_for_with_its_true_time(patient: RobotEnv) -> None:
-    """Three decisions until the keys are right: points clipped, then discounted one by one."""
-    passing = [decision(5.0)], [decision(-0.5, Keys.UP)], [decision(1.0, Keys.FIRE)]
+    """Three agent steps until the keys are right: points clipped, then discounted one by one."""
+    passing = [agent_step(5.0)], [agent_step(-0.5, Keys.UP)], [agent_step(1.0, Keys.FIRE)]
     reward, terminated, truncated, info = step(patient, [], *passing)
     assert reward == pytest.approx(1.0 - 0.5 * GAMMA + 1.0 * GAMMA**2)
     assert (info["elapsed"], info["keys_match"], info["gave_up"]) == (3, True, False)
@@ -89,7 +89,7 @@ def test_a_wait_is_paid_for_with_its_true_time(patient: RobotEnv) -> None:
 
 
 def test_a_wait_is_bounded_and_says_so(patient: RobotEnv) -> None:
-    reward, _, _, info = step(patient, [], *[[decision(1.0)]] * 20)
+    reward, _, _, info = step(patient, [], *[[agent_step(1.0)]] * 20)
     assert info["elapsed"] == PLAY.wait_bound
     assert (info["keys_match"], info["gave_up"]) == (False, True)
     assert reward == pytest.approx((1 - GAMMA**PLAY.wait_bound) / (1 - GAMMA))
@@ -97,35 +97,35 @@ def test_a_wait_is_bounded_and_says_so(patient: RobotEnv) -> None:
 
 @pytest.mark.parametrize("end", ["terminated", "truncated"])
 def test_an_episodes_end_ends_the_wait(patient: RobotEnv, end: str) -> None:
-    passing = [decision(0.0)], [decision(2.0, end=end)]
+    passing = [agent_step(0.0)], [agent_step(2.0, end=end)]
     reward, terminated, truncated, info = step(patient, [], *passing)
     assert (terminated, truncated) == (end == "terminated", end == "truncated")
     assert (info["elapsed"], info["gave_up"]) == (2, False)
     assert reward == pytest.approx(1.0 * GAMMA)
 
 
-def test_without_waiting_one_decision_is_enough_whatever_is_pressed(hasty: RobotEnv) -> None:
-    reward, _, _, info = step(hasty, [], [decision(3.0, Keys.UP)])
+def test_without_waiting_one_agent_step_is_enough_whatever_is_pressed(hasty: RobotEnv) -> None:
+    reward, _, _, info = step(hasty, [], [agent_step(3.0, Keys.UP)])
     assert (reward, info["elapsed"]) == (3.0, 1)
     assert (info["keys_match"], info["gave_up"]) == (False, False)
 
 
 def test_what_was_missed_counts_for_the_step_that_missed_it(hasty: RobotEnv) -> None:
-    missed = [decision(1.0), decision(2.0)]
-    passing = [decision(4.0, Keys.FIRE), decision(8.0, Keys.FIRE)]
+    missed = [agent_step(1.0), agent_step(2.0)]
+    passing = [agent_step(4.0, Keys.FIRE), agent_step(8.0, Keys.FIRE)]
     reward, _, _, info = step(hasty, missed, passing)
     assert reward == pytest.approx(1 + 2 * GAMMA + 4 * GAMMA**2 + 8 * GAMMA**3)
     assert (info["elapsed"], info["missed_deadlines"]) == (4, 3)  # the command was for one of them
 
 
 def test_what_passes_while_an_agent_waits_for_its_keys_is_not_missed(patient: RobotEnv) -> None:
-    passing = [decision(4.0), decision(8.0)], [decision(1.0, Keys.FIRE)]
-    *_, info = step(patient, [decision(2.0)], *passing)
+    passing = [agent_step(4.0), agent_step(8.0)], [agent_step(1.0, Keys.FIRE)]
+    *_, info = step(patient, [agent_step(2.0)], *passing)
     assert (info["elapsed"], info["missed_deadlines"]) == (4, 1)
 
 
 def test_an_end_that_was_missed_ends_the_step_at_once(hasty: RobotEnv) -> None:
-    reward, terminated, _, info = step(hasty, [decision(1.0), decision(2.0, end="terminated")])
+    reward, terminated, _, info = step(hasty, [agent_step(1.0), agent_step(2.0, end="terminated")])
     assert terminated
     assert reward == pytest.approx(1 + 2 * GAMMA)
     assert (info["elapsed"], info["missed_deadlines"]) == (2, 2)
@@ -135,14 +135,14 @@ def test_waiting_in_lockstep_ends_with_the_keys_that_were_commanded() -> None:
     env = RobotEnv(play=PLAY, clock=WAITING)
     env.reset(seed=1)
     rng = np.random.default_rng(0)
-    decisions = 0
+    agent_steps = 0
     for action in rng.integers(18, size=40):
         *_, info = env.step(int(action))
-        decisions += info["elapsed"]
+        agent_steps += info["elapsed"]
         assert info["keys_match"]
         assert env.pressed == KEYS_OF_ACTION[action]
-        assert info["game_steps"] == decisions
-        assert env.emulator.frames == 4 * decisions
+        assert info["game_steps"] == agent_steps
+        assert env.emulator.frames == 4 * agent_steps
     env.close()
 
 
@@ -155,7 +155,7 @@ def test_a_hand_that_does_not_move_is_given_up(monkeypatch: pytest.MonkeyPatch) 
     env.close()
 
 
-def test_the_papers_order_is_a_decision_later() -> None:
+def test_the_papers_order_is_an_agent_step_later() -> None:
     pressed = {}
     for order in ("frame", "decision"):
         env = RobotEnv(play=PlayConfig(random_starts=0, read_keys=order))  # type: ignore[arg-type]
@@ -172,7 +172,7 @@ def test_the_papers_order_is_a_decision_later() -> None:
 
 def frames_and_seconds(env: RobotEnv, seconds: float) -> tuple[int, float, int, int]:
     """Play at random for so long; emulator frames, monotonic seconds in which a game ran, missed
-    decisions, late frames."""
+    agent steps, late frames."""
     rng = np.random.default_rng(0)
     began: list[float] = []  # of each game
     start = env._clock.start
@@ -212,7 +212,7 @@ def test_seconds_of_real_time_are_seconds_of_the_game(wait_action: bool) -> None
     assert frames / 60 > seconds - 0.5 or late
 
 
-def test_an_agent_that_thinks_too_long_misses_decisions_and_is_told() -> None:
+def test_an_agent_that_thinks_too_long_misses_agent_steps_and_is_told() -> None:
     env = RobotEnv(play=PLAY, clock=ClockConfig(sync=False), discount=GAMMA)
     env.reset(seed=1)
     *_, info = env.step(0)
@@ -254,6 +254,6 @@ def test_a_minute_of_real_time_on_a_loaded_machine_is_right_to_one_percent() -> 
         for burner in burners:
             burner.terminate()
             burner.join()
-    print(f"{frames} frames in {seconds:.2f} s; {missed} decisions missed, {late} frames late")
+    print(f"{frames} frames in {seconds:.2f} s; {missed} agent steps missed, {late} frames late")
     assert seconds >= 60
     assert frames / 60 == pytest.approx(seconds, rel=0.01)

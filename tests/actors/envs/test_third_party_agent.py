@@ -65,7 +65,7 @@ def test_dqn_trains_on_the_robot() -> None:
     assert agent.num_timesteps == len(env.infos) == STEPS
     assert all(info["valid_frame"] and info["elapsed"] == 1 for info in env.infos)
     assert sum(info["keys_match"] for info in env.infos) > 0.9 * STEPS
-    # Pong is lost after 750 to 850 decisions of chance.
+    # Pong is lost after 750 to 850 agent steps of chance.
     scores = [info["game_score"] for info in env.infos if info["game_over"]]
     assert len(scores) == len(agent.ep_info_buffer) >= 2
     assert all(-21 <= score <= 21 for score in scores)

@@ -39,12 +39,12 @@ class DiaryGame:
         self._diary.append(f"game {action}")
         return float(action)
 
-    def end_decision(self) -> tuple[bool, bool]:
+    def end_agent_step(self) -> tuple[bool, bool]:
         return False, False
 
 
 SCRIPT = [Keys.NONE, FIRE, FIRE, FIRE, FIRE, Keys.NONE, UP, UP]
-"""Of two decisions."""
+"""Of two agent steps."""
 
 
 def world(play: PlayConfig, diary: list[str], script: list[Keys] = SCRIPT) -> World:
@@ -55,7 +55,7 @@ def test_by_default_each_frame_plays_what_is_pressed_at_the_end_of_its_physics()
     diary: list[str] = []
     playing = world(PlayConfig(), diary)
     playing.command(1)
-    first, second = playing.decide(), playing.decide()
+    first, second = playing.finish_agent_step(), playing.finish_agent_step()
     actions = [action_of_keys(keys) for keys in SCRIPT]
     assert diary == [
         "command 16",
@@ -65,25 +65,25 @@ def test_by_default_each_frame_plays_what_is_pressed_at_the_end_of_its_physics()
     assert (second.points, second.pressed) == (1.0 + 0.0 + 2.0 + 2.0, UP)
 
 
-def test_in_the_papers_order_a_decision_plays_what_was_pressed_before_the_arms_moved() -> None:
+def test_in_the_papers_order_an_agent_step_plays_what_was_pressed_before_the_arms_moved() -> None:
     diary: list[str] = []
     playing = world(PlayConfig(read_keys="decision"), diary)
     playing.command(1)
-    first = playing.decide()
+    first = playing.finish_agent_step()
     assert diary == ["command 16", *["physics", "game 0"] * 4]
     assert (first.points, first.pressed) == (0.0, Keys.NONE)
     diary.clear()
-    second = playing.decide()
+    second = playing.finish_agent_step()
     assert diary == ["physics", "game 1"] * 4
     assert (second.points, second.pressed) == (4.0, FIRE)
 
 
 @pytest.mark.parametrize("frame_skip", [1, 3, 4])
-def test_a_decision_is_as_long_as_its_frames(frame_skip: int) -> None:
+def test_an_agent_step_is_as_long_as_its_frames(frame_skip: int) -> None:
     diary: list[str] = []
     playing = world(PlayConfig(frame_skip=frame_skip), diary, [UP] * 12)
     for _ in range(12 // frame_skip):
-        assert playing.decide().points == 2.0 * frame_skip
+        assert playing.finish_agent_step().points == 2.0 * frame_skip
     assert diary.count("physics") == 12
 
 

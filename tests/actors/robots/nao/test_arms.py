@@ -13,7 +13,7 @@ from actors.robots.nao.posture import FINGERTIP_RADIUS
 from actors.robots.nao.room import FRAME_SUBSTEPS, Room
 from common.actions import KEYS_OF_ACTION, Keys
 
-DECISION = 4
+AGENT_STEP = 4
 HALF_SECOND = 30
 DIRECTIONS = Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT
 
@@ -34,11 +34,11 @@ def hold(room: Room, keys: Keys, frames: int) -> list[Keys]:
 def test_every_action_holds_exactly_its_keys_and_lets_them_go(room: Room, action: int) -> None:
     room.rest()
     keys = KEYS_OF_ACTION[action]
-    assert set(hold(room, keys, HALF_SECOND)[DECISION - 1 :]) == {keys}
-    assert set(hold(room, Keys.NONE, HALF_SECOND)[DECISION - 1 :]) == {Keys.NONE}
+    assert set(hold(room, keys, HALF_SECOND)[AGENT_STEP - 1 :]) == {keys}
+    assert set(hold(room, Keys.NONE, HALF_SECOND)[AGENT_STEP - 1 :]) == {Keys.NONE}
 
 
-def test_from_any_action_to_any_other_within_two_decisions(room: Room) -> None:
+def test_from_any_action_to_any_other_within_two_agent_steps(room: Room) -> None:
     """The way seldom presses a key of neither action."""
     room.rest()
     frames, strays = [], 0
@@ -46,14 +46,14 @@ def test_from_any_action_to_any_other_within_two_decisions(room: Room) -> None:
         for new in KEYS_OF_ACTION:
             if old == new:
                 continue
-            assert hold(room, old, 3 * DECISION)[-1] == old
-            way = hold(room, new, 3 * DECISION)
+            assert hold(room, old, 3 * AGENT_STEP)[-1] == old
+            way = hold(room, new, 3 * AGENT_STEP)
             wrong = [number for number, keys in enumerate(way) if keys != new]
             frames.append(max(wrong, default=-1) + 2)
             strays += any(keys & ~(old | new) for keys in way)
     assert len(frames) == 18 * 17
-    assert np.percentile(frames, 50) <= DECISION
-    assert max(frames) <= 2 * DECISION
+    assert np.percentile(frames, 50) <= AGENT_STEP
+    assert max(frames) <= 2 * AGENT_STEP
     assert strays / len(frames) <= 0.05
 
 
@@ -62,7 +62,7 @@ def test_random_play_pushes_no_key_through_its_stop(room: Room) -> None:
     rng = np.random.default_rng(0)
     for action in rng.integers(18, size=200):
         keys = KEYS_OF_ACTION[action]
-        assert hold(room, keys, DECISION)[-1] == keys
+        assert hold(room, keys, AGENT_STEP)[-1] == keys
         assert room.controller.depths().max() < TRAVEL
 
 
@@ -72,7 +72,7 @@ def test_rapid_commands_leave_no_finger_caught(room: Room) -> None:
     rng = np.random.default_rng(2)
     for _ in range(60):
         for action in rng.integers(18, size=4):
-            hold(room, KEYS_OF_ACTION[action], int(rng.integers(1, DECISION)))
+            hold(room, KEYS_OF_ACTION[action], int(rng.integers(1, AGENT_STEP)))
         last = KEYS_OF_ACTION[rng.integers(18)]
         assert hold(room, last, 2 * HALF_SECOND)[-1] == last
 
@@ -83,7 +83,7 @@ def test_a_finger_that_is_caught_frees_itself(room: Room) -> None:
     arm = room.arms.left
     chain = ArmChain("L")
     room.command(Keys.UP)
-    for _ in range(2 * DECISION):
+    for _ in range(2 * AGENT_STEP):
         room.step_frame()
     caught = chain.reach(
         room.controller.point(place_of(Keys.DOWN), FINGERTIP_RADIUS - 0.003),
@@ -123,7 +123,7 @@ def test_speeds_and_torques_stay_within_the_published_limits(room: Room) -> None
     limits = [engine.getJointInfo(room.body, joint) for joint in joints]
     for _ in range(100):
         room.command(KEYS_OF_ACTION[rng.integers(18)])
-        for _ in range(DECISION):
+        for _ in range(AGENT_STEP):
             room.step_frame()
             states = engine.getJointStates(room.body, joints)
             fastest = np.maximum(fastest, [abs(state[1]) for state in states])
@@ -141,7 +141,7 @@ def test_keys_go_down_by_a_fingertips_touch_and_by_nothing_else(room: Room) -> N
     rng = np.random.default_rng(3)
     pressings = 0
     for frame in range(400):
-        if frame % DECISION == 0:
+        if frame % AGENT_STEP == 0:
             room.command(KEYS_OF_ACTION[rng.integers(18)])
         before, touched = controller.held, set()
         room.arms.advance()
