@@ -1,4 +1,4 @@
-"""What an environment needs of a robot: nothing above this protocol knows which robot it is.
+"""What an environment needs of a robot, which it knows by this protocol alone.
 
 A robot is a module that implements `Robot` and an entry in `common.registry.ROBOTS`.
 """

@@ -6,6 +6,7 @@ to every actor that asks, and refuses to resume a run under another one.
 
 import dataclasses
 import json
+import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -13,6 +14,7 @@ from annotated_types import Ge, Le, Lt
 
 from common.checked import Invalid, build
 from common.errors import InputError
+from common.protocol.step_fields import FRAME_SHAPE
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.registry import ENVIRONMENTS, ROBOTS
 
@@ -24,7 +26,7 @@ MAX_SHIFT = 20
 MAX_DELAY = 60
 MAX_QUANTILES = 256
 
-_FRAME_BYTES = 84 * 84 + 4
+_FRAME_BYTES = math.prod(FRAME_SHAPE) + 4
 """Size of a frame in a message, with its place in a state."""
 _STEP_BYTES = 32
 """Size of a step's other fields in a message."""
