@@ -48,7 +48,8 @@ class Policy:
                 policy.network,
                 weights,
                 f"{config.game} ({config.env}) with {actions} actions",
-                "name what it was trained on by --env, --game and --minimal-actions",
+                "name what it was trained on by --env, --game and --minimal-actions "
+                "(--play.minimal-actions of the learner)",
             )
             policy.epsilon = epsilon
         return policy

@@ -61,6 +61,8 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     Raises:
         InputError: the run has no such weights, or they were not evaluated to the end.
     """
+    if not options.run.is_dir():
+        raise InputError(f"{options.run} is not there: name the folder of a run.")
     folder = RunFolder(options.run.parent, options.run.name)
     source = folder.checkpoint if options.last else folder.snapshots / "best.safetensors"
     for file in (source, folder.summary):

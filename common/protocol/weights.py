@@ -22,6 +22,10 @@ _PUBLISHED = ("average.", ONLINE)
 """Before the names of the weights that actors got, in a checkpoint; the first one there counts."""
 
 
+class NotSafetensors(MessageError):
+    """The bytes are nobody's weights, whatever the network."""
+
+
 def load_weights(network: nn.Module, payload: bytes) -> None:
     """Put the weights inside ``payload`` into ``network``, all or none.
 
@@ -35,7 +39,7 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
     try:
         found = load(payload)
     except (SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
-        raise MessageError(f"not safetensors: {error}") from None
+        raise NotSafetensors(f"not safetensors: {error}") from None
     for prefix in _PUBLISHED:
         if any(name.startswith(prefix) for name in found):
             found = {n.removeprefix(prefix): v for n, v in found.items() if n.startswith(prefix)}
@@ -71,5 +75,7 @@ def load_weights_file(network: nn.Module, file: Path, what: str, advice: str) ->
         load_weights(network, file.read_bytes())
     except OSError as error:
         raise InputError(f"{file} cannot be read: {error.strerror}.") from None
+    except NotSafetensors as error:
+        raise InputError(f"{file} holds no network ({error}): name a .safetensors file.") from None
     except MessageError as error:
         raise InputError(f"{file} does not fit {what} ({error}): {advice}.") from None

@@ -3,9 +3,11 @@
 config.json             the RunConfig, written once
 initial.safetensors     the weights it began with, where they were not fresh ones
 checkpoint.safetensors  the learner's whole state (and .previous, the one before)
+held_out.safetensors    the states on which the mean max-Q is measured
 snapshots/              weights of epochs that are being tested, and the best so far
 epochs.csv, gates.csv, summary.json, tensorboard/
 replay/                 the ring, where the replay runs on this machine
+logs/                   output of local mode's actors
 """
 
 import fcntl

@@ -65,8 +65,11 @@ def test_a_policy_plays_from_its_two_files_alone(tmp_path: Path) -> None:
 
 
 def test_a_run_without_a_test_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="best"):
+    with pytest.raises(InputError, match="name the folder of a run"):
         publish(Options(run=tmp_path / "none", output=tmp_path / "policy"), threading.Event())
+    (tmp_path / "begun").mkdir()
+    with pytest.raises(InputError, match=r"best.* let the run go on"):
+        publish(Options(run=tmp_path / "begun", output=tmp_path / "policy"), threading.Event())
 
 
 def test_a_policy_that_was_not_evaluated_to_the_end_is_told(tmp_path: Path) -> None:
