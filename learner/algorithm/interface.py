@@ -47,7 +47,8 @@ class Update(NamedTuple):
     priorities: Tensor
     """Of the minibatch's transitions in prioritised replay, ``float32 [batch]``, not negative."""
     metrics: Mapping[str, Tensor]
-    """Scalars by name; ``td_error_squared`` is the mean δ² of the values, before the update."""
+    """Scalars by name, the same names at every update; ``td_error_squared`` is the mean δ² of the
+    values, before the update."""
 
 
 class Algorithm(Protocol):

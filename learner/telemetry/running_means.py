@@ -32,6 +32,11 @@ class RunningMeans:
             "reward_squared": batch.r_t.square().mean(),
             "pixel_deviation": batch.s_tm1[:, -1].float().std(dim=(1, 2)).mean(),
         }
+        if self._sums is not None and tuple(figures) != self._names:
+            raise ValueError(
+                f"an update told {', '.join(figures)} and those before {', '.join(self._names)}: "
+                "return the same metrics from every update."
+            )
         latest = torch.stack(tuple(figures.values()))
         keep = (1 - 1 / HORIZON) ** EVERY
         self._names = tuple(figures)

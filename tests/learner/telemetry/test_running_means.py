@@ -60,3 +60,13 @@ def test_what_an_algorithm_tells_is_a_figure_of_its_own() -> None:
     told = told._replace(metrics={**told.metrics, "spread": torch.tensor(0.25)})
     means.add(random_batch(seed=1), told)
     assert means.values()["learning/spread"] == 0.25
+
+
+def test_an_algorithm_that_tells_other_figures_now_and_then_is_refused() -> None:
+    means = RunningMeans()
+    batch, told = random_batch(seed=1), updated(1.0, torch.ones(8))
+    means.add(batch, told)
+    other = told._replace(metrics={**told.metrics, "spread": torch.tensor(0.25)})
+    with pytest.raises(ValueError, match="return the same metrics from every update"):
+        for _ in range(EVERY):
+            means.add(batch, other)
