@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 MOST_FRAMES = 30
 """Frames for which a command is watched at most: half a second."""
 COUNTS = 2 * 2 * MOST_FRAMES
-"""Of a goal's outcome at an age: ``[release or press, reached or given up, age - 1]``, flat."""
+"""Number of counts: outcomes by age, ``[release or press, reached or given up, age - 1]``, flat."""
 
 Goal = Literal["release", "press"]
 

@@ -23,7 +23,7 @@ class ChunkStatistics(NamedTuple):
     index: Count  # type: ignore[assignment]  # hides a method of tuples
     """Order of acceptance: 0, 1, 2 …"""
     agent_steps: Count
-    """Of the run, this chunk's included."""
+    """Agent steps of the run, this chunk's included."""
     steps: Count
     actor: str
     epsilon: Share
@@ -45,7 +45,7 @@ class Progress(Message):
     """The replay at this moment."""
 
     agent_steps: Count
-    """Of the run, over all actors."""
+    """Agent steps of the run, over all actors."""
     stored: Count
     """Steps in the ring."""
     samplable: Count
@@ -57,9 +57,9 @@ class Progress(Message):
     throttle: bool
     """Actors are asked to pause."""
     resident_bytes: Count
-    """Of the process that holds the replay, mapped file pages included."""
+    """Memory of the process that holds the replay, mapped file pages included."""
     private_bytes: Count
-    """Of the same process, without file pages."""
+    """Memory of the same process, without file pages."""
     file_bytes: Count
     statistics: Annotated[Rows[ChunkStatistics], MaxLen(MAX_STATISTICS)]
     """From the index asked for, at most `MAX_STATISTICS`: ask again from the last one plus one."""

@@ -45,7 +45,7 @@ class Update(NamedTuple):
     loss: Tensor
     """Scalar."""
     priorities: Tensor
-    """Of the minibatch's transitions in prioritised replay, ``float32 [batch]``, not negative."""
+    """Priorities of the transitions in prioritised replay, ``float32 [batch]``, not negative."""
     metrics: Mapping[str, Tensor]
     """Scalars by name, the same names at every update; ``td_error_squared`` is the mean δ² of the
     values, before the update."""

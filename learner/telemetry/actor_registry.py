@@ -40,7 +40,7 @@ class _Process:
     heard: float = field(default_factory=lambda: time.monotonic())
     """Monotonic seconds at which a heartbeat, a chunk or a checkpoint last told of it."""
     known: int = 0
-    """Of the accepted chunks, those so old that its counters must include them."""
+    """Accepted chunks that are so old that its counters must include them."""
     marked: tuple[float, int] = (-math.inf, 0)
     """A while ago, and the accepted chunks by then."""
 

@@ -15,7 +15,7 @@ from learner.telemetry.snapshot import HealthCheck
 
 MINUTES = 5.0
 EXIT_CODE = 3
-"""Of a learner that ended because of a gate."""
+"""Exit code of a learner that a gate ended."""
 _LONGEST_LOOK = 2.0
 """Seconds between two looks that count at most. The learner looks four times a second: if more has
 passed, it was suspended, or the machine was."""

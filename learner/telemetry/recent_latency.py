@@ -12,7 +12,7 @@ from common.press_latency import Delay
 WINDOW = 60.0
 """Seconds that count as of late."""
 LEAST_MEASURED = 100
-"""Of fewer commands the 99th percentile is but the slowest."""
+"""Least commands for a 99th percentile that is more than the slowest of them."""
 
 
 class RecentLatency:

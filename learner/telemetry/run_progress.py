@@ -14,7 +14,7 @@ from replay.chunk_statistics import ChunkStatistics
 RECENT_GAMES = 50
 RECENT_CHUNKS = 500
 JUDGED_CHUNKS = 80
-"""Of these, those that health checks judge: a fault that is over must not count for long."""
+"""Newest chunks that health checks judge: a fault that is over must not count for long."""
 
 
 class PhaseEnd(NamedTuple):
