@@ -14,7 +14,7 @@ from common.process.command_line import parse_run
 from common.process.lifeline import on_signals
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights, load_weights_file
-from common.run.config import RunConfig, differences
+from common.run.config import differences
 from common.run.folder import RunFolder, write_atomically
 from common.run.join import find_run
 from common.run.origin import origin_of
@@ -43,12 +43,13 @@ from replay.server import ReplayServer
 
 @contextmanager
 def hosted_replay(
-    options: LearnerOptions, config: RunConfig, folder: RunFolder, actions: int
+    options: LearnerOptions, folder: RunFolder
 ) -> Iterator[tuple[Transport, Replay, str]]:
     """Hub and replay in this process; also the address at which they are found."""
+    config = options.config
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     with open_hub(options.listen, options.certificates) as transport:
-        memory = ReplayBuffer(config, folder.replay, actions)
+        memory = ReplayBuffer(config, folder.replay, config.action_count)
         try:
             with ReplayServer(transport, memory, config, folder.name):
                 yield transport, memory, options.listen
@@ -130,7 +131,7 @@ def main() -> int:
     elif not options.resume:
         folder.initial.unlink(missing_ok=True)  # of a start that failed
     place = (
-        hosted_replay(options, config, folder, network.action_count)
+        hosted_replay(options, folder)
         if options.connect is None
         else remote_replay(options, options.connect, folder, stop)
     )

@@ -47,7 +47,7 @@ class Request(Protocol):
 Answer = Callable[[Request], bytes | Envelope | None]
 """Returns what to reply, or None if it has kept the request and ends it later.
 
-A `MessageError` is told to the client as a refusal. Any other exception is logged and the request
+The client gets a `MessageError` as a refusal. Any other exception is logged and the request
 dropped: the message is not at fault, so its sender should keep it.
 """
 

@@ -23,7 +23,7 @@ PREPARATION = 2
 
 
 class Finger:
-    """A robot with a single joint that presses everything it is told to, two frames later."""
+    """A robot with a single joint that presses all commanded keys, two frames later."""
 
     def __init__(
         self, screen_shape: tuple[int, int], camera: CameraConfig, play: PlayConfig

@@ -44,7 +44,7 @@ class DiaryGame:
 
 
 SCRIPT = [Keys.NONE, FIRE, FIRE, FIRE, FIRE, Keys.NONE, UP, UP]
-"""Of two agent steps."""
+"""Keys pressed in each frame of two agent steps."""
 
 
 def world(play: PlayConfig, diary: list[str], script: list[Keys] = SCRIPT) -> World:

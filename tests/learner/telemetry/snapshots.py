@@ -26,7 +26,7 @@ PLAIN: dict[str, Value] = {
     **{f"stream/chunks_{name}": 0 for name in ("made", "acked", "retried", "duplicate", "refused")},
     "gates/failed": 0,
 }
-"""Of a run that has just begun."""
+"""Figures of a run that has just begun."""
 
 
 def snapshot(values: dict[str, Value], **others: Any) -> Snapshot:
