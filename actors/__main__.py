@@ -1,26 +1,36 @@
 """`python -m actors`: robots, or emulators alone, that join a run and play for it."""
 
+if __name__ == "__main__":
+    from common.process.lifeline import leave_at_interrupt
+
+    leave_at_interrupt()
+
+import os
 import secrets
 import socket
 import sys
 import threading
-import time
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
 import torch
 import tyro
+from annotated_types import Ge, Le, Lt
 
 from actors.actor import Actor
 from actors.envs import make_env
 from actors.evaluator import Evaluator
+from actors.member import Member
 from actors.policy import Policy
-from actors.viewer_options import ViewerOptions
+from common.checked import Patience
 from common.errors import InputError, exit_on_input_error
 from common.network import build_network
+from common.pinned_file import path_of
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import parse
 from common.process.lifeline import leave_with_parent, on_signals
@@ -32,14 +42,17 @@ from common.run.join import find_run
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.zenoh_transport import connect
 
+_VIEWER_COMMANDS = {"--check": "check", "--play": "play", "--human": "human", "--viewer": "play"}
+"""Flags that a former version had here, and the commands of `python -m viewer` that they mean."""
+
 
 @dataclass(frozen=True)
 class ActorOptions:
     """Join a run: play, send what happened to its replay, and follow its learner's weights.
 
     What is played and how comes from the run's hub, so a plain `python -m actors --sync` is
-    enough. Start as many as there are cores, on as many machines as there are. Or check, play or
-    show one robot without any run: see the viewer options.
+    enough. Start as many as there are cores, on as many machines as there are. To check, show or
+    play one robot without any run, use `python -m viewer`.
     """
 
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
@@ -50,31 +63,27 @@ class ActorOptions:
     run: str | None = None
     """Name of the run; needed only where a hub serves several."""
     env: str | None = None
-    """Join only if the run plays in this environment."""
+    """Environment that the run must play in, or it is not joined."""
     game: str | None = None
-    """Join only if the run plays this game."""
-    envs: int = 1
-    """Environments in this process, played with one forward pass."""
+    """Game that the run must play, or it is not joined."""
+    robot: str | None = None
+    """Robot that the run must have, or it is not joined."""
+    envs: Annotated[int, Ge(1), Le(256)] = 1
+    """Number of environments in this process, played with one forward pass."""
     evaluator: bool = False
-    """Play the learner's evaluation jobs instead of training."""
+    """Role: play the learner's evaluation jobs instead of training."""
     name: str | None = None
     """Name of this actor in displays and statistics; by default made of the host's name."""
-    seed: int | None = None
+    seed: Annotated[int, Ge(0), Lt(MAX_SEED)] | None = None
     """Seed of this actor's games; by default another one at every start, so that a restarted actor
     does not repeat its games."""
-    patience: float = 300.0
+    patience: Patience = 300.0
     """Seconds to wait for the hub, at the start and whenever it goes away."""
     leash: bool = False
-    """Leave when standard input ends; the learner's local mode holds the other end."""
-    viewing: tyro.conf.OmitArgPrefixes[ViewerOptions] = field(default_factory=ViewerOptions)
+    """Leash: the process leaves when standard input ends; local mode holds the other end."""
 
     def check(self) -> None:
-        self.viewing.check_flags()
         self.clock.check()
-        if self.seed is not None and not 0 <= self.seed < MAX_SEED:
-            raise InputError(f"--seed is {self.seed}: choose a number from 0 to {MAX_SEED - 1}.")
-        if not 1 <= self.envs <= 256:
-            raise InputError(f"--envs is {self.envs}: choose a number from 1 to 256.")
         if self.evaluator and self.envs != 1:
             raise InputError("an evaluator plays one game at a time: omit --envs.")
 
@@ -83,6 +92,7 @@ class ActorOptions:
         for flag, wanted, found in (
             ("--env", self.env, config.env),
             ("--game", self.game, config.game),
+            ("--robot", self.robot, str(path_of(config.play.robot))),
         ):
             if wanted is not None and wanted != found:
                 raise InputError(f"the run plays {found}, not {wanted}: omit {flag} to join it.")
@@ -95,34 +105,23 @@ def default_name() -> str:
     return f"{host.strip('-')[:40] or 'actor'}-{secrets.token_hex(3)}"
 
 
-def view(options: ActorOptions) -> int:
-    """Check or show a robot, or let a person play, without any run; returns the exit status."""
-    # Late, because an actor that trains needs none of it.
-    from viewer.check import check
-    from viewer.human import play_by_hand
-    from viewer.player import config_to_play
-    from viewer.show import show
-
-    viewing = options.viewing
-    stop = threading.Event()
-    on_signals(stop)
-    torch.set_num_threads(1)
-    cv2.setNumThreads(1)
-    config = config_to_play(viewing.weights, options.env, options.game, viewing.minimal_actions)
-    options.clock.check(config.env)
-    seed = config.seed if options.seed is None else options.seed
-    if viewing.check:
-        return check(config, viewing.output, nao_urdf=viewing.nao_urdf, seed=seed, stop=stop)
-    if viewing.human:
-        return play_by_hand(config, seed=seed, stop=stop)
-    return show(viewing, config, options.clock, seed=seed, stop=stop)
+def viewer_command(arguments: Sequence[str]) -> list[str]:
+    """Returns the arguments of `python -m viewer` that ``arguments`` mean; none if they join a
+    run."""
+    given = {argument.partition("=")[0] for argument in arguments}
+    for flag, command in _VIEWER_COMMANDS.items():
+        if flag in given:
+            # Only play has a clock; lockstep is what the others go by anyway.
+            understood = {f"--{command}", "--sync"}
+            return [command, *(each for each in arguments if each not in understood)]
+    return []
 
 
 def main() -> int:
+    if command := viewer_command(sys.argv[1:]):
+        os.execv(sys.executable, [sys.executable, "-m", "viewer", *command])
     options = parse(ActorOptions, "actors", sys.argv[1:])
     options.check()
-    if options.viewing.used:
-        return view(options)
     name = check_name("actor", options.name or default_name())
     stop = threading.Event()
     on_signals(stop)
@@ -132,10 +131,6 @@ def main() -> int:
     # One core each: parallelism is between processes, and threads would fight over cores.
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-
-    def warn(text: str) -> None:
-        print(f"{name}: {text}", file=sys.stderr, flush=True)
-
     with (
         end_with_any_thread(stop),
         connect(
@@ -144,9 +139,9 @@ def main() -> int:
     ):
         keys, config = find_run(transport, options.run, options.patience, stop.is_set)
         options.check_against(config)
-        incarnation = time.time_ns()
+        member = Member(name, transport, keys, config, options.patience, stop)
         entropy = (
-            [config.seed, zlib.crc32(name.encode()), incarnation]
+            [config.seed, zlib.crc32(name.encode()), member.incarnation]
             if options.seed is None
             else [options.seed]
         )
@@ -169,36 +164,15 @@ def main() -> int:
             # An evaluation explores as in 2017: random actions are drawn anew at every step.
             exploration=None if options.evaluator else config.exploration,
         )
-        warn(
+        member.warn(
             f"plays {config.game} ({config.env}{options.clock}) for run {keys.run} at "
             f"{options.connect}."
         )
         try:
             if options.evaluator:
-                Evaluator(
-                    transport,
-                    keys,
-                    name,
-                    incarnation,
-                    envs[0],
-                    policy,
-                    patience=options.patience,
-                    stop=stop,
-                    warn=warn,
-                ).run(int(seeds[0]))
+                Evaluator(member, envs[0], policy).run(int(seeds[0]))
             else:
-                Actor(
-                    transport,
-                    config,
-                    keys,
-                    name,
-                    incarnation,
-                    envs,
-                    policy,
-                    patience=options.patience,
-                    stop=stop,
-                    warn=warn,
-                ).run([int(seed) for seed in seeds])
+                Actor(member, envs, policy).run([int(seed) for seed in seeds])
         finally:
             for env in envs:
                 env.close()

@@ -1,23 +1,21 @@
 """An evaluator: an actor that only plays. It tests the snapshots that the learner hands out."""
 
-import threading
 import time
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium
 
 from actors.counters import ActorCounters
 from actors.loop import play
+from actors.member import Member
 from actors.policy import Policy
 from actors.stream.heartbeat import Heartbeat
 from common.errors import InputError, MessageError
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
-from common.protocol.run_keys import RunKeys
 from common.protocol.weights import load_weights
-from common.transport.interface import Transport, Unanswered
+from common.transport.interface import Unanswered
 
 _ASK_AGAIN = 0.5
 _TIMEOUT = 5.0
@@ -26,37 +24,17 @@ _TIMEOUT = 5.0
 class Evaluator:
     """Asks for a job, plays it, reports each game; nothing it sees goes to the replay.
 
-    Args:
-        env: plays whole games.
-        policy: gets the weights and ε of each job.
-        patience: seconds to wait for a learner that went away.
-        stop: set from outside to make it leave.
-        warn: takes a sentence for people.
+    ``env`` plays whole games, and ``policy`` gets the weights and ε of each job.
     """
 
-    def __init__(
-        self,
-        transport: Transport,
-        keys: RunKeys,
-        name: str,
-        incarnation: int,
-        env: gymnasium.Env[Any, Any],
-        policy: Policy,
-        *,
-        patience: float,
-        stop: threading.Event,
-        warn: Callable[[str], None],
-    ) -> None:
-        self._name = name
+    def __init__(self, member: Member, env: gymnasium.Env[Any, Any], policy: Policy) -> None:
+        self._member = member
         self._env = env
         self._policy = policy
-        self._patience = patience
-        self._stop = stop
-        self._warn = warn
-        self._counters = ActorCounters(name, "evaluator", incarnation)
-        self._jobs = transport.requester(keys.task, _TIMEOUT)
-        self._reports = transport.requester(keys.report, _TIMEOUT)
-        self._heartbeat = Heartbeat(transport, keys, "evaluator", name, self._stats)
+        self._counters = ActorCounters(member.name, "evaluator", member.incarnation)
+        self._jobs = member.transport.requester(member.keys.task, _TIMEOUT)
+        self._reports = member.transport.requester(member.keys.report, _TIMEOUT)
+        self._heartbeat = Heartbeat(member, "evaluator", self._stats)
 
     def run(self, seed: int) -> None:
         """Test until the run is finished or ``stop`` is set.
@@ -64,9 +42,9 @@ class Evaluator:
         Raises:
             InputError: the learner went away for longer than the patience.
         """
-        heard = time.monotonic()
+        heard, patience = time.monotonic(), self._member.patience
         try:
-            while not self._stop.is_set():
+            while not self._member.stop.is_set():
                 job = self._ask()
                 if job is not None and job.kind == "finished":
                     return
@@ -74,31 +52,33 @@ class Evaluator:
                     self._play(job, seed)
                     seed += 1
                 else:
-                    self._stop.wait(_ASK_AGAIN)
+                    self._member.stop.wait(_ASK_AGAIN)
                 if job is not None:
                     heard = time.monotonic()
-                elif time.monotonic() - heard > self._patience:
+                elif time.monotonic() - heard > patience:
                     raise InputError(
-                        f"the learner went away and did not come back in {self._patience:.0f} s: "
+                        f"the learner went away and did not come back in {patience:.0f} s: "
                         "start it again with --resume, then start this evaluator."
                     )
         finally:
             self._heartbeat.close()
 
     def _ask(self) -> EvaluationJob | None:
+        name = self._member.name.encode()
         try:
-            job = EvaluationJob.decode(self._jobs.request(self._name.encode()).result().payload)
+            job = EvaluationJob.decode(self._jobs.request(name).result().payload)
             if job.kind == "test":
                 load_weights(self._policy.network, job.weights)
             return job
         except MessageError as error:
-            self._warn(f"a job was not taken: {error}")
+            self._member.warn(f"a job was not taken: {error}")
         except Unanswered:
             pass
         return None
 
     def _play(self, job: EvaluationJob, seed: int) -> None:
         """Play whole games until the steps of ``job`` are done, and report each."""
+        name, stop = self._member.name, self._member.stop
         self._policy.epsilon = job.epsilon
         self._policy.weights_version = job.epoch
         reported = games = 0
@@ -109,11 +89,11 @@ class Evaluator:
             done = steps >= job.steps and games > 0
             if ended or done:
                 found = (Game(step.info.game_score, step.info.game_steps),) if ended else ()
-                report = EvaluationReport(self._name, job.epoch, steps - reported, found, done)
+                report = EvaluationReport(name, job.epoch, steps - reported, found, done)
                 reported = steps
                 if not self._report(report):
                     return
-            if done or self._stop.is_set():
+            if done or stop.is_set():
                 return
 
     def _report(self, report: EvaluationReport) -> bool:

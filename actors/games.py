@@ -5,11 +5,13 @@ learned from.
 """
 
 import json
+import sys
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Self
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,12 +20,16 @@ import tyro
 
 from actors.counters import ActorCounters
 from actors.envs import make_env
+from actors.envs.clock import FRAME
+from actors.game_recorder import GameRecorder
 from actors.loop import play
 from actors.policy import Policy
 from common.errors import exit_on_input_error
+from common.process.command_line import parse
 from common.process.lifeline import leave_with_parent, on_signals
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig, from_mapping
+from common.run.config import RunConfig
+from common.run.stored_config import from_mapping
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,8 @@ class GamesOptions:
     """Network that plays."""
     config: str
     """Configuration of the run to play under, as JSON."""
+    ending: int
+    """Agent steps of a game's end that are hashed by themselves."""
     games: int = 1
     steps: int = 0
     """Minimum number of agent steps, over all games, as in the tests of 2017."""
@@ -44,63 +52,42 @@ class GamesOptions:
     leash: bool = False
 
 
-@dataclass(frozen=True)
-class GameResult:
-    """One game from its start to its end."""
-
-    score: float
-    steps: int
-    matched: int
-    """Steps at whose end the commanded keys were pressed."""
-    valid: int
-    """Steps in which the screen was found."""
-    decisions: int
-    """Agent steps of game time that the steps took."""
-    missed_deadlines: int
-    late_frames: int
-    """As `ActorCounters` has them; 0 unless in real time."""
-    key_times: tuple[int, ...]
-    """How long the hands took, as counts (see `common.press_latency`)."""
-
-    @classmethod
-    def of(cls, score: float, counters: ActorCounters) -> Self:
-        """Returns the game that ``counters`` counted."""
-        stats = counters.stats
-        return cls(
-            score=score,
-            steps=stats.steps,
-            matched=stats.matched,
-            valid=stats.valid,
-            decisions=stats.decisions,
-            missed_deadlines=stats.missed_deadlines,
-            late_frames=stats.late_frames,
-            key_times=tuple(counters.key_times),
-        )
+_COUNTED = ("steps", "matched", "valid", "decisions", "missed_deadlines", "late_frames")
+"""Counters of `ActorStats` that are told of a game."""
 
 
-def games(config: RunConfig, options: GamesOptions, stop: threading.Event) -> Iterator[GameResult]:
-    """Games to their ends, until there are enough of them and of their steps, or ``stop``."""
-    env = make_env(config, options.clock, training=False)
-    try:
+def games(
+    config: RunConfig, options: GamesOptions, stop: threading.Event
+) -> Iterator[dict[str, Any]]:
+    """Yields what each game came to, to its end, until there are enough of them and of their steps,
+    or ``stop``."""
+    with closing(make_env(config, options.clock, training=False)) as inner:
+        env = GameRecorder(inner, options.ending)
         policy_seed, env_seed = map(int, np.random.SeedSequence(options.seed).generate_state(2))
-        actions = int(env.action_space.n)  # type: ignore[attr-defined]
-        policy = Policy.of_file(config, actions, options.weights, options.epsilon, policy_seed)
+        policy = Policy.of_file(config, options.weights, options.epsilon, policy_seed)
         ended, counters = 0, ActorCounters()
         for steps, step in enumerate(play([env], policy, [env_seed]), start=1):
             counters.count(step)
             if step.info.game_over:
-                yield GameResult.of(step.info.game_score, counters)
+                counted = asdict(counters.stats)
+                yield {
+                    "score": step.info.game_score,
+                    **{name: counted[name] for name in _COUNTED},
+                    "key_times": counters.key_times,
+                    "game_seconds": counted["decisions"] * config.play.frame_skip * FRAME,
+                    "wall_seconds": env.seconds,
+                    "game_hash": env.game_hash,
+                    "ending_hash": env.ending_hash,
+                }
                 ended, counters = ended + 1, ActorCounters()
                 if ended >= options.games and steps >= options.steps:
                     return
             if stop.is_set():
                 return
-    finally:
-        env.close()
 
 
 def main() -> int:
-    options = tyro.cli(GamesOptions, prog="python -m actors.games")
+    options = parse(GamesOptions, "actors.games", sys.argv[1:])
     stop = threading.Event()
     on_signals(stop)
     if options.leash:
@@ -109,7 +96,7 @@ def main() -> int:
     cv2.setNumThreads(1)
     config = from_mapping(RunConfig, json.loads(options.config))
     for result in games(config, options, stop):
-        print(json.dumps(asdict(result)), flush=True)
+        print(json.dumps(result), flush=True)
     return 0
 
 

@@ -34,14 +34,13 @@ class Policy:
         self._exploration = Exploration(exploration or ExplorationConfig(), actions, envs, rng)
 
     @classmethod
-    def of_file(
-        cls, config: RunConfig, actions: int, weights: Path | None, epsilon: float, seed: int
-    ) -> Self:
+    def of_file(cls, config: RunConfig, weights: Path | None, epsilon: float, seed: int) -> Self:
         """Returns the policy of the network in the file ``weights``, or a random one without.
 
         Raises:
             InputError: the file cannot be read, or does not fit ``config``.
         """
+        actions = config.action_count
         policy = cls(build_network(config, actions), actions, np.random.default_rng(seed))
         if weights is not None:
             load_weights_file(

@@ -1,33 +1,21 @@
 """Keeps an actor's policy up to date: weights of the learner, and ε by the run's steps."""
 
-from collections.abc import Callable
-
+from actors.member import Member
 from actors.policy import Policy
 from actors.stream.weights_client import WeightsClient
 from common.errors import MessageError
 from common.protocol.ack import Ack
 from common.protocol.weights import load_weights
-from common.run.config import RunConfig
 
 
 class PolicySync:
-    """Puts what the learner and the replay tell into ``policy``.
+    """Puts what the learner and the replay tell into ``policy``."""
 
-    Args:
-        warn: takes a sentence for people.
-    """
-
-    def __init__(
-        self,
-        policy: Policy,
-        weights: WeightsClient,
-        config: RunConfig,
-        warn: Callable[[str], None],
-    ) -> None:
+    def __init__(self, member: Member, policy: Policy) -> None:
         self._policy = policy
-        self._weights = weights
-        self._config = config
-        self._warn = warn
+        self._weights = WeightsClient(member.transport, member.keys)
+        self._config = member.config
+        self._warn = member.warn
         self._has_weights = False
 
     def take_weights(self) -> None:

@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 from benchmarks.hosted_run import HostedRun
 from benchmarks.pace import Spread, in_turns
-from benchmarks.report import BenchmarkOptions, Number, Numbers, Report, Seconds, main
+from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
+from common.checked import FromOne
 from common.process.supervisor import Child
 
 _WARMUP = 256
@@ -35,7 +36,7 @@ class Options(BenchmarkOptions):
     """Numbers of environments in the process, each measured."""
     seconds: Seconds = 5.0
     """Seconds of each turn; starting takes as long again."""
-    turns: Number = 3
+    turns: FromOne = 3
     """Turns of each kind of actor."""
 
 
@@ -76,25 +77,22 @@ class Hub(HostedRun):
         arguments = ["--connect", self.endpoint, "--name", name, "--envs", str(envs)]
         actor = Child("actors", *arguments, stderr=subprocess.PIPE)
         os.sched_setaffinity(actor.pid, {self._core})  # before it has threads, which inherit it
+        self.children["actor"] = actor
         try:
             for _ in range(_FIRST * envs):
-                begin = self._next_chunk(name, actor)
+                begin = self._next_chunk(name)
             time.sleep(seconds)
-            self._next_chunk(name, actor)  # one that may have come long since
-            finish = self._next_chunk(name, actor)
+            self._next_chunk(name)  # one that may have come long since
+            finish = self._next_chunk(name)
         finally:
+            del self.children["actor"]
             actor.end()
         return (finish.agent_steps - begin.agent_steps) / (finish.at - begin.at)
 
-    def _next_chunk(self, name: str, actor: Child) -> Mark:
+    def _next_chunk(self, name: str) -> Mark:
         """Waits for the actor's next chunk."""
-
-        def check() -> None:
-            if actor.poll() is not None:
-                raise actor.failure("actor")
-
         while True:
-            now, facts = self.next_chunks(check)
+            now, facts = self.next_chunks()
             if facts[-1].actor == name:
                 return Mark(now, facts[-1].agent_steps)
 

@@ -11,7 +11,6 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Self
 
 from common.errors import InputError
 from common.process.supervisor import Child
@@ -32,6 +31,12 @@ def scratch(place: Path | None = None) -> Iterator[Path]:
         yield Path(name)
 
 
+def check_folder(folder: Path) -> None:
+    """Refuses a folder that is not there. Raises InputError."""
+    if not folder.is_dir():
+        raise InputError(f"there is no folder {folder}: make it, or name another.")
+
+
 def end_as_by_ctrl_c() -> None:
     """Let SIGTERM unwind this process, so that nothing it started is left behind."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -48,35 +53,28 @@ def run_module(module: str, *arguments: str) -> None:
         raise InputError(f"python -m {module} ended with exit code {ended.returncode}, see above.")
 
 
-class Helper:
+class Helper(Child):
     """A child process that answers on its standard output what it reads on its standard input.
 
-    A context manager that starts and ends it.
+    A context manager that ends it.
 
     Args:
         name: what people call it.
     """
 
     def __init__(self, name: str, module: str, *arguments: str) -> None:
+        super().__init__(module, *arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self.name = name
-        self._module = module
-        self._arguments = arguments
-
-    def __enter__(self) -> Self:
-        self._process = Child(
-            self._module, *self._arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        )
-        return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.end()
+        self.end()
 
     def say(self, line: str) -> None:
         """Writes a line to it; that it is gone is noticed by `hear`."""
-        assert self._process.stdin is not None
+        assert self.stdin is not None
         with contextlib.suppress(BrokenPipeError):
-            self._process.stdin.write(f"{line}\n")
-            self._process.stdin.flush()
+            self.stdin.write(f"{line}\n")
+            self.stdin.flush()
 
     def hear(self) -> str:
         """Returns its next line.
@@ -84,8 +82,8 @@ class Helper:
         Raises:
             InputError: it ended, and has said why.
         """
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
+        assert self.stdout is not None
+        line = self.stdout.readline()
         if not line:
             raise InputError(f"the process of {self.name} failed, see above.")
         return line.strip()

@@ -5,8 +5,8 @@ goes is measured in turns of their own, so that the stopwatches are not in the r
 """
 
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple
@@ -18,12 +18,13 @@ import numpy as np
 
 from actors.envs import make_env
 from actors.envs.emulator import Emulator
-from actors.robots.nao.room import Room
-from actors.robots.nao.sensor import Sensor
+from actors.robots.nao.robot import Nao
+from actors.robots.room.sensor import Sensor
 from actors.vision.screen_detector import ScreenDetector
 from benchmarks.neighbour import neighbour
 from benchmarks.pace import Spread, in_turns
-from benchmarks.report import BenchmarkOptions, Number, Report, main
+from benchmarks.report import BenchmarkOptions, Report, main
+from common.checked import FromOne
 from common.run.clock import ClockConfig
 from common.run.config import CameraConfig
 from common.run.presets import PRESETS
@@ -37,9 +38,9 @@ _TITLES: dict[Kind, str] = {
 }
 
 _PARTS: dict[str, tuple[tuple[type, str], ...]] = {
-    "physics": ((Room, "step_frame"), (Room, "command")),
+    "physics": ((Nao, "step_frame"), (Nao, "command")),
     "emulator": ((Emulator, "act"), (Emulator, "screen_rgb")),
-    "render": ((Room, "picture"), (Sensor, "take")),
+    "render": ((Nao, "picture"), (Sensor, "take")),
     "detection": ((ScreenDetector, "detect"),),
 }
 """What a decision is made of: methods, none of which calls another of them. Physics includes the
@@ -52,11 +53,11 @@ class Options(BenchmarkOptions):
 
     game: str = "pong"
     """Any game that ale-py bundles."""
-    envs: Number = 1
+    envs: FromOne = 1
     """Environments of each kind, which take turns in this one process."""
-    decisions: Number = 500
+    decisions: FromOne = 500
     """Steps per turn, over all environments of a kind."""
-    turns: Number = 8
+    turns: FromOne = 8
     """Turns of each kind."""
     camera: CameraConfig = field(default_factory=CameraConfig)
     """The robot's camera; perfect by default."""
@@ -70,12 +71,6 @@ class Turn(NamedTuple):
     steps: int
     decisions: int
     seconds: float
-    parts: dict[str, float]
-    """µs that each part of a decision takes; empty unless stopwatches ran."""
-
-    @property
-    def per_second(self) -> float:
-        return self.decisions / self.seconds
 
 
 class Player:
@@ -110,7 +105,7 @@ class Player:
             decisions += info["elapsed"]
             if terminated or truncated:
                 env.reset()
-        return Turn(steps, decisions, time.perf_counter() - began, {})
+        return Turn(steps, decisions, time.perf_counter() - began)
 
     def close(self) -> None:
         """Close all environments."""
@@ -118,9 +113,8 @@ class Player:
             env.close()
 
 
-@contextmanager
-def stopwatches() -> Iterator[dict[str, float]]:
-    """Time the parts of all robots' decisions while it is entered: seconds so far, by part."""
+def break_down(player: Player, steps: int) -> dict[str, float]:
+    """Plays with stopwatches; returns the µs of each part of a decision, those in resets too."""
     spent = dict.fromkeys(_PARTS, 0.0)
 
     def timed(part: str, method: Any) -> Any:
@@ -137,16 +131,9 @@ def stopwatches() -> Iterator[dict[str, float]]:
             for owner, name in methods:
                 watched = timed(part, getattr(owner, name))
                 stack.enter_context(patch.object(owner, name, watched))
-        yield spent
-
-
-def break_down(player: Player, steps: int) -> Turn:
-    """Plays with stopwatches; what resets take is in the parts too."""
-    with stopwatches() as spent:
         turn = player.play(steps)
-    parts = {part: seconds / turn.decisions * 1e6 for part, seconds in spent.items()}
-    rest = 1e6 / turn.per_second - sum(parts.values())
-    return turn._replace(parts={**parts, "rest": rest})
+    rest = turn.seconds - sum(spent.values())
+    return {part: took / turn.decisions * 1e6 for part, took in {**spent, "rest": rest}.items()}
 
 
 def measure(options: Options) -> Report:
@@ -155,26 +142,28 @@ def measure(options: Options) -> Report:
         if options.beside_learner:
             stack.enter_context(neighbour())
         players = {kind: stack.enter_context(closing(Player(kind, options))) for kind in _TITLES}
-        contenders = {
+        contenders: dict[str, Callable[[], Any]] = {
             kind: partial(player.play, options.decisions) for kind, player in players.items()
         }
-        parts = partial(break_down, players["robot_sync"], options.decisions)
-        played = in_turns({**contenders, "parts": parts}, options.turns)
-    parted = [turn.parts for turn in played.pop("parts")]
+        contenders["parts"] = partial(break_down, players["robot_sync"], options.decisions)
+        played = in_turns(contenders, options.turns)
+    parted = played.pop("parts")
     breakdown = {part: float(np.median([each[part] for each in parted])) for part in parted[0]}
-    paces = {kind: Spread.of([turn.per_second for turn in played[kind]]) for kind in _TITLES}
-    rows = []
-    for kind, pace in paces.items():
-        decisions = sum(turn.decisions for turn in played[kind])
-        rows.append(
-            {
-                "kind": _TITLES[kind],
-                "decisions": decisions,
-                "per step": decisions / sum(turn.steps for turn in played[kind]),
-                **pace.cells(),
-                "of ALE-Only": pace.median / paces["ale"].median,
-            }
-        )
+    paces = {
+        kind: Spread.of([turn.decisions / turn.seconds for turn in turns])
+        for kind, turns in played.items()
+    }
+    totals = {kind: np.sum(turns, axis=0).tolist() for kind, turns in played.items()}
+    rows = [
+        {
+            "kind": title,
+            "decisions": int(totals[kind][1]),
+            "per step": totals[kind][1] / totals[kind][0],
+            **paces[kind].cells(),
+            "of ALE-Only": paces[kind].median / paces["ale"].median,
+        }
+        for kind, title in _TITLES.items()
+    ]
     count = f"{options.envs} environments" if options.envs > 1 else "one environment"
     return Report.of(
         f"{options.game}: decisions of 66.7 ms, {count} in one process, one core"

@@ -129,25 +129,13 @@ def summary(setting: Setting, paces: Paces) -> dict[str, Any]:
         "cpu_share_training": training.cpu_share,
         "env": setting.env,
         "game": setting.game,
-        "sync": setting.sync,
-        "wait_action": setting.wait_action,
+        "sync": setting.clock.sync,
+        "wait_action": setting.clock.wait_action,
         "actors": setting.actors,
         "evaluators": setting.evaluators,
         "learner_flags": setting.learner,
         "windows": {"training": training._asdict(), "testing": testing._asdict()},
     }
-
-
-def describe(setting: Setting) -> str:
-    """For people: ``pong (robot), sync, 2 actors``."""
-    return ", ".join(
-        [
-            f"{setting.game} ({setting.env})",
-            "sync" if setting.sync else "real time",
-            *(["waiting for its keys"] if setting.wait_action else []),
-            f"{setting.actors} actor{'s' if setting.actors > 1 else ''}",
-        ]
-    )
 
 
 def measure(options: Options) -> Report:
@@ -160,8 +148,8 @@ def measure(options: Options) -> Report:
             f"{paces.epochs_per_day_overlapped:.1f} as local mode does it, side by side."
         )
     return Report.of(
-        f"Local mode, {describe(options)}, batches of 32, an update per 4 steps (samples "
-        "per insert; staleness in updates, p50; CPU of learner + actors + evaluator)",
+        f"Local mode, {options}, actors: {options.actors}, batches of 32, an update per 4 steps "
+        "(samples per insert; staleness in updates, p50; CPU of learner + actors + evaluator)",
         [row("idle", paces.training), row("testing", paces.testing)],
         summary(options, paces),
         *notes,

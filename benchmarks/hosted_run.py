@@ -5,7 +5,6 @@ chunks that it tells whoever asks.
 """
 
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Self
 
@@ -34,6 +33,8 @@ class HostedRun:
         self._flags = flags
         self._seen = 0
         self.endpoint = free_endpoint()
+        self.children: dict[str, Child] = {}
+        """Processes that should be at work, by what people call them."""
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
@@ -42,10 +43,15 @@ class HostedRun:
             log = folder / f"{self._module}.log"
             self.process = Child(self._module, *place, *self._flags, log=log)
             stack.callback(self.process.end)
+            self.children = {self._module: self.process}
+
+            def is_over() -> bool:
+                return self.process.poll() is not None
+
             try:
-                self.transport = connect(self.endpoint, _START, self._is_over)
+                self.transport = connect(self.endpoint, _START, is_over)
                 stack.callback(self.transport.close)
-                self.keys, self.config = find_run(self.transport, RUN, _START, self._is_over)
+                self.keys, self.config = find_run(self.transport, RUN, _START, is_over)
             except KeyboardInterrupt:
                 self.check()  # the wait may have been broken off because the process ended
                 raise
@@ -56,31 +62,22 @@ class HostedRun:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def _is_over(self) -> bool:
-        return self.process.poll() is not None
-
     def check(self) -> None:
-        """Refuse a process that ended by itself.
+        """Refuse processes that ended by themselves.
 
         Raises:
-            InputError: with the last line that it said.
+            InputError: with the last line that one of them said.
         """
-        if self._is_over():
-            raise self.process.failure(self._module)
+        for name, child in self.children.items():
+            if child.poll() is not None:
+                raise child.failure(name)
 
-    def next_chunks(
-        self, check: Callable[[], None] = lambda: None
-    ) -> tuple[float, tuple[ChunkStatistics, ...]]:
-        """Waits for chunks; returns the moment at which they were seen, and their statistics.
-
-        Args:
-            check: raises where none will come any more.
-        """
+    def next_chunks(self) -> tuple[float, tuple[ChunkStatistics, ...]]:
+        """Waits for chunks; returns the moment at which they were seen, and their statistics."""
         while True:
             facts = self._replay.progress(self._seen).statistics
             now = time.monotonic()
             self.check()
-            check()
             if facts:
                 self._seen = facts[-1].index + 1
                 return now, facts

@@ -25,12 +25,12 @@ from benchmarks.pace import in_turns
 from benchmarks.peer_update import noise_batch
 from benchmarks.random_play import random_play
 from benchmarks.replay import draw
-from benchmarks.report import BenchmarkOptions, Number, Report, Table, main
+from benchmarks.report import BenchmarkOptions, Report, Table, main
+from common.checked import FromOne
 from common.network import build_network
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
-from learner.algorithm.interface import Algorithm, DeviceBatch
-from learner.algorithm.registry import build_algorithm
+from learner.algorithm.interface import Algorithm, DeviceBatch, build_algorithm
 from learner.device import Device, DeviceChoice, choose_device
 from learner.prefetch import to_device
 
@@ -58,11 +58,11 @@ class Options(BenchmarkOptions):
 
     device: DeviceChoice = "cpu"
     """Hardware; 'auto' takes CUDA where there is one."""
-    batch_size: Number = 32
+    batch_size: FromOne = 32
     """Transitions per update."""
-    rounds: Number = 40
+    rounds: FromOne = 40
     """Turns of each setting."""
-    turn: Number = 5
+    turn: FromOne = 5
     """Updates per turn."""
     compared: Annotated[int, Ge(0)] = 1_000
     """Updates in which bfloat16 is compared with float32; 0 for none."""

@@ -10,23 +10,26 @@ import os
 import shlex
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
-from annotated_types import MaxLen
+import tyro
 
 from benchmarks.hosted_run import HostedRun
-from benchmarks.report import BenchmarkOptions, Number
-from common.errors import InputError
+from benchmarks.report import BenchmarkOptions
+from common.checked import FromOne
 from common.protocol.actor_stats import ActorStats
+from common.run.clock import ClockConfig
 from common.transport.interface import Envelope
 from replay.chunk_statistics import ChunkStatistics
 from replay.limiter import RateLimiter
 
 ROLES = ("learner", "actors", "evaluator")
+Beat = tuple[float, ActorStats]
+"""A heartbeat, and the monotonic seconds at which it was heard."""
 NEVER = 10**9
 """Steps of an epoch, or of a test, that does not end while it is watched."""
 _WARMUP = 256
@@ -43,21 +46,20 @@ class Setting(BenchmarkOptions):
     """The emulator alone, or the robot."""
     game: str = "pong"
     """Any game that ale-py bundles."""
-    sync: bool = True
-    """Lockstep, or the robot in real time."""
-    wait_action: bool = False
-    """Let the robots wait for their keys."""
-    actors: Number = 1
+    clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
+    actors: FromOne = 1
     """Training actors."""
-    evaluators: Number = 1
+    evaluators: FromOne = 1
     """Evaluators; one is what local mode starts."""
-    learner: Annotated[str, MaxLen(10_000)] = ""
+    learner: str = ""
     """More flags for `python -m learner`, as in --learner="--threads 2"."""
+
+    def __str__(self) -> str:
+        return f"{self.game} ({self.env}){self.clock}"
 
     def check(self) -> None:
         super().check()
-        if self.env == "ale" and (self.wait_action or not self.sync):
-            raise InputError("--no-sync and --wait-action are for --env robot.")
+        self.clock.check(self.env)
 
     def flags(self) -> list[str]:
         """The same as flags of `python -m learner`, with the report's ratio of updates to steps."""
@@ -66,8 +68,7 @@ class Setting(BenchmarkOptions):
             *("--env", self.env, "--game", self.game),
             *("--learning.batch-size", "32", "--learning.train-period", "4"),
             *("--actors", str(self.actors), "--evaluators", str(self.evaluators)),
-            "--sync" if self.sync else "--no-sync",
-            *(["--wait-action"] if self.wait_action else []),
+            *self.clock.flags(),
             *("--replay.capacity", "100000", "--replay.learning-starts", str(_WARMUP)),
             # Past the warm-up ε is what it is for most of a run: the network chooses.
             *("--exploration.steps", "1", "--protocol.held-out-states", str(_WARMUP)),
@@ -102,7 +103,8 @@ class Pace(NamedTuple):
     """Updates by which an actor's weights were behind as its chunk arrived."""
     staleness_p95: float
     deadlines_kept: float | None
-    """Share of the actors' agent steps that their command reached in time; None with ``sync``."""
+    """Share of the actors' agent steps that their command reached in time, and that were in time
+    themselves; None with ``sync``."""
     cpu_share: dict[str, float]
     """Of the time of all usable cores, by role."""
 
@@ -130,18 +132,12 @@ class LocalRun(HostedRun):
         )
         self._setting = setting
         self._lock = threading.Lock()
-        self._heard: list[tuple[float, ActorStats]] = []
+        self._heard: list[Beat] = []
         self._facts: list[ChunkStatistics] = []
 
     def __enter__(self) -> Self:
         super().__enter__()
-        config = self.config
-        self._limiter = RateLimiter(
-            config.samples_per_insert,
-            config.replay.learning_starts,
-            config.replay.ratio_tolerance,
-            config.learning.batch_size,
-        )
+        self._limiter = RateLimiter.of(self.config)
         self.transport.subscribe(self.keys.stats("*", "*"), self._hear)
         return self
 
@@ -205,7 +201,7 @@ class LocalRun(HostedRun):
         self.check()
         return rate_of_tests(self._heard_between(began, time.monotonic()))
 
-    def _heard_between(self, begin: float, end: float) -> list[tuple[float, ActorStats]]:
+    def _heard_between(self, begin: float, end: float) -> list[Beat]:
         with self._lock:
             return [(at, stats) for at, stats in self._heard if begin <= at <= end]
 
@@ -221,45 +217,45 @@ class LocalRun(HostedRun):
         steps = end.facts.agent_steps - begin.facts.agent_steps
         updates = end.begun - begin.begun
         staleness = [facts.staleness for facts in self._facts]
-        stamped = self._heard_between(begin.at, end.at)
-        heard = [stats for _, stats in stamped]
+        heard = self._heard_between(begin.at, end.at)
         return Pace(
             seconds=wall,
             train_steps_per_second=steps / wall,
             updates_per_second=updates / wall,
-            test_steps_per_second=rate_of_tests(stamped),
+            test_steps_per_second=rate_of_tests(heard),
             samples_per_insert=updates * self.config.learning.batch_size / steps,
             staleness_p50=float(np.percentile(staleness, 50)),
             staleness_p95=float(np.percentile(staleness, 95)),
-            deadlines_kept=None if self._setting.sync else deadlines_kept(heard),
+            deadlines_kept=None if self._setting.clock.sync else deadlines_kept(heard),
             cpu_share=cpu_share(begin.cpu, end.cpu, wall),
         )
 
 
-def _by_process(stats: list[ActorStats], role: str) -> dict[int, list[ActorStats]]:
-    found: dict[int, list[ActorStats]] = {}
-    for each in stats:
-        if each.role == role:
-            found.setdefault(each.incarnation, []).append(each)
-    return found
+def first_and_last(heard: Sequence[Beat], role: str) -> list[tuple[Beat, Beat]]:
+    """Returns the first and the last heartbeat of each process in ``role``."""
+    found: dict[int, tuple[Beat, Beat]] = {}
+    for beat in heard:
+        if beat[1].role == role:
+            first, _ = found.get(beat[1].incarnation, (beat, beat))
+            found[beat[1].incarnation] = first, beat
+    return list(found.values())
 
 
-def rate_of_tests(stamped: list[tuple[float, ActorStats]]) -> float:
+def rate_of_tests(heard: Sequence[Beat]) -> float:
     """Steps per second of all evaluators together, each between its first and last heartbeat."""
-    total = 0.0
-    for each in _by_process([stats for _, stats in stamped], "evaluator"):
-        times = [(at, stats.steps) for at, stats in stamped if stats.incarnation == each]
-        (first, before), (last, after) = times[0], times[-1]
-        total += (after - before) / (last - first) if last > first else 0.0
-    return total
+    return sum(
+        (last.steps - first.steps) / (until - since)
+        for (since, first), (until, last) in first_and_last(heard, "evaluator")
+        if until > since
+    )
 
 
-def deadlines_kept(heard: list[ActorStats]) -> float | None:
+def deadlines_kept(heard: Sequence[Beat]) -> float | None:
     """Share of the actors' agent steps whose command came in time; None without any."""
     agent_steps = missed = 0
-    for own in _by_process(heard, "actor").values():
-        agent_steps += own[-1].decisions - own[0].decisions
-        missed += own[-1].missed_deadlines - own[0].missed_deadlines
+    for (_, first), (_, last) in first_and_last(heard, "actor"):
+        agent_steps += last.decisions - first.decisions
+        missed += last.missed_deadlines - first.missed_deadlines
     return 1 - missed / agent_steps if agent_steps else None
 
 

@@ -61,11 +61,15 @@ def per_second(action: Callable[[], object], seconds: float) -> float:
 
 def slice_per_second(action: Callable[[], object], seconds: float) -> float:
     """Returns the calls of ``action`` per second, over at least ``seconds`` and one call."""
-    calls = 0
-    began = time.perf_counter()
-    while True:
+    calls, spent = repeat(action, seconds)
+    return calls / spent
+
+
+def repeat(action: Callable[[], object], seconds: float) -> tuple[int, float]:
+    """Calls ``action`` for at least ``seconds``, and once; returns the calls and the seconds."""
+    calls, spent, began = 0, 0.0, time.perf_counter()
+    while not calls or spent < seconds:
         action()
         calls += 1
         spent = time.perf_counter() - began
-        if spent >= seconds:
-            return calls / spent
+    return calls, spent

@@ -5,14 +5,18 @@ hand them in; ours takes chunks. Each is measured in a process of its own: what 
 depends on what the process has allocated before, up to tenfold.
 """
 
+import itertools
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
 import tyro
+from numpy.typing import NDArray
 
 from benchmarks.child import Helper
 from benchmarks.pace import slice_per_second
@@ -23,148 +27,7 @@ from replay.replay_buffer import ReplayBuffer
 _CHUNK = 64
 _POOL = 64
 _ALPHA, _BETA = 0.6, 0.4
-
-
-class Filled(Protocol):
-    """A full replay."""
-
-    steps: int
-    """That one `insert` brings."""
-
-    def insert(self) -> None:
-        """Put something in, in the place of something old."""
-
-    def draw(self) -> None:
-        """Draw a batch, and give it new priorities if it has any."""
-
-
-class Ours:
-    """`ReplayBuffer`, in files."""
-
-    steps = _CHUNK
-
-    def __init__(self, size: int, folder: Path, *, prioritised: bool = False) -> None:
-        config = unlimited(size)
-        self._memory = ReplayBuffer(_prioritised(config) if prioritised else config, folder)
-        self._streams = Streams("bench", actors=("actor-1",), steps=_CHUNK, frame_stack=4)
-        fill(self._memory, self._streams, size)
-        rated = draw_and_rate(self._memory, np.random.default_rng(1))
-        self._draw = rated if prioritised else lambda: draw(self._memory)
-
-    def insert(self) -> None:
-        self._memory.insert(self._streams.next())
-
-    def draw(self) -> None:
-        self._draw()
-
-
-_prioritised = prioritised
-
-
-class Cpprb:
-    """cpprb's.
-
-    Args:
-        share: what is stored once: nothing (56 KB a step), the frames of each stack (14 KB), or
-            also those of a state and the next (7 KB).
-    """
-
-    steps = 1
-
-    def __init__(
-        self,
-        size: int,
-        share: Literal["nothing", "stacks", "states"],
-        *,
-        prioritised: bool = False,
-    ) -> None:
-        import cpprb
-
-        state = {"shape": (84, 84, 4), "dtype": np.uint8}
-        layout = {
-            "obs": state,
-            "act": {"dtype": np.uint8},
-            "rew": {"dtype": np.float32},
-            "done": {"dtype": np.float32},
-        }
-        shared: dict[str, Any] = {}
-        if share == "stacks":
-            shared = {"stack_compress": ["obs", "next_obs"]}
-        if share == "states":
-            shared = {"stack_compress": "obs", "next_of": "obs"}
-        else:
-            layout["next_obs"] = state
-        self._prioritised = prioritised
-        self._rng = np.random.default_rng(1)
-        self._replay = (
-            cpprb.PrioritizedReplayBuffer(size, layout, alpha=_ALPHA, **shared)
-            if prioritised
-            else cpprb.ReplayBuffer(size, layout, **shared)
-        )
-        self._states = self._rng.integers(256, size=(_POOL, 84, 84, 4), dtype=np.uint8)
-        self._at = 0
-        for _ in range(size):
-            self.insert()
-
-    def insert(self) -> None:
-        self._at += 1
-        self._replay.add(
-            obs=self._states[self._at % _POOL],
-            next_obs=self._states[(self._at + 1) % _POOL],
-            act=1,
-            rew=0.0,
-            done=0.0,
-        )
-
-    def draw(self) -> None:
-        if not self._prioritised:
-            self._replay.sample(BATCH)
-            return
-        drawn = self._replay.sample(BATCH, beta=_BETA)
-        self._replay.update_priorities(drawn["indexes"], self._rng.random(BATCH))
-
-
-class StableBaselines3:
-    """stable-baselines3's, as its DQN makes it."""
-
-    steps = 1
-
-    def __init__(self, size: int) -> None:
-        from gymnasium.spaces import Box, Discrete
-        from stable_baselines3.common.buffers import ReplayBuffer
-
-        self._replay: Any = ReplayBuffer(
-            size, Box(0, 255, (4, 84, 84), np.uint8), Discrete(6), torch.device("cpu")
-        )
-        rng = np.random.default_rng(1)
-        self._states = rng.integers(256, size=(_POOL, 1, 4, 84, 84), dtype=np.uint8)
-        self._at = 0
-        for _ in range(size):
-            self.insert()
-
-    def insert(self) -> None:
-        self._at += 1
-        self._replay.add(
-            self._states[self._at % _POOL],
-            self._states[(self._at + 1) % _POOL],
-            np.array([1]),
-            np.array([0.0]),
-            np.array([0.0]),
-            [{}],
-        )
-
-    def draw(self) -> None:
-        self._replay.sample(BATCH)
-
-
 Who = Literal["ours", "cpprb", "cpprb-stacks", "cpprb-states", "stable-baselines3"]
-NAMES: dict[Who, str] = {
-    "ours": "ours",
-    "cpprb": "cpprb",
-    "cpprb-stacks": "cpprb stack_compress",
-    "cpprb-states": "cpprb stack_compress next_of",
-    "stable-baselines3": "stable-baselines3",
-}
 
 
 @dataclass(frozen=True)
@@ -177,17 +40,114 @@ class Options:
     prioritised: bool = False
 
 
-def make(options: Options) -> Filled:
-    """The replay that is asked for; uniform ones only from stable-baselines3."""
-    size, prioritised = options.size, options.prioritised
-    if options.who == "ours":
-        return Ours(size, options.folder, prioritised=prioritised)
-    if options.who == "stable-baselines3":
-        return StableBaselines3(size)
-    if options.who == "cpprb":
-        return Cpprb(size, "nothing", prioritised=prioritised)
-    share: Literal["stacks", "states"] = "stacks" if options.who == "cpprb-stacks" else "states"
-    return Cpprb(size, share, prioritised=prioritised)
+class Filled(NamedTuple):
+    """A full replay."""
+
+    insert: Callable[[], object]
+    """Puts something in, in the place of something old."""
+    draw: Callable[[], object]
+    """Draws a batch, and gives it new priorities if it has any."""
+    steps: int = 1
+    """Steps that an insert brings."""
+
+
+def ours(options: Options) -> Filled:
+    """`ReplayBuffer`, in files."""
+    config = unlimited(options.size)
+    memory = ReplayBuffer(prioritised(config) if options.prioritised else config, options.folder)
+    streams = Streams("bench", actors=("actor-1",), steps=_CHUNK, frame_stack=4)
+    fill(memory, streams, options.size)
+    rated = draw_and_rate(memory, np.random.default_rng(1))
+    return Filled(
+        lambda: memory.insert(streams.next()),
+        rated if options.prioritised else lambda: draw(memory),
+        _CHUNK,
+    )
+
+
+def _states(*shape: int) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
+    """Yields a state of noise and the next one, without end."""
+    pool = np.random.default_rng(1).integers(256, size=(_POOL, *shape), dtype=np.uint8)
+    return itertools.pairwise(itertools.cycle(pool))
+
+
+def cpprb(options: Options, **shared: Any) -> Filled:
+    """cpprb's.
+
+    Args:
+        shared: what is stored once. Without it a step takes 56 KB, with the frames of each stack
+            once 14 KB, and with those of a state and the next once 7 KB.
+    """
+    import cpprb
+
+    layout: dict[str, Any] = {
+        "obs": {"shape": (84, 84, 4), "dtype": np.uint8},
+        "act": {"dtype": np.uint8},
+        "rew": {"dtype": np.float32},
+        "done": {"dtype": np.float32},
+    }
+    if "next_of" not in shared:
+        layout["next_obs"] = layout["obs"]
+    states, rng = _states(84, 84, 4), np.random.default_rng(1)
+
+    def insert() -> None:
+        state, following = next(states)
+        replay.add(obs=state, next_obs=following, act=1, rew=0.0, done=0.0)
+
+    def rated() -> None:
+        drawn = replay.sample(BATCH, beta=_BETA)
+        replay.update_priorities(drawn["indexes"], rng.random(BATCH))
+
+    if options.prioritised:
+        replay = cpprb.PrioritizedReplayBuffer(options.size, layout, alpha=_ALPHA, **shared)
+    else:
+        replay = cpprb.ReplayBuffer(options.size, layout, **shared)
+    for _ in range(options.size):
+        insert()
+    return Filled(insert, rated if options.prioritised else lambda: replay.sample(BATCH))
+
+
+def stable_baselines3(options: Options) -> Filled:
+    """stable-baselines3's, as its DQN makes it; it has no priorities."""
+    from gymnasium.spaces import Box, Discrete
+    from stable_baselines3.common.buffers import ReplayBuffer
+
+    replay: Any = ReplayBuffer(
+        options.size, Box(0, 255, (4, 84, 84), np.uint8), Discrete(6), torch.device("cpu")
+    )
+    states, zero = _states(1, 4, 84, 84), np.zeros(1)
+
+    def insert() -> None:
+        state, following = next(states)
+        replay.add(state, following, np.ones(1, np.int64), zero, zero, [{}])
+
+    for _ in range(options.size):
+        insert()
+    return Filled(insert, lambda: replay.sample(BATCH))
+
+
+class Peer(NamedTuple):
+    """A replay that is compared."""
+
+    name: str
+    make: Callable[[Options], Filled]
+    package: str | None
+    """That it comes from, if it is not this one."""
+    rated: bool = True
+    """Whether its prioritised draws are compared too."""
+
+
+_STACKS = partial(cpprb, stack_compress=["obs", "next_obs"])
+_STATES = partial(cpprb, stack_compress="obs", next_of="obs")
+REPLAYS: dict[Who, Peer] = {
+    "ours": Peer("ours", ours, None),
+    "cpprb": Peer("cpprb", cpprb, "cpprb", rated=False),
+    "cpprb-stacks": Peer("cpprb stack_compress", _STACKS, "cpprb"),
+    "cpprb-states": Peer("cpprb stack_compress next_of", _STATES, "cpprb"),
+    "stable-baselines3": Peer(
+        "stable-baselines3", stable_baselines3, "stable_baselines3", rated=False
+    ),
+}
 
 
 class Elsewhere(Helper):
@@ -195,7 +155,7 @@ class Elsewhere(Helper):
 
     def __init__(self, who: Who, size: int, folder: Path, *, prioritised: bool = False) -> None:
         super().__init__(
-            NAMES[who],
+            REPLAYS[who].name,
             "benchmarks.peer_replays",
             *("--who", who, "--size", str(size), "--folder", str(folder)),
             "--prioritised" if prioritised else "--no-prioritised",
@@ -214,7 +174,7 @@ class Elsewhere(Helper):
 def main() -> None:
     options = tyro.cli(Options, prog="python -m benchmarks.peer_replays")
     torch.set_num_threads(1)  # two wait for each other on a busy machine
-    replay = make(options)
+    replay = REPLAYS[options.who].make(options)
     for line in sys.stdin:
         work, seconds = line.split()
         action, units = (replay.insert, replay.steps) if work == "insert" else (replay.draw, 1)

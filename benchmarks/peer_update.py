@@ -10,8 +10,7 @@ from torch.nn.functional import smooth_l1_loss
 
 from common.network import build_network
 from common.run.presets import PRESETS
-from learner.algorithm.interface import DeviceBatch
-from learner.algorithm.registry import build_algorithm
+from learner.algorithm.interface import DeviceBatch, build_algorithm
 from learner.device import choose_device
 from learner.prefetch import to_device
 from replay.batch import Batch

@@ -18,17 +18,24 @@ from typing import Annotated, Any, Literal, get_args
 import torch
 from annotated_types import Ge, MinLen
 
-from benchmarks import peer_dqn, peer_update
+from benchmarks import peer_update
 from benchmarks.child import scratch
 from benchmarks.local_run import LocalRun, Setting
 from benchmarks.pace import Spread, in_turns, slice_per_second
-from benchmarks.peer_replays import Elsewhere, Who
-from benchmarks.report import BenchmarkOptions, Number, Report, Seconds, main
+from benchmarks.peer_dqn import peer_dqn
+from benchmarks.peer_replays import REPLAYS, Elsewhere
+from benchmarks.report import BenchmarkOptions, Report, Seconds, main
+from common.checked import FromOne
 from common.errors import InputError
 
 Subject = Literal["training", "replay", "update"]
 
-_NEEDED = {"stable_baselines3": "stable-baselines3", "cpprb": "cpprb"}
+_PEERS: tuple[tuple[Subject, str, str], ...] = (
+    ("training", "stable_baselines3", "stable-baselines3"),
+    ("replay", "stable_baselines3", "stable-baselines3"),
+    ("replay", "cpprb", "cpprb"),
+)
+"""What is compared with a package, and the name by which it is installed."""
 _SHORT_TURNS = 7
 _SHORT_TURN = 0.5
 
@@ -41,7 +48,7 @@ class Options(BenchmarkOptions):
     """What to compare."""
     seconds: Seconds = 15.0
     """Seconds of each turn of training."""
-    turns: Number = 2
+    turns: FromOne = 2
     """Number of turns of training."""
     replay_steps: Annotated[int, Ge(1_000)] = 20_000
     """Steps in each of the replays, of 56 KB in others' plain ones."""
@@ -75,11 +82,9 @@ def in_short_turns(
     return against_ours(work, in_turns(turns, _SHORT_TURNS))
 
 
-def missing(package: str, what: str) -> str | None:
-    """Why ``what`` is passed over; None if it need not be."""
-    if importlib.util.find_spec(package) is not None:
-        return None
-    return f"{_NEEDED[package]} is not installed, so {what}: pip install 'ale-robot[bench]'."
+def is_installed(package: str | None) -> bool:
+    """Whether a package is there; None stands for this one."""
+    return package is None or importlib.util.find_spec(package) is not None
 
 
 def compare_training(options: Options) -> list[dict[str, Any]]:
@@ -89,12 +94,12 @@ def compare_training(options: Options) -> list[dict[str, Any]]:
     threads are slower than one.
     """
     cores = torch.get_num_threads()
-    peer = peer_dqn.PeerDQN()
+    train = peer_dqn()
     contenders: dict[str, Callable[[], float]] = {}
     for threads in sorted({1, cores}):
-        peer.train(options.seconds / 3, threads)  # so that it is warm
+        train(options.seconds / 3, threads)  # so that it is warm
         name = f"stable-baselines3 DQN, {threads} thread{'s' if threads > 1 else ''}"
-        contenders[name] = partial(peer.train, options.seconds, threads)
+        contenders[name] = partial(train, options.seconds, threads)
     contenders["ours"] = partial(our_training, options.seconds)
     found = in_turns(contenders, options.turns, warm_up=0)
     torch.set_num_threads(cores)
@@ -108,31 +113,23 @@ def our_training(seconds: float) -> float:
         return run.measure(seconds).train_steps_per_second
 
 
-def compare_replays(options: Options, packages: set[str]) -> list[dict[str, Any]]:
+def compare_replays(options: Options) -> list[dict[str, Any]]:
     """Inserts, uniform draws, prioritised draws with new priorities."""
-    uniform: list[Who] = ["ours"]
-    rated: list[Who] = ["ours"]
-    if "cpprb" in packages:
-        uniform += ["cpprb", "cpprb-stacks", "cpprb-states"]
-        rated += ["cpprb-stacks", "cpprb-states"]
-    if "stable_baselines3" in packages:
-        uniform += ["stable-baselines3"]
     found: list[dict[str, Any]] = []
-    works: tuple[tuple[str, Literal["insert", "draw"], list[Who], bool], ...] = (
-        ("insert steps", "insert", uniform, False),
-        ("draw batches of 32", "draw", uniform, False),
-        ("draw and rate them", "draw", rated, True),
+    works: tuple[tuple[str, Literal["insert", "draw"], bool], ...] = (
+        ("insert steps", "insert", False),
+        ("draw batches of 32", "draw", False),
+        ("draw and rate them", "draw", True),
     )
-    for name, work, whos, prioritised in works:
+    for name, work, prioritised in works:
         with ExitStack() as stack:
             folder = stack.enter_context(scratch())
-            replays = [
-                stack.enter_context(
-                    Elsewhere(who, options.replay_steps, folder, prioritised=prioritised)
-                )
-                for who in whos
-            ]
-            found += in_short_turns(name, {each.name: partial(each.rate, work) for each in replays})
+            contenders = {}
+            for who, peer in REPLAYS.items():
+                if is_installed(peer.package) and (peer.rated or not prioritised):
+                    replay = Elsewhere(who, options.replay_steps, folder, prioritised=prioritised)
+                    contenders[peer.name] = partial(stack.enter_context(replay).rate, work)
+            found += in_short_turns(name, contenders)
     return found
 
 
@@ -155,21 +152,17 @@ def compare_updates() -> list[dict[str, Any]]:
 
 def measure(options: Options) -> Report:
     began = time.monotonic()
-    packages = {package for package in _NEEDED if missing(package, "") is None}
     skipped = [
-        reason
-        for subject, package, what in (
-            ("training", "stable_baselines3", "its training is not compared"),
-            ("replay", "stable_baselines3", "its replay is not compared"),
-            ("replay", "cpprb", "its replays are not compared"),
-        )
-        if subject in options.only and (reason := missing(package, what)) is not None
+        f"{name} is not installed, so its {subject} is not compared: "
+        "pip install 'ale-robot[bench]'."
+        for subject, package, name in _PEERS
+        if subject in options.only and not is_installed(package)
     ]
     found: list[dict[str, Any]] = []
-    if "training" in options.only and "stable_baselines3" in packages:
+    if "training" in options.only and is_installed("stable_baselines3"):
         found += compare_training(options)
-    if "replay" in options.only and packages:
-        found += compare_replays(options, packages)
+    if "replay" in options.only and any(is_installed(name) for _, name, _ in _PEERS):
+        found += compare_replays(options)
     if "update" in options.only:
         found += compare_updates()
     if not found:

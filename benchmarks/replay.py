@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.child import scratch
+from benchmarks.child import check_folder, scratch
 from benchmarks.pace import per_second
-from benchmarks.report import BenchmarkOptions, Number, Numbers, Report, Seconds, main
+from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
 from benchmarks.synthetic import Streams
+from common.checked import FromOne
 from common.errors import InputError
 from common.run.config import ReplayConfig, RunConfig
 from common.run.presets import PRESETS
@@ -37,9 +38,9 @@ class Options(BenchmarkOptions):
     """Capacities; the replay is full when it is measured."""
     seconds: Seconds = 5.0
     """Seconds of each figure."""
-    chunk_steps: Number = 64
+    chunk_steps: FromOne = 64
     """Steps of a chunk."""
-    actors: Number = 8
+    actors: FromOne = 8
     """Actors whose chunks take turns."""
     folder: Path | None = None
     """Folder for the files, 7.1 KB a step; a temporary one by default."""
@@ -48,8 +49,8 @@ class Options(BenchmarkOptions):
         super().check()
         if min(self.sizes) < 4 * self.chunk_steps:
             raise InputError(f"--sizes: choose sizes of {4 * self.chunk_steps} or more.")
-        if self.folder is not None and not self.folder.is_dir():
-            raise InputError(f"there is no folder {self.folder}: make it, or name another.")
+        if self.folder is not None:
+            check_folder(self.folder)
 
 
 def unlimited(capacity: int) -> RunConfig:

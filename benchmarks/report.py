@@ -4,7 +4,6 @@ A benchmark is a module with ``Options`` (a `BenchmarkOptions` of its flags), ``
 Report``, and ``main(NAME, Options, measure)`` at its end. `benchmarks.registry` lists it.
 """
 
-import dataclasses
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -13,17 +12,17 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import tyro
-from annotated_types import Ge, Gt, MinLen
+from annotated_types import Gt, MinLen
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from benchmarks.child import end_as_by_ctrl_c
-from common.errors import InputError, exit_on_input_error
-from common.run.config import from_mapping
-from learner.telemetry.provenance import Provenance
+from benchmarks.child import check_folder, end_as_by_ctrl_c
+from common.checked import FromOne
+from common.errors import exit_on_input_error
+from common.process.command_line import check_bounds
+from learner.telemetry.provenance import provenance
 
-Number = Annotated[int, Ge(1)]
-Numbers = Annotated[tuple[Number, ...], MinLen(1)]
+Numbers = Annotated[tuple[FromOne, ...], MinLen(1)]
 Seconds = Annotated[float, Gt(0)]
 Row = Mapping[str, Any]
 _MOST_PADDED = 12
@@ -43,9 +42,9 @@ class BenchmarkOptions:
         Raises:
             InputError: naming the flag.
         """
-        from_mapping(type(self), dataclasses.asdict(self), "")
-        if self.json is not None and not self.json.parent.is_dir():
-            raise InputError(f"there is no folder {self.json.parent}: make it, or name another.")
+        check_bounds(self)
+        if self.json is not None:
+            check_folder(self.json.parent)
 
 
 class Table(NamedTuple):
@@ -105,10 +104,10 @@ def run(
 
 def show(title: str, rows: Sequence[Row]) -> None:
     """Prints ``rows`` over the machine they were measured on."""
-    machine = Provenance.gather().machine
+    machine = provenance()["machine"]
     wide = len(rows[0]) > _MOST_PADDED
     table = RichTable(title=title, padding=(0, 0) if wide else (0, 1))
-    table.caption = f"{machine.cpu}, {machine.cores} cores"
+    table.caption = f"{machine['cpu']}, {machine['cores']} cores"
     for name in rows[0]:
         side: Literal["left", "right"] = "left" if isinstance(rows[0][name], str) else "right"
         table.add_column(name, justify=side, no_wrap=wide, min_width=3 if wide else None)
@@ -120,7 +119,7 @@ def show(title: str, rows: Sequence[Row]) -> None:
 def write(file: Path, content: Row) -> None:
     """Writes ``content`` as JSON, with versions, commit and machine."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    whole = {**content, **dataclasses.asdict(Provenance.gather())}
+    whole = {**content, **provenance()}
     file.write_text(json.dumps(whole, indent=2) + "\n")
 
 

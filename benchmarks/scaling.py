@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.epochs_per_day import describe, paces_of, summary
+from benchmarks.epochs_per_day import paces_of, summary
 from benchmarks.local_run import Setting
 from benchmarks.report import Numbers, Report, Seconds, main
 
@@ -45,10 +45,9 @@ def measure(options: Options) -> Report:
         setting = dataclasses.replace(options, actors=actors)
         measured.append(summary(setting, paces_of(setting, options.seconds)))
         print(f"{actors}: {measured[-1]['train_steps_per_second']:.1f} steps/s", flush=True)
-    what = describe(options).rsplit(", ", 1)[0]
     return Report.of(
-        f"Local mode, {what}, batches of 32, an update per 4 steps (samples per insert; staleness "
-        "in updates, p50; epochs a day with tests after training, and beside it)",
+        f"Local mode, {options}, batches of 32, an update per 4 steps (samples per insert; "
+        "staleness in updates, p50; epochs a day with tests after training, and beside it)",
         [row(each) for each in measured],
         {"scaling": measured},
     )

@@ -12,7 +12,8 @@ from typing import Any, Literal
 
 from benchmarks.child import Helper
 from benchmarks.hosted_run import RUN, HostedRun
-from benchmarks.report import BenchmarkOptions, Number, Report, Seconds, main
+from benchmarks.report import BenchmarkOptions, Report, Seconds, main
+from common.checked import FromOne
 from common.run.config import StreamConfig
 
 
@@ -22,11 +23,11 @@ class Options(BenchmarkOptions):
 
     seconds: Seconds = 5.0
     """Seconds of each figure."""
-    senders: Number = 1
+    senders: FromOne = 1
     """Actor processes that send."""
-    window: Number = StreamConfig().window
+    window: FromOne = StreamConfig().window
     """Chunks that each of them may have unacknowledged."""
-    chunk_steps: Number = StreamConfig().chunk_steps
+    chunk_steps: FromOne = StreamConfig().chunk_steps
     """Steps of a chunk."""
     capacity: int = 50_000
     """Steps in the replay."""
@@ -101,29 +102,20 @@ def measure(options: Options) -> Report:
         insert = together(exchange.measure(senders))
         sample = exchange.measure(["draw"])[0]
         *sent, sample_at_once = exchange.measure([*senders, "draw"])
-    insert_at_once = together(sent)
+    found = {
+        "insert_one_at_a_time": ("chunks, one at a time", single),
+        "insert": (f"chunks, {options.window} under way", insert),
+        "sample": ("batches", sample),
+        "insert_at_once": ("at once: chunks", together(sent)),
+        "sample_at_once": ("at once: batches", sample_at_once),
+    }
+    settings = {name: getattr(options, name) for name in ("senders", "window", "sampler")}
     return Report.of(
         f"Zenoh on loopback: chunks of {options.chunk_steps} steps from {options.senders} "
         f"sender{'s' if options.senders > 1 else ''}, {options.sampler} batches of 32",
-        [
-            row("chunks, one at a time", single),
-            row(f"chunks, {options.window} under way", insert),
-            row("batches", sample),
-            row("at once: chunks", insert_at_once),
-            row("at once: batches", sample_at_once),
-        ],
-        {
-            "chunk_steps": options.chunk_steps,
-            "batch_size": 32,
-            "senders": options.senders,
-            "window": options.window,
-            "sampler": options.sampler,
-            "insert_one_at_a_time": single,
-            "insert": insert,
-            "sample": sample,
-            "insert_at_once": insert_at_once,
-            "sample_at_once": sample_at_once,
-        },
+        [row(*each) for each in found.values()],
+        {"chunk_steps": options.chunk_steps, "batch_size": 32, **settings}
+        | {name: figures for name, (_, figures) in found.items()},
     )
 
 

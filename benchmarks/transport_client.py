@@ -11,13 +11,15 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
-from typing import Any, Literal, cast
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 import tyro
 
+from actors.member import Member
 from actors.stream.insert_client import InsertClient
+from benchmarks.pace import repeat
 from benchmarks.synthetic import Streams
 from common.errors import exit_on_input_error
 from common.process.allocator import keep_large_blocks
@@ -48,92 +50,88 @@ class Options:
     """Chunks that the sender may have unacknowledged."""
 
 
-class TimedTransport:
-    """A transport whose requests' ways there and back are timed."""
+def time_requests(transport: Transport) -> list[float]:
+    """Returns a list to which each answered request of ``transport`` adds its seconds."""
+    latencies: list[float] = []
+    requester = transport.requester
 
-    def __init__(self, transport: Transport) -> None:
-        self._transport = transport
-        self.latencies: list[float] = []
-        """Seconds from the sending of a request to its answer."""
+    def timed_requester(key: str, deadline: float) -> Requester:
+        made = requester(key, deadline)
+        request = made.request
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._transport, name)
+        def timed_request(payload: bytes) -> Future[Envelope]:
+            sent = time.perf_counter()
 
-    def requester(self, key: str, deadline: float) -> "TimedRequester":
-        return TimedRequester(self._transport.requester(key, deadline), self.latencies)
+            def note(future: Future[Envelope]) -> None:
+                if not isinstance(future.exception(), Unanswered):
+                    latencies.append(time.perf_counter() - sent)
 
+            future = request(payload)
+            future.add_done_callback(note)
+            return future
 
-class TimedRequester:
-    """Notes in ``latencies`` how long each request took that was answered."""
+        made.request = timed_request  # type: ignore[method-assign]
+        return made
 
-    def __init__(self, requester: Requester, latencies: list[float]) -> None:
-        self._requester = requester
-        self._latencies = latencies
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._requester, name)
-
-    def request(self, payload: bytes) -> Future[Envelope]:
-        sent = time.perf_counter()
-
-        def note(future: Future[Envelope]) -> None:
-            if not isinstance(future.exception(), Unanswered):
-                self._latencies.append(time.perf_counter() - sent)
-
-        future = self._requester.request(payload)
-        future.add_done_callback(note)
-        return future
+    transport.requester = timed_requester  # type: ignore[method-assign]
+    return latencies
 
 
-def _work(action: Callable[[], None], options: Options) -> tuple[int, float]:
-    """Calls of ``action`` and the seconds they took, after some that do not count."""
+def figures(
+    action: Callable[[], int], steps: int, latencies: list[float], options: Options
+) -> dict[str, Any]:
+    """Says that it is ready, waits for a line, repeats ``action``, and returns what it counted.
+
+    Args:
+        action: moves so many transitions, and returns their bytes.
+        steps: transitions of each call.
+        latencies: seconds of each call, which it adds to.
+    """
+    size = 0
+
+    def sized() -> None:
+        nonlocal size
+        size = action()
+
     print("ready", flush=True)
     sys.stdin.readline()
-    began = time.perf_counter()
-    while time.perf_counter() - began < _WARM_UP:
-        action()
-    calls, spent = 0, 0.0
-    began = time.perf_counter()
-    while spent < options.seconds:
-        action()
-        calls += 1
-        spent = time.perf_counter() - began
-    return calls, spent
+    repeat(sized, _WARM_UP)
+    calls, seconds = repeat(sized, options.seconds)
+    p50, p99 = np.percentile(latencies[-calls:], (50, 99)).tolist()
+    return {
+        "calls": calls,
+        "seconds": seconds,
+        "calls_per_second": calls / seconds,
+        "p50_ms": p50 * 1e3,
+        "p99_ms": p99 * 1e3,
+        "transitions_per_second": calls * steps / seconds,
+        "megabytes_per_second": calls * size / seconds / 1e6,
+    }
 
 
 def send(
     transport: Transport, keys: RunKeys, config: RunConfig, options: Options
 ) -> dict[str, Any]:
     """Encode and send chunks, as fast as the window lets it."""
-    timed = TimedTransport(transport)
+    latencies = time_requests(transport)
+    windowed = replace(config, stream=replace(config.stream, window=options.window))
     outbox = InsertClient(
-        cast(Transport, timed),
-        keys.insert(options.name),
-        options.window,
-        patience=_PATIENCE,
-        stopped=threading.Event().is_set,
-        warn=lambda text: print(text, file=sys.stderr),
+        Member(options.name, transport, keys, windowed, _PATIENCE, threading.Event())
     )
+    steps = config.stream.chunk_steps
     streams = Streams(
-        keys.run,
-        actors=(options.name,),
-        steps=config.stream.chunk_steps,
-        frame_stack=config.play.frame_stack,
+        keys.run, actors=(options.name,), steps=steps, frame_stack=config.play.frame_stack
     )
-    size = 0
 
-    def action() -> None:
-        nonlocal size
+    def action() -> int:
         payload = streams.next().encode()
-        size = len(payload)
         outbox.send(payload)
+        return len(payload)
 
-    calls, seconds = _work(action, options)
+    found = figures(action, steps, latencies, options)
     outbox.flush(_FLUSH)
     return {
-        **_rates(calls, seconds, timed.latencies[-calls:]),
-        "transitions_per_second": calls * config.stream.chunk_steps / seconds,
-        "megabytes_per_second": calls * size / seconds / 1e6,
+        **found,
         "retried": outbox.retried,
         "refused": outbox.refused,
         "unacknowledged": outbox.unacknowledged,
@@ -147,35 +145,18 @@ def draw(
     replay = RemoteReplay(transport, keys, config)
     rng = np.random.default_rng(1)
     latencies: list[float] = []
-    size = 0
 
-    def action() -> None:
-        nonlocal size
+    def action() -> int:
         began = time.perf_counter()
         batch = replay.sample(0, _PATIENCE)
         latencies.append(time.perf_counter() - began)
         if batch is None:
             raise RuntimeError("no batch was to be had")
-        size = sum(part.nbytes for part in batch if isinstance(part, np.ndarray))
         if config.replay.sampler == "prioritised":
             replay.update_priorities(batch.ids, rng.random(len(batch.ids)).astype(np.float32))
+        return sum(part.nbytes for part in batch if isinstance(part, np.ndarray))
 
-    calls, seconds = _work(action, options)
-    return {
-        **_rates(calls, seconds, latencies[-calls:]),
-        "transitions_per_second": calls * config.learning.batch_size / seconds,
-        "megabytes_per_second": calls * size / seconds / 1e6,
-    }
-
-
-def _rates(calls: int, seconds: float, latencies: list[float]) -> dict[str, Any]:
-    return {
-        "calls": calls,
-        "seconds": seconds,
-        "calls_per_second": calls / seconds,
-        "p50_ms": float(np.percentile(latencies, 50)) * 1e3,
-        "p99_ms": float(np.percentile(latencies, 99)) * 1e3,
-    }
+    return figures(action, config.learning.batch_size, latencies, options)
 
 
 def main() -> None:

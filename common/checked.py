@@ -3,7 +3,7 @@
 A type declares its fields with their bounds (``Annotated[int, Ge(0), Lt(2**63)]``), and `build`
 makes one of it from plain data, or says in one sentence which field is wrong. It is strict: a
 field is neither missing nor unknown, nothing is converted but a whole number where a float is
-meant (`Exact` forbids that too), no number is NaN or infinite, and no text is long.
+meant, no number is NaN or infinite, and no text is long.
 """
 
 import dataclasses
@@ -12,7 +12,7 @@ from functools import cache
 from typing import Annotated, Any, NotRequired, TypeVar, get_type_hints
 
 from annotated_types import Ge, Le
-from pydantic import AfterValidator, ConfigDict, GetPydanticSchema, Strict, TypeAdapter
+from pydantic import AfterValidator, AllowInfNan, ConfigDict, GetPydanticSchema, Strict, TypeAdapter
 from pydantic import ValidationError as _Refusal
 from pydantic_core import core_schema
 from typing_extensions import TypedDict
@@ -26,27 +26,21 @@ MAX_SIZE = 1e9
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, str_max_length=MAX_TEXT)
 
 
-def _only(kind: Any) -> GetPydanticSchema:
-    return GetPydanticSchema(
-        lambda source, handler: core_schema.chain_schema(
-            [core_schema.is_instance_schema(kind, cls_repr=_NAMES[kind]), handler(source)]
-        )
-    )
-
-
-_ROW = (list, tuple)
-_NAMES: dict[Any, str] = {float: "float", _ROW: "row"}
-Exact = _only(float)
-"""Admits floats only, which a message can tell from whole numbers and a file cannot."""
-
 Count = Annotated[int, Ge(0), Le(MAX_COUNT)]
-Share = Annotated[float, Exact, Ge(0), Le(1)]
-Size = Annotated[float, Exact, Ge(-MAX_SIZE), Le(MAX_SIZE)]
-"""A number of either sign, as large as rewards and scores may be."""
-Positive = Annotated[float, Exact, Ge(0)]
+FromOne = Annotated[int, Ge(1), Le(MAX_COUNT)]
+Amount = Annotated[float, Ge(0)]
+Fraction = Annotated[float, Ge(0), Le(1)]
+Patience = Annotated[float, Ge(0), AllowInfNan(True)]
+"""Seconds; inf to wait for ever."""
+Score = Annotated[float, Ge(-MAX_SIZE), Le(MAX_SIZE)]
 
 T = TypeVar("T")
-Rows = Annotated[tuple[Annotated[T, _only(_ROW)], ...], Strict(False)]
+_ROW = GetPydanticSchema(
+    lambda source, handler: core_schema.chain_schema(
+        [core_schema.is_instance_schema((list, tuple), cls_repr="row"), handler(source)]
+    )
+)
+Rows = Annotated[tuple[Annotated[T, _ROW], ...], Strict(False)]
 """Named tuples, each written as a list of its values, without their names."""
 Values = Annotated[tuple[T, ...], Strict(False)]
 """As many values as there are, written as a list."""
@@ -105,6 +99,28 @@ def _from_table(kind: Any, fill: bool, *, inner: bool = True) -> Any:
     return Annotated[table, AfterValidator(lambda found: kind(**found))]
 
 
+_UNEQUAL = ("missing", "extra_forbidden")
+_WRONG = {
+    "greater_than_equal": ": choose {ge} or more",
+    "greater_than": ": choose more than {gt}",
+    "less_than_equal": ": choose at most {le}",
+    "less_than": ": choose less than {lt}",
+    "finite_number": ": choose a finite number",
+    "literal_error": ": choose {expected}",
+    "string_too_long": ": choose at most {max_length} characters",
+    "too_long": ": choose at most {max_length} of them",
+    "too_short": ": choose at least {min_length} of them",
+    "int_type": ", which is not a whole number",
+    "float_type": ", which is not a number",
+    "bool_type": ", which is not true or false",
+    "string_type": ", which is not a text",
+    "bytes_type": ", which is not bytes",
+    "tuple_type": ", which is not a list",
+    "is_instance_of": ", which is not a {class}",
+}
+"""What is said of a value after itself, by pydantic's type of the error."""
+
+
 def _sentence(refusal: _Refusal, where: str) -> str:
     """Returns what is wrong with the first field at fault, and what to choose instead."""
     errors: list[Any] = refusal.errors(include_url=False)
@@ -112,48 +128,16 @@ def _sentence(refusal: _Refusal, where: str) -> str:
     def dotted(*loc: Any) -> str:
         return ".".join(str(part) for part in (where, *loc) if part != "")
 
-    for error in errors:
-        *group, _ = loc = error["loc"] or ("",)
-        unequal = [
-            str(each["loc"][-1])
-            for each in errors
-            if each["type"] in ("missing", "extra_forbidden") and [*each["loc"][:-1]] == group
-        ]
-        if error["type"] in ("missing", "extra_forbidden"):
-            place = dotted(*group)
-            listed = ", ".join(sorted(unequal))
-            return f"{place + ' has ' if place else ''}a missing or unknown field: {listed}"
-    error = errors[0]
-    loc, ctx = error["loc"], error.get("ctx", {})
-    if error["type"] == "value_error":
+    if unequal := [each["loc"] for each in errors if each["type"] in _UNEQUAL]:
+        *group, _ = unequal[0]
+        listed = ", ".join(sorted(str(name) for *of, name in unequal if of == group))
+        place = dotted(*group)
+        return f"{place + ' has ' if place else ''}a missing or unknown field: {listed}"
+    kind, loc, ctx = (errors[0].get(part) for part in ("type", "loc", "ctx"))
+    if kind == "value_error":
         return str(ctx["error"])
-    if error["type"] == "dict_type":
+    if kind == "dict_type":
         return f"{dotted(*loc)} should be a table of settings"
-    return f"{dotted(*loc)} is {reprlib.repr(error['input'])}{_advice(error['type'], ctx)}"
-
-
-def _advice(kind: str, ctx: dict[str, Any]) -> str:
-    told = {k: f"{v:g}" if type(v) is float else v for k, v in ctx.items()}
-    bounds = {
-        "greater_than_equal": "{ge} or more",
-        "greater_than": "more than {gt}",
-        "less_than_equal": "at most {le}",
-        "less_than": "less than {lt}",
-        "finite_number": "a finite number",
-        "literal_error": "{expected}",
-        "string_too_long": "at most {max_length} characters",
-        "too_long": "at most {max_length} of them",
-        "too_short": "at least {min_length} of them",
-    }
-    kinds = {
-        "int_type": "a whole number",
-        "float_type": "a number",
-        "bool_type": "true or false",
-        "string_type": "a text",
-        "bytes_type": "bytes",
-        "tuple_type": "a list",
-        "is_instance_of": "a {class}",
-    }
-    if kind in bounds:
-        return f": choose {bounds[kind].format(**told)}"
-    return f", which is not {kinds.get(kind, 'what it should be').format(**told)}"
+    told = {name: f"{v:g}" if type(v) is float else v for name, v in (ctx or {}).items()}
+    wrong = _WRONG.get(kind, ", which is not what it should be").format(**told)
+    return f"{dotted(*loc)} is {reprlib.repr(errors[0]['input'])}{wrong}"

@@ -6,9 +6,12 @@ line here and the line that computes it. Totals of the actors' counters are decl
 counters themselves, in `common.protocol.actor_stats`.
 """
 
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
+
+from common.press_latency import ms_of
 
 Value = float | int | str | None
 """None: not known yet."""
@@ -20,10 +23,52 @@ Unit = Literal[
 ]  # fmt: skip
 """``none`` for a figure without one: a text, a loss, a value of Q."""
 
+_HOLDS = {
+    "≥": operator.ge,
+    ">": operator.gt,
+    "<": operator.lt,
+    "≤": operator.le,
+    "=": operator.eq,
+}
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A health check: what is asked of a figure, without which learning cannot be trusted."""
+
+    check: str
+    """Name of the health check."""
+    sign: Literal["≥", ">", "<", "≤", "="]
+    limit: float
+    why: str
+    """One line: what a failure means."""
+    stops: bool = True
+    """A run in which it keeps failing ends by itself; see `learner.health_guard`."""
+    quiet: bool = False
+    """Not listed while it holds."""
+
+    def admits(self, value: float) -> bool:
+        """Whether ``value`` is as it should be; NaN never is."""
+        return bool(_HOLDS[self.sign](value, self.limit))
+
+    def __str__(self) -> str:
+        return f"{self.sign} {self.limit:.4g}"
+
+
+VALID_FRAMES = Bound("valid frames", "≥", 0.99, "the screen is not found in the camera's picture")
+PIXEL_DEVIATION = Bound("pixel deviation", ">", 1.0, "frames are black or of one grey")
+KEYS_AS_COMMANDED = Bound(
+    "keys as commanded", "≥", 0.5, "the hands do not press what they are told to"
+)
+PRESS_MS = Bound(
+    "press p99 ms", "≤", ms_of(8), "the hands press what they are told to too late", stops=False
+)
+"""Two agent steps, the goal of `python -m benchmarks.lab.press_latency`."""
+
 
 @dataclass(frozen=True)
 class Metric:
-    """One figure. Braces in ``label`` and ``shown`` stand for figures in their own forms."""
+    """One figure; braces in ``label``, ``shown`` and ``line`` stand for figures in their forms."""
 
     key: str
     """Its name everywhere: ``group/name``."""
@@ -38,14 +83,18 @@ class Metric:
     """Where on the screen, and in which place; a small terminal shows six of each panel."""
     shown: str = ""
     """The text beside the label, if it is more than the figure."""
+    line: str = ""
+    """Words for it in the line of a log."""
     robot: bool = False
-    """On the screen only where a robot plays."""
+    """On the screen, and a health check, only where a robot plays: an emulator has no hands."""
     curve: bool = False
     """Drawn in TensorBoard, under its key."""
     gate: str = ""
     """Column in ``gates.csv``, and a curve under ``gates/``."""
     summary: str = ""
     """Key in ``summary.json``; a dot leads into an inner object."""
+    bound: Bound | None = None
+    """The health check that judges it."""
     trouble: str = ""
     """Word for it behind the number of actors, where it appears once it is above 0."""
     counter: bool = False
@@ -107,7 +156,7 @@ declare(
            summary="wall_seconds", counter=True),
     Metric("run/seconds_left", "seconds", "duration", "Time to the end of the present phase"),
     Metric("run/agent_steps", "steps", "count", "Agent steps of all actors, warm-up included",
-           summary="agent_steps", counter=True),
+           line="{run/agent_steps} steps", summary="agent_steps", counter=True),
     Metric("run/steps_goal", "steps", "count", "Agent steps after which the run ends by itself"),
     Metric("run/epoch", "epochs", "count", "Epoch that is trained; 0 during the warm-up",
            summary="epoch", counter=True),
@@ -122,11 +171,13 @@ declare(
            summary="epochs_per_day"),
 
     Metric("play/test_reward", "points", ".2", "Mean score of the latest finished test",
-           "test{play/test_epoch}", ("Reward", 1), summary="test_reward"),
-    Metric("play/test_epoch", "epochs", "of epoch", "Epoch whose snapshot that test played",
+           "test, epoch {play/test_epoch}", ("Reward", 1), summary="test_reward"),
+    Metric("play/test_epoch", "epochs", "count", "Epoch whose snapshot that test played",
            summary="test_epoch"),
     Metric("play/train_reward", "points", ".2", "Mean score of the recent training games",
-           "train", ("Reward", 2), curve=True, summary="train_reward"),
+           "train", ("Reward", 2), curve=True, summary="train_reward",
+           line="reward train {play/train_reward} test {play/test_reward} "
+                "random {play/random_reward}"),
     Metric("play/random_reward", "points", ".2", "Mean score of the random policy",
            "random policy", ("Reward", 3), summary="random_reward"),
     Metric("play/games", "games", "count", "Training games that ended after the warm-up",
@@ -135,64 +186,89 @@ declare(
            "best test", ("Reward", 7), summary="best_test_reward"),
     Metric("play/valid_frame_share", "ratio", ".3",
            "Share of the recent steps whose frame showed the screen",
-           "frames valid", ("Learning", 8), gate="valid_frames", summary="valid_frame_share"),
+           "frames valid", ("Learning", 8), gate="valid_frames", summary="valid_frame_share",
+           bound=VALID_FRAMES),
+    Metric("play/following_frame_share", "ratio", ".3",
+           "Share of the recent steps whose frame changed, or the game's own picture did not",
+           gate="following_frames",
+           bound=Bound("following frames", "≥", 0.5,
+                       "frames stay the same while the game goes on", quiet=True)),
 
     Metric("learning/pixel_deviation", "grey levels", "significant",
            "Standard deviation of a sampled frame's pixels, mean over the recent updates",
-           gate="pixel_deviation"),
+           gate="pixel_deviation", bound=PIXEL_DEVIATION),
     Metric("learning/mean_max_q", "none", ".3", "Mean of max-Q over the held-out states",
-           "mean max-Q", ("Learning", 1), curve=True, summary="mean_max_q"),
+           "mean max-Q", ("Learning", 1), line="max-Q {learning/mean_max_q}", curve=True,
+           summary="mean_max_q"),
     Metric("learning/held_out_std", "none", "significant",
            "Standard deviation of max-Q over the held-out states", "its deviation",
-           ("Learning", 2), curve=True, gate="max-Q_deviation", summary="held_out_std"),
+           ("Learning", 2), curve=True, gate="max-Q_deviation", summary="held_out_std",
+           bound=Bound("max-Q deviation", ">", 1e-6,
+                       "the network answers the same whatever it sees")),
+    Metric("learning/recent_max_q_std", "none", "significant",
+           "Standard deviation of max-Q over states of the newest steps",
+           gate="recent_max-Q_deviation",
+           bound=Bound("recent max-Q deviation", ">", 1e-6,
+                       "the network answers the same to all that it saw of late", quiet=True)),
     Metric("learning/relative_td_error", "ratio", "significant",
            "Mean squared TD error over the variance of the rewards, of the recent minibatches",
-           gate="relative_TD_error"),
+           gate="relative_TD_error",
+           bound=Bound("relative TD error", "<", 1.0,
+                       "the network predicts no better than one that sees nothing", stops=False)),
     Metric("learning/td_error_squared", "none", "significant",
            "Mean squared TD error in the recent minibatches"),
     Metric("learning/loss", "none", "significant", "Mean loss of the recent updates",
-           "loss", ("Learning", 3), curve=True, summary="loss"),
+           "loss", ("Learning", 3), line="loss {learning/loss}", curve=True, summary="loss"),
     Metric("learning/updates", "updates", "count", "Updates of the network",
            "updates", ("Learning", 4), curve=True, summary="updates", counter=True),
     Metric("learning/updates_per_second", "per second", ".1", "Updates per second, of late",
-           "updates/s", ("Learning", 5), curve=True, summary="updates_per_second"),
+           "updates/s", ("Learning", 5), line="{learning/updates_per_second} updates/s",
+           curve=True, summary="updates_per_second"),
     Metric("learning/epsilon", "ratio", ".3", "Share of random actions in training",
-           "exploration ε", ("Learning", 6), curve=True, summary="epsilon"),
+           "exploration ε", ("Learning", 6), line="ε {learning/epsilon}", curve=True,
+           summary="epsilon"),
 
     Metric("play/press_match_share", "ratio", ".3",
            "Share of the recent steps that ended with the commanded keys pressed, and no others",
-           "keys matched", ("Reward", 8), gate="keys_as_commanded", summary="press_match_share"),
+           "keys matched", ("Reward", 8), robot=True, gate="keys_as_commanded",
+           summary="press_match_share", bound=KEYS_AS_COMMANDED),
     Metric("hands/press_p99", "milliseconds", "ms",
            "99th percentile of the time until every key of a command is down, of late",
-           gate="press_p99_ms"),
+           robot=True, gate="press_p99_ms", bound=PRESS_MS),
     Metric("stream/chunks_refused", "chunks", "count", "Chunks that the replay refused",
            "refused", ("Stream", 8), curve=True, gate="refused_chunks", summary="chunks.refused",
-           counter=True),
+           counter=True,
+           bound=Bound("refused chunks", "=", 0,
+                       "actors send what the replay cannot take; their logs say what",
+                       stops=False)),
     Metric("hands/press_p50", "milliseconds", "ms",
            "Median of the time until every key of a command is down, of late",
-           "press p50/p99", ("Reward", 6), "{hands/press_p50}/{hands/press_p99}", robot=True,
-           gate="press_p50_ms"),
+           "press p50/99", ("Reward", 6), "{hands/press_p50}/{hands/press_p99} ms",
+           "press {hands/press_p50}/{hands/press_p99} ms", robot=True, gate="press_p50_ms"),
     Metric("hands/release_p50", "milliseconds", "ms",
            "Median of the time until every key of the previous command is up, of late",
-           "release p50/p99", ("Reward", 5), "{hands/release_p50}/{hands/release_p99}", robot=True,
+           "release p50/99", ("Reward", 5), "{hands/release_p50}/{hands/release_p99} ms",
+           "release {hands/release_p50}/{hands/release_p99} ms", robot=True,
            gate="release_p50_ms"),
     Metric("hands/release_p99", "milliseconds", "ms",
            "99th percentile of the time until every key of the previous command is up, of late",
            gate="release_p99_ms"),
 
     Metric("stream/steps_per_second", "per second", ".1", "Agent steps per second, of late",
-           "steps/s", ("Stream", 1), curve=True),
+           "steps/s", ("Stream", 1), line="{stream/steps_per_second} steps/s", curve=True),
     Metric("stream/samples_per_insert", "ratio", ".2",
            "Steps sampled for each one that was inserted after the warm-up", "samples/insert",
            ("Stream", 2), "{stream/samples_per_insert} of {stream/samples_per_insert_goal}",
+           "{stream/samples_per_insert} samples/insert of {stream/samples_per_insert_goal}",
            curve=True, summary="samples_per_insert"),
     Metric("stream/samples_per_insert_goal", "ratio", "plain",
            "Samples per insert at which the replay holds both sides",
            summary="samples_per_insert_goal"),
     Metric("stream/staleness_p50", "updates", ".0",
            "Median of the updates between a chunk's weights and the newest when it arrives",
-           "stale p50/p95", ("Stream", 3), "{stream/staleness_p50} / {stream/staleness_p95}",
-           curve=True, summary="staleness_updates.p50"),
+           "stale p50/95", ("Stream", 3), "{stream/staleness_p50}/{stream/staleness_p95} upd.",
+           "staleness {stream/staleness_p50}/{stream/staleness_p95} updates", curve=True,
+           summary="staleness_updates.p50"),
     Metric("stream/staleness_p95", "updates", ".0",
            "95th percentile of the updates between a chunk's weights and the newest as it arrives",
            curve=True, summary="staleness_updates.p95"),
@@ -206,7 +282,10 @@ declare(
            curve=True, summary="chunks.duplicate", counter=True),
     Metric("stream/chunks_excess", "chunks", "count",
            "Chunks stored beyond those that their actors made, so stored more than once",
-           curve=True, summary="chunks.excess", counter=True),
+           curve=True, summary="chunks.excess", counter=True,
+           bound=Bound("excess chunks", "=", 0,
+                       "the replay stored chunks more than once, which are drawn too often",
+                       stops=False, quiet=True)),
     Metric("stream/stored", "steps", "count", "Steps in the replay", curve=True, summary="stored"),
     Metric("stream/capacity", "steps", "count", "Steps that the replay can hold",
            summary="capacity"),

@@ -1,5 +1,5 @@
-"""The networks of the algorithms, shared by learner and actors: that of Mnih et al. 2015, and the
-same with quantiles of each action's return (Dabney et al. 2018).
+"""The networks of the algorithms, shared by learner and actors: those of Mnih et al. 2015 and 2013,
+and the same with several numbers for each action, such as quantiles of its return.
 
 With ``dueling`` the second dense layer is two: one half of the hidden units makes the state's
 value, the other the actions' advantages, less their mean (Wang et al. 2016, equation 9). Halves,
@@ -8,16 +8,31 @@ not two layers of 512 each, so that it is as fast as the plain one.
 It stands here, not with the learner, so that an actor can play without the training code.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, relu
 
-from common.run.config import RunConfig
+from common.protocol.step_fields import FRAME_SHAPE
+from common.registry import ALGORITHMS, resolve
+from common.run.config import NetworkName, RunConfig
 
-HIDDEN = 512
-"""Units of the first dense layer."""
+
+class Layers(NamedTuple):
+    """Sizes of a network."""
+
+    convolutions: tuple[tuple[int, int, int], ...]
+    """Channels, kernel and stride of each; kernels and strides are square."""
+    hidden: int
+    """Units of the first dense layer."""
+
+
+LAYERS: dict[NetworkName, Layers] = {
+    "nature": Layers(((32, 8, 4), (64, 4, 2), (64, 3, 1)), 512),  # Mnih et al. 2015, and 2017
+    "nips": Layers(((16, 8, 4), (32, 4, 2)), 256),  # Mnih et al. 2013; a third of the arithmetic
+}
 
 
 def as_pixels(frames: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
@@ -31,11 +46,11 @@ def as_pixels(frames: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
 
 
 class QNetwork(nn.Module):
-    """Three convolutions and two dense layers: state → value of each action.
+    """Convolutions and two dense layers: state → value of each action.
 
     Args:
-        atoms: numbers that the last layer has for each action; a subclass that has more than one
-            makes the values of them.
+        network: which `LAYERS`.
+        atoms: numbers that the last layer has for each action; their mean is its value.
     """
 
     def __init__(
@@ -44,6 +59,7 @@ class QNetwork(nn.Module):
         frame_stack: int = 4,
         vector_width: int = 0,
         *,
+        network: NetworkName = "nature",
         scale_pixels: bool = True,
         vector_scale: float = 1.0,
         glorot: bool = False,
@@ -55,18 +71,18 @@ class QNetwork(nn.Module):
         self.dueling = dueling
         self.pixel_scale = 1 / 255 if scale_pixels else 1.0
         self.vector_scale = vector_scale
-        self.convolutions = nn.Sequential(
-            nn.Conv2d(frame_stack, 32, 8, stride=4),
-            nn.ReLU(),
-            nn.Conv2d(32, 64, 4, stride=2),
-            nn.ReLU(),
-            nn.Conv2d(64, 64, 3),
-            nn.ReLU(),
-        )
-        self.hidden = nn.Linear(64 * 7 * 7 + vector_width, HIDDEN)
-        self.actions = nn.Linear(HIDDEN // 2 if dueling else HIDDEN, actions * atoms)
+        layers = LAYERS[network]
+        convolutions: list[nn.Module] = []
+        channels, side = frame_stack, FRAME_SHAPE[0]
+        for filters, kernel, stride in layers.convolutions:
+            convolutions += (nn.Conv2d(channels, filters, kernel, stride), nn.ReLU())
+            channels, side = filters, (side - kernel) // stride + 1
+        self.convolutions = nn.Sequential(*convolutions)
+        self.hidden = nn.Linear(channels * side * side + vector_width, layers.hidden)
+        width = layers.hidden // 2 if dueling else layers.hidden
+        self.actions = nn.Linear(width, actions * atoms)
         """Of the actions' values, or of their advantages."""
-        self.value = nn.Linear(HIDDEN // 2, atoms) if dueling else None
+        self.value = nn.Linear(width, atoms) if dueling else None
         if glorot:
             for layer in self.modules():
                 if isinstance(layer, (nn.Conv2d, nn.Linear)):
@@ -83,7 +99,7 @@ class QNetwork(nn.Module):
                 precision is then that of all layers.
             vectors: ``float32 [batch, P]``; P may be 0.
         """
-        return self.atoms(frames, vectors).squeeze(2)
+        return self.atoms(frames, vectors).mean(dim=2)
 
     def atoms(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns the last layer's numbers, ``float32 [batch, actions, atoms]``."""
@@ -117,43 +133,23 @@ class QNetwork(nn.Module):
         return features
 
 
-class QuantileNetwork(QNetwork):
-    """State → quantiles of each action's return; its value is their mean."""
-
-    def forward(self, frames: Tensor, vectors: Tensor) -> Tensor:
-        """See `QNetwork.forward`."""
-        return self.quantiles(frames, vectors).mean(dim=2)
-
-    def quantiles(self, frames: Tensor, vectors: Tensor) -> Tensor:
-        """Returns ``float32 [batch, actions, quantiles]``, at the midpoints of equal shares.
-
-        Not sorted: nothing but the loss keeps a quantile below the next.
-        """
-        return self.atoms(frames, vectors)
-
-
-NETWORKS: dict[str, tuple[type[QNetwork], Callable[[RunConfig], int]]] = {
-    "dqn": (QNetwork, lambda config: 1),
-    "qr_dqn": (QuantileNetwork, lambda config: config.learning.quantiles),
-}
-"""Class and atoms of the network that an algorithm learns; of ``dqn``'s, if it is not named."""
-
-
 def build_network(config: RunConfig, actions: int) -> QNetwork:
     """Returns the run's network with its first weights; the same for every process of the run."""
-    kind, atoms = _network_of(config)
+    kind = ALGORITHMS.find(config.learning.algorithm)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
-        return kind(
+        network: QNetwork = resolve(kind.network)(
             actions,
             config.play.frame_stack,
             config.vector_width,
+            network=config.learning.network,
             scale_pixels=config.learning.scale_pixels,
             vector_scale=config.learning.vector_scale,
             glorot=config.learning.initial_weights == "glorot",
             dueling=config.learning.dueling,
-            atoms=atoms,
+            atoms=kind.atoms(config.learning),
         )
+    return network
 
 
 def count_actions_of(config: RunConfig, weights: Mapping[str, Tensor]) -> int:
@@ -162,10 +158,5 @@ def count_actions_of(config: RunConfig, weights: Mapping[str, Tensor]) -> int:
     Raises:
         KeyError: they are no weights of such a network.
     """
-    _, atoms = _network_of(config)
-    return len(weights["actions.bias"]) // atoms
-
-
-def _network_of(config: RunConfig) -> tuple[type[QNetwork], int]:
-    kind, atoms = NETWORKS.get(config.learning.algorithm, NETWORKS["dqn"])
-    return kind, atoms(config)
+    kind = ALGORITHMS.find(config.learning.algorithm)
+    return len(weights["actions.bias"]) // kind.atoms(config.learning)

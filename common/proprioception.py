@@ -1,14 +1,16 @@
 """Layout of the vector observation: proprioception beside the frames.
 
-Oldest first within each group::
+Oldest first within each group, with the settings' ``play.vector_commands`` C and
+``play.vector_key_frames`` F (6 and 4 by default), and J joints::
 
-    [0, 108)    the last 6 commands, one-hot over ALE's 18 actions; all zero before the first
-    [108, 128)  the keys (up, down, left, right, fire) at the end of each of the last 4 emulator
-                frames, 1 where pressed
-    [128, 128 + J)       robot only: angles of its J joints, -1 at the lower limit and 1 at the
-                         upper; NAO's 8 are the left, then the right arm's ShoulderPitch,
-                         ShoulderRoll, ElbowYaw and ElbowRoll
-    [128 + J, 128 + 2J)  robot only: speeds of the same joints as shares of their maximum
+    [0, 18 C)              the last C commands, one-hot over ALE's 18 actions; all zero before the
+                           first
+    [18 C, 18 C + 5 F)     the keys (up, down, left, right, fire) at the end of each of the last F
+                           emulator frames, 1 where pressed
+    [18 C + 5 F, ... + J)  robot only: angles of its J joints, -1 at the lower limit and 1 at the
+                           upper; NAO's 8 are the left, then the right arm's ShoulderPitch,
+                           ShoulderRoll, ElbowYaw and ElbowRoll
+    [... + J, ... + 2J)    robot only: speeds of the same joints as shares of their maximum
 
 All numbers are within [-1, 1].
 """
@@ -17,14 +19,13 @@ from common.actions import KEYS_OF_ACTION, Keys
 
 ACTIONS = len(KEYS_OF_ACTION)
 COMMANDS = 6
+"""Commands that are remembered, unless the settings say otherwise."""
 KEYS = tuple(key for key in Keys if key)
 KEY_FRAMES = 4
-
-COMMANDS_PART = slice(0, COMMANDS * ACTIONS)
-KEYS_PART = slice(COMMANDS_PART.stop, COMMANDS_PART.stop + KEY_FRAMES * len(KEYS))
+"""Emulator frames whose keys are remembered, unless the settings say otherwise."""
 
 
-def vector_width(joints: int) -> int:
+def vector_width(joints: int, commands: int = COMMANDS, key_frames: int = KEY_FRAMES) -> int:
     """Returns how many numbers the vector observation of a robot with that many joints has; 0
     joints without a robot."""
-    return KEYS_PART.stop + 2 * joints
+    return commands * ACTIONS + key_frames * len(KEYS) + 2 * joints

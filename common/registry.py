@@ -1,8 +1,9 @@
-"""Environments and robots by the names that a run's configuration calls them.
+"""Environments, robots and algorithms by the names that a run's configuration calls them.
 
 Learner and replay need no more of an environment than its numbers of actions and of vector
-components, and only actors load the rest. So an entry tells these numbers, and where its factory
-is as text that is resolved late: PyBullet, OpenCV and ale-py are loaded only where they are used.
+components, and only actors load the rest; of an algorithm actors need the network alone. So an
+entry tells what all need, and where its factory is as text that is resolved late: PyBullet, OpenCV,
+ale-py and the learner are loaded only where they are used.
 
 Another environment is one module and its entry: `ENVIRONMENTS.add` in the same process, or an entry
 point of an installed package, which every process of a run finds (CONTRIBUTING.md)::
@@ -20,10 +21,11 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 from common.actions import KEYS_OF_ACTION
 from common.errors import InputError
 from common.games import MINIMAL_ACTIONS, check_game
+from common.pinned_file import path_of
 from common.proprioception import vector_width
 
 if TYPE_CHECKING:
-    from common.run.config import PlayConfig, PresetName, RunConfig
+    from common.run.config import LearningConfig, PlayConfig, PresetName, RunConfig
 
 
 @dataclass(frozen=True)
@@ -36,12 +38,14 @@ class Environment:
     `gymnasium.Env`; or ``"module:factory"``. With ``training`` episodes may end at a lost life."""
     actions: Callable[["RunConfig"], int]
     """Number of actions. Raises InputError for a game that there is not."""
-    vector_width: Callable[["PlayConfig"], int] = lambda play: vector_width(0)
+    vector_width: Callable[["PlayConfig"], int] = lambda play: _vector_width(play, 0)
     """Numbers of the vector observation, if ``play.vector`` asks for one."""
     robot: bool = False
     """Whether hands press the keys, so that real time and waiting for keys mean something."""
     preset: "PresetName" = "fast"
     """Settings to start from where no preset is named."""
+    ignores: tuple[str, ...] = ()
+    """Settings, as ``camera.yaw``, that mean nothing to it and are refused."""
     title: str = ""
 
 
@@ -55,6 +59,24 @@ class RobotKind:
     the `actors.robots.interface.Robot`; or ``"module:factory"``."""
     joints: int
     """Joints of its arms, whose angles and speeds are in the vector observation."""
+    prompt: bool = True
+    """Whether its hands, in order, hold commanded keys before the agent step ends."""
+
+
+@dataclass(frozen=True)
+class AlgorithmKind:
+    """What is known of an algorithm without loading it."""
+
+    name: str
+    factory: str | Callable[..., Any]
+    """``factory(network, config: LearningConfig, device: learner.device.Device, seed: int)``
+    returns the `learner.algorithm.interface.Algorithm`; or ``"module:factory"``."""
+    network: str | Callable[..., Any] = "common.network:QNetwork"
+    """Class of its network, a `common.network.QNetwork`; or ``"module:class"``."""
+    atoms: Callable[["LearningConfig"], int] = lambda learning: 1
+    """Numbers that the network has for each action; `QNetwork` takes their mean for its value."""
+    ignores: tuple[str, ...] = ()
+    """Fields of `LearningConfig` that mean nothing to it."""
 
 
 class _Named(Protocol):
@@ -64,11 +86,23 @@ class _Named(Protocol):
     def factory(self) -> str | Callable[..., Any]: ...
 
 
+def resolve(factory: str | Callable[..., Any]) -> Callable[..., Any]:
+    """Returns what ``"module:name"`` stands for, loading the module; anything else as it is."""
+    found: Callable[..., Any] = (
+        pkgutil.resolve_name(factory) if isinstance(factory, str) else factory
+    )
+    return found
+
+
 T = TypeVar("T", bound=_Named)
 
 
 class Registry(Generic[T]):
-    """Entries by name: this project's, added ones, and those of installed packages."""
+    """Entries by name: this project's, added ones, and those of installed packages.
+
+    An entry called FILE.npz stands for every path that ends so, with or without its hash (see
+    `common.pinned_file`).
+    """
 
     def __init__(self, noun: str, *entries: T) -> None:
         self._noun = noun
@@ -93,19 +127,21 @@ class Registry(Generic[T]):
         if name not in self._entries:
             for point in entry_points(group=self._group, name=name):
                 self.add(point.load())
-        if name not in self._entries:
+        key = name if name in self._entries else f"FILE{path_of(name).suffix}"
+        if key not in self._entries:
             raise InputError(
                 f"there is no {self._noun} {name!r}: choose one of {', '.join(self.names)}, "
                 "or install the package that has it."
             )
-        return self._entries[name]
+        return self._entries[key]
 
     def make(self, name: str, *arguments: Any, **named: Any) -> Any:
         """Returns what the factory of the entry called ``name`` makes."""
-        factory = self.find(name).factory
-        return (pkgutil.resolve_name(factory) if isinstance(factory, str) else factory)(
-            *arguments, **named
-        )
+        return resolve(self.find(name).factory)(*arguments, **named)
+
+
+def _vector_width(play: "PlayConfig", joints: int) -> int:
+    return vector_width(joints, play.vector_commands, play.vector_key_frames)
 
 
 def _atari_actions(config: "RunConfig") -> int:
@@ -113,16 +149,48 @@ def _atari_actions(config: "RunConfig") -> int:
     return len(minimal if config.play.minimal_actions else KEYS_OF_ACTION)
 
 
-ROBOTS = Registry("robot", RobotKind("nao", "actors.robots.nao.room:Room", joints=8))
+ROBOTS = Registry(
+    "robot",
+    RobotKind("nao", "actors.robots.nao.robot:Nao", joints=8),
+    RobotKind("robotroller", "actors.robots.robotroller.robot:Robotroller", joints=3),
+    RobotKind("FILE.npz", "actors.robots.latency_model.robot:ModelledNao", joints=8, prompt=False),
+)
+
+ALGORITHMS = Registry(
+    "algorithm",
+    AlgorithmKind("dqn", "learner.algorithm.double_dqn:double_dqn", ignores=("quantiles",)),
+    AlgorithmKind(
+        "qr_dqn",
+        "learner.algorithm.qr_dqn:qr_dqn",
+        atoms=lambda learning: learning.quantiles,
+        ignores=("loss", "loss_mean_over"),
+    ),
+)
+
+_OF_A_ROBOT = (
+    *("play.arm_speed", "play.key_threshold"),
+    *("camera.red", "camera.green", "camera.blue", "camera.distortion"),
+    *("camera.yaw", "camera.pitch", "camera.screen_distance", "camera.screen_tilt"),
+    *("randomise.arm_speed", "randomise.key_threshold"),
+    *("randomise.colour", "randomise.distortion"),
+    *("randomise.head_pose", "randomise.screen_distance", "randomise.screen_tilt"),
+)
+"""Settings of arms, colours and poses, which the emulator's grey picture has not."""
 
 ENVIRONMENTS = Registry(
     "environment",
-    Environment("ale", "actors.envs.ale:AtariEnv.of_run", _atari_actions, title="ALE-Only"),
+    Environment(
+        "ale",
+        "actors.envs.ale:AtariEnv.of_run",
+        _atari_actions,
+        ignores=_OF_A_ROBOT,
+        title="ALE-Only",
+    ),
     Environment(
         "robot",
         "actors.envs.robot:RobotEnv.of_run",
         _atari_actions,
-        lambda play: vector_width(ROBOTS.find(play.robot).joints),
+        lambda play: _vector_width(play, ROBOTS.find(play.robot).joints),
         robot=True,
         preset="robot",
         title="ALE-Robot",

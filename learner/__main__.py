@@ -1,5 +1,10 @@
 """`python -m learner`: trains the run's network, and hosts its replay and hub."""
 
+if __name__ == "__main__":
+    from common.process.lifeline import leave_at_interrupt
+
+    leave_at_interrupt()
+
 import sys
 import threading
 from collections.abc import Iterator
@@ -14,17 +19,19 @@ from common.process.command_line import parse_run
 from common.process.lifeline import on_signals
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights, load_weights_file
-from common.run.config import differences
+from common.run.config import RunConfig
 from common.run.folder import RunFolder, write_atomically
 from common.run.join import find_run
 from common.run.origin import origin_of
+from common.run.stored_config import differences
 from common.transport.endpoint import from_here
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect, open_hub
-from learner.algorithm.registry import build_algorithm
+from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
 from learner.device import choose_device
 from learner.evaluation.offline import evaluate
+from learner.health_guard import EXIT_CODE
 from learner.local_launcher import launch
 from learner.options import (
     LearnerOptions,
@@ -33,7 +40,6 @@ from learner.options import (
     run_name,
     stored_config,
 )
-from learner.telemetry.gate import EXIT_CODE
 from learner.telemetry.sinks.display import open_display
 from replay.client import RemoteReplay
 from replay.interface import Replay
@@ -49,7 +55,7 @@ def hosted_replay(
     config = options.config
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     with open_hub(options.listen, options.certificates) as transport:
-        memory = ReplayBuffer(config, folder.replay, config.action_count)
+        memory = ReplayBuffer(config, folder.replay)
         try:
             with ReplayServer(transport, memory, config, folder.name):
                 yield transport, memory, options.listen
@@ -96,26 +102,30 @@ def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
     if options.resume and not folder.checkpoint.exists() and folder.initial.exists():
         initial = folder.initial  # it ended before its first checkpoint
     if initial is not None:
-        trained = origin_of(initial)
-        unlike = [] if trained is None else differences(trained, options.config)
-        of_play = "; ".join(each for each in unlike if each.startswith("play."))
-        load_weights_file(
-            network,
-            initial,
-            "this run",
-            "give the run the settings of play under which the network was trained"
-            + (f" ({of_play})" if of_play else ""),
-        )
+        load_weights_file(network, initial, "this run", _advice(origin_of(initial), options.config))
     return network
 
 
+def _advice(trained: RunConfig | None, config: RunConfig) -> str:
+    """What to do about a network that does not fit, and was trained under other settings."""
+    if trained is not None and trained.learning.algorithm != config.learning.algorithm:
+        name = trained.learning.algorithm
+        return f"it was made with the algorithm {name}, so add --learning.algorithm {name}"
+    unlike = [] if trained is None else differences(trained, config)
+    of_play = "; ".join(each for each in unlike if each.startswith("play."))
+    return "give the run the settings of play under which the network was trained" + (
+        f" ({of_play})" if of_play else ""
+    )
+
+
 def main() -> int:
-    options = parse_run(LearnerOptions, "learner", sys.argv[1:], stored_config)
+    options, stored = parse_run(LearnerOptions, "learner", sys.argv[1:], stored_config)
     options.check()
     if options.evaluation.evaluate is not None:
         stop = threading.Event()
         on_signals(stop)
-        return evaluate(options.evaluation, options.config, options.clock.flags(), stop)
+        found = evaluate(options.evaluation, options.config, stored, options.clock, stop)
+        return 130 if found is None else 0
     config = options.config
     folder = RunFolder(options.runs, run_name(options))
     network = first_network(options, folder)

@@ -7,10 +7,9 @@ from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
 from common.transport.interface import Transport
 from learner.algorithm.interface import Algorithm
-from learner.checkpoint import load_checkpoint, save_checkpoint
+from learner.checkpoint import Checkpoint
 from learner.clock import RunClock
 from learner.device import Device
-from learner.disk_room import DiskRoom
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
@@ -20,8 +19,7 @@ from learner.phases import Phases
 from learner.prefetch import Prefetcher, to_device
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
-from learner.telemetry.provenance import Provenance
-from learner.telemetry.run_progress import RunProgress
+from learner.telemetry.provenance import provenance
 from learner.telemetry.sinks.display import Display
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.sinks.gates_csv import GatesCsvSink
@@ -48,11 +46,11 @@ def build_learner(
         InputError: a file of the run is damaged.
     """
     config = options.config
-    resume = options.resume and folder.checkpoint.exists()
+    checkpoint = Checkpoint(folder.checkpoint, algorithm, config.learning.algorithm)
+    state = checkpoint.load() if options.resume and folder.checkpoint.exists() else None
     keys = RunKeys(folder.name)
-    state = load_checkpoint(folder.checkpoint, algorithm) if resume else None
     clock = RunClock()
-    progress = RunProgress(config)
+    phases = Phases(config, clock)
     registry = ActorRegistry(transport, keys)
     evaluation = EvaluationCoordinator(
         Snapshots(folder.snapshots),
@@ -68,12 +66,13 @@ def build_learner(
         "run/steps_goal": options.steps,
     }
     sinks = (
+        display,
         TensorBoardSink(folder.tensorboard),
         GatesCsvSink(folder.gates),
-        SummarySink(folder.summary, config, Provenance.gather()),
+        SummarySink(folder.summary, config, provenance()),
     )
     epochs = EpochTable(folder.epochs)
-    telemetry = Telemetry(config, facts, progress, registry, display, epochs, sinks, clock.now)
+    telemetry = Telemetry(config, facts, phases, registry, epochs, sinks, clock.now)
     telemetry.start(state)
     learner = Learner(
         config=config,
@@ -87,9 +86,8 @@ def build_learner(
             config.learning.batch_size,
         ),
         broadcast=transport.publisher(keys.weights).publish,
-        save=partial(save_checkpoint, folder.checkpoint, algorithm),
-        progress=progress,
-        phases=Phases(config, progress, telemetry, clock),
+        checkpoint=checkpoint,
+        phases=phases,
         held_out=HeldOut(folder.held_out),
         evaluation=evaluation,
         registry=registry,
@@ -97,13 +95,11 @@ def build_learner(
         guard=HealthGuard(
             *(options.gate_minutes, options.stall_minutes, config.stream.chunk_steps),
             force=options.force,
-            warn=display.line,
+            warn=telemetry.say,
             now=clock.now,
         ),
-        room=DiskRoom(folder.checkpoint, display.line, stop),
         clock=clock,
         stop=stop,
-        initial_flag=f"--initial {folder.checkpoint}",
     )
     if state is not None:
         learner.restore(state)

@@ -7,7 +7,10 @@ noise of their own.
 
 import json
 import os
+import shutil
+import threading
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,50 +22,105 @@ from common.errors import InputError
 from common.run.folder import write_atomically
 from learner.algorithm.interface import Algorithm
 
+_ROOM = 2
+"""Checkpoints for which there should be room; tables and snapshots are smaller."""
+_POLL = 0.1
 
-def previous_of(path: Path) -> Path:
-    """Where the checkpoint before the one at ``path`` is kept."""
-    return path.with_name(f"{path.stem}.previous{path.suffix}")
 
-
-def save_checkpoint(path: Path, algorithm: Algorithm, state: dict[str, Any]) -> None:
-    """Write everything to ``path``, atomically; what was there becomes the previous one.
+class Checkpoint:
+    """The checkpoint of a run at ``path``, and ``previous``, the one before.
 
     Args:
-        state: counters of the run, of JSON's types.
+        algorithm: what is kept and restored.
+        name: its name in the registry.
     """
-    tensors = {name: value.detach().cpu().contiguous() for name, value in algorithm.state().items()}
-    metadata = {"state": json.dumps(state), "crc32": str(_crc32(tensors))}
-    content = save(tensors, metadata)
-    if path.exists():
-        # A link first, so that there is a checkpoint at `path` at every moment.
-        kept = path.with_name(path.name + ".kept")
-        kept.unlink(missing_ok=True)
-        os.link(path, kept)
-        kept.replace(previous_of(path))
-    write_atomically(path, content)
 
+    def __init__(self, path: Path, algorithm: Algorithm, name: str) -> None:
+        self.path = path
+        self.previous = path.with_name(f"{path.stem}.previous{path.suffix}")
+        self._algorithm = algorithm
+        self._name = name
 
-def load_checkpoint(path: Path, algorithm: Algorithm) -> dict[str, Any]:
-    """Puts the state at ``path`` into ``algorithm`` and returns the counters.
+    def save(self, state: dict[str, Any]) -> None:
+        """Write everything, atomically; what was there becomes the previous one.
 
-    Raises:
-        InputError: the file is damaged, or of another algorithm, network or optimizer.
-    """
-    try:
-        with safe_open(path, "pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        if metadata["crc32"] != str(_crc32(tensors)):
-            raise ValueError("its checksum does not fit")
-        state: dict[str, Any] = json.loads(metadata["state"])
-        algorithm.load_state(tensors)
-    except (SafetensorError, OSError, LookupError, ValueError, RuntimeError) as error:
-        advice = "start the run anew under another name"
-        if previous_of(path).exists():
-            advice = f"copy {previous_of(path).name} over it to go on from the one before"
-        raise InputError(f"the checkpoint {path} is damaged ({error}): {advice}.") from None
-    return state
+        Args:
+            state: counters of the run, of JSON's types.
+        """
+        tensors = {
+            name: value.detach().cpu().contiguous()
+            for name, value in self._algorithm.state().items()
+        }
+        metadata = {
+            "algorithm": self._name,
+            "state": json.dumps(state),
+            "crc32": str(_crc32(tensors)),
+        }
+        content = save(tensors, metadata)
+        if self.path.exists():
+            # A link first, so that there is a checkpoint at `path` at every moment.
+            kept = self.path.with_name(self.path.name + ".kept")
+            kept.unlink(missing_ok=True)
+            os.link(self.path, kept)
+            kept.replace(self.previous)
+        write_atomically(self.path, content)
+
+    def load(self) -> dict[str, Any]:
+        """Puts the state at ``path`` into the algorithm and returns the counters.
+
+        Raises:
+            InputError: the file is damaged, or of another algorithm, network or optimizer.
+        """
+        try:
+            with safe_open(self.path, "pt") as file:
+                metadata = file.metadata() or {}
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            if metadata["crc32"] != str(_crc32(tensors)):
+                raise ValueError("its checksum does not fit")
+            state: dict[str, Any] = json.loads(metadata["state"])
+        except (SafetensorError, OSError, LookupError, ValueError) as error:
+            advice = "start the run anew under another name"
+            if self.previous.exists():
+                advice = f"copy {self.previous.name} over it to go on from the one before"
+            raise InputError(
+                f"the checkpoint {self.path} is damaged ({error}): {advice}."
+            ) from None
+        # Former checkpoints do not name it.
+        if (made_with := metadata.get("algorithm", self._name)) != self._name:
+            raise InputError(
+                f"the checkpoint {self.path} was made with the algorithm {made_with}: add "
+                f"--learning.algorithm {made_with}."
+            )
+        try:
+            self._algorithm.load_state(tensors)
+        except (LookupError, ValueError, RuntimeError) as error:
+            raise InputError(
+                f"the checkpoint {self.path} is of another network or optimizer ({error}): give "
+                "the run the settings that it was made with."
+            ) from None
+        return state
+
+    def wait_for_room(self, say: Callable[[str], None], stop: threading.Event) -> None:
+        """Return once the disk has room for the next one, at once where it has.
+
+        Args:
+            say: takes a sentence for people.
+            stop: ends every wait.
+        """
+        needed = _ROOM * self.path.stat().st_size
+        if self._free() >= needed:
+            return
+        say(
+            f"WARNING: the disk of {self.path.parent} is full: training waits until "
+            f"{-(-needed // 2**20)} MiB of it are free."
+        )
+        while self._free() < needed:
+            if stop.wait(_POLL):
+                return
+        say("There is room on the disk again: training continues.")
+
+    def _free(self) -> int:
+        return shutil.disk_usage(self.path.parent).free
 
 
 def _crc32(tensors: dict[str, Tensor]) -> int:

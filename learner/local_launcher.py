@@ -13,8 +13,7 @@ def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervi
     Where the world waits for the agent they have a lower priority than the learner. Robots in real
     time have not: their deadlines do not wait.
     """
-    logs = folder.path / "logs"
-    logs.mkdir(parents=True, exist_ok=True)
+    folder.logs.mkdir(parents=True, exist_ok=True)
     roles = {f"actor-{i}": ["--envs", str(options.envs)] for i in range(1, options.actors + 1)}
     roles |= {f"evaluator-{i}": ["--evaluator"] for i in range(1, options.evaluators + 1)}
     common = ["--connect", endpoint, "--run", folder.name, *options.clock.flags()]
@@ -27,7 +26,7 @@ def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervi
                 *("actors", "--name", name, *common, *own),
                 leash=True,
                 low_priority=options.clock.sync,
-                log=logs / f"{name}.log",
+                log=folder.logs / f"{name}.log",
             )
             for name, own in roles.items()
         }

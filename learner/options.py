@@ -5,21 +5,26 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import tyro
+from annotated_types import Gt
+from pydantic import AllowInfNan
 
+from common.checked import Count, FromOne, Patience
 from common.errors import InputError
 from common.metrics import Value
 from common.process.command_line import RunFlags
+from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
+from common.run.presets import PRESETS
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.offline import EvaluationOptions
-from learner.health_guard import STALL_MINUTES
-from learner.telemetry.gate import MINUTES
+from learner.health_guard import RED_MINUTES, STALL_MINUTES
 
 
 @dataclass(frozen=True)
@@ -41,34 +46,35 @@ class LearnerOptions:
     """Network to begin with, such as policies/ale_pong.safetensors, instead of a fresh one;
     --exploration.start then says how much of its play is random at first."""
     steps: int | None = None
-    """Agent steps after which the run ends by itself, the warm-up included."""
+    """Agent steps, the warm-up included, after which the run ends by itself: at the first update
+    after them. What the actors play until then counts too."""
     local: bool = False
     """Local mode: start actors and evaluators on this machine, and end them with the learner."""
-    actors: int = 1
+    actors: FromOne = 1
     """Number of training actors, in local mode."""
-    envs: int = 1
+    envs: FromOne = 1
     """Number of environments in each actor, in local mode."""
-    evaluators: int = 1
+    evaluators: Count = 1
     """Number of evaluators, in local mode."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     device: DeviceChoice = "auto"
     """Hardware of the learner; 'auto' takes CUDA where there is one."""
     precision: PrecisionChoice = "auto"
     """Precision of the updates; 'auto' takes bfloat16 where the hardware multiplies it natively."""
-    threads: int = 0
+    threads: Count = 0
     """Processor threads of an update; 0 for as many cores as local mode's actors leave free, or
     half of them when actors may run in other terminals."""
     listen: str = DEFAULT_ENDPOINT
     """Address where actors find this process; name 0.0.0.0 to let other machines in."""
     connect: str | None = None
     """Address of a `python -m replay` to use instead of a replay in this process."""
-    patience: float = 60.0
+    patience: Patience = 60.0
     """Seconds to wait for the replay of --connect."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
-    gate_minutes: float = MINUTES
+    gate_minutes: Annotated[float, Gt(0)] = RED_MINUTES
     """Minutes that a gate may be red before the run ends by itself, with exit code 3."""
-    stall_minutes: float = STALL_MINUTES
+    stall_minutes: Annotated[float, Gt(0), AllowInfNan(True)] = STALL_MINUTES
     """Minutes without any agent step or update after which the run ends by itself, with exit code
     3; inf to wait for ever."""
     force: bool = False
@@ -78,24 +84,13 @@ class LearnerOptions:
     )
 
     def check(self) -> None:
+        """Refuse flags that do not go together.
+
+        Raises:
+            InputError: naming them.
+        """
         self.evaluation.check()
-        for name, value, least in (
-            ("--actors", self.actors, 1),
-            ("--envs", self.envs, 1),
-            ("--evaluators", self.evaluators, 0),
-            ("--threads", self.threads, 0),
-        ):
-            if value < least:
-                raise InputError(f"{name} is {value}: choose {least} or more.")
         self.clock.check(self.config.env)
-        if not 0 < self.gate_minutes < float("inf"):
-            raise InputError(
-                f"--gate-minutes is {self.gate_minutes}: choose a number above 0, or --force."
-            )
-        if not self.stall_minutes > 0:
-            raise InputError(
-                f"--stall-minutes is {self.stall_minutes}: choose a number above 0, or inf."
-            )
         if self.initial is not None and self.resume:
             raise InputError("a resumed run has a network: omit --initial or --resume.")
         if self.evaluation.evaluate is not None:
@@ -108,6 +103,18 @@ class LearnerOptions:
                 f"{self.config.replay.learning_starts} takes: choose more, or lower "
                 "--replay.learning-starts."
             )
+        if not self.resume:  # whose settings are as they are
+            self._check_algorithm()
+
+    def _check_algorithm(self) -> None:
+        """Refuse settings that the algorithm ignores, unless it is the preset that has them."""
+        learning, preset = self.config.learning, PRESETS[self.config.preset].learning
+        for name in ALGORITHMS.find(learning.algorithm).ignores:
+            if getattr(learning, name) != getattr(preset, name):
+                raise InputError(
+                    f"--learning.{name.replace('_', '-')} means nothing to the algorithm "
+                    f"{learning.algorithm}: omit it, or choose another --learning.algorithm."
+                )
 
 
 def run_name(options: LearnerOptions) -> str:
@@ -118,7 +125,8 @@ def run_name(options: LearnerOptions) -> str:
 def stored_config(options: LearnerOptions) -> RunConfig | None:
     """Returns the settings of the run to resume or the network to evaluate; None for neither."""
     if options.evaluation.evaluate is not None:
-        return origin_of(options.evaluation.evaluate)
+        trained = origin_of(options.evaluation.evaluate)
+        return trained and trained.fixed
     if options.resume:
         return RunFolder(options.runs, run_name(options)).stored_config()
     return None

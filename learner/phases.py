@@ -1,37 +1,88 @@
-"""The phases of a run: warm-up, then one epoch after another, and the tests of their snapshots."""
+"""The phases of a run: warm-up (epoch 0), then one epoch after another, and the tests of their
+snapshots."""
 
 import math
-from typing import Any
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
+import numpy as np
 from torch import Tensor
 
+from common.metrics import Value
 from common.run.config import RunConfig
 from learner.clock import RunClock
 from learner.evaluation.coordinator import EpochTest
-from learner.telemetry.run_progress import PhaseEnd, RunProgress
 from learner.telemetry.sinks.epochs_csv import EpochRow
-from learner.telemetry.telemetry import Telemetry
+from replay.chunk_statistics import ChunkStatistics
+
+RECENT_GAMES = 50
+RECENT_CHUNKS = 500
+JUDGED_CHUNKS = 80
+"""Newest chunks that health checks judge: a fault that is over must not count for long."""
+
+
+class PhaseEnd(NamedTuple):
+    """A phase that is complete."""
+
+    epoch: int
+    """0: the random policy of the warm-up."""
+    steps: int
+    scores: tuple[float, ...]
+    loss: float
+    """Mean over its updates."""
+    began: float
+    """Seconds of the run."""
+    ended: float
 
 
 class Phases:
-    """Counts updates into phases and records a row for each phase and test that ended.
+    """Counts the run's steps, games and updates into phases, and makes the rows of their table.
 
-    Args:
-        progress: counts agent steps and games into the same phases.
+    Steps and games follow from the statistics of chunks alone, in the order in which they were
+    accepted.
     """
 
-    def __init__(
-        self, config: RunConfig, progress: RunProgress, telemetry: Telemetry, clock: RunClock
-    ) -> None:
+    def __init__(self, config: RunConfig, clock: RunClock) -> None:
         self._config = config
-        self._progress = progress
-        self._telemetry = telemetry
         self._clock = clock
+        self.facts_seen = 0
+        """Index of the next chunk to book."""
+        self.agent_steps = 0
+        self.games = 0
+        """Games that ended after the warm-up."""
         self.updates = 0
-        """Updates of the whole run."""
+        self.epoch = 0
+        """The phase that is going on; 0 during the warm-up."""
+        self.phase_steps = 0
+        self._scores: list[float] = []
         self._phase_updates = 0
         self._loss: Tensor | float = 0.0  # a sum on the device, so that no update waits for it
         self._began = 0.0
+        self._recent_scores: deque[float] = deque(maxlen=RECENT_GAMES)
+        self._recent_chunks: deque[ChunkStatistics] = deque(maxlen=RECENT_CHUNKS)
+
+    # ------------------------------------------------------------------ counting
+
+    def book(self, facts: Iterable[ChunkStatistics]) -> Iterator[PhaseEnd]:
+        """Count chunks; yields each phase that one of them completes, before going on.
+
+        A chunk belongs whole to the phase in which it arrives.
+        """
+        for chunk in facts:
+            if chunk.index < self.facts_seen:
+                continue
+            self.facts_seen = chunk.index + 1
+            self.agent_steps = chunk.agent_steps
+            self.phase_steps += chunk.steps
+            scores = [game.score for game in chunk.games]
+            self._scores += scores
+            if self.epoch:
+                self.games += len(scores)
+                self._recent_scores.extend(scores)
+            self._recent_chunks.append(chunk)
+            if self.phase_steps >= self.phase_length:
+                yield self.close_phase()
 
     def add(self, loss: Tensor) -> None:
         """Count one update."""
@@ -44,67 +95,102 @@ class Phases:
         """Whether all losses of this phase were; one that was not stays in their sum."""
         return math.isfinite(float(self._loss))
 
-    def end(self, ended: PhaseEnd, stored: int, meanq: float | None) -> EpochTest | None:
-        """Record a phase and start the next; returns the test that an epoch calls for.
+    @property
+    def phase_length(self) -> int:
+        """Agent steps of the present phase when it is complete."""
+        config = self._config
+        return config.protocol.epoch_steps if self.epoch else config.replay.learning_starts
+
+    @property
+    def train_steps(self) -> int:
+        """Agent steps without the warm-up."""
+        return max(self.agent_steps - self._config.replay.learning_starts, 0)
+
+    def close_phase(self) -> PhaseEnd:
+        """End the present phase, complete or not, and begin the next."""
+        now = self._clock.seconds()
+        loss = float(self._loss) / max(self._phase_updates, 1)
+        scores = tuple(self._scores)
+        ended = PhaseEnd(self.epoch, self.phase_steps, scores, loss, self._began, now)
+        self.epoch += 1
+        self.phase_steps = self._phase_updates = 0
+        self._scores, self._loss, self._began = [], 0.0, now
+        return ended
+
+    # ------------------------------------------------------------------ what came of them
+
+    def end(self, ended: PhaseEnd, stored: int, meanq: float | None) -> tuple[EpochRow, EpochTest]:
+        """Returns the row of a phase, and the test that its snapshot calls for if it is an epoch.
 
         Args:
             stored: steps in the replay.
             meanq: mean max-Q over the held-out states.
         """
-        config, progress = self._config, self._progress
-        now = self._clock.seconds()
-        train_steps = progress.train_steps if ended.epoch else 0
-        self._telemetry.add(
-            EpochRow.of_games(
-                ended.scores,
-                epoch=ended.epoch,
-                phase="train" if ended.epoch or config.exploration.start < 1 else "random",
-                steps=ended.steps,
-                last_exploration_rate=config.epsilon_at(progress.agent_steps),
-                total_train_steps=train_steps,
-                replay_memory_count=stored,
-                meanq=meanq,
-                meancost=float(self._loss) / max(self._phase_updates, 1),
-                weight_updates=self.updates,
-                total_time=now,
-                epoch_time=now - self._began,
-            )
-        )
-        self._began = now
-        self._phase_updates = 0
-        self._loss = 0.0
-        if not ended.epoch:
-            return None
-        return EpochTest(
+        config = self._config
+        test = EpochTest(
             epoch=ended.epoch,
             weight_updates=self.updates,
-            total_train_steps=train_steps,
+            total_train_steps=self.train_steps if ended.epoch else 0,
             replay_memory_count=stored,
             meanq=meanq,
             remaining=config.protocol.test_steps,
         )
-
-    def record(self, test: EpochTest) -> float | None:
-        """Record a test that is over; returns the best mean score of the tests before it."""
-        best = max(self._telemetry.rewards("test"), default=None)
-        now = self._clock.seconds()
-        self._telemetry.add(
-            EpochRow.of_games(
-                test.scores,
-                epoch=test.epoch,
-                phase="test",
-                steps=test.steps,
-                last_exploration_rate=self._config.protocol.test_epsilon,
-                total_train_steps=test.total_train_steps,
-                replay_memory_count=test.replay_memory_count,
-                meanq=test.meanq,
-                meancost=0.0,
-                weight_updates=test.weight_updates,
-                total_time=now,
-                epoch_time=now - (test.began if test.began is not None else now),
-            )
+        row = _row(
+            test,
+            *(ended.scores, ended.began, ended.ended),
+            phase="train" if ended.epoch or config.exploration.start < 1 else "random",
+            steps=ended.steps,
+            last_exploration_rate=config.epsilon_at(self.agent_steps),
+            meancost=ended.loss,
         )
-        return best
+        return row, test
+
+    def end_test(self, test: EpochTest) -> EpochRow:
+        """Returns the row of a test that is over."""
+        now = self._clock.seconds()
+        return _row(
+            test,
+            *(test.scores, now if test.began is None else test.began, now),
+            phase="test",
+            steps=test.steps,
+            last_exploration_rate=self._config.protocol.test_epsilon,
+            meancost=0.0,
+        )
+
+    def values(self, *, finishing: bool) -> dict[str, Value]:
+        """Returns where the run is, and what its recent games and chunks were like.
+
+        Args:
+            finishing: only tests are left. Between two phases at the very end, the last epoch is
+                told, whole.
+        """
+        ended = finishing and not self.phase_steps
+        chunks, scores = list(self._recent_chunks), self._recent_scores
+        p50, p95 = (
+            np.percentile([each.staleness for each in chunks], (50, 95)).tolist()
+            if chunks
+            else (None, None)
+        )
+        judged = chunks[-JUDGED_CHUNKS:]
+        steps = sum(each.steps for each in judged)
+        return {
+            "run/agent_steps": self.agent_steps,
+            "run/epoch": self.epoch - ended,
+            "run/phase_length": self.phase_length,
+            "run/phase_steps": self.phase_length if ended else self.phase_steps,
+            "learning/epsilon": self._config.epsilon_at(self.agent_steps),
+            "play/games": self.games,
+            "play/train_reward": sum(scores) / len(scores) if scores else None,
+            "play/valid_frame_share": sum(e.valid for e in judged) / steps if steps else None,
+            "play/following_frame_share": sum(e.follows for e in judged) / steps if steps else None,
+            "play/press_match_share": sum(e.matched for e in judged) / steps if steps else None,
+            "stream/staleness_p50": p50,
+            "stream/staleness_p95": p95,
+        }
+
+    # ------------------------------------------------------------------ checkpoints
+
+    _COUNTERS = ("facts_seen", "agent_steps", "epoch", "phase_steps", "games")
 
     def state(self) -> dict[str, Any]:
         """Everything, of JSON's types."""
@@ -113,12 +199,38 @@ class Phases:
             "phase_updates": self._phase_updates,
             "phase_loss": float(self._loss),
             "phase_began": self._began,
-            "rows": len(self._telemetry.rows),
+            "books": {
+                **{name: getattr(self, name) for name in self._COUNTERS},
+                "phase_scores": self._scores,
+                "recent_scores": list(self._recent_scores),
+            },
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` returned; the rows are restored by their table."""
+        """Continue from what `state` returned."""
         self.updates = int(state["updates"])
         self._phase_updates = int(state["phase_updates"])
         self._loss = float(state["phase_loss"])
         self._began = float(state["phase_began"])
+        books = state["books"]
+        for name in self._COUNTERS:
+            setattr(self, name, int(books[name]))
+        self._scores = [float(score) for score in books["phase_scores"]]
+        self._recent_scores.extend(float(score) for score in books["recent_scores"])
+
+
+def _row(
+    epoch: EpochTest, scores: Sequence[float], began: float, ended: float, **columns: Any
+) -> EpochRow:
+    """Returns the row of games in an epoch, with the ``columns`` that are its own."""
+    return EpochRow.of_games(
+        scores,
+        epoch=epoch.epoch,
+        total_train_steps=epoch.total_train_steps,
+        replay_memory_count=epoch.replay_memory_count,
+        meanq=epoch.meanq,
+        weight_updates=epoch.weight_updates,
+        total_time=ended,
+        epoch_time=ended - began,
+        **columns,
+    )

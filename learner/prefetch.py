@@ -1,8 +1,10 @@
 """Draws minibatches and prepares them ahead of the update, in a thread of its own."""
 
-import queue
 import threading
+from collections import deque
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +16,9 @@ from learner.algorithm.interface import DeviceBatch, Prepared
 from replay.batch import Batch
 from replay.interface import Replay
 
-DEPTH = 2
-"""Batches ready at once: enough to hide the drawing, few enough to stay fresh."""
+DEPTH = 3
+"""Batches ahead, one of them in the making: enough to hide the drawing, few enough to stay
+fresh."""
 _WAIT = 0.2
 
 
@@ -39,30 +42,21 @@ def to_device(batch: Batch, device: torch.device) -> DeviceBatch:
     return DeviceBatch(*(move(getattr(batch, name)) for name in DeviceBatch._fields))
 
 
+@dataclass
 class Prefetcher:
-    """Takes minibatches from ``replay`` as the limiter allows.
+    """Takes minibatches from ``replay`` as the limiter allows."""
 
-    Args:
-        prepare: makes them ready to learn from.
-        batches: minibatches of the run drawn before, which the limiter must know.
-    """
+    replay: Replay
+    prepare: Callable[[Batch], Prepared]
+    """Makes them ready to learn from."""
+    batch_size: int
+    batches: int
+    """Minibatches of the run drawn before, which the limiter must know."""
 
-    def __init__(
-        self,
-        replay: Replay,
-        prepare: Callable[[Batch], Prepared],
-        batch_size: int,
-        batches: int,
-    ) -> None:
-        self._replay = replay
-        self._prepare = prepare
-        self._batch_size = batch_size
-        self._batches = batches
-        self._ready: queue.Queue[Prefetched] = queue.Queue(DEPTH)
+    def __post_init__(self) -> None:
         self._closing = threading.Event()
-        self._failure: BaseException | None = None
-        self._thread = threading.Thread(target=self._draw, name="prefetch", daemon=True)
-        self._thread.start()
+        self._thread = ThreadPoolExecutor(1, "prefetch")
+        self._ahead = deque(self._thread.submit(self._draw) for _ in range(DEPTH))
 
     def next(self, timeout: float) -> Prefetched | None:
         """The next minibatch, or None if none came in ``timeout`` seconds.
@@ -70,32 +64,21 @@ class Prefetcher:
         Raises:
             BaseException: whatever ended the drawing.
         """
-        try:
-            return self._ready.get(timeout=timeout)
-        except queue.Empty:
-            if self._failure is not None:
-                raise self._failure from None
+        wait([self._ahead[0]], timeout)
+        if not self._ahead[0].done():
             return None
+        self._ahead.append(self._thread.submit(self._draw))
+        return self._ahead.popleft().result()
 
     def close(self) -> None:
+        """End the drawing; a second time does nothing."""
         self._closing.set()
-        self._thread.join()
+        self._thread.shutdown(cancel_futures=True)
 
-    def _draw(self) -> None:
-        try:
-            while not self._closing.is_set():
-                batch = self._replay.sample(self._batches * self._batch_size, _WAIT)
-                if batch is None:
-                    continue
-                self._batches += 1
-                self._offer(Prefetched(batch.ids, self._prepare(batch)))
-        except BaseException as error:
-            self._failure = error
-
-    def _offer(self, batch: Prefetched) -> None:
+    def _draw(self) -> Prefetched | None:
         while not self._closing.is_set():
-            try:
-                self._ready.put(batch, timeout=_WAIT)
-                return
-            except queue.Full:
-                continue
+            batch = self.replay.sample(self.batches * self.batch_size, _WAIT)
+            if batch is not None:
+                self.batches += 1
+                return Prefetched(batch.ids, self.prepare(batch))
+        return None

@@ -2,11 +2,10 @@
 
 Writes NAME.safetensors, the weights in float16, and NAME.json, its card: the run's configuration,
 how long it was trained, and every game's score of an evaluation of exactly these weights.
-`python -m actors --play --weights policies/NAME.safetensors` plays them.
+`python -m viewer play --weights policies/NAME.safetensors` plays them.
 """
 
 import json
-import tempfile
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +15,13 @@ import torch
 import tyro
 from safetensors.torch import load
 
+from common.checked import FromOne
 from common.errors import InputError, exit_on_input_error
 from common.network import build_network, count_actions_of
+from common.process.command_line import check_bounds
 from common.process.lifeline import on_signals
 from common.protocol.weights import ONLINE, encode_weights, load_weights
+from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.folder import RunFolder, write_atomically
 from learner.evaluation.offline import EvaluationOptions, evaluate
@@ -46,10 +48,8 @@ class Options:
     """Path of both files, without a suffix."""
     last: bool = False
     """Publish the last weights instead of those of the best test."""
-    games: int = 30
-    """Games of the evaluation."""
-    epsilon: float = 0.001
-    """Share of random actions in the evaluation."""
+    games: FromOne = 30
+    """Number of games in each of the headline's three evaluations."""
 
 
 def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
@@ -83,27 +83,21 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     weights = options.output.with_name(f"{options.output.name}.safetensors")
     write_atomically(weights, encode_weights(network, torch.float16))
     _write(options.output, card)
-    card["evaluation"] = _evaluation(weights, config, options, stop)
+    card["evaluation"] = _evaluation(weights, config.fixed, options.games, stop)
     _write(options.output, card)
     return card
 
 
 def _evaluation(
-    weights: Path, config: RunConfig, options: Options, stop: threading.Event
+    weights: Path, config: RunConfig, games: int, stop: threading.Event
 ) -> dict[str, Any]:
-    """Returns what `python -m learner --evaluate` writes as JSON."""
-    with tempfile.TemporaryDirectory(prefix="ale-robot-") as folder:
-        found = Path(folder) / "evaluation.json"
-        asked = EvaluationOptions(
-            evaluate=weights, games=options.games, epsilon=options.epsilon, json=found
-        )
-        asked.check()
-        if evaluate(asked, config, ["--sync"], stop):
-            raise InputError(
-                "the evaluation was stopped: publish again, for the card has no scores."
-            )
-        content: dict[str, Any] = json.loads(found.read_bytes())
-        return content
+    """Returns what `python -m learner --evaluate --headline` writes as JSON."""
+    asked = EvaluationOptions(evaluate=weights, headline=True, games=games)
+    asked.check()
+    found = evaluate(asked, config, config, ClockConfig(), stop)
+    if found is None:
+        raise InputError("the evaluation was stopped: publish again, for the card has no scores.")
+    return found
 
 
 def _write(output: Path, card: dict[str, Any]) -> None:
@@ -113,6 +107,7 @@ def _write(output: Path, card: dict[str, Any]) -> None:
 
 def main() -> None:
     options = tyro.cli(Options, prog="python -m learner.publish")
+    check_bounds(options)
     stop = threading.Event()
     on_signals(stop)
     publish(options, stop)

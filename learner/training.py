@@ -5,8 +5,9 @@
 
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from common.errors import InputError
 from common.metrics import Value
@@ -14,15 +15,14 @@ from common.process.supervisor import Supervisor
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
 from learner.algorithm.interface import Algorithm
+from learner.checkpoint import Checkpoint
 from learner.clock import Every, RunClock
-from learner.disk_room import DiskRoom
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.health_guard import HealthGuard
-from learner.phases import Phases
-from learner.prefetch import Prefetched
+from learner.phases import PhaseEnd, Phases
+from learner.prefetch import Prefetched, Prefetcher
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
-from learner.telemetry.run_progress import PhaseEnd, RunProgress
 from learner.telemetry.snapshot import HealthCheck, Phase
 from learner.telemetry.telemetry import Telemetry
 from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics, Progress
@@ -38,14 +38,6 @@ _FAREWELL = 10.0
 """Seconds that the actors, and then the evaluators, of a finished run have to leave."""
 
 
-class Minibatches(Protocol):
-    """Prepared minibatches, drawn in the background."""
-
-    def next(self, timeout: float) -> Prefetched | None: ...
-
-    def close(self) -> None: ...
-
-
 @dataclass
 class Learner:
     """One learner's work: call `start` once, then `run`."""
@@ -55,31 +47,26 @@ class Learner:
     """Agent steps, warm-up included, after which it ends by itself."""
     replay: Replay
     algorithm: Algorithm
-    draw: Callable[[int], Minibatches]
+    draw: Callable[[int], Prefetcher]
     """Starts to draw minibatches for a learner that has made so many updates."""
     broadcast: Callable[[bytes, bytes], None]
     """Sends weights, and their version, to the actors."""
-    save: Callable[[dict[str, Any]], None]
-    """Writes a checkpoint: the algorithm, and these counters."""
-    progress: RunProgress
+    checkpoint: Checkpoint
     phases: Phases
     held_out: HeldOut
     evaluation: EvaluationCoordinator
     registry: ActorRegistry
     telemetry: Telemetry
     guard: HealthGuard
-    room: DiskRoom
     clock: RunClock
     stop: threading.Event
     """Set from outside to end the run, and from inside when the guard ends it."""
-    initial_flag: str
-    """Flag by which another run starts with this one's last good network, for error texts."""
 
     def __post_init__(self) -> None:
         self.failed: str | None = None
         """Why the guard ended the run before its goal."""
         self._children: Supervisor | None = None
-        self._batches: Minibatches
+        self._batches: Prefetcher
         self._replay_progress: Progress
         self._published = 0
         self._look_schedule = Every(_LOOK_SECONDS, self.clock.now)
@@ -93,21 +80,19 @@ class Learner:
         self.clock.restore(float(state["seconds"]))
         self.phases.restore(state)
         self.algorithm.reseed(self.phases.updates)
-        self.progress.restore(state["books"])
         self.evaluation.restore(state["tests"])
         self.registry.restore(state["actors"])
 
     def start(self) -> None:
-        """Publish and keep what there is, and start to draw minibatches.
+        """Publish and keep what there is.
 
         Raises:
             InputError: the replay has lost steps that the checkpoint knows of.
         """
-        self._replay_progress = self.replay.progress(self.progress.facts_seen)
+        self._replay_progress = self.replay.progress(self.phases.facts_seen)
         self._check_replay()
         self._publish()
         self._checkpoint()
-        self._batches = self.draw(self.phases.updates)
 
     def _check_replay(self) -> None:
         """Refuse a replay without the steps that the checkpoint knows of.
@@ -115,21 +100,21 @@ class Learner:
         ε and the limiter would begin anew, and every step be played again before the first update.
         The few steps that a power failure may have cost are played again.
         """
-        known, found = self.progress.agent_steps, self._replay_progress.agent_steps
+        known, found = self.phases.agent_steps, self._replay_progress.agent_steps
         if known - found > self.config.replay.learning_starts:
             raise InputError(
                 f"the replay has seen {found:,} steps and the checkpoint {known:,}: put the "
                 "replay's folder back, or start another run with this one's network (--run "
-                f"ANOTHER {self.initial_flag})."
+                f"ANOTHER --initial {self.checkpoint.path})."
             )
 
     def _checkpoint(self) -> None:
         self._check_loss()
-        self.save(
+        self.checkpoint.save(
             {
                 **self.phases.state(),
+                "rows": len(self.telemetry.rows),
                 "seconds": self.clock.seconds(),
-                "books": self.progress.state(),
                 "tests": self.evaluation.state(),
                 "actors": self.registry.state(),
             }
@@ -154,22 +139,26 @@ class Learner:
             InputError: the loss diverged, or local mode's children cannot start.
         """
         self._children = children
-        try:
-            self._train()
-            if not self.stop.is_set():
-                self._conclude()
-        except InputError:
-            if not self.stop.is_set():
-                raise
-            # Stopped while it waited for a replay that is away.
-        finally:
-            self._batches.close()
+        with ExitStack() as end:  # the last comes first, and each even if another fails
+            end.callback(lambda: self.telemetry.close(self._values(), self._replay_progress))
+            end.callback(self._keep_what_was_learned)
             if children is not None:
-                children.ask_to_leave()
-            # However it ends, what was learned is kept; but nothing that has diverged.
-            if self.phases.is_finite:
-                self._checkpoint()
-            self.telemetry.close(self._values(), self._replay_progress)
+                end.callback(children.ask_to_leave)
+            self._batches = self.draw(self.phases.updates)
+            end.callback(self._batches.close)
+            try:
+                self._train()
+                if not self.stop.is_set():
+                    self._conclude()
+            except InputError:
+                if not self.stop.is_set():
+                    raise
+                # Stopped while it waited for a replay that is away.
+
+    def _keep_what_was_learned(self) -> None:
+        """Write the last checkpoint, but of nothing that has diverged."""
+        if self.phases.is_finite:
+            self._checkpoint()
 
     def _train(self) -> None:
         """The main loop."""
@@ -200,12 +189,12 @@ class Learner:
             raise InputError(
                 f"the loss became non-finite at update {self.phases.updates}: start another run "
                 "with a smaller --learning.learning-rate, from this one's last good network by "
-                f"{self.initial_flag}."
+                f"--initial {self.checkpoint.path}."
             )
 
     def _look(self) -> None:
         """Hear what happened elsewhere, and do what is due by the clock."""
-        self.room.wait()
+        self.checkpoint.wait_for_room(self.telemetry.say, self.stop)
         self._check_loss()
         self._count_chunks()
         self._take_tests()
@@ -213,7 +202,7 @@ class Learner:
             for note in self._children.watch(finished=self._finished):
                 self.telemetry.note(note)
         if self._measure_schedule.is_due():
-            self.held_out.measure(self.algorithm)
+            self.held_out.measure(self.algorithm, self.replay)
         if self._publish_schedule.is_due():
             self._publish()  # for a replay that was restarted and has none to give
         self._check_health(self.telemetry.report(self._values(), self._replay_progress))
@@ -224,10 +213,10 @@ class Learner:
         """Count what actors have sent since the last look into phases."""
         while True:
             self._replay_progress = self.replay.progress(
-                self.progress.facts_seen, finished=self._finished
+                self.phases.facts_seen, finished=self._finished
             )
             facts = self._replay_progress.statistics
-            for ended in self.progress.book(self._credited(facts)):
+            for ended in self.phases.book(self._credited(facts)):
                 self._end_phase(ended)
             if len(facts) < MAX_STATISTICS:
                 return
@@ -236,7 +225,7 @@ class Learner:
         """Credits each chunk to its actor just before it is counted, so that a checkpoint at the
         end of a phase knows of the same chunks in both."""
         for chunk in facts:
-            if chunk.index >= self.progress.facts_seen:
+            if chunk.index >= self.phases.facts_seen:
                 self.registry.accepted(chunk)
             yield chunk
 
@@ -244,24 +233,26 @@ class Learner:
         """Record a phase; have the snapshot of an epoch tested."""
         if ended.epoch == 0:
             self.held_out.draw(self.replay, self.config.protocol.held_out_states)
-        self.held_out.measure(self.algorithm)
+        self.held_out.measure(self.algorithm, self.replay)
         meanq = self.held_out.max_q[0] if self.held_out.max_q else None
-        test = self.phases.end(ended, self._replay_progress.stored, meanq)
-        if test is not None:
+        row, test = self.phases.end(ended, self._replay_progress.stored, meanq)
+        self.telemetry.add(row)
+        if ended.epoch:
             self.evaluation.add(test, encode_weights(self.algorithm.online))
         self._checkpoint()
         self.evaluation.sweep()
 
     def _take_tests(self) -> None:
         while (test := self.evaluation.take_finished()) is not None:
-            best = self.phases.record(test)
+            best = max(self.telemetry.rewards("test"), default=None)
+            self.telemetry.add(self.phases.end_test(test))
             # First a checkpoint that does not need the snapshot, then its removal.
             self._checkpoint()
             self.evaluation.settle(test, best)
 
     def _values(self) -> dict[str, Value]:
         """Figures that only the loop knows."""
-        phase: Phase = "training" if self.progress.epoch else "warm-up"
+        phase: Phase = "training" if self.phases.epoch else "warm-up"
         mean, deviation = self.held_out.max_q or (None, None)
         return {
             "run/phase": "finishing" if self._finished else phase,
@@ -269,6 +260,7 @@ class Learner:
             "learning/updates": self.phases.updates,
             "learning/mean_max_q": mean,
             "learning/held_out_std": deviation,
+            "learning/recent_max_q_std": self.held_out.recent_std,
             "stream/weights_version": self._published,
             "evaluation/steps_left": self.evaluation.steps_left,
         }
@@ -278,7 +270,7 @@ class Learner:
         if self._finished:
             return
         self.failed = self.guard.check(
-            checks if self.progress.epoch else (), self.progress.agent_steps, self.phases.updates
+            checks if self.phases.epoch else (), self.phases.agent_steps, self.phases.updates
         )
         if self.failed is not None:
             self.stop.set()
@@ -288,7 +280,7 @@ class Learner:
     @property
     def _finished(self) -> bool:
         """Whether all steps are there, and actors may leave."""
-        return self.steps_goal is not None and self.progress.agent_steps >= self.steps_goal
+        return self.steps_goal is not None and self.phases.agent_steps >= self.steps_goal
 
     @property
     def done(self) -> bool:
@@ -302,8 +294,8 @@ class Learner:
         """Let the actors hand in their last chunks, and have the last epoch tested."""
         self._batches.close()
         self._look_while(lambda: bool(self.registry.alive("actor")), _FAREWELL)
-        if self.progress.phase_steps >= _LEAST_PHASE * self.progress.phase_length:
-            self._end_phase(self.progress.close_phase())
+        if self.phases.phase_steps >= _LEAST_PHASE * self.phases.phase_length:
+            self._end_phase(self.phases.close_phase())
         self.evaluation.finish()
         if self.evaluation.pending and not self._evaluator_expected():
             self.telemetry.say(

@@ -3,6 +3,11 @@
 The learner joins it by ``--connect``, as the actors do.
 """
 
+if __name__ == "__main__":
+    from common.process.lifeline import leave_at_interrupt
+
+    leave_at_interrupt()
+
 import sys
 import threading
 from dataclasses import dataclass
@@ -45,7 +50,7 @@ class ReplayOptions:
 
 def main() -> None:
     """Serve until Ctrl-C or SIGTERM."""
-    options = parse_run(
+    options, _ = parse_run(
         ReplayOptions,
         "replay",
         sys.argv[1:],
@@ -55,13 +60,12 @@ def main() -> None:
     )
     keep_large_blocks()
     config = options.config
-    actions = config.action_count
     folder = RunFolder(options.runs, options.run)
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     stop = threading.Event()
     on_signals(stop)
     with end_with_any_thread(stop), open_hub(options.listen, options.certificates) as transport:
-        memory = ReplayBuffer(config, folder.replay, actions)
+        memory = ReplayBuffer(config, folder.replay)
         try:
             with ReplayServer(transport, memory, config, folder.name):
                 _say(f"replay of run {folder.name} in {folder.replay}, at {options.listen}.")

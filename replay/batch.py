@@ -12,7 +12,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from common.errors import MessageError
 from common.protocol.message import Array, Message
-from common.protocol.step_fields import FRAME_SHAPE, STEP_FIELDS, StepField, StoredArray
+from common.protocol.step_fields import FRAME_SHAPE, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
 
 
@@ -37,15 +37,6 @@ class Batch(NamedTuple):
     x_t: NDArray[np.float32]
     drawn: Mapping[str, NDArray[Any]] = MappingProxyType({})
     """The steps' values of each field of `STEP_FIELDS` that is declared as drawn, ``[B, ...]``."""
-
-
-def drawn_fields() -> dict[str, StepField]:
-    """Returns the step fields that minibatches carry as they are."""
-    return {
-        name: field
-        for name, field in STEP_FIELDS.items()
-        if isinstance(field.array, StoredArray) and field.array.drawn
-    }
 
 
 class _DrawnArrays:

@@ -5,7 +5,8 @@ Everything here can be written as journal entries and be read back from them, in
 
 from collections import deque
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from itertools import takewhile
+from typing import NamedTuple
 
 from common.checked import build
 from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics
@@ -24,12 +25,9 @@ class ChunkKey(NamedTuple):
     stream: int
     sequence: int
 
-
-class ChunkRecord(NamedTuple):
-    """A chunk that is in the ring."""
-
-    key: ChunkKey
-    placement: Placement
+    def beside(self, distance: int) -> "ChunkKey":
+        """Returns the key of the chunk so many places after this one in its stream."""
+        return self._replace(sequence=self.sequence + distance)
 
 
 class Received:
@@ -73,7 +71,8 @@ class ChunkIndex:
         self.tail = 0
         """Ids below it are evicted."""
         self.statistics: deque[ChunkStatistics] = deque(maxlen=_KEPT_STATISTICS)
-        self._chunks: dict[ChunkKey, ChunkRecord] = {}
+        self.chunks: dict[ChunkKey, Placement] = {}
+        """Those in the ring, oldest first."""
         self._received: dict[tuple[str, int, int], Received] = {}
 
     def has_received(self, key: ChunkKey) -> bool:
@@ -81,52 +80,38 @@ class ChunkIndex:
         received = self._received.get(key[:3])
         return received is not None and key.sequence in received
 
-    def neighbour(self, key: ChunkKey, distance: int) -> ChunkRecord | None:
-        """The chunk so many places after this one in its stream, if it is in the ring."""
-        return self._chunks.get(key._replace(sequence=key.sequence + distance))
-
     def steps_beside(self, key: ChunkKey, before: int, after: int) -> set[int]:
         """Ids of the nearest steps of the chunk's stream, as far as their chunks follow it."""
         found: set[int] = set()
         for direction, wanted in ((-1, before), (1, after)):
-            record = self.neighbour(key, direction)
-            while wanted > 0 and record is not None:
-                place = record.placement
+            at = key.beside(direction)
+            while wanted > 0 and (place := self.chunks.get(at)) is not None:
                 some = min(wanted, place.steps)
                 begin = place.first if direction > 0 else place.last + 1 - some
                 found.update(range(begin, begin + some))
-                wanted -= some
-                record = self.neighbour(record.key, direction)
+                wanted, at = wanted - some, at.beside(direction)
         return found
-
-    @property
-    def chunks(self) -> Iterator[ChunkRecord]:
-        return iter(self._chunks.values())
-
-    def oldest(self) -> ChunkRecord | None:
-        return next(self.chunks, None)
 
     @property
     def head(self) -> int:
         """Id that the next chunk starts from."""
-        newest = next(reversed(self._chunks.values()), None)
-        return self.tail if newest is None else newest.placement.end
+        newest = next(reversed(self.chunks.values()), None)
+        return self.tail if newest is None else newest.end
 
-    def accept(self, record: ChunkRecord, statistics: ChunkStatistics) -> None:
+    def accept(self, key: ChunkKey, place: Placement, statistics: ChunkStatistics) -> None:
         """Count a chunk that is written."""
-        self._received.setdefault(record.key[:3], Received()).add(record.key.sequence)
-        self._chunks[record.key] = record
-        self.stored += record.placement.steps
+        self._received.setdefault(key[:3], Received()).add(key.sequence)
+        self.chunks[key] = place
+        self.stored += place.steps
         self.accepted = statistics.index + 1
         self.agent_steps = statistics.agent_steps
         self.statistics.append(statistics)
 
-    def evict(self, tail: int) -> list[ChunkRecord]:
+    def evict(self, tail: int) -> list[ChunkKey]:
         """Strike the chunks that lie below ``tail``."""
-        gone: list[ChunkRecord] = []
-        while (oldest := self.oldest()) is not None and oldest.placement.base < tail:
-            gone.append(self._chunks.pop(oldest.key))
-            self.stored -= oldest.placement.steps
+        below = takewhile(lambda chunk: chunk[1].base < tail, self.chunks.items())
+        gone = [key for key, _ in below]
+        self.stored -= sum(self.chunks.pop(key).steps for key in gone)
         self.tail = tail
         return gone
 
@@ -153,8 +138,8 @@ class ChunkIndex:
         yield self.counts_entry()
         for statistics in self.statistics:
             yield {"kind": "facts", "facts": statistics}
-        for record in self._chunks.values():
-            yield {"kind": "held", "key": record.key, "placement": record.placement}
+        for key, place in self.chunks.items():
+            yield {"kind": "held", "key": key, "placement": place}
 
     def counts_entry(self) -> Entry:
         """The entry that counts what was not stored."""
@@ -179,25 +164,20 @@ class ChunkIndex:
         elif kind == "facts":
             self.statistics.append(build(ChunkStatistics, entry["facts"]))
         elif kind == "held":
-            record = _record(entry)
-            self._chunks[record.key] = record
-            self.stored += record.placement.steps
+            key, place = _chunk(entry)
+            self.chunks[key] = place
+            self.stored += place.steps
         elif kind == "chunk":
-            self.accept(_record(entry), build(ChunkStatistics, entry["facts"]))
+            self.accept(*_chunk(entry), build(ChunkStatistics, entry["facts"]))
         elif kind == "tail":
             self.evict(entry["tail"])
         else:
             raise ValueError(kind)
 
 
-def chunk_entry(record: ChunkRecord, statistics: ChunkStatistics) -> Entry:
+def chunk_entry(key: ChunkKey, place: Placement, statistics: ChunkStatistics) -> Entry:
     """The entry by which a chunk is accepted."""
-    return {
-        "kind": "chunk",
-        "key": record.key,
-        "placement": record.placement,
-        "facts": statistics,
-    }
+    return {"kind": "chunk", "key": key, "placement": place, "facts": statistics}
 
 
 def tail_entry(tail: int) -> Entry:
@@ -205,5 +185,5 @@ def tail_entry(tail: int) -> Entry:
     return {"kind": "tail", "tail": tail}
 
 
-def _record(entry: dict[str, Any]) -> ChunkRecord:
-    return ChunkRecord(build(ChunkKey, entry["key"]), build(Placement, entry["placement"]))
+def _chunk(entry: Entry) -> tuple[ChunkKey, Placement]:
+    return build(ChunkKey, entry["key"]), build(Placement, entry["placement"])

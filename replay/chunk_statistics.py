@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 
 from annotated_types import MaxLen
 
-from common.checked import Count, Rows, Share
+from common.checked import Count, Fraction, Rows
 from common.protocol.chunk import Game
 from common.protocol.message import Message
 
@@ -26,7 +26,7 @@ class ChunkStatistics(NamedTuple):
     """Agent steps of the run, this chunk's included."""
     steps: Count
     actor: str
-    epsilon: Share
+    epsilon: Fraction
     weights_version: Count
     """Updates that had made the weights it was played with."""
     staleness: Count
@@ -38,6 +38,8 @@ class ChunkStatistics(NamedTuple):
     games: Rows[Game]
     incarnation: Count = 0
     """Start of the actor's process; 0 in a journal written before it was kept."""
+    follows: Count = 0
+    """Steps whose frame changed with the game; 0 likewise."""
 
 
 @dataclass(frozen=True)

@@ -115,14 +115,17 @@ class RemoteReplay:
                 message = Priorities(ids, priorities)
                 self._advice.append(self._priorities.request(message.encode()))
 
-    def held_out(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def held_out(
+        self, count: int, newest: int | None = None
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """See `Replay.held_out`.
 
         Raises:
             InputError: `close` was called while the server was away.
             MessageError: so many states do not fit a message.
         """
-        held = HeldOutStates.decode(self._insist(self._held_out, HeldOutRequest(count).encode()))
+        request = HeldOutRequest(count, newest).encode()
+        held = HeldOutStates.decode(self._insist(self._held_out, request))
         return held.frames, held.vectors
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from common.errors import InputError
 from common.protocol.step_fields import STEP_FIELDS, Column
+from replay.journal import damaged
 
 
 def _size(dtype: Any, shape: tuple[int, ...]) -> int:
@@ -73,12 +74,7 @@ class Columns:
         for name, size in sizes.items():
             path = self._path(name)
             if not path.is_file() or path.stat().st_size != size:
-                raise InputError(
-                    f"{path} is missing or not {size:,} bytes long, so the replay in "
-                    f"{self.folder} is damaged: put it back from a copy, or begin another run, "
-                    f"with this one's network by --initial {self.folder.parent}/"
-                    "checkpoint.safetensors."
-                )
+                raise damaged(path, f"or missing, for it should have {size:,} bytes")
 
     def _allocate(self, sizes: dict[str, int]) -> None:
         created: list[Path] = []

@@ -24,10 +24,15 @@ class Replay(Protocol):
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """Set priorities (≥ 0) of drawn steps; those of evicted steps are ignored."""
 
-    def held_out(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def held_out(
+        self, count: int, newest: int | None = None
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Returns states ``[N, H, 84, 84]`` and vectors ``[N, P]`` of N ≤ ``count`` distinct steps.
 
         All their frames are valid. They do not count as drawn.
+
+        Args:
+            newest: frames in the ring, the newest, among which to choose; None for all.
         """
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:

@@ -35,15 +35,15 @@ def read_journal(path: Path) -> list[Entry]:
         except ValueError:
             entry = None
         if not isinstance(entry, dict):
-            raise damaged(path, number)
+            raise damaged(path, f"in line {number}")
         entries.append(entry)
     return entries
 
 
-def damaged(path: Path, line: int) -> InputError:
-    """The error for a line that makes no sense."""
+def damaged(path: Path, how: str) -> InputError:
+    """Returns the error that a replay's file is not what it was."""
     return InputError(
-        f"{path} is damaged in line {line}: put it back from a copy, or begin another run, with "
+        f"{path} is damaged {how}: put it back from a copy, or begin another run, with "
         f"this one's network by --initial {path.parent.parent / 'checkpoint.safetensors'}."
     )
 

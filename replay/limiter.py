@@ -6,7 +6,7 @@ inserted steps. The limiter needs only these two numbers, so it has no state to 
 
 from dataclasses import dataclass
 
-from common.errors import InputError
+from common.run.config import RunConfig
 
 
 @dataclass(frozen=True)
@@ -20,23 +20,14 @@ class RateLimiter:
     """Maximum number of steps by which either side may be ahead."""
     batch_size: int
 
-    def __post_init__(self) -> None:
-        if not 0 < self.samples_per_insert < float("inf"):
-            raise InputError(
-                f"samples per insert is {self.samples_per_insert}: choose a positive number "
-                "(it is batch_size / train_period)."
-            )
-        if self.learning_starts < 1:
-            raise InputError(
-                f"replay.learning_starts is {self.learning_starts}: nothing could be drawn; "
-                "choose 1 or more."
-            )
-        if not self.tolerance * self.samples_per_insert >= self.batch_size:
-            raise InputError(
-                f"replay.ratio_tolerance is {self.tolerance} steps, less than the "
-                f"{self.batch_size / self.samples_per_insert:g} that one minibatch stands for, so "
-                "actors and learner would wait for each other for ever: raise it."
-            )
+    @classmethod
+    def of(cls, config: RunConfig) -> "RateLimiter":
+        """Returns the limiter of a run, whose check refuses settings with which both sides wait."""
+        replay, learning = config.replay, config.learning
+        return cls(
+            *(config.samples_per_insert, replay.learning_starts, replay.ratio_tolerance),
+            batch_size=learning.batch_size,
+        )
 
     def deficit(self, inserted: int, drawn: int) -> float:
         """Returns the steps that are due to be drawn; negative if the learner is ahead."""

@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from common.checked import Count, Positive
+from common.checked import Amount, Count
 from common.protocol.message import Array, Message
 from common.protocol.step_fields import FRAME_SHAPE
 from common.protocol.wire import MAX_MESSAGE_BYTES
@@ -23,7 +23,7 @@ class SampleRequest(Message):
     """See `replay.interface.Replay.sample`."""
 
     drawn: Count
-    timeout: Positive
+    timeout: Amount
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class HeldOutRequest(Message):
     """Asks for states on which the mean max-Q is measured."""
 
     count: Annotated[int, Ge(0), Le(MAX_HELD_OUT)]
+    newest: Count | None = None
 
 
 @dataclass(frozen=True)

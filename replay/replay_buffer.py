@@ -12,7 +12,6 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from common.actions import KEYS_OF_ACTION
 from common.errors import MessageError
 from common.protocol.ack import Ack
 from common.protocol.chunk import Chunk
@@ -30,26 +29,19 @@ _Read = TypeVar("_Read", Batch, SharedBatch)
 class ReplayBuffer:
     """The replay buffer of one run; implements `replay.interface.Replay`."""
 
-    def __init__(self, config: RunConfig, folder: Path, actions: int = len(KEYS_OF_ACTION)) -> None:
+    def __init__(self, config: RunConfig, folder: Path) -> None:
         """Open the replay in ``folder``, or create it where there is none.
 
-        Args:
-            actions: that the run's environment offers; chunks with others are refused.
-
         Raises:
-            InputError: no space, a replay of other sizes, a damaged one, or one in use.
+            InputError: no space, a replay of other sizes, a damaged one, or one in use; or an
+                environment or game that there is not.
         """
         self.weights_version = 0
         """Version of the newest weights, which each acknowledgement carries."""
         self._batch_size = config.learning.batch_size
-        self._limiter = RateLimiter(
-            config.samples_per_insert,
-            config.replay.learning_starts,
-            config.replay.ratio_tolerance,
-            config.learning.batch_size,
-        )
+        self._limiter = RateLimiter.of(config)
         self._state = threading.Condition()
-        self._store = Store(config, folder, self._state, actions)
+        self._store = Store(config, folder, self._state)
         # The sequence differs after each start, or a resumed run would draw the same places again.
         self._rng = np.random.default_rng([config.seed, self._store.index.accepted])
         self._closed = False
@@ -106,10 +98,12 @@ class ReplayBuffer:
         read: Callable[[NDArray[np.int64], NDArray[np.float32]], _Read | None],
     ) -> _Read | None:
         with self._state:
-            released = drawn > self._drawn and self._should_throttle()
-            self._drawn = drawn
-            if released and not self._should_throttle():
-                self._state.notify_all()
+            # What the newest weights were learned from was drawn by the learner, so a smaller count
+            # is somebody else's. (A resumed learner first publishes its older weights.)
+            if drawn >= self.weights_version * self._batch_size:
+                self._drawn = drawn
+                if not self._should_throttle():
+                    self._state.notify_all()
             self._state.wait_for(lambda: self._closed or self._may_sample(drawn), timeout)
             if self._closed or not self._may_sample(drawn):
                 return None
@@ -127,7 +121,7 @@ class ReplayBuffer:
 
     def _may_sample(self, drawn: int) -> bool:
         inserted = self._store.index.agent_steps
-        return len(self._store.sampler.sampleable) > 0 and self._limiter.may_sample(inserted, drawn)
+        return len(self._store.sampler) > 0 and self._limiter.may_sample(inserted, drawn)
 
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """See `Replay.update_priorities`.
@@ -140,10 +134,15 @@ class ReplayBuffer:
         with self._state:
             self._store.sampler.update(ids, priorities.astype(np.float64))
 
-    def held_out(self, count: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def held_out(
+        self, count: int, newest: int | None = None
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """See `Replay.held_out`."""
         with self._state:
-            ids = self._rng.permutation(self._store.sampler.sampleable.ids)
+            ids = self._store.sampler.ids
+            if newest is not None:
+                ids = ids[ids >= self._store.ring.head - newest]
+            ids = self._rng.permutation(ids)
             ids = ids[self._store.ring.all_seen(ids)][:count]
             return self._store.ring.states(ids)
 
@@ -158,7 +157,7 @@ class ReplayBuffer:
             return Progress(
                 agent_steps=index.agent_steps,
                 stored=index.stored,
-                samplable=len(self._store.sampler.sampleable),
+                samplable=len(self._store.sampler),
                 accepted=index.accepted,
                 duplicates=index.duplicates,
                 refused=index.refused,

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.protocol.chunk import Chunk
-from common.protocol.step_fields import STEP_FIELDS, Column, Flag, bit_of
-from replay.batch import Batch, SharedBatch, drawn_fields
+from common.protocol.step_fields import STEP_FIELDS, Column, Flag, bit_of, drawn_fields
+from replay.batch import Batch, SharedBatch
 from replay.columns import Columns
 
 TERMINATED, TRUNCATED, VALID, EXPLORED = map(

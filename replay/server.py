@@ -10,7 +10,7 @@ import threading
 import time
 
 from common.errors import MessageError
-from common.protocol.announcement import encode_announcement
+from common.protocol.announcement import Announcement
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
@@ -40,9 +40,9 @@ class ReplayServer:
     ) -> None:
         self._memory = memory
         self._keys = keys = RunKeys(run)
-        self._announcement = encode_announcement(run, config)
+        self._announcement = Announcement(run, config, config.action_count).encode()
         self._weights: Envelope | None = None
-        self._polls: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
+        self._polls: queue.SimpleQueue[tuple[float, Request] | None] = queue.SimpleQueue()
         self._poll_thread = threading.Thread(
             target=self._answer_polls, name="replay-polls", daemon=True
         )
@@ -75,7 +75,7 @@ class ReplayServer:
 
     def _insert(self, request: Request) -> bytes | None:
         if not request.payload:
-            self._polls.put(request)
+            self._polls.put((time.monotonic() + LONGEST_WAIT, request))
             return None
         actor = request.key.rsplit("/", 1)[-1]
         try:
@@ -90,24 +90,14 @@ class ReplayServer:
         return self._memory.insert(chunk).encode()
 
     def _answer_polls(self) -> None:
-        """Throttled actors wait here, each at most `LONGEST_WAIT`, while inserts go on."""
-        waiting: list[tuple[float, Request]] = []
-        while True:
-            try:
-                request = self._polls.get(block=not waiting)
-            except queue.Empty:
-                # A poll that comes meanwhile is due later than those that wait already.
-                ack = self._memory.await_release(max(waiting[0][0] - time.monotonic(), 0.0))
-                now, answer = time.monotonic(), ack.encode()
-                going_on = ack.finished or not ack.throttle
-                while waiting and (going_on or waiting[0][0] <= now):
-                    waiting.pop(0)[1].reply(answer)
-                continue
-            if request is None:
-                break
-            waiting.append((time.monotonic() + LONGEST_WAIT, request))
-        for _, request in waiting:
-            request.drop()
+        """Throttled actors wait here, each at most `LONGEST_WAIT`, while inserts go on.
+
+        Of those that wait the first is due first, and a release lets them all go.
+        """
+        while (poll := self._polls.get()) is not None:
+            due, request = poll
+            left = max(due - time.monotonic(), 0.0)
+            request.reply(self._memory.await_release(left).encode())
 
     def _sample(self, request: Request) -> bytes:
         asked = SampleRequest.decode(request.payload)
@@ -120,8 +110,8 @@ class ReplayServer:
         return b""
 
     def _held_out(self, request: Request) -> bytes:
-        held = self._memory.held_out(HeldOutRequest.decode(request.payload).count)
-        return HeldOutStates(*held).encode()
+        asked = HeldOutRequest.decode(request.payload)
+        return HeldOutStates(*self._memory.held_out(asked.count, asked.newest)).encode()
 
     def _progress(self, request: Request) -> bytes:
         asked = ProgressRequest.decode(request.payload)

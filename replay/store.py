@@ -18,12 +18,12 @@ import numpy as np
 from common.errors import InputError, MessageError
 from common.protocol.chunk import Chunk
 from common.run.config import RunConfig
-from replay.chunk_index import ChunkIndex, ChunkKey, ChunkRecord, chunk_entry, tail_entry
+from replay.chunk_index import ChunkIndex, ChunkKey, chunk_entry, tail_entry
 from replay.chunk_statistics import ChunkStatistics
 from replay.columns import Columns
 from replay.journal import Entry, Journal, damaged, read_journal
 from replay.ring import Placement, Ring
-from replay.samplers import PrioritisedSampler, Sampler, UniformSampler
+from replay.samplers import PrioritisedSampler, UniformSampler
 from replay.sum_tree import padded
 
 FORMAT = 1
@@ -36,19 +36,10 @@ class Store:
     ``index``, ``ring`` and ``sampler`` may be read under ``state``, the lock given.
     """
 
-    def __init__(
-        self, config: RunConfig, folder: Path, state: threading.Condition, actions: int
-    ) -> None:
-        """Open the replay in ``folder``, or create it where there is none.
-
-        Args:
-            actions: that the run's environment offers; chunks with others are refused.
-
-        Raises:
-            InputError: no space, a replay of other sizes, a damaged one, or one in use.
-        """
+    def __init__(self, config: RunConfig, folder: Path, state: threading.Condition) -> None:
+        """See `ReplayBuffer`."""
         self._config = config
-        self._actions = actions
+        self._actions = config.action_count
         self._state = state
         self._writer = threading.Lock()
         self._closed = False
@@ -88,13 +79,13 @@ class Store:
     def _read(self, path: Path) -> ChunkIndex:
         index, entries = ChunkIndex(), read_journal(path)
         if path.exists() and not entries:
-            raise damaged(path, 1)
+            raise damaged(path, "in line 1")
         for number, entry in enumerate(entries, start=1):
             if number > 1:
                 try:
                     index.apply(entry)
                 except (KeyError, TypeError, ValueError):
-                    raise damaged(path, number) from None
+                    raise damaged(path, f"in line {number}") from None
             elif unequal := [
                 f"{name} {entry.get(name)} instead of {value}"
                 for name, value in self._header.items()
@@ -106,7 +97,7 @@ class Store:
                 )
         return index
 
-    def _new_sampler(self) -> Sampler:
+    def _new_sampler(self) -> UniformSampler:
         settings = self._config.replay
         if settings.sampler == "uniform":
             return UniformSampler(settings.capacity)
@@ -121,10 +112,10 @@ class Store:
         """Links and sampleable steps from the index and the files."""
         ring, index = self.ring, self.index
         ring.tail, ring.head = index.tail, index.head
-        for record in index.chunks:
-            ring.link(record.placement)
-        for record in index.chunks:
-            self._join(record, index.neighbour(record.key, 1))
+        for place in index.chunks.values():
+            ring.link(place)
+        for key, place in index.chunks.items():
+            self._join(place, index.chunks.get(key.beside(1)))
         alive = np.arange(ring.tail, ring.head)
         self.sampler.restore(alive[ring.is_complete(alive)])
 
@@ -151,12 +142,12 @@ class Store:
                 self.index.duplicates += 1
                 self._journal.append(self.index.counts_entry())
                 return False
-            record = ChunkRecord(key, self._place(key, chunk))
-            self.ring.write(record.placement, chunk)
+            place = self._place(key, chunk)
+            self.ring.write(place, chunk)
             statistics = self._statistics(chunk, staleness)
-            self._journal.append(chunk_entry(record, statistics))
+            self._journal.append(chunk_entry(key, place, statistics))
             with self._state:
-                self._accept(record, statistics)
+                self._accept(key, place, statistics)
                 self._state.notify_all()
             if self._journal.lines > 2 * self._compacted_lines + _SPARE_LINES:
                 self._journal.rewrite(self._entries())
@@ -201,9 +192,9 @@ class Store:
         ring, index = self.ring, self.index
         steps, finals, context = len(chunk), len(chunk.final_frames), len(chunk.context)
         self._make_room(steps + finals)
-        before, previous = index.neighbour(key, -1), -1
-        if context and before is not None and ring.is_open(before.placement):
-            last = before.placement.last
+        before, previous = index.chunks.get(key.beside(-1)), -1
+        if context and before is not None and ring.is_open(before):
+            last = before.last
             if ring.can_lend(last):
                 previous, context = last, 0
         self._make_room(context + steps + finals)
@@ -214,23 +205,22 @@ class Store:
         ring, index = self.ring, self.index
         least = ring.head + count - self._config.replay.capacity
         tail = ring.tail
-        for record in index.chunks:
+        for place in index.chunks.values():
             if tail >= least:
                 break
-            tail = record.placement.end
+            tail = place.end
         if tail == ring.tail:
             return
         # First of all: the slots below are about to be overwritten, and a successor of this
         # process must not take them for what they were.
         self._journal.append(tail_entry(tail))
         with self._state:
-            sampleable = self.sampler.sampleable
             touched = set(range(ring.tail, tail))
             ring.tail = tail
-            for record in index.evict(tail):
-                touched |= self._steps_beside(record.key)
+            for key in index.evict(tail):
+                touched |= self._steps_beside(key)
             ids = np.array(sorted(touched), np.int64)
-            ids = ids[sampleable.contains(ids)]
+            ids = ids[self.sampler.contains(ids)]
             self.sampler.remove(ids[~ring.is_complete(ids)])
 
     def _steps_beside(self, key: ChunkKey) -> set[int]:
@@ -251,27 +241,27 @@ class Store:
             matched=int(np.count_nonzero(chunk.matched)),
             games=chunk.games,
             incarnation=chunk.incarnation,
+            follows=int(np.count_nonzero(chunk.follows)),
         )
 
-    def _accept(self, record: ChunkRecord, statistics: ChunkStatistics) -> None:
-        ring, index, place = self.ring, self.index, record.placement
-        index.accept(record, statistics)
+    def _accept(self, key: ChunkKey, place: Placement, statistics: ChunkStatistics) -> None:
+        ring, index = self.ring, self.index
+        index.accept(key, place, statistics)
         ring.head = place.end
         ring.link(place)
-        before = index.neighbour(record.key, -1)
+        before, after = (index.chunks.get(key.beside(distance)) for distance in (-1, 1))
         if before is not None:
-            self._join(before, record)
-        self._join(record, index.neighbour(record.key, 1))
-        touched = self._steps_beside(record.key) | set(range(place.first, place.last + 1))
+            self._join(before, place)
+        self._join(place, after)
+        touched = self._steps_beside(key) | set(range(place.first, place.last + 1))
         ids = np.array(sorted(touched), np.int64)
-        ids = ids[~self.sampler.sampleable.contains(ids)]
+        ids = ids[~self.sampler.contains(ids)]
         self.sampler.add(ids[ring.is_complete(ids)])
 
-    def _join(self, record: ChunkRecord, after: ChunkRecord | None) -> None:
-        """Let ``after``, if it goes on with the episode at the end of ``record``, complete it."""
-        if after is None or not self.ring.is_open(record.placement):
+    def _join(self, place: Placement, after: Placement | None) -> None:
+        """Let ``after``, if it goes on with the episode at the end of ``place``, complete it."""
+        if after is None or not self.ring.is_open(place):
             return
-        place = after.placement
         # States of one frame need no context, so its absence says nothing.
-        if place.context or place.previous >= 0 or self._config.play.frame_stack == 1:
-            self.ring.join(record.placement.last, place.first)
+        if after.context or after.previous >= 0 or self._config.play.frame_stack == 1:
+            self.ring.join(place.last, after.first)

@@ -7,9 +7,9 @@ from hypothesis import HealthCheck, settings
 
 from benchmarks.child import free_endpoint
 from common.transport import zenoh_transport
-from common.transport.in_process import InProcessHub
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import ZenohTransport, connect, open_hub
+from tests.in_process_transport import InProcessHub
 from tests.patience import PATIENCE
 
 # A busy machine may take its time over an example.

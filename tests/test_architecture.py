@@ -24,15 +24,11 @@ ARROWS = {
 DOORS = {
     "zenoh": "common/transport/zenoh_transport.py",
     "pybullet": "actors/robots/",
+    "pybullet_data": "actors/robots/",
     "pybullet_utils": "actors/robots/",
     "tensorboard": "learner/telemetry/sinks/",
 }
 """By foreign package, the file or folder that alone imports it."""
-
-EXCEPTIONS = {
-    ("actors/__main__.py", "viewer"): "the command line joins a run, or shows a robot to a person",
-}
-"""Imports against an arrow or beside a door that are still needed, and why. This list shrinks."""
 
 
 def imported(source: str) -> Iterator[str]:
@@ -66,8 +62,7 @@ def sources() -> Iterator[tuple[str, str]]:
 
 def test_imports_go_one_way_and_through_the_doors() -> None:
     found = set().union(*(against_the_rules(*each) for each in sources()))
-    assert sorted(found - EXCEPTIONS.keys()) == []
-    assert sorted(EXCEPTIONS.keys() - found) == [], "no longer needed: take them off the list"
+    assert sorted(found) == []
 
 
 def test_whoever_can_do_without_a_network_gets_a_transport() -> None:

@@ -1,8 +1,8 @@
 """A film of pictures, written while they are made: MP4, or GIF where the name ends so."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, Protocol, Self
 
 import cv2
 import numpy as np
@@ -10,25 +10,17 @@ from numpy.typing import NDArray
 
 from common.errors import InputError
 
-
-class Movie(Protocol):
-    """Takes pictures of one size, ``uint8 [height, width, 3]``, one after the other."""
-
-    def add(self, picture: NDArray[np.uint8]) -> None: ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
+Add = Callable[[NDArray[np.uint8]], None]
+"""Takes the film's next picture, ``uint8 [height, width, 3]``; all are of one size."""
 
 
-def open_movie(path: Path, rate: float) -> Movie:
-    """A film at ``rate`` pictures a second, complete once its context is left.
+def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
+    """Returns a film at ``rate`` pictures a second, complete once its context is left.
 
     Raises:
         InputError: neither .mp4 nor .gif; the file cannot be written; a GIF without Pillow.
     """
-    kinds: dict[str, Callable[[Path, float], Movie]] = {".mp4": _Mp4, ".gif": _Gif}
-    kind = kinds.get(path.suffix.lower())
+    kind = {".mp4": _mp4, ".gif": _gif}.get(path.suffix.lower())
     if kind is None:
         raise InputError(f"{path} is no film's name: let it end in .mp4 or .gif.")
     try:
@@ -39,57 +31,48 @@ def open_movie(path: Path, rate: float) -> Movie:
     return kind(path, rate)
 
 
-class _Mp4:
+@contextmanager
+def _mp4(path: Path, rate: float) -> Iterator[Add]:
     """MPEG-4 by the codec that comes with OpenCV; opened at the first picture, for its size."""
+    writer = cv2.VideoWriter()
 
-    def __init__(self, path: Path, rate: float) -> None:
-        self._path, self._rate = path, rate
-        self._writer: cv2.VideoWriter | None = None
-
-    def add(self, picture: NDArray[np.uint8]) -> None:
-        if self._writer is None:
-            height, width = picture.shape[:2]
-            code = cv2.VideoWriter.fourcc(*"mp4v")
-            self._writer = cv2.VideoWriter(str(self._path), code, self._rate, (width, height))
-            if not self._writer.isOpened():
+    def add(picture: NDArray[np.uint8]) -> None:
+        if not writer.isOpened():
+            size = picture.shape[1::-1]
+            if not writer.open(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, size):
                 raise InputError(
-                    f"OpenCV cannot write {self._path}: its build has no MPEG-4; use a .gif name."
+                    f"OpenCV cannot write {path}: its build has no MPEG-4; use a .gif name."
                 )
-        self._writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+        writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._writer is not None:
-            self._writer.release()
+    try:
+        yield add
+    finally:
+        writer.release()
 
 
-class _Gif:
+@contextmanager
+def _gif(path: Path, rate: float) -> Iterator[Add]:
     """An animated GIF by Pillow, half as large and with colours of its own for each picture."""
+    try:
+        from PIL import Image
+    except ImportError:
+        raise InputError(
+            "a .gif needs Pillow: pip install pillow, or use a name that ends in .mp4."
+        ) from None
+    pictures: list[Image.Image] = []
 
-    def __init__(self, path: Path, rate: float) -> None:
-        try:
-            from PIL import Image
-        except ImportError:
-            raise InputError(
-                "a .gif needs Pillow: pip install pillow, or use a name that ends in .mp4."
-            ) from None
-        self._image = Image
-        self._path, self._rate = path, rate
-        self._pictures: list[Any] = []
-
-    def add(self, picture: NDArray[np.uint8]) -> None:
+    def add(picture: NDArray[np.uint8]) -> None:
         height, width = picture.shape[:2]
         small = cv2.resize(picture, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
-        self._pictures.append(self._image.fromarray(small).quantize(128))
+        pictures.append(Image.fromarray(small).quantize(128))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._pictures:
-            first, *others = self._pictures
+    try:
+        yield add
+    finally:
+        if pictures:
             # GIF counts in hundredths of a second.
-            pause = round(100 / self._rate) * 10
-            first.save(self._path, save_all=True, append_images=others, duration=pause, loop=0)
+            pause = round(100 / rate) * 10
+            pictures[0].save(
+                path, save_all=True, append_images=pictures[1:], duration=pause, loop=0
+            )

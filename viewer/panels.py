@@ -1,103 +1,155 @@
-"""A snapshot as one picture of four panels: the room, the robot's camera with what was found in it,
-what the network gets, and the controller, with keys, Q-values, score and step drawn in."""
+"""What an environment shows after a step, as one picture of four panels: the room, the robot's
+camera with what was found in it, the hands on the keys, and what the network gets and answers."""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import cv2
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.vision.layout import GAME_IN_PICTURE
+from actors.envs.ale import AtariEnv
+from actors.envs.robot import RobotEnv
+from actors.loop import Step
+from actors.robots.nao.own_nao import OwnNao
+from actors.robots.nao.robot import Nao
+from actors.vision.layout import GAME_IN_PICTURE, UNIT_SQUARE
+from actors.vision.screen_detector import Detection
+from common.actions import Keys
+from common.errors import InputError
+from common.run.config import PlayConfig
 from viewer import overlay
-from viewer.snapshot import RobotSnapshot, Snapshot
 
 PANEL = (512, 384)
 """Width and height of each of the four."""
 _INPUT = 336
 """Edge of the enlarged input: four pixels for each."""
-_UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
 
 
-def draw_panels(snapshot: Snapshot) -> NDArray[np.uint8]:
-    """The picture, ``uint8 [768, 1024, 3]``; of an emulator alone ``[384, 1024, 3]``."""
-    network = _network_panel(snapshot)
-    if snapshot.robot is None:
-        return np.hstack((_screen_panel(snapshot), network))
-    above = np.hstack((_outside_panel(snapshot.robot), _camera_panel(snapshot.robot)))
-    below = np.hstack((_controller_panel(snapshot, snapshot.robot), network))
-    picture = np.vstack((above, below))
-    width, height = PANEL
-    picture[:, width - 2 : width + 2] = overlay.PAPER
-    picture[height - 2 : height + 2] = overlay.PAPER
-    return picture
+class Panels:
+    """Draws one environment.
+
+    Args:
+        play: the environment's settings.
+        room_every: pictures per rendering of the whole room, which takes more time than all else;
+            the game on its screen is always new.
+        nao_urdf: another NAO to show in place of the one that plays, see `OwnNao`.
+
+    Raises:
+        InputError: that robot cannot be shown, or no NAO plays; or it is an environment of another
+            kind, which has no such panels.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        play: PlayConfig,
+        nao_urdf: Path | None = None,
+        *,
+        room_every: int = 1,
+    ) -> None:
+        if not isinstance(env, RobotEnv | AtariEnv):
+            raise InputError("only robots and emulators are shown: choose another --env.")
+        self._env = env
+        self._drawn = 0
+        self._room_every = room_every
+        self._actions = env.emulator.minimal_actions if play.minimal_actions else tuple(range(18))
+        self._own_nao: OwnNao | None = None
+        if isinstance(env, RobotEnv):
+            self._view = env.robot.view
+        if nao_urdf is not None:
+            nao = env.robot if isinstance(env, RobotEnv) else None
+            if not isinstance(nao, Nao):
+                raise InputError("--nao-urdf shows another NAO, but no NAO plays here: omit it.")
+            self._own_nao = OwnNao(nao_urdf, env.emulator.screen_shape)
+            self._view = partial(self._own_nao.view, nao)
+
+    def draw(self, step: Step, values: NDArray[np.float32] | None) -> NDArray[np.uint8]:
+        """Returns the picture after ``step``, whose action was chosen by Q-values ``values``:
+        ``uint8 [768, 1024, 3]``, of an emulator alone ``[384, 1024, 3]``."""
+        env, emulator = self._env, self._env.emulator
+        network = network_panel(emulator.game, step, self._actions, values)
+        if not isinstance(env, RobotEnv):
+            # As wide as a television shows it.
+            return np.hstack((_panel(emulator.screen_rgb(), "emulator"), network))
+        # All of one moment: a world in real time would go on from picture to picture.
+        with env.still():
+            screen = emulator.screen_rgb()
+            moved = self._drawn % self._room_every == 0
+            room = _panel(self._view(screen, *PANEL, "room", moved=moved), "room")
+            camera = camera_panel(env.seen, env.detection)
+            hands = hands_panel(self._view(screen, *PANEL, "hands"), env.wanted, env.pressed)
+        self._drawn += 1
+        picture = np.vstack((np.hstack((room, camera)), np.hstack((hands, network))))
+        width, height = PANEL
+        picture[:, width - 2 : width + 2] = overlay.PAPER
+        picture[height - 2 : height + 2] = overlay.PAPER
+        return picture
+
+    def close(self) -> None:
+        """Close what shows another NAO; the environment stays open."""
+        if self._own_nao is not None:
+            self._own_nao.close()
 
 
 def border_of(corners: NDArray[np.float32]) -> NDArray[np.float32]:
     """Corners of the whole projected picture from those of the game in it, ``float32 [4, 2]``."""
     homography = cv2.getPerspectiveTransform(GAME_IN_PICTURE, corners)
-    return np.asarray(cv2.perspectiveTransform(_UNIT_SQUARE[None], homography)[0], np.float32)
+    return np.asarray(cv2.perspectiveTransform(UNIT_SQUARE[None], homography)[0], np.float32)
 
 
-def _outside_panel(robot: RobotSnapshot) -> NDArray[np.uint8]:
-    panel = _fitted(robot.outside)
-    overlay.caption(panel, "room")
-    return panel
-
-
-def _camera_panel(robot: RobotSnapshot) -> NDArray[np.uint8]:
-    width, height = PANEL
-    panel = np.asarray(
-        cv2.resize(robot.camera, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8
-    )
-    if robot.corners is not None:
-        # Corners count pixel centres.
-        scale = np.array([width / robot.camera.shape[1], height / robot.camera.shape[0]])
-        for corners, colour in (
-            (border_of(robot.corners), overlay.YELLOW),
-            (robot.corners, overlay.MAGENTA),
-        ):
-            drawn = (corners + 0.5) * scale - 0.5
-            overlay.outline(panel, drawn.astype(np.float32), colour)
-    if robot.found:
+def camera_panel(seen: NDArray[np.uint8], detection: Detection) -> NDArray[np.uint8]:
+    """Returns the camera's picture ``seen`` with the border and the game that were found in it."""
+    panel = np.asarray(cv2.resize(seen, PANEL, interpolation=cv2.INTER_NEAREST), np.uint8)
+    if detection.corners is not None:
+        scale = PANEL[0] / seen.shape[1]
+        overlay.outline(panel, border_of(detection.corners), scale, overlay.YELLOW)
+        overlay.outline(panel, detection.corners, scale, overlay.MAGENTA)
+    if detection.valid:
         overlay.caption(panel, "camera: border and game found")
     else:
         overlay.caption(panel, "camera: screen NOT found", overlay.RED)
     return panel
 
 
-def _controller_panel(snapshot: Snapshot, robot: RobotSnapshot) -> NDArray[np.uint8]:
-    panel = _fitted(robot.controller)
-    overlay.caption(panel, "controller (filled: pressed, ring: commanded)")
+def hands_panel(hands: NDArray[np.uint8], wanted: Keys, pressed: Keys) -> NDArray[np.uint8]:
+    """Returns the picture of the hands with the keys that are commanded and pressed."""
+    panel = _panel(hands, "controller (filled: pressed, ring: commanded)")
     width = panel.shape[1]
     panel[8:80, width - 128 : width - 8] = overlay.PAPER
-    overlay.controller_keys(panel, (width - 68, 44), 62, snapshot.wanted, snapshot.pressed)
+    overlay.controller_keys(panel, (width - 68, 44), 62, wanted, pressed)
     return panel
 
 
-def _network_panel(snapshot: Snapshot) -> NDArray[np.uint8]:
+def network_panel(
+    game: str, step: Step, actions: tuple[int, ...], values: NDArray[np.float32] | None
+) -> NDArray[np.uint8]:
+    """Returns the newest frame of the network's input, the score, and the actions' Q-values.
+
+    Args:
+        actions: ALE's numbers of the actions on offer.
+        values: ``float32 [actions]``; None at random play.
+    """
     width, height = PANEL
     panel = np.full((height, width, 3), overlay.PAPER, np.uint8)
-    large = cv2.resize(snapshot.frame, (_INPUT, _INPUT), interpolation=cv2.INTER_NEAREST)
+    large = cv2.resize(step.s_t[-1], (_INPUT, _INPUT), interpolation=cv2.INTER_NEAREST)
     panel[8 : 8 + _INPUT, 8 : 8 + _INPUT] = large[:, :, None]
     overlay.caption(panel, "network's input, 84 x 84")
     left = _INPUT + 20
-    overlay.write(panel, snapshot.game.replace("_", " ").upper()[:16], (left, 24), size=0.5)
-    overlay.write(panel, f"score {snapshot.score:g}", (left, 48), size=0.5)
-    overlay.write(panel, f"step  {snapshot.step}", (left, 70), size=0.5)
-    heading = "random play" if snapshot.values is None else "Q-values"
+    overlay.write(panel, game.replace("_", " ").upper()[:16], (left, 24), size=0.5)
+    overlay.write(panel, f"score {step.info.game_score:g}", (left, 48), size=0.5)
+    overlay.write(panel, f"step  {step.info.game_steps}", (left, 70), size=0.5)
+    heading = "random play" if values is None else "Q-values"
     overlay.write(panel, heading, (left, 98), colour=overlay.GREY)
     area = (left, 104, width - left - 6, height - 108)
-    overlay.action_values(panel, area, snapshot.actions, snapshot.chosen, snapshot.values)
+    overlay.action_values(panel, area, actions, step.a_tm1, values)
     return panel
 
 
-def _screen_panel(snapshot: Snapshot) -> NDArray[np.uint8]:
-    """The emulator's screen, as wide as a television shows it."""
-    panel = _fitted(snapshot.screen)
-    overlay.caption(panel, "emulator")
+def _panel(picture: NDArray[np.uint8], caption: str) -> NDArray[np.uint8]:
+    """Returns a copy of ``picture`` at the panel's size, with its caption."""
+    panel = np.array(cv2.resize(picture, PANEL, interpolation=cv2.INTER_LINEAR), np.uint8)
+    overlay.caption(panel, caption)
     return panel
-
-
-def _fitted(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A copy of ``picture`` at the panel's size."""
-    if picture.shape[1::-1] == PANEL:
-        return picture.copy()
-    return np.asarray(cv2.resize(picture, PANEL, interpolation=cv2.INTER_LINEAR), np.uint8)

@@ -1,17 +1,72 @@
-"""Who plays for show: random actions, or a network from a run's weights, with its values kept."""
+"""What is played for show, and by whom: random actions, or a network with its values kept."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
+import tyro
+from annotated_types import Ge, Lt
 from numpy.typing import NDArray
 
 from actors.policy import Policy
 from common.registry import ENVIRONMENTS
-from common.run.config import RunConfig
-from common.run.origin import origin_of
+from common.run.config import MAX_SEED, RunConfig
+from common.run.origin import check_vector, origin_of
 from common.run.presets import PRESETS
+
+File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+Switch = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+
+
+@dataclass(frozen=True)
+class Played:
+    """What the commands have in common: the game, and who plays it."""
+
+    env: str | None = None
+    """Environment: 'robot' by default, 'ale', or a registered one."""
+    game: str | None = None
+    """Game: any that ale-py bundles; pong by default."""
+    robot: str | None = None
+    """Robot: 'nao' by default, 'robotroller', a registered one, or FILE.npz, a latency model of the
+    hands."""
+    seed: Annotated[int, Ge(0), Lt(MAX_SEED)] | None = None
+    """Seed of the games and the random actions; by default that of the settings."""
+    minimal_actions: Switch = False
+    """Action set: the game's own actions (Pong: 6) instead of all 18."""
+
+    def config(self, weights: Path | None = None) -> RunConfig:
+        """Returns the settings: those of the run of ``weights``, changed by what else is given.
+
+        Without a run or a card it is Pong, by the robot, with all 18 actions.
+
+        Raises:
+            InputError: the configuration of the run, or that in the card, cannot be read, or the
+                network does not fit what else is given.
+        """
+        trained = None if weights is None else origin_of(weights)
+        config = trained
+        if config is None:
+            config = PRESETS[ENVIRONMENTS.find(self.env or RunConfig.env).preset]
+            config = replace(config, play=replace(config.play, minimal_actions=False))
+        play = replace(
+            config.play,
+            minimal_actions=self.minimal_actions or config.play.minimal_actions,
+            robot=self.robot or config.play.robot,
+        )
+        seed = config.seed if self.seed is None else self.seed
+        config = replace(
+            config.fixed,
+            env=self.env or config.env,
+            game=self.game or config.game,
+            seed=seed,
+            play=play,
+        )
+        config.check()
+        if weights is not None:
+            check_vector(weights, trained, config)
+        return config
 
 
 class ShownPolicy(Policy):
@@ -27,22 +82,3 @@ class ShownPolicy(Policy):
                 values = self.network(torch.from_numpy(frames), torch.from_numpy(vectors))
             self.values = values[0].numpy()
         return super().act(frames, vectors)
-
-
-def config_to_play(
-    weights: Path | None, env: str | None, game: str | None, minimal_actions: bool
-) -> RunConfig:
-    """What is played: as the run of ``weights`` did, changed by what else is given.
-
-    Without a run or a card it is Pong, by the robot, with all 18 actions.
-
-    Raises:
-        InputError: the configuration of the run, or that in the card, cannot be read.
-    """
-    config = None if weights is None else origin_of(weights)
-    if config is None:
-        config = PRESETS[ENVIRONMENTS.find(env or RunConfig.env).preset]
-        config = replace(config, play=replace(config.play, minimal_actions=False))
-    if minimal_actions:
-        config = replace(config, play=replace(config.play, minimal_actions=True))
-    return replace(config, env=env or config.env, game=game or config.game)

@@ -4,7 +4,9 @@ Above the room, and the robot from the front; below what its camera sees, with t
 the detector found them, and the 84×84 frame that the network gets.
 """
 
-from dataclasses import dataclass
+import sys
+from contextlib import closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,18 +15,16 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from actors.envs.emulator import Emulator
-from actors.robots.nao.room import Room
-from actors.robots.nao.viewpoint import Viewpoint
-from actors.vision.screen_detector import ScreenDetector
-from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
+from actors.envs.game import DEFAULT_PLAY
+from actors.envs.robot import RobotEnv
+from common.actions import Keys, action_of_keys
+from common.checked import Count, FromOne
 from common.errors import InputError, exit_on_input_error
-from common.games import check_game
+from common.process.command_line import parse
 from viewer import overlay
 
 _WIDTH, _HEIGHT = 640, 480
 """Size of each panel in pixels."""
-_FROM_THE_FRONT = Viewpoint((0.66, -0.32, 0.72), (0.075, 0.0, 0.272), 34.0, shadow=False)
 
 
 @dataclass(frozen=True)
@@ -33,58 +33,47 @@ class Options:
 
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("robot.png")
     """PNG file of the picture."""
+    robot: str = DEFAULT_PLAY.robot
+    """Robot: 'nao' or a registered one."""
     game: str = "pong"
     """Game: any that ale-py bundles."""
-    decisions: int = 60
+    decisions: FromOne = 60
     """Agent steps before the picture."""
-    seed: int = 7
+    seed: Count = 7
     """Seed of the random play."""
 
 
 def main() -> int:
-    options = tyro.cli(Options, prog="python -m viewer.portrait")
-    emulator = Emulator(check_game(options.game), options.seed)
-    room = Room(emulator.screen_shape)
-    try:
-        _play(room, emulator, options)
-        picture = _portrait(room, emulator.screen_rgb())
-    finally:
-        room.close()
+    options = parse(Options, "viewer.portrait", sys.argv[1:])
+    play = replace(DEFAULT_PLAY, random_starts=0, robot=options.robot)
+    with closing(RobotEnv(options.game, play=play)) as env:
+        env.reset(seed=options.seed)
+        at_random = np.random.default_rng(options.seed).integers(18, size=options.decisions - 1)
+        # At last a diagonal with fire, so that both hands are at work.
+        for action in (*at_random, action_of_keys(Keys.UP | Keys.RIGHT | Keys.FIRE)):
+            env.step(action)
+        picture = _portrait(env)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(options.output), picture[:, :, ::-1])
     print(f"wrote {options.output}")
     return 0
 
 
-def _play(room: Room, emulator: Emulator, options: Options) -> None:
-    """At random, but for the last command: a diagonal with fire, so that both hands are at work."""
-    rng = np.random.default_rng(options.seed)
-    commands = [KEYS_OF_ACTION[action] for action in rng.integers(18, size=options.decisions - 1)]
-    for wanted in (*commands, Keys.UP | Keys.RIGHT | Keys.FIRE):
-        room.command(wanted)
-        for _ in range(4):
-            emulator.act(action_of_keys(room.step_frame()))
-
-
-def _portrait(room: Room, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _portrait(env: RobotEnv) -> NDArray[np.uint8]:
     """``uint8 [960, 1280, 3]``."""
-    seen = room.picture(game)
-    detection = ScreenDetector().detect(seen)
+    seen, detection, game = env.seen, env.detection, env.emulator.screen_rgb()
     if detection.corners is None:
         raise InputError("no screen was found in the picture: choose another --seed.")
-    resized = cv2.resize(seen, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_NEAREST)
-    camera = np.asarray(resized, np.uint8)
-    scale = _WIDTH / seen.shape[1]
-    # Corners count pixel centres.
-    corners = np.asarray((detection.corners + 0.5) * scale - 0.5, np.float32)
-    overlay.outline(camera, corners, overlay.MAGENTA)
+    large = cv2.resize(seen, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_NEAREST)
+    camera = np.asarray(large, np.uint8)
+    overlay.outline(camera, detection.corners, _WIDTH / seen.shape[1], overlay.MAGENTA)
     frame = cv2.resize(detection.frame, (_HEIGHT, _HEIGHT), interpolation=cv2.INTER_NEAREST)
     network = np.full((_HEIGHT, _WIDTH, 3), overlay.PAPER, np.uint8)
     left = (_WIDTH - _HEIGHT) // 2
     network[:, left : left + _HEIGHT] = frame[:, :, None]
     panels = (
-        (room.view(game, _WIDTH, _HEIGHT), "the room"),
-        (room.view(game, _WIDTH, _HEIGHT, _FROM_THE_FRONT), "the robot, at its keys"),
+        (env.robot.view(game, _WIDTH, _HEIGHT), "the room"),
+        (env.robot.view(game, _WIDTH, _HEIGHT, "front"), "the robot, at its keys"),
         (camera, "what its camera sees, 320 x 240, and the game found in it"),
         (network, "what the network gets, 84 x 84"),
     )

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import InputError
-from viewer.snapshot import Snapshot
 
 _VIEWER = ("127.0.0.1", 9876)
 """Where a viewer listens."""
@@ -20,7 +19,7 @@ _QUALITY = 90
 
 
 class RerunStream:
-    """Starts a viewer, or finds the one that runs, and sends it every snapshot.
+    """Starts a viewer, or finds the one that runs, and sends it every picture.
 
     Raises:
         InputError: Rerun is not installed, or its viewer cannot be started here.
@@ -35,15 +34,17 @@ class RerunStream:
             _start_viewer(self._rerun)
         self._agent_step = 0
 
-    def show(self, snapshot: Snapshot, panels: NDArray[np.uint8]) -> None:
-        """Send the panels, and score and greatest value as curves."""
+    def show(
+        self, panels: NDArray[np.uint8], score: float, values: NDArray[np.float32] | None
+    ) -> None:
+        """Send the panels, and score and greatest Q-value as curves."""
         rerun = self._rerun
         rerun.set_time("agent step", sequence=self._agent_step)
         self._agent_step += 1
         rerun.log("panels", rerun.Image(panels).compress(jpeg_quality=_QUALITY))
-        rerun.log("score", rerun.Scalars(snapshot.score))
-        if snapshot.values is not None:
-            rerun.log("max_q", rerun.Scalars(float(snapshot.values.max())))
+        rerun.log("score", rerun.Scalars(score))
+        if values is not None:
+            rerun.log("max_q", rerun.Scalars(float(values.max())))
 
 
 def _import_rerun() -> ModuleType:

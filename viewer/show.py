@@ -1,84 +1,104 @@
-"""`python -m actors --play`: games played for show, recorded or streamed as panels."""
+"""`python -m viewer play`: games played for show, recorded or streamed as panels."""
 
 import threading
-from contextlib import ExitStack
+from contextlib import closing, nullcontext
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
+import tyro
 
 from actors.envs import make_env
-from actors.envs.ale import AtariEnv
-from actors.envs.robot import RobotEnv
 from actors.loop import play
-from actors.viewer_options import ViewerOptions
+from common.checked import Amount, Fraction, FromOne
+from common.errors import InputError
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
-from viewer.movie import Movie, open_movie
-from viewer.observer import Observer
-from viewer.panels import draw_panels
-from viewer.player import ShownPolicy
+from viewer.movie import open_movie
+from viewer.panels import Panels
+from viewer.player import File, Played, ShownPolicy
 from viewer.rerun_stream import RerunStream
 
-OUTSIDE_EVERY = 4
+ROOM_EVERY = 4
 """Agent steps between renderings of the whole room: it is seen from afar."""
+LONGEST_GIF = 120
+"""Seconds of play; 350 MB of memory."""
 
 
-def show(
-    options: ViewerOptions,
-    config: RunConfig,
-    clock: ClockConfig,
-    *,
-    seed: int,
-    stop: threading.Event,
-) -> int:
-    """Play ``options.games`` games, or ``options.seconds``, or until ``stop``; the exit status.
+@dataclass(frozen=True)
+class Play(Played):
+    """Play games, at random or by a network, and print each game's score.
 
-    Raises:
-        InputError: weights, film, viewer or the user's robot cannot be used.
+    A network plays under the settings of its run, except for those given here.
     """
-    with ExitStack() as stack:
-        viewer = RerunStream() if options.viewer == "rerun" else None
-        env = make_env(config, clock, training=False)
-        stack.callback(env.close)
-        assert isinstance(env, (RobotEnv, AtariEnv))
-        policy_seed, env_seed = map(int, np.random.SeedSequence(seed).generate_state(2))
-        actions = int(env.action_space.n)  # type: ignore[attr-defined]
-        policy = ShownPolicy.of_file(config, actions, options.weights, options.epsilon, policy_seed)
-        movie: Movie | None = None
-        if options.video is not None:
-            rate = 60 / config.play.frame_skip
-            movie = stack.enter_context(open_movie(options.video, rate))
-        observer = Observer(env, config.play, options.nao_urdf, outside_every=OUTSIDE_EVERY)
-        stack.callback(observer.close)
-        scores: list[float] = []
-        missed = 0
-        # Agent steps that are still to be shown.
-        left = options.seconds * 60 / config.play.frame_skip or float("inf")
-        for step in play([env], policy, [env_seed]):
-            if movie is not None or viewer is not None:
-                snapshot = observer.look(step, policy.values)
-                panels = draw_panels(snapshot)
-                if movie is not None:
-                    # A step that took longer is seen for longer.
-                    for _ in range(step.info.elapsed):
-                        movie.add(panels)
-                if viewer is not None:
-                    viewer.show(snapshot, panels)
-            missed += step.info.missed_deadlines
-            if step.info.game_over:
-                scores.append(step.info.game_score)
-                # Taking pictures takes time, and a world that goes on by itself does not wait.
-                late = "" if clock.sync else f", {missed} deadlines missed"
-                print(
-                    f"game {len(scores)}: score {scores[-1]:g} "
-                    f"in {step.info.game_steps} steps{late}",
-                    flush=True,
-                )
-                missed = 0
-            left -= step.info.elapsed
-            if len(scores) == options.games or left <= 0 or stop.is_set():
-                break
-    if len(scores) > 1:
-        print(f"mean score of {len(scores)} games: {np.mean(scores):.2f}")
-    if options.video is not None:
-        print(f"wrote {options.video}")
-    return 0
+
+    weights: File = None
+    """Network that plays, such as runs/NAME/snapshots/best.safetensors."""
+    epsilon: Fraction = 0.001
+    """Share of random actions of the network's play; evaluations had 0.05 in 2017."""
+    games: FromOne = 1
+    """Number of whole games."""
+    seconds: Amount = 0.0
+    """Seconds of play, for a short film; 0 plays whole games."""
+    video: File = None
+    """Film of the panels; its name ends in .mp4, or in .gif with --seconds."""
+    viewer: Literal["rerun"] | None = None
+    """Live viewer of the panels; Rerun needs pip install 'ale-robot[viz]'."""
+    nao_urdf: File = None
+    """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
+    clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
+
+    def run(self, stop: threading.Event) -> int:
+        """Play the games, or for the seconds, or until ``stop``; returns the exit status.
+
+        Raises:
+            InputError: clock, weights, film, viewer or the user's robot cannot be used.
+        """
+        config = self.config(self.weights)
+        self.clock.check(config.env)
+        gif = self.video is not None and self.video.suffix.lower() == ".gif"
+        if gif and not 0 < self.seconds <= LONGEST_GIF:
+            raise InputError(
+                f"a GIF is all in memory until its end: choose --seconds up to {LONGEST_GIF}, "
+                "or an .mp4."
+            )
+        viewer = RerunStream() if self.viewer == "rerun" else None
+        policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
+        policy = ShownPolicy.of_file(config, self.weights, self.epsilon, policy_seed)
+        rate = 60 / config.play.frame_skip
+        with (
+            closing(make_env(config, self.clock, training=False)) as env,
+            nullcontext() if self.video is None else open_movie(self.video, rate) as film,
+            closing(Panels(env, config.play, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
+        ):
+            scores: list[float] = []
+            missed = 0
+            # Agent steps that are still to be shown.
+            left = self.seconds * rate or float("inf")
+            for step in play([env], policy, [env_seed]):
+                if film is not None or viewer is not None:
+                    picture = panels.draw(step, policy.values)
+                    if film is not None:
+                        # A step that took longer is seen for longer.
+                        for _ in range(step.info.elapsed):
+                            film(picture)
+                    if viewer is not None:
+                        viewer.show(picture, step.info.game_score, policy.values)
+                missed += step.info.missed_deadlines
+                if step.info.game_over:
+                    scores.append(step.info.game_score)
+                    # Taking pictures takes time, and a world that goes on by itself does not wait.
+                    late = "" if self.clock.sync else f", {missed} deadlines missed"
+                    print(
+                        f"game {len(scores)}: score {scores[-1]:g} "
+                        f"in {step.info.game_steps} steps{late}",
+                        flush=True,
+                    )
+                    missed = 0
+                left -= step.info.elapsed
+                if len(scores) == self.games or left <= 0 or stop.is_set():
+                    break
+        if len(scores) > 1:
+            print(f"mean score of {len(scores)} games: {np.mean(scores):.2f}")
+        if self.video is not None:
+            print(f"wrote {self.video}")
+        return 0

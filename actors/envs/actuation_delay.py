@@ -5,8 +5,6 @@ time, it tells how much delay alone costs a learner. A pure delay would not do a
 arm: on the way from one key to another, an arm holds neither.
 """
 
-from collections import deque
-
 from common.actions import Keys
 from common.run.config import PlayConfig
 
@@ -15,8 +13,7 @@ class ActuationDelay:
     """Keys that follow each command with the latencies of ``play``.
 
     The keys of the previous command are released ``release_latency`` emulator frames after a
-    command arrives, and its own are pressed after ``press_latency``. A command arrives
-    ``command_latency`` agent steps of game time after it was given.
+    command arrives, and its own are pressed after ``press_latency``.
     """
 
     def __init__(self, play: PlayConfig) -> None:
@@ -29,29 +26,23 @@ class ActuationDelay:
         return self._held
 
     def rest(self) -> None:
-        """No key pressed, no command on its way."""
-        self._coming: deque[tuple[int, Keys]] = deque()  # with the frames in which they come
+        """No key pressed, no command followed."""
         self._held = self._old = self._wanted = Keys.NONE
-        self._frame = self._begun = 0
+        self._since = 0
+        """Emulator frames since the last command that asked for other keys."""
 
     def command(self, keys: Keys) -> None:
         """Set out for exactly ``keys``."""
-        self._coming.append(
-            (self._frame + self._play.command_latency * self._play.frame_skip, keys)
-        )
+        if keys != self._wanted:
+            self._old, self._wanted, self._since = self._held, keys, 0
 
     def step_frame(self) -> Keys:
         """Pass one emulator frame; the keys that are pressed in it."""
-        while self._coming and self._coming[0][0] <= self._frame:
-            _, wanted = self._coming.popleft()
-            if wanted != self._wanted:
-                self._old, self._wanted, self._begun = self._held, wanted, self._frame
-        since = self._frame - self._begun
         self._held = self._wanted
-        if since < self._play.press_latency:
+        if self._since < self._play.press_latency:
             # What both commands hold stays down, as under a finger that has not to move.
             self._held &= self._old
-            if since < self._play.release_latency:
+            if self._since < self._play.release_latency:
                 self._held = self._old
-        self._frame += 1
+        self._since += 1
         return self._held

@@ -6,16 +6,18 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.emulator import Emulator
+from actors.envs.frame_camera import FrameCamera
 from actors.envs.game import DEFAULT_PLAY, AtariGame
+from actors.envs.late_commands import are_prompt, hands_of
 from actors.envs.observation import FrameStack, Observation, observation_space, shrink
 from actors.envs.proprioception import Proprioception
 from actors.envs.step_info import StepInfo
+from actors.robots.latency_model.model import LatencyModel
 from common.actions import KEYS_OF_ACTION, action_of_keys
-from common.proprioception import KEY_FRAMES, vector_width
 from common.run.clock import ClockConfig
-from common.run.config import PlayConfig, RunConfig
+from common.run.conditions import NOTHING_DRAWN, PERFECT_CAMERA, Conditions, draw
+from common.run.config import CameraConfig, PlayConfig, RandomiseConfig, RunConfig
 
 
 class AtariEnv(gymnasium.Env[Observation, np.int64]):
@@ -23,7 +25,8 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
 
     Observation: ``uint8 [frame_stack, 84, 84]``, newest frame last; with ``play.vector`` in a
     dictionary beside the last commands and keys. The keys are the commanded ones, unless ``play``
-    has a command, release or press latency (`ActuationDelay`).
+    gives the hand a latency (`hands_of`) or models it by a file; the frame is the emulator's,
+    unless ``camera`` has faults (`FrameCamera`).
     Action: an index into all 18 actions, or into the game's own with ``play.minimal_actions``.
     Reward: points, not clipped.
     With ``training`` an episode also ends at a lost life, and the next ``reset()`` carries the
@@ -39,48 +42,78 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         game: str = "pong",
         *,
         play: PlayConfig = DEFAULT_PLAY,
+        camera: CameraConfig = PERFECT_CAMERA,
+        randomise: RandomiseConfig = NOTHING_DRAWN,
         training: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        """Raises InputError for a game that ale-py does not bundle."""
+        """Power the console on.
+
+        Args:
+            randomise: ranges of the conditions that are drawn for each game.
+
+        Raises:
+            InputError: ale-py does not bundle the game, or a file holds no latency model.
+        """
         self.metadata = {**self.metadata, "render_fps": 60 / play.frame_skip}
         self.render_mode = render_mode
         # An action that is held through all frames of an agent step the emulator can repeat itself.
-        self._prompt = not (play.command_latency or play.release_latency or play.press_latency)
+        self._prompt = are_prompt(play) and randomise.latency == randomise.jitter == 0
         skip = play.frame_skip if self._prompt else 1
         self._game = AtariGame(game, play, training=training, emulator_skip=skip)
-        self._frame_skip = play.frame_skip
-        self._keys = ActuationDelay(play)
+        self._play = play
+        self._randomise = randomise
+        self.conditions = self._usual = Conditions(play, camera)
+        """The conditions of the present game; and those around which they are drawn."""
+        self._model = LatencyModel.of_file(play.latency_model) if play.latency_model else None
+        self._hands = hands_of(play, self._model, np.random.default_rng(0))
+        self._camera: FrameCamera | None = None
         self._frames = FrameStack(play.frame_stack)
         self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
-        self.observation_space = observation_space(play, vector_width(0))
-        self._sense = Proprioception() if play.vector else None
+        self.observation_space = observation_space(play)
+        self._sense = Proprioception(play) if play.vector else None
 
     @classmethod
     def of_run(cls, config: RunConfig, clock: ClockConfig, *, training: bool) -> Self:
         """Returns the environment of a run; there is no robot whose ``clock`` could matter."""
-        return cls(config.game, play=config.play, training=training)
+        return cls(
+            config.game,
+            play=config.play,
+            camera=config.camera,
+            randomise=config.randomise,
+            training=training,
+        )
 
     @property
     def emulator(self) -> Emulator:
         """The console; another one after a reset with a seed."""
         return self._game.emulator
 
+    def ram(self) -> NDArray[np.uint8]:
+        """Returns the console's memory, ``uint8 [128]``."""
+        return self._game.emulator.ram()
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; its first state is its first frame, repeated."""
         super().reset(seed=seed)
-        new = self._game.begin_episode(
-            self.np_random,
-            seeded=seed is not None,
-            new_game=bool((options or {}).get("new_game", False)),
-        )
-        if new:
-            self._keys.rest()
+        seeded = seed is not None
+        new_game = bool((options or {}).get("new_game", False))
+        if self._game.is_next_new(seeded=seeded, new_game=new_game):
+            self.conditions = draw(*self._usual, self._randomise, self.np_random.random)
+            play, camera = self.conditions
+            self._game.sticky = play.sticky
+            self._game.begin_episode(self.np_random, seeded=seeded, new_game=new_game)
+            self._hands = hands_of(play, self._model, self.np_random)
+            self._hands.rest()
+            perfect = camera == PERFECT_CAMERA
+            self._camera = None if perfect else FrameCamera(camera, self.np_random)
             if self._sense is not None:
                 self._sense.forget()
-        self._frames.restart(shrink(self._game.emulator.screen_grey()))
+        else:
+            self._game.begin_episode(self.np_random, seeded=seeded, new_game=new_game)
+        self._frames.restart(self._frame(0))
         return self._observation(), StepInfo(*self._game.standing, elapsed=0)._asdict()
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -90,23 +123,27 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         if self._sense is not None:
             self._sense.command(command)
         if self._prompt:
-            pressed = [wanted] * self._frame_skip
+            pressed = [wanted] * self._play.frame_skip
             reward = self._game.hold(command)
         else:
-            self._keys.command(wanted)
-            pressed = [self._keys.step_frame() for _ in range(self._frame_skip)]
+            self._hands.command(wanted)
+            pressed = [self._hands.step_frame() for _ in range(self._play.frame_skip)]
             reward = sum(self._game.hold(action_of_keys(keys)) for keys in pressed)
         if self._sense is not None:
-            for keys in pressed[-KEY_FRAMES:]:
+            for keys in pressed[-self._sense.key_frames :]:
                 self._sense.feel(keys)
         terminated, truncated = self._game.end_agent_step()
-        self._frames.push(shrink(self._game.emulator.screen_grey()))
+        self._frames.push(self._frame(1))
         info = StepInfo(*self._game.standing, keys_match=pressed[-1] == wanted)
         return self._observation(), reward, terminated, truncated, info._asdict()
 
     def render(self) -> NDArray[np.uint8] | None:
         """The emulator's screen, ``uint8 [rows, columns, 3]``, for render_mode "rgb_array"."""
         return self._game.emulator.screen_rgb() if self.render_mode == "rgb_array" else None
+
+    def _frame(self, agent_steps: int) -> NDArray[np.uint8]:
+        screen = self._game.emulator.screen_grey()
+        return shrink(screen) if self._camera is None else self._camera.take(screen, agent_steps)
 
     def _observation(self) -> Observation:
         frames = self._frames.state

@@ -8,9 +8,9 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from typing import Protocol
+from dataclasses import replace
 
-from actors.envs.world import AgentStep
+from actors.envs.world import AgentStep, World
 
 FRAME = 1 / 60
 """Seconds of game time per emulator frame."""
@@ -21,24 +21,13 @@ BREATH = 5e-5
 """Seconds that a late world waits between two frames; otherwise the agent thread starves."""
 
 
-class Moving(Protocol):
-    """What a clock needs of the world."""
+class Lockstep:
+    """Passes the world's agent steps, each while the agent waits for it."""
 
-    def command(self, action: int) -> None:
-        """Let the hands set out for one of the 18 actions."""
-
-    def frame(self) -> AgentStep | None:
-        """Pass one emulator frame; the agent step that it completes, if any."""
-
-    def finish_agent_step(self) -> AgentStep:
-        """Pass the frames to the end of the agent step."""
-
-
-class Clock(Protocol):
-    """Passes the world's agent steps."""
-
-    late_frames: int
-    """Frames so far that began more than a frame too late."""
+    def __init__(self, world: World) -> None:
+        self.late_frames = 0
+        """Frames so far that began more than a frame too late."""
+        self._world = world
 
     def start(self) -> None:
         """Let time pass: an episode begins."""
@@ -48,46 +37,20 @@ class Clock(Protocol):
 
     def still(self) -> AbstractContextManager[object]:
         """While it is entered the world stands still, to be looked at."""
-
-    def command(self, action: int) -> list[AgentStep]:
-        """Give a command; the agent steps that passed before it, for want of one."""
-
-    def pass_agent_step(self) -> list[AgentStep]:
-        """The next agent step, or all up to now if there were several; never after an episode's
-        end."""
-
-    def close(self) -> None:
-        """Stop for good."""
-
-
-class Lockstep:
-    """Time passes only while the agent waits for it."""
-
-    def __init__(self, world: Moving) -> None:
-        self.late_frames = 0
-        self._world = world
-
-    def start(self) -> None:
-        """Nothing to do: time passes agent step by agent step."""
-
-    def stop(self) -> None:
-        """Nothing to do."""
-
-    def still(self) -> AbstractContextManager[object]:
-        """The world stands still anyway."""
         return nullcontext()
 
     def command(self, action: int) -> list[AgentStep]:
-        """Give a command; nothing ever passed before it."""
+        """Give a command; the agent steps that passed before it, for want of one."""
         self._world.command(action)
         return []
 
     def pass_agent_step(self) -> list[AgentStep]:
-        """One agent step."""
+        """The next agent step, or all up to now if there were several; never after an episode's
+        end."""
         return [self._world.finish_agent_step()]
 
     def close(self) -> None:
-        """Nothing to do."""
+        """Stop for good; closing twice does no harm."""
 
 
 class Deadlines:
@@ -117,7 +80,7 @@ def _wait(changed: threading.Condition, seconds: float | None) -> None:
     changed.wait(seconds)
 
 
-class RealTime:
+class RealTime(Lockstep):
     """Time passes by itself, frame by frame, in a thread of its own.
 
     The agent's command takes effect when it comes, and it is answered at the end of the agent step
@@ -133,27 +96,27 @@ class RealTime:
 
     def __init__(
         self,
-        world: Moving,
+        world: World,
         speed: float = 1.0,
         *,
         now: Callable[[], float] = time.monotonic,
         wait: Callable[[threading.Condition, float | None], None] = _wait,
     ) -> None:
-        self.late_frames = 0
-        self._world = world
+        super().__init__(world)
         self._wait = wait
         self._deadlines = Deadlines(FRAME / speed, now)
         self._changed = threading.Condition()
         self._passed: list[AgentStep] = []
+        self._late = False  # a frame of the present agent step was
         self._running = False
         self._closing = False
         self._failure: BaseException | None = None
         self._thread = threading.Thread(target=self._keep_time, name="real-time", daemon=True)
 
     def start(self) -> None:
-        """Let time pass: an episode begins."""
         with self._changed:
             self._passed.clear()
+            self._late = False
             self._running = True
             self._deadlines.restart()
             self._changed.notify_all()
@@ -161,23 +124,19 @@ class RealTime:
             self._thread.start()
 
     def stop(self) -> None:
-        """Let no time pass until the next `start`."""
         with self._changed:
             self._running = False
 
     def still(self) -> AbstractContextManager[object]:
-        """While it is entered the world stands still, to be looked at."""
         return self._changed
 
     def command(self, action: int) -> list[AgentStep]:
-        """Give a command; the agent steps that passed before it, for want of one."""
         with self._changed:
             self._world.command(action)
             return self._take()
 
     def pass_agent_step(self) -> list[AgentStep]:
-        """The next agent step, or all up to now if there were several; never after an episode's
-        end.
+        """As `Lockstep.pass_agent_step`.
 
         Raises:
             RuntimeError: no time passes, so that none would ever come.
@@ -192,7 +151,6 @@ class RealTime:
             return self._take()
 
     def close(self) -> None:
-        """End the thread; closing twice does no harm."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -225,10 +183,13 @@ class RealTime:
         if delay > 0:
             self._wait(self._changed, delay)
             return
-        self.late_frames += self._deadlines.meet()
+        late = self._deadlines.meet()
+        self.late_frames += late
+        self._late = self._late or late
         agent_step = self._world.frame()
         if agent_step is not None:
-            self._passed.append(agent_step)
+            self._passed.append(replace(agent_step, late=self._late))
+            self._late = False
             self._running = not agent_step.ended
             self._changed.notify_all()
         # Waiting gives the lock away; the agent would starve beside a world that is always late.

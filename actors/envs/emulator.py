@@ -10,7 +10,7 @@ import numpy as np
 from ale_py import ALEInterface, LoggerMode, roms
 from numpy.typing import NDArray
 
-from actors.envs.phosphor import glow, glow_grey, glow_rgb
+from actors.envs.phosphor import glow, glow_grey, glow_rgb, luminance
 from common.games import check_game
 
 _ROMS = Path(roms.__file__).parent
@@ -20,15 +20,19 @@ _EUROPEAN_ROWS = 250
 
 
 class Emulator:
-    """A game at its first frame, without repeated actions, with colour averaging.
+    """A game at its first frame, with colour averaging and, if ``sticky``, repeated actions.
 
     The picture blends the last two emulator frames, so that sprites which flicker at 30 Hz are
     seen; ALE gives the brighter one 77 %, as a television's phosphor does, in the console's own
-    colours. From power-on the same actions always give the same game: ALE's generator
-    (``seed``) is asked only for repeated actions, so games differ by the actions alone.
+    colours.
+
+    Each emulator frame executes, with probability ``sticky``, the action that the frame before
+    executed instead of the one that is held (``repeat_action_probability``, Machado et al. 2018).
+    ALE draws this from its own generator, which ``seed`` starts at power-on and a `reset` carries
+    on. Nothing else asks it: without sticky actions the same actions always give the same game.
     """
 
-    def __init__(self, game: str, seed: int, *, frame_skip: int = 1) -> None:
+    def __init__(self, game: str, seed: int, *, frame_skip: int = 1, sticky: float = 0.0) -> None:
         """Raises InputError for a game that ale-py does not bundle."""
         # For the whole process, and before ALEInterface exists: its constructor prints a banner.
         ALEInterface.setLoggerMode(LoggerMode.Error)
@@ -36,7 +40,8 @@ class Emulator:
         self._ale = ALEInterface()
         self._ale.setInt("random_seed", seed % 2**31)
         self._frame_skip = frame_skip
-        self._ale.setFloat("repeat_action_probability", 0.0)
+        self.sticky = sticky
+        self._ale.setFloat("repeat_action_probability", sticky)
         self._ale.loadROM(_ROMS / f"{game}.bin")
         self._european = self._ale.getScreenDims()[0] == _EUROPEAN_ROWS
         self._remember()
@@ -69,10 +74,7 @@ class Emulator:
         """Keep the present field: it is the one before from now on."""
         self._before = self._ale.getScreen()
         if self._european:
-            self._before_rgb, self._before_grey = (
-                self._ale.getScreenRGB(),
-                self._ale.getScreenGrayscale(),
-            )
+            self._before_rgb = self._ale.getScreenRGB()
 
     def screen_rgb(self) -> NDArray[np.uint8]:
         """The picture in colour, ``uint8 [rows, columns, 3]``, the caller's to keep."""
@@ -83,10 +85,9 @@ class Emulator:
 
     def screen_grey(self) -> NDArray[np.uint8]:
         """The picture's luminance, ``uint8 [rows, columns]``, the caller's to keep."""
-        picture = self._ale.getScreenGrayscale()
         if self._european:
-            return glow(picture, self._before_grey)
-        return glow_grey(picture, self._ale.getScreen(), self._before)
+            return luminance(self.screen_rgb())  # what a camera sees of it
+        return glow_grey(self._ale.getScreenGrayscale(), self._ale.getScreen(), self._before)
 
     def ram(self) -> NDArray[np.uint8]:
         """The console's memory, ``uint8 [128]``."""

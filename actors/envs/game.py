@@ -32,8 +32,8 @@ class AtariGame:
         Raises:
             InputError: ale-py does not bundle the game.
         """
-        self.emulator = Emulator(game, 0, frame_skip=emulator_skip)
-        """Replaced when an episode begins with a seed: do not keep it."""
+        self.emulator = Emulator(game, 0, frame_skip=emulator_skip, sticky=play.sticky)
+        """Replaced at the first game, and when an episode begins with a seed: do not keep it."""
         self.actions: tuple[int, ...] = (
             self.emulator.minimal_actions if play.minimal_actions else tuple(range(18))
         )
@@ -44,6 +44,8 @@ class AtariGame:
         """Agent steps of the present game, its random start included."""
         self.over = False
         """The game ended at the last agent step, by its own rules or cut short."""
+        self.sticky = play.sticky
+        """Repeat probability of the next game."""
         self._play = play
         self._training = training
         self._emulator_skip = emulator_skip
@@ -58,15 +60,20 @@ class AtariGame:
         Args:
             rng: Draws the random start of a new game.
             seeded: What follows has to depend on ``rng`` alone. The console is switched off and
-                on then, because some games (Freeway) keep memory across ALE's reset.
+                on then, because some games (Freeway) keep memory across ALE's reset, and its
+                sticky actions begin with a seed from ``rng``.
             new_game: Start a new game even where the present one could go on.
         """
-        carry_on = self._carries_on and not (seeded or new_game)
-        if not carry_on:
+        new = self.is_next_new(seeded=seeded, new_game=new_game)
+        if new:
             self._start_game(rng, power_on=seeded)
         self.over = self._carries_on = self._life_lost = False
         self._lives = self.emulator.lives
-        return not carry_on
+        return new
+
+    def is_next_new(self, *, seeded: bool, new_game: bool) -> bool:
+        """Whether `begin_episode` would start a new game."""
+        return seeded or new_game or not self._carries_on
 
     def hold(self, action: int) -> float:
         """Hold one of the 18 actions for ``emulator_skip`` frames; the points it made.
@@ -114,9 +121,14 @@ class AtariGame:
         return self.over, self.score, self.steps
 
     def _start_game(self, rng: Generator, *, power_on: bool) -> None:
-        if power_on and self._used:
-            self.emulator = Emulator(self.emulator.game, 0, frame_skip=self._emulator_skip)
-        elif self._used:
+        sticky = self.sticky
+        if power_on or not self._used or sticky != self.emulator.sticky:
+            # Nothing is drawn where nothing is repeated, so that such games stay as they were.
+            seed = int(rng.integers(2**31)) if sticky > 0 else 0
+            self.emulator = Emulator(
+                self.emulator.game, seed, frame_skip=self._emulator_skip, sticky=sticky
+            )
+        else:
             self.emulator.reset()
         self._used = True
         self.score, self.steps = 0.0, 0

@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from common.proprioception import vector_width
 from common.protocol.step_fields import FRAME_SHAPE
 from common.run.config import PlayConfig
 
@@ -17,12 +18,17 @@ Observation: TypeAlias = NDArray[np.uint8] | dict[str, Any]
 """Frames ``uint8 [frame_stack, 84, 84]``; or these as ``frames`` and ``vector float32 [P]``."""
 
 
-def observation_space(play: PlayConfig, vector_width: int) -> gymnasium.Space[Any]:
-    """Returns the space of observations, with ``vector_width`` numbers if ``play.vector``."""
+def observation_space(play: PlayConfig, joints: int = 0) -> gymnasium.Space[Any]:
+    """Returns the space of observations, with a vector if ``play.vector``.
+
+    Args:
+        joints: of the robot; 0 without one.
+    """
     frames = gymnasium.spaces.Box(0, 255, (play.frame_stack, *FRAME_SHAPE), np.uint8)
     if not play.vector:
         return frames
-    vector = gymnasium.spaces.Box(-1.0, 1.0, (vector_width,), np.float32)
+    width = vector_width(joints, play.vector_commands, play.vector_key_frames)
+    vector = gymnasium.spaces.Box(-1.0, 1.0, (width,), np.float32)
     return gymnasium.spaces.Dict(frames=frames, vector=vector)
 
 

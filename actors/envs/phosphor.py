@@ -89,6 +89,11 @@ def glow(now: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.uint8]
     return np.asarray(dark + ((bright - dark).astype(np.int16) * _AFTERGLOW // 100), np.uint8)
 
 
+def luminance(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Returns the luminance of ``picture uint8 [rows, columns, 3]``, ``uint8 [rows, columns]``."""
+    return np.asarray(np.rint(picture @ np.array(_GREY_WEIGHTS)), np.uint8)
+
+
 def _changes(
     now: NDArray[np.uint8], before: NDArray[np.uint8]
 ) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:

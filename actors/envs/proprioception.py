@@ -8,13 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.actions import Keys
-from common.proprioception import (
-    ACTIONS,
-    COMMANDS_PART,
-    KEYS,
-    KEYS_PART,
-    vector_width,
-)
+from common.proprioception import ACTIONS, KEYS, vector_width
+from common.run.config import PlayConfig
 
 _FLAGS = np.array(
     [[bool(number & key) for key in KEYS] for number in range(2 ** len(KEYS))], np.float32
@@ -25,11 +20,17 @@ _FLAGS = np.array(
 class Proprioception:
     """Remembers commands and keys. Vectors it gave out never change afterwards."""
 
-    def __init__(self, joints: int = 0) -> None:
-        """``joints`` is the number J of the robot's joints, 0 without a robot."""
-        self._now = np.zeros(vector_width(joints), np.float32)
-        self._commands = self._now[COMMANDS_PART]
-        self._keys = self._now[KEYS_PART]
+    def __init__(self, play: PlayConfig, joints: int = 0) -> None:
+        """``play`` says how much is remembered; ``joints`` is the number J of the robot's joints, 0
+        without a robot."""
+        self.key_frames = play.vector_key_frames
+        """Emulator frames whose keys are remembered."""
+        self._now = np.zeros(
+            vector_width(joints, play.vector_commands, play.vector_key_frames), np.float32
+        )
+        commands = play.vector_commands * ACTIONS
+        self._felt = commands + play.vector_key_frames * len(KEYS)
+        self._commands, self._keys = self._now[:commands], self._now[commands : self._felt]
 
     def forget(self) -> None:
         """As before the first command, with no key pressed."""
@@ -47,7 +48,7 @@ class Proprioception:
         self._keys[-len(KEYS) :] = _FLAGS[pressed]
 
     def vector(self, *joints: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Returns the observation, ``float32 [128 + 2J]``.
+        """Returns the observation, ``float32 [P]``.
 
         Args:
             joints: `Robot.proprioception`, angles and speeds ``[J]`` each; nothing without a
@@ -56,5 +57,5 @@ class Proprioception:
         vector = self._now.copy()
         if joints:
             # The engine keeps a joint's greatest speed only nearly, and not against a push.
-            vector[KEYS_PART.stop :] = np.concatenate(joints).clip(-1.0, 1.0)
+            vector[self._felt :] = np.concatenate(joints).clip(-1.0, 1.0)
         return vector

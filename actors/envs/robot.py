@@ -12,22 +12,23 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.clock import Clock, Lockstep, RealTime
+from actors.envs.clock import Lockstep, RealTime
 from actors.envs.emulator import Emulator
 from actors.envs.game import DEFAULT_PLAY, AtariGame
 from actors.envs.observation import FrameStack, Observation, observation_space, shrink
 from actors.envs.step_info import StepInfo
 from actors.envs.world import AgentStep, World
 from actors.robots.interface import Robot, ViewName
-from actors.vision.screen_detector import Detection, ScreenDetector
+from actors.vision.screen_detector import Detection, ScreenDetector, is_blank
 from common.actions import Keys
-from common.proprioception import vector_width
+from common.protocol.step_fields import FRAME_SHAPE
 from common.registry import ROBOTS
 from common.run.clock import ClockConfig
-from common.run.config import CameraConfig, PlayConfig, RunConfig
+from common.run.conditions import NOTHING_DRAWN, PERFECT_CAMERA, Conditions, draw
+from common.run.config import CameraConfig, PlayConfig, RandomiseConfig, RunConfig
 
+_UNSEEN = Detection(np.zeros(FRAME_SHAPE, np.uint8), False, None)
 LOCKSTEP = ClockConfig()
-DEFAULT_CAMERA = CameraConfig()
 
 
 class RobotEnv(gymnasium.Env[Observation, np.int64]):
@@ -50,7 +51,8 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         game: str = "pong",
         *,
         play: PlayConfig = DEFAULT_PLAY,
-        camera: CameraConfig = DEFAULT_CAMERA,
+        camera: CameraConfig = PERFECT_CAMERA,
+        randomise: RandomiseConfig = NOTHING_DRAWN,
         clock: ClockConfig = LOCKSTEP,
         training: bool = False,
         discount: float = 1.0,
@@ -60,6 +62,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         """Sit ``play.robot`` down at its desk.
 
         Args:
+            randomise: ranges of the conditions that are drawn for each game.
             discount: γ per agent step, within steps of several agent steps.
             clip_rewards: count each agent step's points as -1 to 1. Scores stay as they are.
 
@@ -72,31 +75,32 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         self._play = play
         # The random start is not the emulator's here: it goes through the hands, see `reset`.
         self._game = AtariGame(game, replace(play, random_starts=0), training=training)
-        self._camera = camera
+        self._randomise = randomise
+        self.conditions = self._usual = Conditions(play, camera)
+        """The conditions of the present game; and those around which they are drawn."""
         self.robot: Robot = ROBOTS.make(play.robot, self._game.emulator.screen_shape, camera, play)
         """The robot and all around it."""
         self.detector = ScreenDetector(camera.distortion)
         """Replaced at each new game: do not keep it."""
-        # Drawing takes a tenth of an agent step: not where only a person might look at the picture.
-        # A late camera has to be asked each time, or it has no earlier picture to give.
-        self._looks = play.eye == "camera" or camera.latency > 0
         self._seen: NDArray[np.uint8] | None = None
+        self._shown = self._shown_before = np.zeros(0, np.uint8)
+        """The game's own picture at the last look, and at the one before."""
         self._unseen = 0
         """Agent steps since the last picture was taken."""
-        self.detection: Detection
+        self.detection = _UNSEEN
         """The game as detected in the last picture."""
+        self._follows = True
+        """Whether its frame changed since the last look, or the game's own picture did not."""
         joints = ROBOTS.find(play.robot).joints
         self._world = World(self.robot, joints, self._game, play)
-        self._clock: Clock = (
-            Lockstep(self._world) if clock.sync else RealTime(self._world, clock.speed)
-        )
+        self._clock = Lockstep(self._world) if clock.sync else RealTime(self._world, clock.speed)
         self._most_agent_steps = play.wait_bound if clock.wait_action else 1
         self._discount = discount
         self._clip_rewards = clip_rewards
         self._late_frames = 0
         self._frames = FrameStack(play.frame_stack)
         self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
-        self.observation_space = observation_space(play, vector_width(joints))
+        self.observation_space = observation_space(play, joints)
 
     @classmethod
     def of_run(cls, config: RunConfig, clock: ClockConfig, *, training: bool) -> Self:
@@ -105,6 +109,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             config.game,
             play=config.play,
             camera=config.camera,
+            randomise=config.randomise,
             clock=clock,
             training=training,
             discount=config.learning.discount,
@@ -115,6 +120,11 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
     def emulator(self) -> Emulator:
         """The console; another one after a reset with a seed."""
         return self._game.emulator
+
+    def ram(self) -> NDArray[np.uint8]:
+        """Returns the console's memory as of now, ``uint8 [128]``."""
+        with self._clock.still():
+            return self._game.emulator.ram()
 
     def still(self) -> AbstractContextManager[object]:
         """While it is entered the world stands still, to be looked at."""
@@ -150,15 +160,18 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         """
         super().reset(seed=seed)
         self._clock.stop()
-        if self._game.begin_episode(
-            self.np_random,
-            seeded=seed is not None,
-            new_game=bool((options or {}).get("new_game", False)),
-        ):
-            self._world.restart()
-            self.robot.begin_game(self.np_random)
+        seeded = seed is not None
+        new_game = bool((options or {}).get("new_game", False))
+        new = self._game.is_next_new(seeded=seeded, new_game=new_game)
+        if new:
+            self.conditions = draw(*self._usual, self._randomise, self.np_random.random)
+            self._game.sticky = self.conditions.play.sticky
+        self._game.begin_episode(self.np_random, seeded=seeded, new_game=new_game)
+        if new:
+            self.robot.begin_game(self.conditions, self.np_random)
+            self._world.begin_game(self.conditions.play, self.np_random)
             # Nothing of an earlier game may show in a seeded one, not even where the screen was.
-            self.detector = ScreenDetector(self._camera.distortion)
+            self.detector = ScreenDetector(self.conditions.camera.distortion)
             self._play_random_start()
         self._photograph(0)
         self._look()
@@ -176,18 +189,19 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             agent_steps += self._clock.pass_agent_step()
             if self._obeyed(agent_steps[-1]) or len(agent_steps) - missed >= self._most_agent_steps:
                 break
-            if self._camera.latency > 0:  # a late picture may be one from the middle of a step
+            if self._needs_each_picture:
                 with self._clock.still():
                     self._photograph(len(agent_steps) - photographed)
                 photographed = len(agent_steps)
         last = agent_steps[-1]
-        if not self.clock.wait_action:
-            missed = max(missed, len(agent_steps) - 1)
+        # Without waiting the command is for one agent step, and what passes after it is missed.
+        obeying = agent_steps[missed : None if self.clock.wait_action else missed + 1]
+        kept = sum(not agent_step.late for agent_step in obeying)
         with self._clock.still():
             self._photograph(len(agent_steps) - photographed)
             self._look()
             self._frames.push(self.detection.frame)
-            info = self._info(agent_steps, missed, self._world.key_watch.take())
+            info = self._info(agent_steps, len(agent_steps) - kept, self._world.key_watch.take())
             return (
                 self._observation(),
                 self._reward(agent_steps),
@@ -236,6 +250,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         return StepInfo(
             *self._game.standing,
             valid_frame=self.detection.valid,
+            frame_follows=self._follows,
             keys_match=obeyed,
             elapsed=len(agent_steps),
             gave_up=self.clock.wait_action and not (obeyed or agent_steps[-1].ended),
@@ -244,20 +259,39 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             key_times=key_times,
         )._asdict()
 
+    @property
+    def _needs_each_picture(self) -> bool:
+        """Whether a later picture may turn out to be that of an agent step before it."""
+        camera = self.conditions.camera
+        return camera.latency > 0 or camera.dropped > 0
+
     def _photograph(self, agent_steps: int) -> None:
         """Take a picture; ``agent_steps`` have passed since the last time."""
         self._unseen += agent_steps
-        self._seen = self._picture() if self._looks else None
+        # Drawing takes a tenth of an agent step: not where only a person might look at the picture.
+        looks = self._play.eye == "camera" or self._needs_each_picture
+        self._seen = self._picture() if looks else None
 
     def _picture(self) -> NDArray[np.uint8]:
         passed, self._unseen = self._unseen, 0
-        return self.robot.camera_picture(self._game.emulator.screen_rgb(), passed)
+        screen = self._game.emulator.screen_rgb()
+        self._shown = screen
+        return self.robot.camera_picture(screen, passed)
 
     def _look(self) -> None:
         if self._play.eye == "camera":
-            self.detection = self.detector.detect(self.seen)
+            before, self.detection = self.detection, self.detector.detect(self.seen)
+            if is_blank(self.detection.frame) and not is_blank(self._own_frame()):
+                # The border is in place, but nothing is seen of the game in it.
+                self.detection = self.detection._replace(valid=False)
+            changed = not np.array_equal(before.frame, self.detection.frame)
+            self._follows = changed or np.array_equal(self._shown, self._shown_before)
+            self._shown_before = self._shown
         else:
-            self.detection = Detection(shrink(self._game.emulator.screen_grey()), True, None)
+            self.detection = Detection(self._own_frame(), True, None)
+
+    def _own_frame(self) -> NDArray[np.uint8]:
+        return shrink(self._game.emulator.screen_grey())
 
     def _observation(self) -> Observation:
         vector = self._world.vector()

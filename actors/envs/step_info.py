@@ -19,6 +19,8 @@ class StepInfo(NamedTuple):
     """Agent steps of the game so far, random start included."""
     valid_frame: bool = True
     """The newest frame really shows the screen."""
+    frame_follows: bool = True
+    """The newest frame differs from the one before, or the game's own picture did not change."""
     keys_match: bool = True
     """The keys pressed at the step's end were the commanded ones."""
     elapsed: int = 1
@@ -26,10 +28,10 @@ class StepInfo(NamedTuple):
     gave_up: bool = False
     """The wait for the commanded keys ended at its bound, without them."""
     missed_deadlines: int = 0
-    """Agent steps of game time that passed before this step's command or, unless the agent waits
-    for its keys, after the one that the command was for."""
+    """In real time: agent steps that passed before this step's command or, unless the agent waits
+    for its keys, after the one that the command was for; and those of which a frame was late."""
     late_frames: int = 0
-    """Emulator frames of this step that began more than a frame too late."""
+    """In real time: emulator frames of this step that began more than a frame too late."""
     key_times: tuple[int, ...] = ()
     """What `KeyWatch` measured since the last step (see `common.press_latency`); a reset tells
     none."""

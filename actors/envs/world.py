@@ -6,11 +6,12 @@ Who moves it on, and when, is the clock's business (`actors.envs.clock`).
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.game import AtariGame
 from actors.envs.key_watch import KeyWatch
+from actors.envs.late_commands import hands_of
 from actors.envs.proprioception import Proprioception
 from actors.robots.interface import Hands, Robot
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
@@ -29,6 +30,8 @@ class AgentStep:
     """The keys that the game was given at its last frame."""
     terminated: bool
     truncated: bool
+    late: bool = False
+    """A frame of it began more than a frame too late by the clock, however fast that one goes."""
 
     @property
     def ended(self) -> bool:
@@ -52,10 +55,10 @@ class World:
         self.key_watch = KeyWatch()
         """Times the hands, whenever the controller is read."""
         self._robot = robot
-        self._hands: Hands = robot if play.hand == "arm" else ActuationDelay(play)
+        self._hands: Hands = hands_of(play, robot, np.random.default_rng(0))
         self._game = game
         self._play = play
-        self._sense = Proprioception(joints) if play.vector else None
+        self._sense = Proprioception(play, joints) if play.vector else None
         self._frames = 0  # of the present agent step
         self._points = 0.0
 
@@ -65,8 +68,13 @@ class World:
             return None
         return self._sense.vector(*self._robot.proprioception())
 
+    def begin_game(self, play: PlayConfig, rng: Generator) -> None:
+        """Take the hands of ``play``, and let a new game begin as `restart` does."""
+        self._hands = hands_of(play, self._robot, rng)
+        self.restart()
+
     def restart(self) -> None:
-        """Hands at rest and nothing remembered, for a new game."""
+        """Hands at rest and nothing remembered: the game begins anew."""
         self._hands.rest()
         self.key_watch.restart()
         self.wanted = self.pressed = Keys.NONE

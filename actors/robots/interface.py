@@ -10,9 +10,11 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from common.actions import Keys
+from common.run.conditions import Conditions
 
-ViewName = Literal["room", "hands"]
-"""Where people look from: at the robot and its surroundings, or at its hands on the keys."""
+ViewName = Literal["room", "hands", "front"]
+"""Where people look from: at the robot and its surroundings, at its hands on the keys, or at it
+from the front."""
 
 
 class Hands(Protocol):
@@ -38,8 +40,13 @@ class Robot(Hands, Protocol):
     Its factory gets the screen's rows and columns, the `CameraConfig` and the `PlayConfig`.
     """
 
-    def begin_game(self, rng: Generator) -> None:
-        """Draw what the settings let differ from game to game, before the game's first picture."""
+    def begin_game(self, conditions: Conditions, rng: Generator) -> None:
+        """Let hands and eye be as ``conditions`` say from now on. It is called before a game begins
+        with `rest`.
+
+        Args:
+            rng: the game's; seeds what changes within the game, as noise does.
+        """
 
     def camera_picture(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
         """Returns what the robot's camera gives, ``uint8 [240, 320, 3]``.

@@ -18,6 +18,7 @@ _VALUES: dict[str, Callable[[Step], Any]] = {
     "truncated": lambda step: step.truncated,
     "elapsed": lambda step: step.info.elapsed,
     "valid": lambda step: step.valid,
+    "follows": lambda step: step.info.frame_follows,
     "matched": lambda step: step.info.keys_match,
     "explored": lambda step: step.explored,
     "vectors": lambda step: step.x_tm1,

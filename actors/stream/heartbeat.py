@@ -3,9 +3,8 @@
 import threading
 from collections.abc import Callable
 
+from actors.member import Member
 from common.protocol.actor_stats import ActorStats, Role
-from common.protocol.run_keys import RunKeys
-from common.transport.interface import Transport
 
 PERIOD = 1.0
 
@@ -13,17 +12,11 @@ PERIOD = 1.0
 class Heartbeat:
     """Publishes ``stats()`` from a thread of its own, so that a throttled actor still speaks."""
 
-    def __init__(
-        self,
-        transport: Transport,
-        keys: RunKeys,
-        role: Role,
-        name: str,
-        stats: Callable[[bool], ActorStats],
-    ) -> None:
+    def __init__(self, member: Member, role: Role, stats: Callable[[bool], ActorStats]) -> None:
+        transport, keys = member.transport, member.keys
         self._stats = stats
-        self._publisher = transport.publisher(keys.stats(role, name))
-        self._presence = transport.announce(keys.live(role, name))
+        self._publisher = transport.publisher(keys.stats(role, member.name))
+        self._presence = transport.announce(keys.live(role, member.name))
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
         self._thread.start()

@@ -5,11 +5,11 @@ away, or too slow) is sent again; the server drops what it has already.
 """
 
 import time
-from collections.abc import Callable
 
+from actors.member import Member
 from common.errors import InputError, MessageError
 from common.protocol.ack import Ack
-from common.transport.interface import Envelope, Transport, Unanswered
+from common.transport.interface import Envelope, Unanswered
 from common.transport.requests import Window
 
 ACK_TIMEOUT = 5.0
@@ -18,35 +18,18 @@ _PAUSE = 0.2
 
 
 class InsertClient:
-    """At most ``window`` chunks unacknowledged; `send` waits for room.
+    """At most ``stream.window`` chunks unacknowledged; `send` waits for room."""
 
-    Args:
-        key: the actor's own insert key.
-        patience: seconds without a hub after which waiting is given up.
-        stopped: tells that the process wants to leave, which ends every wait.
-        warn: takes a sentence for people.
-    """
-
-    def __init__(
-        self,
-        transport: Transport,
-        key: str,
-        window: int,
-        *,
-        patience: float,
-        stopped: Callable[[], bool],
-        warn: Callable[[str], None],
-    ) -> None:
+    def __init__(self, member: Member) -> None:
         self.made = 0
         self.acked = 0
         self.refused = 0
         self.last_ack: Ack | None = None
-        self._window = window
-        self._patience = patience
+        self._member = member
+        self._window = member.config.stream.window
         self._missed_since: float | None = None
-        self._stopped = stopped
-        self._warn = warn
-        self._requester = transport.requester(key, ACK_TIMEOUT)
+        key = member.keys.insert(member.name)
+        self._requester = member.transport.requester(key, ACK_TIMEOUT)
         self._inserts = Window(self._requester, self._settle)
 
     @property
@@ -70,7 +53,7 @@ class InsertClient:
             InputError: there was no hub for longer than the patience.
         """
         self.post(payload)
-        while self.unacknowledged >= self._window and not self._stopped():
+        while self.unacknowledged >= self._window and not self._member.stop.is_set():
             self._look_for_hub()
             self._inserts.wait(self._window - 1, _PAUSE)
 
@@ -94,7 +77,7 @@ class InsertClient:
         except Unanswered:
             pass
         except MessageError as error:
-            self._warn(f"the replay gave a malformed reply: {error}")
+            self._member.warn(f"the replay gave a malformed reply: {error}")
         self._look_for_hub()
         time.sleep(_PAUSE)
         return None
@@ -105,9 +88,10 @@ class InsertClient:
             self._missed_since = None
         elif self._missed_since is None:
             self._missed_since = now
-        elif now - self._missed_since > self._patience:
+        elif now - self._missed_since > self._member.patience:
             raise InputError(
-                f"the hub went away and did not come back in {self._patience:.0f} s: "
+                f"the hub went away and did not come back in "
+                f"{self._member.patience:.0f} s: "
                 "start it again with --resume, then start this actor."
             )
 
@@ -121,4 +105,4 @@ class InsertClient:
         except MessageError as error:
             self.refused += 1
             malformed = "" if error is outcome else "a malformed reply: "
-            self._warn(f"the replay refused a chunk: {malformed}{error}")
+            self._member.warn(f"the replay refused a chunk: {malformed}{error}")

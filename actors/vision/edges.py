@@ -13,7 +13,7 @@ from actors.vision.quad import meet
 
 _PLACES = 24
 """Sampled places per side."""
-_REACH = 6
+REACH = 6
 """Pixels sampled on either side of the rough edge."""
 _NEAR = 0.8
 """Maximum distance, pixels, of a place from the line that it supports: pixel stairs are ±0.5."""
@@ -21,7 +21,7 @@ _SUPPORT = 0.4
 """Minimum share of a side's places that must support its line."""
 
 _ALONG = np.linspace(0.04, 0.96, _PLACES)[:, None]
-_ACROSS = np.arange(-_REACH, _REACH + 1, dtype=np.float64)
+_ACROSS = np.arange(-REACH, REACH + 1, dtype=np.float64)
 
 
 def refine(
@@ -38,7 +38,7 @@ def refine(
         Corners, ``float32 [4, 2]``; None if a side has too little support.
     """
     bases, inward = _places(quad)
-    offsets, found = _edges(grey, bases, inward, contrast)
+    offsets, found = _edges(grey, _samples(bases, inward), contrast)
     points = bases + inward[:, None] * offsets[:, :, None]
     lines = np.zeros((4, 3))
     for side in range(4):
@@ -49,13 +49,17 @@ def refine(
     return meet(lines)
 
 
-def in_place(
-    grey: NDArray[np.uint8], quad: NDArray[np.float32], contrast: float
-) -> NDArray[np.float64]:
-    """Returns the share of each side of an exact ``quad`` that is still in place, ``[4]``."""
-    offsets, found = _edges(grey, *_places(quad), contrast)
-    shares: NDArray[np.float64] = (found & (np.abs(offsets) < _NEAR)).mean(axis=1)
-    return shares
+class Outline:
+    """The sides of an exact quadrilateral, ``quad [4, 2]``, to be looked for again and again."""
+
+    def __init__(self, quad: NDArray[np.float32]) -> None:
+        self._samples = _samples(*_places(quad))
+
+    def in_place(self, grey: NDArray[np.uint8], contrast: float) -> NDArray[np.float64]:
+        """Returns the share of each side that is still in place, ``[4]``."""
+        offsets, found = _edges(grey, self._samples, contrast)
+        shares: NDArray[np.float64] = (found & (np.abs(offsets) < _NEAR)).mean(axis=1)
+        return shares
 
 
 def _places(quad: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -68,18 +72,20 @@ def _places(quad: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.
     return corners[:, None] + sides[:, None] * _ALONG, inward
 
 
+def _samples(bases: NDArray[np.float64], inward: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Returns x and y of what is sampled across each place, ``float32 [2, 4 places, samples]``."""
+    grid = (bases[:, :, None] + inward[:, None, None] * _ACROSS[:, None]).astype(np.float32)
+    return np.ascontiguousarray(grid.reshape(4 * _PLACES, -1, 2).transpose(2, 0, 1))
+
+
 def _edges(
-    grey: NDArray[np.uint8],
-    bases: NDArray[np.float64],
-    inward: NDArray[np.float64],
-    contrast: float,
+    grey: NDArray[np.uint8], at: NDArray[np.float32], contrast: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Returns how far inward of each place its edge lies, pixels, and whether there is an edge.
 
-    Both arrays are ``[4, places]``.
+    Both arrays are ``[4, places]``; ``at`` is of `_samples`.
     """
-    grid = (bases[:, :, None] + inward[:, None, None] * _ACROSS[:, None]).astype(np.float32)
-    xs, ys = np.ascontiguousarray(grid.reshape(4 * _PLACES, -1, 2).transpose(2, 0, 1))
+    xs, ys = at
     samples = cv2.remap(grey, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     offsets, found = _falls(np.asarray(samples, np.float32), contrast)
     return offsets.reshape(4, _PLACES), found.reshape(4, _PLACES)
@@ -98,7 +104,7 @@ def _falls(
     drop = high - low
     # The area under a falling edge locates it whatever its blur; one threshold crossing does not.
     share = (window[:, 1] + window[:, 2] - 2 * low) / np.maximum(drop, 1e-6)
-    offsets = start + 0.5 + np.clip(share, 0, 2) - _REACH
+    offsets = start + 0.5 + np.clip(share, 0, 2) - REACH
     return offsets, drop >= contrast
 
 

@@ -12,11 +12,13 @@ ASPECT = 4 / 3
 """Width to height of the game picture on a television, whose 160 × 210 pixels are not square. The
 border is a share of each side, so the whole projected picture has the same ratio."""
 
+UNIT_SQUARE: NDArray[np.float32] = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+"""Corners of the projected picture in its own coordinates (x, y), clockwise from the top left."""
+
 _FAR = 1 + BORDER
 _SPAN = 1 + 2 * BORDER
 
 GAME_IN_PICTURE: NDArray[np.float32] = (
     np.array([[BORDER, BORDER], [_FAR, BORDER], [_FAR, _FAR], [BORDER, _FAR]], np.float32) / _SPAN
 )
-"""Corners of the game in the projected picture, which spans (0, 0) to (1, 1): ``float32 [4, 2]``
-(x, y), clockwise from the top left."""
+"""Corners of the game in the projected picture, ordered as `UNIT_SQUARE`, ``float32 [4, 2]``."""

@@ -5,12 +5,15 @@ r = r'(1 + k₁r'²) in units of half the width: the first term of Brown's model
 The simulated camera applies it, and the screen detector, which knows k₁ by calibration, undoes it.
 """
 
+from functools import cached_property
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-_STEPS = 12
-"""Iterations of Newton's method, which converges in far fewer."""
+Window = tuple[slice, slice]
+"""Rows and columns of a part of a picture."""
+_ALL: Window = (slice(None), slice(None))
 
 
 class Lens:
@@ -18,7 +21,7 @@ class Lens:
 
     def __init__(self, k1: float, size: tuple[int, int]) -> None:
         self.k1 = k1
-        width, height = size
+        self._size = width, height = size
         self._middle = np.array([(width - 1) / 2, (height - 1) / 2])
         self._half_width = width / 2
         corner = (self._middle**2).sum() / self._half_width**2
@@ -26,11 +29,16 @@ class Lens:
         self.margin: tuple[int, int] = (int(np.ceil(grown[0])), int(np.ceil(grown[1])))
         """Extra pixels beyond a pinhole picture's left and right, and upper and lower edges, which
         the lens brings into view."""
-        x, y = np.meshgrid(np.arange(width), np.arange(height))
-        pixels = np.stack([x, y], axis=2).reshape(-1, 2).astype(np.float64)
-        # OpenCV's maps give, for each pixel of the result, its place in the source.
-        self._straight = _maps(self.bend(pixels), size)
-        self._bent = _maps(self.unbend(pixels) + self.margin, size)
+
+    # OpenCV's maps give, for each pixel of the result, its place in the source.
+
+    @cached_property
+    def _straight(self) -> "_Maps":
+        return _maps(self.bend(_pixels(self._size)), self._size)
+
+    @cached_property
+    def _bent(self) -> "_Maps":
+        return _maps(self.unbend(_pixels(self._size)) + self.margin, self._size)
 
     def unbend(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the pinhole's pixels of lens pixels ``points [N, 2]`` (x, y)."""
@@ -43,24 +51,42 @@ class Lens:
         """Returns the lens's pixels of pinhole pixels ``points [N, 2]`` (x, y)."""
         away = (points - self._middle) / self._half_width
         ideal = np.hypot(away[:, 0], away[:, 1])
-        bent = ideal.copy()
-        for _ in range(_STEPS):
-            bent -= (bent * (1 + self.k1 * bent**2) - ideal) / (1 + 3 * self.k1 * bent**2)
+        # The one real root of a cubic that only grows.
+        root = np.sqrt(3 * self.k1)
+        bent = 2 / root * np.sinh(np.arcsinh(1.5 * root * ideal) / 3)
         nearer = (bent / np.maximum(ideal, 1e-12))[:, None]
         shown: NDArray[np.float64] = away * nearer * self._half_width
         return self._middle + shown
 
-    def photograph(self, ideal: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Returns the lens's picture of a pinhole's ``ideal``, which is `margin` larger on each
-        side."""
-        return _drawn(ideal, self._bent)
+    def photograph(self, ideal: NDArray[np.uint8], window: Window = _ALL) -> NDArray[np.uint8]:
+        """Returns a ``window`` of the lens's picture of a pinhole's ``ideal``, which is `margin`
+        larger on each side."""
+        return _drawn(ideal, self._bent, window)
 
-    def straighten(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Returns the pinhole's picture of the lens's ``image``."""
-        return _drawn(image, self._straight)
+    def straighten(self, image: NDArray[np.uint8], window: Window = _ALL) -> NDArray[np.uint8]:
+        """Returns a ``window`` of the pinhole's picture of the lens's ``image``."""
+        return _drawn(image, self._straight, window)
+
+    def shown(self, window: Window) -> Window:
+        """Returns the window of the lens's picture that a ``window`` of the pinhole's, with its
+        `margin`, has any effect on."""
+        # A pixel between two others is made of both.
+        rows, columns = (np.arange(each.start - 1, each.stop + 1) for each in window)
+        x, y = np.meshgrid(columns, rows)
+        edge = (y == rows[0]) | (y == rows[-1]) | (x == columns[0]) | (x == columns[-1])
+        seen = self.bend(np.stack([x[edge], y[edge]], axis=1).astype(float) - self.margin)
+        low, high = np.floor(seen.min(axis=0)).astype(int), np.ceil(seen.max(axis=0)).astype(int)
+        (left, top), (right, bottom) = low, high
+        return slice(top, bottom + 1), slice(left, right + 1)
 
 
 _Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
+
+
+def _pixels(size: tuple[int, int]) -> NDArray[np.float64]:
+    """Returns (x, y) of each pixel, row by row, ``float64 [width * height, 2]``."""
+    x, y = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    return np.stack([x, y], axis=2).reshape(-1, 2).astype(np.float64)
 
 
 def _maps(points: NDArray[np.float64], size: tuple[int, int]) -> _Maps:
@@ -69,6 +95,7 @@ def _maps(points: NDArray[np.float64], size: tuple[int, int]) -> _Maps:
     return np.asarray(places, np.int16), np.asarray(fractions, np.uint16)
 
 
-def _drawn(image: NDArray[np.uint8], maps: _Maps) -> NDArray[np.uint8]:
-    bent = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+def _drawn(image: NDArray[np.uint8], maps: _Maps, window: Window) -> NDArray[np.uint8]:
+    places, fractions = (each[window] for each in maps)
+    bent = cv2.remap(image, places, fractions, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(bent, np.uint8)

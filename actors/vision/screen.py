@@ -4,18 +4,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.vision.layout import GAME_IN_PICTURE
+from actors.vision.edges import REACH, Outline
+from actors.vision.layout import GAME_IN_PICTURE, UNIT_SQUARE
 from common.protocol.step_fields import FRAME_SHAPE
 
-_FINER = 2
+FINER = 2
 """Oversampling: the game is unwarped this much finer than its frame and then averaged. A ball of
 two pixels survives, as it does in the emulator's own frame."""
 _OUTSIDE = 0.03
 _INSIDE = 0.6
 """Limits of the band that has to stay the same: `_OUTSIDE` outside the picture, as a share of its
 size, and `_INSIDE` into the border, as a share of its width. The game cannot change this band."""
-
-_UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
 
 
 class Screen:
@@ -42,6 +41,14 @@ class Screen:
             slice(left, min(right, width)),
         )
         """Rows and columns that the methods need of a picture."""
+        self.outline = Outline(outer)
+        """The picture's sides."""
+        low, high = np.floor(outer.min(axis=0)).astype(int), np.ceil(outer.max(axis=0)).astype(int)
+        self.around: tuple[slice, slice] = (
+            slice(max(low[1] - REACH - 1, 0), min(high[1] + REACH + 2, height)),
+            slice(max(low[0] - REACH - 1, 0), min(high[0] + REACH + 2, width)),
+        )
+        """Rows and columns in which `outline` looks."""
         known = grey[self.window]
         self._band = _band_in(edges - (left, top), known.shape)
         self._known = known.take(self._band)
@@ -58,7 +65,7 @@ class Screen:
         fine = cv2.warpPerspective(
             windowed,
             self._window_of_fine,
-            (width * _FINER, height * _FINER),
+            (width * FINER, height * FINER),
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         )
         frame = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
@@ -77,15 +84,15 @@ def _band_in(edges: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.i
 def homography_to(outer: NDArray[np.float32]) -> NDArray[np.float64]:
     """Returns the map from the projected picture, (0, 0) to (1, 1), to camera pixels, ``[3,
     3]``."""
-    return np.asarray(cv2.getPerspectiveTransform(_UNIT_SQUARE, outer), np.float64)
+    return np.asarray(cv2.getPerspectiveTransform(UNIT_SQUARE, outer), np.float64)
 
 
 def _picture_of_fine() -> NDArray[np.float64]:
     """Returns the map from pixels of the oversampled game to the projected picture, ``[3, 3]``."""
     (left, top), (right, bottom) = GAME_IN_PICTURE[0], GAME_IN_PICTURE[2]
     per_x, per_y = (
-        (right - left) / FRAME_SHAPE[1] / _FINER,
-        (bottom - top) / FRAME_SHAPE[0] / _FINER,
+        (right - left) / FRAME_SHAPE[1] / FINER,
+        (bottom - top) / FRAME_SHAPE[0] / FINER,
     )
     # Shifted by half a pixel: the game ends at its outermost pixels' edges, not at their centres.
     return np.array([[per_x, 0, left + per_x / 2], [0, per_y, top + per_y / 2], [0, 0, 1]])
@@ -94,7 +101,7 @@ def _picture_of_fine() -> NDArray[np.float64]:
 def _band() -> NDArray[np.float32]:
     """Returns the band's outer and inner corners in the projected picture, ``[2, 4, 2]``."""
     away = np.array([-_OUTSIDE, _INSIDE * GAME_IN_PICTURE[0, 0]])[:, None, None]
-    return np.asarray(_UNIT_SQUARE + away * (1 - 2 * _UNIT_SQUARE), np.float32)
+    return np.asarray(UNIT_SQUARE + away * (1 - 2 * UNIT_SQUARE), np.float32)
 
 
 _PICTURE_OF_FINE = _picture_of_fine()

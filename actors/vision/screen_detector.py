@@ -12,10 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.vision.edges import in_place, refine
+from actors.vision.edges import refine
 from actors.vision.layout import ASPECT, GAME_IN_PICTURE
 from actors.vision.lens import Lens
 from actors.vision.optics import WIDTH_ANGLE
+from actors.vision.pinhole import PinholeView
 from actors.vision.quad import dark_quads
 from actors.vision.screen import Screen, homography_to
 from common.protocol.step_fields import FRAME_SHAPE
@@ -40,6 +41,11 @@ _UNMOVED = 0.9
 """Minimum share of the screen's outline in place for which the search is skipped."""
 _EDGE = 0.25
 """Minimum fall of light at an edge, as a share of the whole picture's contrast."""
+
+_BLANK = 1.5
+"""Standard deviation of a frame's areas, grey levels, below which it shows nothing. Noise of 8 grey
+levels in the camera makes 0.7; of 600 random steps of each game, 98 % have 1.9 or more, in but one
+game, which is black while it thinks."""
 
 
 class Detection(NamedTuple):
@@ -72,37 +78,39 @@ class ScreenDetector:
     def detect(self, image: NDArray[np.uint8]) -> Detection:
         """Detect the game in an RGB picture, ``uint8 [height, width, 3]``, always of the same
         size."""
-        if self._distortion > 0:
-            if self._lens is None:
-                self._lens = Lens(self._distortion, (image.shape[1], image.shape[0]))
-            image = self._lens.straighten(image)
-        if self._screen is not None:
-            windowed = _grey(image[self._screen.window])
-            if self._screen.is_still_in(windowed):
-                return Detection(self._screen.unwarp(windowed), True, self._corners)
-        grey = _grey(image)
-        found = self._search(grey)
+        if self._distortion > 0 and self._lens is None:
+            self._lens = Lens(self._distortion, (image.shape[1], image.shape[0]))
+        view = PinholeView(image, self._lens)
+        last, windowed = self._screen, None
+        if last is not None:
+            windowed = view.part(last.window)
+            if last.is_still_in(windowed):
+                return Detection(last.unwarp(windowed), True, self._corners)
+        found = self._search(view)
         if self._screen is None:
             return Detection(np.zeros(FRAME_SHAPE, np.uint8), False, None)
-        return Detection(self._screen.unwarp(grey[self._screen.window]), found, self._corners)
+        if windowed is None or self._screen is not last:
+            windowed = view.part(self._screen.window)
+        return Detection(self._screen.unwarp(windowed), found, self._corners)
 
-    def _search(self, grey: NDArray[np.uint8]) -> bool:
+    def _search(self, view: PinholeView) -> bool:
         """Find the screen, or confirm that it is at its last place; returns whether it did."""
-        black, light = _levels(grey)
+        black, light = _levels(view.as_taken)
         if light - black < _MIN_CONTRAST:
             return False
         last, shares = None, np.zeros(4)
         if self._screen is not None:
             last = self._screen.outer
-            shares = in_place(grey, last, _EDGE * (light - black))
+            near = view.around(self._screen.around)
+            shares = self._screen.outline.in_place(near, _EDGE * (light - black))
             if shares.mean() >= _UNMOVED:
                 return True
-        outer = _find(grey, last, black, light)
+        outer = _find(view.whole, last, black, light)
         if outer is None:
             # Too much may be hidden to find it, but a screen that moved has not three sides in
             # place.
             return bool((shares >= _SIDE_RIGHT).sum() >= 3)
-        self._screen = Screen(outer, grey)
+        self._screen = Screen(outer, view.whole)
         self._corners = self._as_shown(self._screen.corners)
         return True
 
@@ -113,14 +121,20 @@ class ScreenDetector:
         return self._lens.bend(corners.astype(np.float64)).astype(np.float32)
 
 
-def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+def is_blank(frame: NDArray[np.uint8]) -> bool:
+    """Whether a frame ``uint8 [84, 84]`` shows nothing: one grey all over, noise apart."""
+    # Means over 7×7 pixels differ by a seventh of the noise.
+    areas = cv2.resize(frame, (12, 12), interpolation=cv2.INTER_AREA)
+    # A tenth of the time that numpy takes.
+    return float(cv2.meanStdDev(areas)[1][0, 0]) < _BLANK
 
 
 def _levels(grey: NDArray[np.uint8]) -> tuple[float, float]:
     """Returns the grey levels of black and of light in a picture."""
-    sample = np.sort(grey[::4, ::4], axis=None)
-    return float(sample[len(sample) // 50]), float(sample[len(sample) * 9 // 10])
+    sample = grey[::4, ::4].ravel()
+    places = len(sample) // 50, len(sample) * 9 // 10
+    black, light = np.partition(sample, places)[list(places)].tolist()
+    return float(black), float(light)
 
 
 def _find(

@@ -4,7 +4,8 @@
 wall clock) take folders of runs, or their ``epochs.csv`` under any name, those of 2017 too; runs
 that are the same but for the seed become thin lines with their mean as a thick one.
 `--figure delay` takes tables of `python -m benchmarks.lab.ladder` or `python -m
-benchmarks.lab.actuation_latency`, `--figure histogram` files of `python -m learner --evaluate …
+benchmarks.lab.actuation_latency`, `--figure robustness` files of `python -m
+benchmarks.lab.robustness --json`, `--figure histogram` files of `python -m learner --evaluate …
 --json`, `--figure scaling` one of `python -m benchmarks.scaling --json`.
 """
 
@@ -16,7 +17,8 @@ import tyro
 from matplotlib.figure import Figure
 
 from benchmarks.figures.plot_delay import delay_figure, read_ladders
-from benchmarks.figures.plot_histogram import histogram_figure, read_evaluation
+from benchmarks.figures.plot_histogram import histogram_figure, read_evaluations
+from benchmarks.figures.plot_robustness import read_grid, robustness_figure
 from benchmarks.figures.plot_runs import Phase, epochs_figure, progress_figure, read_groups
 from benchmarks.figures.plot_scaling import scaling_figure
 from benchmarks.figures.plot_style import check_picture, save
@@ -31,9 +33,10 @@ class Options:
     """Folders of runs or their CSV files; of delay and histogram, the files of results."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("figure.png")
     """Picture to write: .png, .svg or .pdf."""
-    figure: Literal["epochs", "progress", "delay", "histogram", "scaling"] = "epochs"
+    figure: Literal["epochs", "progress", "delay", "histogram", "robustness", "scaling"] = "epochs"
     """Reward and mean max-Q by epoch; reward by steps and wall clock; score by delay of the keys
     (from ladder.csv or late_keys.csv); scores of the games of evaluations (from their JSON);
+    score by added latency and optics (from the JSON of robustness);
     steps per second by number of actors (from scaling.json)."""
     phase: Phase = "test"
     """Whose rewards epochs and progress show: each epoch's test, or its training with its ε."""
@@ -62,7 +65,11 @@ def draw(options: Options) -> Figure:
         case "delay":
             return delay_figure(read_ladders(options.paths))
         case "histogram":
-            return histogram_figure([read_evaluation(path) for path in options.paths])
+            return histogram_figure(
+                [each for path in options.paths for each in read_evaluations(path)]
+            )
+        case "robustness":
+            return robustness_figure([read_grid(path) for path in options.paths])
         case "scaling":
             return scaling_figure(options.paths[0])
 

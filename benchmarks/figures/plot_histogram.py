@@ -1,9 +1,9 @@
 """The figure of an evaluation: how often each score was reached."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,24 +30,35 @@ class Evaluation(NamedTuple):
     iqm: float
 
 
-def read_evaluation(path: Path) -> Evaluation:
-    """The evaluation in the JSON at ``path``.
+def read_evaluations(path: Path) -> list[Evaluation]:
+    """The evaluation in the JSON at ``path``, or those of a headline.
 
     Raises:
         InputError: it holds none.
     """
     try:
         found = json.loads(path.read_text())
-        scores = [float(score) for score in found["scores"]]
-        mean, deviation, iqm = (float(found[name]) for name in ("mean", "deviation", "iqm"))
+        evaluations = (
+            [_evaluation(path.stem, found)]
+            if "rows" not in found
+            else [
+                _evaluation(f"{path.stem}, ε = {row['epsilon']:g}, sticky {row['sticky']:g}", row)
+                for row in found["rows"]
+            ]
+        )
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(
             f"{path} holds no evaluation ({error!r}): write one with "
             "python -m learner --evaluate FILE --json FILE."
         ) from None
-    if not scores or not np.isfinite(scores).all():
+    if not all(each.scores and np.isfinite(each.scores).all() for each in evaluations):
         raise InputError(f"{path} holds no evaluation: it has no scores.")
-    return Evaluation(path.stem, scores, mean, deviation, iqm)
+    return evaluations
+
+
+def _evaluation(name: str, told: Mapping[str, Any]) -> Evaluation:
+    mean, deviation, iqm = (float(told[key]) for key in ("mean", "deviation", "iqm"))
+    return Evaluation(name, [float(score) for score in told["scores"]], mean, deviation, iqm)
 
 
 def histogram_figure(evaluations: Sequence[Evaluation]) -> Figure:

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from benchmarks.child import check_folder
 from common.errors import InputError
 
 _SUFFIXES = (".png", ".svg", ".pdf")
@@ -54,8 +55,7 @@ def check_picture(path: Path) -> None:
     """
     if path.suffix not in _SUFFIXES:
         raise InputError(f"{path} is no {', '.join(_SUFFIXES)}: choose one of these.")
-    if not path.parent.is_dir():
-        raise InputError(f"there is no folder {path.parent}: make it, or name another.")
+    check_folder(path.parent)
 
 
 def save(figure: Figure, path: Path) -> None:

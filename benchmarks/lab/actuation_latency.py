@@ -7,16 +7,21 @@ under other latenesses. `python -m benchmarks.figures.plot --figure delay` draws
 """
 
 import csv
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+from annotated_types import MinLen
 
+from benchmarks.child import check_folder
 from benchmarks.lab.policy import EPSILON, evaluate, press_latency
+from common.checked import Fraction, FromOne
 from common.errors import InputError, exit_on_input_error
 from common.press_latency import ms_of
-from common.run.config import MAX_DELAY
+from common.process.command_line import parse
+from common.run.config import Latency
 from common.run.origin import origin_of, run_of
 
 COLUMNS = (
@@ -30,32 +35,16 @@ COLUMNS = (
 class Options:
     """Play games by trained networks under several actuation latencies."""
 
-    networks: tyro.conf.Positional[tuple[Path, ...]]
+    networks: tyro.conf.Positional[Annotated[tuple[Path, ...], MinLen(1)]]
     """Published policies, or checkpoints in their runs' folders."""
-    press: tuple[int, ...] = (0, 1, 2, 3, 4, 6, 8)
+    press: Annotated[tuple[Latency, ...], MinLen(1)] = (0, 1, 2, 3, 4, 6, 8)
     """Frames until a new command's keys are down, each of them played."""
-    games: int = 10
+    games: FromOne = 10
     """Number of games for each network and latency."""
-    epsilon: float = EPSILON
+    epsilon: Fraction = EPSILON
     """Share of random agent steps."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("late_keys.csv")
     """Table to write."""
-
-    def check(self) -> None:
-        """Refuse what cannot be played.
-
-        Raises:
-            InputError: naming the flag.
-        """
-        if not self.networks or not self.press:
-            raise InputError(
-                "name networks, as in policies/ale_pong.safetensors, and some --press."
-            )
-        for press in self.press:
-            if not 0 <= press <= MAX_DELAY:
-                raise InputError(f"--press is {press}: choose numbers from 0 to {MAX_DELAY}.")
-        if not self.output.parent.is_dir():
-            raise InputError(f"there is no folder {self.output.parent}: make it, or name another.")
 
 
 def name_of(network: Path) -> str:
@@ -90,8 +79,8 @@ def play(network: Path, press: int, options: Options) -> dict[str, Any]:
 
 
 def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.lab.actuation_latency")
-    options.check()
+    options = parse(Options, "benchmarks.lab.actuation_latency", sys.argv[1:])
+    check_folder(options.output.parent)
     with options.output.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()

@@ -5,7 +5,7 @@ Each rung is the program's own configuration, and each adds one difficulty to an
 a rung that is missed says what holds learning back. An ablation is a rung with other settings and a
 name of its own: `--rung R5 --label vector --learner="--play.vector"`.
 
-R0  sight and touch, no learning (`python -m actors --check`)
+R0  sight and touch, no learning (`python -m viewer check`)
 R1  the emulator alone
 R2  the emulator under keys as late as the robot's: none at all for two frames, then the new ones;
     and `--delay` agent steps more

@@ -13,7 +13,7 @@ import numpy as np
 import tyro
 from annotated_types import Ge
 
-from actors.robots.nao.latency import (
+from actors.robots.latency import (
     AGENT_STEP_MS,
     FRAME_MS,
     MOST_STRAYS,
@@ -21,18 +21,24 @@ from actors.robots.nao.latency import (
     changes,
     short_name,
 )
-from actors.robots.nao.room import Room
 from benchmarks.figures.plot_style import check_picture, save
-from benchmarks.report import BenchmarkOptions, Number, Report, Table, main
+from benchmarks.report import BenchmarkOptions, Report, Table, main
+from common.checked import FromOne
+from common.registry import ROBOTS
+from common.run.config import CameraConfig, PlayConfig
 
+_SCREEN = (210, 160)
+"""Rows and columns of most games."""
 _NAMES = [short_name(action) for action in range(18)]
 
 
 @dataclass(frozen=True)
 class Options(BenchmarkOptions):
-    """Measure how promptly the robot's hands obey."""
+    """Measure how promptly a robot's hands obey."""
 
-    repetitions: Number = 4
+    robot: str = PlayConfig.robot
+    """Robot whose hands are measured."""
+    repetitions: FromOne = 4
     """Times that each of the 306 changes is made from held keys, and again in play."""
     seed: Annotated[int, Ge(0)] = 1
     """Seed of the order of the changes."""
@@ -134,9 +140,10 @@ def draw(latency: Latency, output: Path) -> None:
 
 
 def measure(options: Options) -> Report:
-    room = Room()
-    found = list(changes(room, options.repetitions, options.seed))
-    room.close()
+    play = PlayConfig(robot=options.robot)
+    robot = ROBOTS.make(options.robot, _SCREEN, CameraConfig(), play)
+    found = list(changes(robot, options.repetitions, options.seed))
+    robot.close()
     parts = (
         Latency.of(found),
         Latency.of([change for change in found if change.settled]),
@@ -144,7 +151,8 @@ def measure(options: Options) -> Report:
     )
     if options.output is not None:
         draw(parts[0], options.output)
-    return Report([table(parts[0])], content(*parts), sentences(*parts))
+    named = {"robot": options.robot, **content(*parts)}
+    return Report([table(parts[0])], named, sentences(*parts))
 
 
 if __name__ == "__main__":

@@ -15,18 +15,18 @@ import tyro
 from annotated_types import Ge, MinLen
 from numpy.typing import NDArray
 
-from actors.robots.nao.sensor import PERFECT_CAMERA
 from benchmarks.lab.sight_poses import (
     FAULTS,
-    MOST_AWAY,
-    MOST_TURN,
+    PERFECT,
+    POSES,
     ActorCounters,
     Look,
     cases,
     measure,
 )
 from benchmarks.lab.sight_probe import QUANTITIES, collect, probe
-from benchmarks.report import BenchmarkOptions, Number, Report, Table, main
+from benchmarks.report import BenchmarkOptions, Report, Table, main
+from common.checked import FromOne
 from common.games import check_game
 
 MOST_PIXELS = 1.5
@@ -49,7 +49,7 @@ class Options(BenchmarkOptions):
         "asteroids",
     )
     """Games on the screen."""
-    poses: Number = 40
+    poses: FromOne = 40
     """Poses for each of the cameras; every game is looked at from each."""
     frames: Annotated[int, Ge(200)] = 7_000
     """Pictures of Pong for the probe; fewer than two thirds have the ball in play."""
@@ -113,9 +113,9 @@ def look_around(options: Options, album: Album) -> dict[str, dict[str, ActorCoun
 def read_off(options: Options) -> list[dict[str, Any]]:
     """The probe's R² by where the frames come from."""
     rows = []
-    for title, camera in (("perfect camera", PERFECT_CAMERA), ("all faults", FAULTS)):
-        frames = collect(options.frames, camera, options.seed)
-        if camera is PERFECT_CAMERA:
+    for title, eye in (("perfect camera", PERFECT), ("all faults", FAULTS)):
+        frames = collect(options.frames, eye, options.seed)
+        if eye is PERFECT:
             rows.append(_explained("the emulator itself", frames.own, frames.truth))
         rows.append(_explained(title, frames.seen, frames.truth))
     return rows
@@ -171,8 +171,8 @@ def measure_sight(options: Options) -> Report:
     return Report(
         [
             Table(
-                f"Worst corner of each picture, pixels at 320×240; ±{MOST_TURN:.0f}° yaw and pitch,"
-                f" ±{MOST_AWAY:.0%} distance",
+                f"Worst corner of each picture, pixels at 320×240; ±{POSES.head_pose:.0f}° yaw and"
+                f" pitch, ±{POSES.screen_distance:.0%} distance",
                 [_row({"camera": name, **each}, "difference") for name, each in by_case.items()],
             ),
             Table(

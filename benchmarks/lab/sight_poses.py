@@ -15,43 +15,56 @@ from numpy.typing import NDArray
 
 from actors.envs.emulator import Emulator
 from actors.envs.observation import shrink
-from actors.robots.nao.room import Room
-from actors.robots.nao.sensor import PERFECT_CAMERA
+from actors.robots.nao.robot import Nao
 from actors.vision.layout import GAME_IN_PICTURE
 from actors.vision.screen_detector import Detection, ScreenDetector
-from common.run.config import CameraConfig
+from common.run.conditions import NOTHING_DRAWN, PERFECT_CAMERA, draw
+from common.run.config import CameraConfig, PlayConfig, RandomiseConfig
 
-MOST_TURN = 10.0
-"""Degrees of yaw and pitch."""
-MOST_AWAY = 0.15
-"""Share of the screen's distance."""
+POSES = RandomiseConfig(head_pose=10.0, screen_distance=0.15)
+"""Poses from which each case is looked at."""
 
 _HIDDEN = (0.01, 0.25)
 """Share of the projected picture, border included, that raised arms hide."""
 _POSE_LOW, _POSE_HIGH = (-0.9, -0.31, -1.2, -1.2), (-0.1, 0.0, 0.6, -0.1)
 """Joint angles of a raised left arm, among which some are in view."""
 
-FAULTS = CameraConfig(
-    noise=8.0, blur=1.0, exposure=0.3, colour_gain=0.2, distortion=0.06, ambient=0.15
+
+@dataclass(frozen=True)
+class Eye:
+    """A camera with its faults, and what differs from pose to pose."""
+
+    camera: CameraConfig = PERFECT_CAMERA
+    changes: RandomiseConfig = NOTHING_DRAWN
+
+
+PERFECT = Eye()
+FAULTS = Eye(
+    CameraConfig(noise=8.0, blur=1.0, distortion=0.06, ambient=0.15),
+    RandomiseConfig(exposure=0.3, colour=0.2, gamma=1.6, glare=0.4, screen_tilt=5.0),
 )
 """All faults at once that a single picture can have."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A camera, and when an arm is raised before the screen, if at all."""
+    """An eye, and when an arm is raised before the screen, if at all."""
 
     name: str
-    camera: CameraConfig = PERFECT_CAMERA
+    eye: Eye = PERFECT
     arm: Literal["never", "later", "before"] = "never"
 
 
 def cases() -> list[Case]:
-    """A perfect camera, each fault alone, all of them, and these two with an arm in front."""
+    """A perfect eye, each fault alone, all of them, and these two with an arm in front."""
     alone = [
-        Case(name.replace("_", " "), replace(PERFECT_CAMERA, **{name: value}))
-        for name, value in vars(FAULTS).items()
-        if value
+        Case(name.replace("_", " "), Eye(camera=replace(PERFECT_CAMERA, **{name: value})))
+        for name, value in vars(FAULTS.camera).items()
+        if value != getattr(PERFECT_CAMERA, name)
+    ] + [
+        Case(name.replace("_", " "), Eye(changes=replace(NOTHING_DRAWN, **{name: value})))
+        for name, value in vars(FAULTS.changes).items()
+        if value != getattr(NOTHING_DRAWN, name)
     ]
     return [
         Case("perfect"),
@@ -114,13 +127,12 @@ def measure(
     keep: Callable[[Look], object] = lambda look: None,
 ) -> dict[str, ActorCounters]:
     """Look from so many poses at each game; ``keep`` gets every look."""
-    room = Room(camera=case.camera)
+    room = Nao()
     emulators = {game: Emulator(game, int(rng.integers(2**31)), frame_skip=4) for game in games}
     tallies = {game: ActorCounters() for game in games}
     for _ in range(poses):
-        _stand_somewhere(room, rng)
-        room.sensor.begin_game(rng)
-        detectors = {game: ScreenDetector(case.camera.distortion) for game in games}
+        begin_game(room, case.eye, POSES, rng)
+        detectors = {game: ScreenDetector(room.camera.distortion) for game in games}
         if case.arm != "never":
             if case.arm == "later":
                 for game, emulator in emulators.items():
@@ -142,7 +154,7 @@ def measure(
     return tallies
 
 
-def corners_in(room: Room) -> NDArray[np.float64]:
+def corners_in(room: Nao) -> NDArray[np.float64]:
     """Where the game's corners are in the robot's picture, by the room's geometry: ``[4, 2]``."""
     left_top, right_top, _, left_bottom = room.furniture.picture_corners
     across, down = right_top - left_top, left_bottom - left_top
@@ -151,19 +163,20 @@ def corners_in(room: Room) -> NDArray[np.float64]:
     )
 
 
-def _stand_somewhere(room: Room, rng: Generator) -> None:
-    yaw, pitch = rng.uniform(-MOST_TURN, MOST_TURN, 2)
+def begin_game(room: Nao, eye: Eye, poses: RandomiseConfig, rng: Generator) -> None:
+    """Let the robot, hands at rest, see with ``eye`` from one of ``poses``."""
+    ranges = replace(eye.changes, head_pose=poses.head_pose, screen_distance=poses.screen_distance)
+    room.begin_game(draw(PlayConfig(), eye.camera, ranges, rng.random), rng)
     room.arms.settle()
-    room.pose(yaw=yaw, pitch=pitch, distance=1 + rng.uniform(-MOST_AWAY, MOST_AWAY))
 
 
-def _raise_arm(room: Room, rng: Generator) -> None:
+def _raise_arm(room: Nao, rng: Generator) -> None:
     """Somewhere before the projected picture, hiding as much of it as `_HIDDEN` says."""
     while not _HIDDEN[0] < _hidden_share(room) < _HIDDEN[1]:
         room.arms.left.place(rng.uniform(_POSE_LOW, _POSE_HIGH))
 
 
-def _hidden_share(room: Room) -> float:
+def _hidden_share(room: Nao) -> float:
     """Share of the projected picture's pixels before which the robot's body is."""
     rendering = room.view_of_robot.rendering()
     outline = room.view_of_robot.camera.project(room.furniture.picture_corners)

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from actors.envs.emulator import Emulator
 from actors.envs.observation import shrink
-from actors.robots.nao.room import Room
+from actors.robots.nao.robot import Nao
 from actors.vision.screen_detector import ScreenDetector
-from common.run.config import CameraConfig
+from benchmarks.lab.sight_poses import Eye, begin_game
+from common.run.conditions import NOTHING_DRAWN
 
 QUANTITIES = {"own paddle's y": 51, "other paddle's y": 50, "ball's x": 49, "ball's y": 54}
 """Where Pong keeps them (Anand et al. 2019, AtariARI)."""
@@ -48,21 +49,21 @@ class Frames:
     """`QUANTITIES`, ``float64 [N, 4]``."""
 
 
-def collect(count: int, camera: CameraConfig, seed: int) -> Frames:
+def collect(count: int, eye: Eye, seed: int) -> Frames:
     """Take ``count`` pictures of play; those with the ball in play and a valid frame are kept.
 
     The paddle follows the ball, with random actions in between: random play alone would lose
     nearly every ball at once, and always the same way.
     """
     rng = np.random.default_rng(seed)
-    emulator, room, detector = Emulator("pong", seed), Room(camera=camera), None
+    emulator, room, detector = Emulator("pong", seed), Nao(), None
     own, seen, truth = [], [], []
     held, left = 0, 0
     for _ in range(count):
         if detector is None or emulator.game_over:
             emulator.reset()
-            room.begin_game(rng)
-            detector = ScreenDetector(camera.distortion)
+            begin_game(room, eye, NOTHING_DRAWN, rng)
+            detector = ScreenDetector(room.camera.distortion)
         if left == 0 and rng.random() < _WHIMS:
             held, left = int(rng.integers(18)), int(rng.integers(1, _MOST_HELD))
         if left:

@@ -12,7 +12,8 @@ import tyro
 
 from benchmarks.lab.ladder import FLAGS, Rung
 from benchmarks.lab.policy import EPSILON, evaluate, press_latency
-from benchmarks.report import BenchmarkOptions, Number, Report, main
+from benchmarks.report import BenchmarkOptions, Report, main
+from common.checked import FromOne
 
 _TITLES: dict[Rung, str] = {
     "R1": "the emulator alone",
@@ -30,7 +31,7 @@ class Options(BenchmarkOptions):
     network: tyro.conf.Positional[Path]
     """A published policy, or a checkpoint in its run's folder; without the body's feedback, which
     is not the same on all rungs."""
-    games: Number = 10
+    games: FromOne = 10
     """Games on each rung."""
     epsilon: float = EPSILON
     """Share of random agent steps."""

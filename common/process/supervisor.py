@@ -7,19 +7,21 @@ import contextlib
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from common.errors import InputError
+from common.process.lifeline import GRACE
 
 ROOT = Path(__file__).resolve().parents[2]
-GRACE = 3.0
-"""Seconds that supervised children have to leave before they are killed."""
 _EARLY = 15.0
 """Seconds of life below which a child did not get to work."""
 _MOST_EARLY_ENDS = 3
+_TAIL = 4_096
+"""Characters that are kept of a piped standard error."""
 _LOWER_PRIORITY = 10
 """Difference in niceness: a tenth of the processor where parent and child both want it.
 
@@ -37,6 +39,7 @@ class Child(subprocess.Popen[str]):
         low_priority: whether it runs at a lower priority than this process.
         log: file to which it appends what it prints.
         streams: stdin, stdout and stderr as of `subprocess.Popen`; by default there is no input.
+            A thread reads a piped standard error, so that a child that writes much is not held up.
     """
 
     def __init__(
@@ -58,6 +61,7 @@ class Child(subprocess.Popen[str]):
             super().__init__(
                 [sys.executable, "-m", module, *arguments, *(["--leash"] if leash else [])],
                 text=True,
+                errors="replace",
                 # A session of its own would do for all, but Linux gives each session an equal
                 # share of the processor, whatever their priorities.
                 process_group=0 if low_priority else None,
@@ -68,6 +72,16 @@ class Child(subprocess.Popen[str]):
         if low_priority:
             ours = os.getpriority(os.PRIO_PROCESS, 0)
             os.setpriority(os.PRIO_PROCESS, self.pid, ours + _LOWER_PRIORITY)
+        self._said = ""
+        self._reader = threading.Thread(target=self._read_errors, name="stderr", daemon=True)
+        if self.stderr is not None:
+            self._reader.start()
+
+    def _read_errors(self) -> None:
+        assert self.stderr is not None
+        with self.stderr:
+            while text := self.stderr.read(_TAIL):
+                self._said = (self._said + text)[-_TAIL:]
 
     def last_line(self) -> str:
         """Returns the last line that an ended child wrote to its log or its piped standard error.
@@ -77,7 +91,9 @@ class Child(subprocess.Popen[str]):
         if self.log is not None:
             said = self.log.read_text(errors="replace")
         else:
-            said = self.stderr.read() if self.stderr is not None else ""
+            if self.stderr is not None:
+                self._reader.join()
+            said = self._said
         lines = said.strip().splitlines() or ["nothing"]
         return lines[-1].removeprefix("error: ").rstrip(".")
 
@@ -100,7 +116,7 @@ class Child(subprocess.Popen[str]):
         except subprocess.TimeoutExpired:
             self.kill()
             self.wait()
-        for stream in (self.stdin, self.stdout, self.stderr):
+        for stream in (self.stdin, self.stdout):
             if stream is not None:
                 with contextlib.suppress(BrokenPipeError):
                     stream.close()

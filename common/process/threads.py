@@ -1,10 +1,13 @@
 """How a process learns that one of its threads died."""
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import ParamSpec
 
 from common.errors import InputError
+
+P = ParamSpec("P")
 
 
 @contextmanager
@@ -36,3 +39,21 @@ def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
         threading.excepthook = before
     if reasons:
         raise InputError(reasons[0])
+
+
+def guarded(name: str, callback: Callable[P, None]) -> Callable[P, None]:
+    """Returns ``callback`` for threads that are not Python's, and for futures.
+
+    Zenoh prints an exception of a callback and goes on, and a future logs it. So that no process
+    works on without what the callback should have done, it counts as the death of thread ``name``.
+    """
+
+    def call(*arguments: P.args, **named: P.kwargs) -> None:
+        try:
+            callback(*arguments, **named)
+        except Exception as error:
+            thread = threading.Thread(name=name)
+            died = (type(error), error, error.__traceback__, thread)
+            threading.excepthook(threading.ExceptHookArgs(died))
+
+    return call

@@ -8,7 +8,7 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from common.checked import Count, Positive, Values
+from common.checked import Amount, Count, Values
 from common.errors import MessageError
 from common.metrics import Metric, Unit, declare
 from common.press_latency import COUNTS
@@ -40,8 +40,8 @@ class ActorStats(Message):
     leaving: bool = False
     """Last message of this process."""
     steps: Count = counter("actors/steps", "steps", "Agent steps of actors and evaluators")
-    steps_per_second: Positive = 0.0
-    epsilon: Positive = 0.0
+    steps_per_second: Amount = 0.0
+    epsilon: Amount = 0.0
     weights_version: Count = 0
     made: Count = counter(
         "stream/chunks_made", "chunks",
@@ -52,14 +52,14 @@ class ActorStats(Message):
         "stream/chunks_retried", "chunks", "Chunks that actors sent again",
         label="retried", panel=("Stream", 5), curve=True, summary="chunks.retried")
     refused: Count = counter("actors/refused", "chunks", "Chunks that actors know to be refused")
-    held_share: Positive = 0.0
+    held_share: Amount = 0.0
     """Share of the last second it paused because the learner was behind."""
     valid: Count = counter("actors/valid", "steps", "Steps whose frame showed the screen")
     matched: Count = counter("actors/matched", "steps", "Steps that ended with the commanded keys")
     decisions: Count = counter("actors/elapsed", "steps", "Agent steps of game time that passed")
     missed_deadlines: Count = counter(
         "actors/missed_deadlines", "steps",
-        "In real time: agent steps that passed before their command was there",
+        "In real time: agent steps that began without their command, or of which a frame was late",
         summary="missed_deadlines", trouble="late")
     late_frames: Count = counter(
         "actors/late_frames", "frames",

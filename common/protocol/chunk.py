@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Lt
 from numpy.typing import NDArray
 
-from common.checked import MAX_SIZE, Count, Rows, Share, Size
+from common.checked import MAX_SIZE, Count, Fraction, Rows, Score
 from common.errors import MessageError
 from common.protocol.message import Array, Message
 from common.protocol.step_fields import FRAME_SHAPE, StepFields
@@ -25,7 +25,7 @@ MAX_VECTOR = 1_024
 class Game(NamedTuple):
     """One whole game, from reset to game over, whatever episodes the learner saw in it."""
 
-    score: Size
+    score: Score
     steps: Annotated[int, Ge(0), Lt(2**31)]
 
 
@@ -45,7 +45,7 @@ class Chunk(StepFields, Message):
     """0, 1, 2 … for each stream of an incarnation."""
     weights_version: Count
     """The oldest weights that chose one of its actions."""
-    epsilon: Share
+    epsilon: Fraction
     context: Annotated[NDArray[np.uint8], Array("C", *FRAME_SHAPE)]
     """Frames before step 0 of its episode, oldest first, C < frame_stack."""
     final_frames: Annotated[NDArray[np.uint8], Array("F", *FRAME_SHAPE)]

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from annotated_types import MaxLen
 
-from common.checked import Count, Rows, Share
+from common.checked import Count, Fraction, Rows
 from common.protocol.chunk import Game
 from common.protocol.message import Message
 from common.protocol.wire import MAX_ITEMS
@@ -21,7 +21,7 @@ class EvaluationJob(Message):
     epoch: Count = 0
     steps: Count = 0
     """Agent steps to play, then to the end of the first game if none has ended."""
-    epsilon: Share = 0.0
+    epsilon: Fraction = 0.0
     weights: bytes = b""
     """Unchecked weights."""
 

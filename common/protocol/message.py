@@ -20,7 +20,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from common.checked import Invalid, build
 from common.errors import MessageError
-from common.protocol.wire import pack, pack_array, unpack
+from common.protocol.wire import pack, unpack
 
 
 class Array:
@@ -95,12 +95,6 @@ def dtype_of(annotation: Any) -> np.dtype[Any]:
     return dtype
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _plain(each) for name, each in value.items()}
-    return pack_array(value) if isinstance(value, np.ndarray) else value
-
-
 class Message:
     """What every message can do; a message itself is a frozen dataclass of its fields."""
 
@@ -113,7 +107,7 @@ class Message:
         Raises:
             MessageError: it is larger than a receiver accepts.
         """
-        return pack({name: _plain(value) for name, value in vars(self).items()})
+        return pack(vars(self))
 
     @classmethod
     def decode(cls, payload: bytes) -> Self:

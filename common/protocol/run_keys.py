@@ -23,73 +23,43 @@ def check_name(kind: str, name: str) -> str:
     return name
 
 
-@dataclass(frozen=True)
+@dataclass
 class RunKeys:
-    """Key expressions of one run, all under ``ale-robot/<run>``."""
+    """Key expressions of one run, all under ``ale-robot/<run>``; ``'*'`` stands for any name."""
 
     run: str
 
-    def _key(self, *parts: str) -> str:
-        return "/".join((NAMESPACE, self.run, *parts))
-
-    @property
-    def all(self) -> str:
+    def __post_init__(self) -> None:
+        self._root = root = f"{NAMESPACE}/{self.run}"
+        self.all = f"{root}/**"
         """Everything that is said of the run."""
-        return self._key("**")
-
-    @property
-    def config(self) -> str:
+        self.config = f"{root}/config"
         """Query: the run's `RunConfig`; ``RunKeys('*').config`` finds the run itself."""
-        return self._key("config")
+        self.sample = f"{root}/sample"
+        """Query for a minibatch."""
+        self.priorities = f"{root}/priorities"
+        """Query with new priorities of sampled steps."""
+        self.held_out = f"{root}/held_out"
+        """Query for states on which the mean max-Q is measured."""
+        self.progress = f"{root}/progress"
+        """Query for the replay's counters; the learner also tells its own state with it."""
+        self.weights = f"{root}/weights"
+        """Published: the newest weights, version in the attachment."""
+        self.latest_weights = f"{root}/latest_weights"
+        """Query: the newest weights, for those who missed the broadcast."""
+        self.task = f"{root}/task"
+        """Query of an evaluator: which epoch to test next, with that epoch's weights."""
+        self.report = f"{root}/report"
+        """Query of an evaluator with the games it played."""
 
     def insert(self, actor: str) -> str:
         """Query with a chunk, answered when it is stored; ``'*'`` for the server's side."""
-        return self._key("insert", actor)
-
-    @property
-    def sample(self) -> str:
-        """Query for a minibatch."""
-        return self._key("sample")
-
-    @property
-    def priorities(self) -> str:
-        """Query with new priorities of sampled steps."""
-        return self._key("priorities")
-
-    @property
-    def held_out(self) -> str:
-        """Query for states on which the mean max-Q is measured."""
-        return self._key("held_out")
-
-    @property
-    def progress(self) -> str:
-        """Query for the replay's counters; the learner also tells its own state with it."""
-        return self._key("progress")
-
-    @property
-    def weights(self) -> str:
-        """Published: the newest weights, version in the attachment."""
-        return self._key("weights")
-
-    @property
-    def latest_weights(self) -> str:
-        """Query: the newest weights, for those who missed the broadcast."""
-        return self._key("latest_weights")
-
-    @property
-    def task(self) -> str:
-        """Query of an evaluator: which epoch to test next, with that epoch's weights."""
-        return self._key("task")
-
-    @property
-    def report(self) -> str:
-        """Query of an evaluator with the games it played."""
-        return self._key("report")
+        return f"{self._root}/insert/{actor}"
 
     def live(self, role: str, name: str) -> str:
         """Liveliness token of a process."""
-        return self._key("live", role, name)
+        return f"{self._root}/live/{role}/{name}"
 
     def stats(self, role: str, name: str) -> str:
         """Published: a process' own counters, about once a second."""
-        return self._key("stats", role, name)
+        return f"{self._root}/stats/{role}/{name}"

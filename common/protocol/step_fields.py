@@ -4,6 +4,7 @@ The chunk's codec, the ring's files and what a minibatch carries follow from it.
 add its line here, fill it in `actors.stream.chunker`, and use it.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
@@ -57,6 +58,8 @@ class StepFields:
     """Agent steps of game time that the step took: 1 unless the actor waits for its keys."""
     valid: Annotated[NDArray[np.bool_], Flag(4)]
     """The state's newest frame was really seen."""
+    follows: Annotated[NDArray[np.bool_], Array("T")]
+    """The newest frame differs from the one before, or the game's own picture did not change."""
     matched: Annotated[NDArray[np.bool_], Array("T")]
     """The keys pressed at the step's end were the commanded ones."""
     explored: Annotated[NDArray[np.bool_], Flag(16)]
@@ -71,6 +74,10 @@ class StepField(NamedTuple):
     dtype: np.dtype[Any]
     array: Array
 
+    def step_bytes(self, vector_width: int) -> int:
+        """Returns the size of one step's values."""
+        return math.prod(self.array.shape_for({"T": 1, "P": vector_width})) * self.dtype.itemsize
+
 
 def step_fields(kind: type) -> dict[str, StepField]:
     """Returns the fields of ``kind`` that have one row for each step, by name."""
@@ -84,6 +91,15 @@ def step_fields(kind: type) -> dict[str, StepField]:
 
 
 STEP_FIELDS = step_fields(StepFields)
+
+
+def drawn_fields() -> dict[str, StepField]:
+    """Returns the step fields that minibatches carry as they are."""
+    return {
+        name: field
+        for name, field in STEP_FIELDS.items()
+        if isinstance(field.array, StoredArray) and field.array.drawn
+    }
 
 
 def zero_steps(count: int, vector_width: int = 0) -> dict[str, NDArray[Any]]:

@@ -11,13 +11,13 @@ class ClockConfig:
     """Whether a robot's world waits for its agent, and how long a step lasts."""
 
     sync: bool = True
-    """Physics, emulator and agent in lockstep, as fast as the machine allows. With --no-sync
+    """Lockstep of physics, emulator and agent, as fast as the machine allows. With --no-sync
     physics and game run in real time, whether the agent is ready or not."""
     wait_action: bool = False
-    """Let a robot's step last until the commanded keys are pressed, play.wait_bound agent steps at
-    most."""
+    """Length of a robot's step: until the commanded keys are pressed, play.wait_bound agent steps
+    at most."""
     speed: float = 1.0
-    """Game seconds per second, with --no-sync."""
+    """Speed of game and physics with --no-sync, game seconds per second."""
 
     def check(self, env: str | None = None) -> None:
         """Refuse settings that cannot work, in the environment called ``env`` if it is known.

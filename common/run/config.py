@@ -5,18 +5,21 @@ to every actor that asks, and refuses to resume a run under another one.
 """
 
 import dataclasses
-import json
 import math
-from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Literal
 
+import tyro
 from annotated_types import Ge, Le, Lt
 
-from common.checked import Invalid, build
+from common.checked import Amount, Count, Fraction, FromOne
 from common.errors import InputError
-from common.protocol.step_fields import FRAME_SHAPE
+from common.pinned_file import path_of, pin
+from common.proprioception import COMMANDS, KEY_FRAMES
+from common.protocol.step_fields import FRAME_SHAPE, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
-from common.registry import ENVIRONMENTS, ROBOTS
+from common.registry import ALGORITHMS, ENVIRONMENTS, ROBOTS
+from common.run.stored_config import from_mapping
 
 MAX_CHUNK_STEPS = 1_024
 MAX_FRAME_STACK = 16
@@ -24,40 +27,26 @@ MAX_SEED = 2**63
 MAX_WAIT = 50
 MAX_SHIFT = 20
 MAX_DELAY = 60
+MAX_ADDED = 36
+"""Emulator frames of added latency, 600 ms."""
+MAX_PICTURE_LATENCY = 3
+MAX_HISTORY = 60
+"""Commands in the vector observation, 4 s."""
 MAX_QUANTILES = 256
 
 _FRAME_BYTES = math.prod(FRAME_SHAPE) + 4
 """Size of a frame in a message, with its place in a state."""
-_STEP_BYTES = 32
-"""Size of a step's other fields in a message."""
+_TRANSITION_BYTES = 32
+"""Size in a minibatch of a transition's id, action, return, discount and weight."""
 _HEAD_BYTES = 65_536
 """Size of the parts of a message that do not grow with its steps."""
 
 PresetName = Literal["paper", "fast", "robot"]
+NetworkName = Literal["nature", "nips"]
 
-RENAMED = {
-    "play.history": "play.frame_stack",
-    "play.delay": "play.command_latency",
-    "play.release": "play.release_latency",
-    "play.press": "play.press_latency",
-    "camera.delay": "camera.latency",
-    "replay.warmup": "replay.learning_starts",
-    "learning.train_every": "learning.train_period",
-    "learning.target_every": "learning.target_update_period",
-    "learning.publish_every": "learning.publish_period",
-    "learning.checkpoint_every": "learning.checkpoint_period",
-    "learning.cut_random": "learning.watkins_cut",
-    "exploration.lasting": "exploration.ez_greedy",
-}
-"""Former names of fields, as runs and policies on disk may have them, and the present ones."""
-
-T = TypeVar("T")
-
-Whole = Annotated[int, Ge(0)]
-FromOne = Annotated[int, Ge(1)]
-Amount = Annotated[float, Ge(0)]
-Fraction = Annotated[float, Ge(0), Le(1)]
 Latency = Annotated[int, Ge(0), Le(MAX_DELAY)]
+AddedLatency = Annotated[int, Ge(0), Le(MAX_ADDED)]
+Gain = Annotated[float, Ge(0.05), Le(2)]
 
 
 @dataclass(frozen=True)
@@ -68,12 +57,16 @@ class PlayConfig:
     """Frames per state."""
     frame_skip: FromOne = 4
     """Emulator frames per agent step; 4 at 60 Hz are 66.7 ms."""
-    random_starts: Whole = 30
+    random_starts: Count = 30
     """Maximum number of random actions at the start of a game."""
     minimal_actions: bool = False
     """Action set: the game's own actions (Pong: 6) instead of all 18."""
-    max_game_frames: Whole = 108_000
+    max_game_frames: Count = 108_000
     """Emulator frames after which a game is truncated (108,000 are 30 minutes); 0 for no bound."""
+    sticky: Fraction = 0.0
+    """Repeat probability: share of emulator frames, 0 to 1, in which the console repeats the action
+    of the frame before, whatever is pressed (sticky actions, Machado et al. 2018; 0.25 in ALE's
+    v5)."""
     read_keys: Literal["frame", "decision"] = "frame"
     """Time at which the robot's controller is read: before every emulator frame, as a console does,
     or once per agent step before the arms move, as in 2017."""
@@ -81,10 +74,17 @@ class PlayConfig:
     """Maximum number of agent steps to wait for the commanded keys, with --wait-action."""
     vector: bool = False
     """Proprioception beside the frames: last commands, pressed keys, and a robot's joints."""
+    vector_commands: Annotated[int, Ge(1), Le(MAX_HISTORY)] = COMMANDS
+    """Number of the last commands in --play.vector, one per agent step; a latency can be inferred
+    from them and the keys only if both reach as far back."""
+    vector_key_frames: Annotated[int, Ge(1), Le(4 * MAX_HISTORY)] = KEY_FRAMES
+    """Number of the last emulator frames whose pressed keys are in --play.vector."""
     eye: Literal["camera", "emulator"] = "camera"
     """Source of a robot's frames: its camera's picture, or the emulator's own."""
-    robot: str = "nao"
-    """Robot of --env robot: 'nao' or a registered one."""
+    robot: Annotated[str, tyro.conf.arg(aliases=["--robot"])] = "nao"
+    """Robot of --env robot: 'nao', 'robotroller', a registered one, or FILE.npz: NAO with a latency
+    model in the place of its hands, in the format of Physical Atari. The bare emulator follows such
+    a model too. The run keeps the file's SHA-256, and each process needs the same file."""
     hand: Literal["arm", "model"] = "arm"
     """Actuator of a robot's keys: its arms, or a model with the next three latencies. The bare
     emulator always has the model."""
@@ -94,30 +94,110 @@ class PlayConfig:
     """Emulator frames until the modelled hand releases the keys of the previous command."""
     press_latency: Latency = 0
     """Emulator frames until the modelled hand presses the keys of the new command."""
+    actuation_latency: AddedLatency = 0
+    """Emulator frames of 16.7 ms by which every command reaches any hand later, arms and model;
+    36 are 600 ms."""
+    actuation_jitter: AddedLatency = 0
+    """Maximum of further emulator frames by which a command is late, drawn for each one; commands
+    keep their order."""
+    arm_speed: Annotated[float, Ge(0.25), Le(1.1)] = 1.0
+    """Maximum speed of the arms' joints, relative to the usual one, which is 0.9 of the published
+    speed."""
+    key_threshold: Annotated[float, Ge(0.5), Le(1.4)] = 1.0
+    """Depths at which a key counts as pressed and as released, relative to the usual ones."""
+
+    @property
+    def latency_model(self) -> str | None:
+        """The file that says what the hands do; None where it is a robot that does it."""
+        return self.robot if path_of(self.robot).suffix == ".npz" else None
 
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """Faults of the robot's camera; all are off by default."""
+    """Light, camera and pose of the robot's eye; the defaults are a perfect camera at its usual
+    place."""
 
     noise: Annotated[float, Ge(0), Le(255)] = 0.0
     """Standard deviation of each pixel's noise, grey levels of 255."""
     blur: Annotated[float, Ge(0), Le(20)] = 0.0
     """Standard deviation of the blur, pixels."""
-    exposure: Annotated[float, Ge(0), Le(0.9)] = 0.0
-    """Maximum relative change of the brightness between games."""
-    colour_gain: Annotated[float, Ge(0), Le(0.9)] = 0.0
-    """Maximum relative change of each colour's gain between games."""
     distortion: Annotated[float, Ge(0), Le(0.3)] = 0.0
     """Radial lens distortion k₁, at half the picture's width."""
-    latency: Annotated[int, Ge(0), Le(3)] = 0
+    latency: Annotated[int, Ge(0), Le(MAX_PICTURE_LATENCY)] = 0
     """Latency of the picture, agent steps."""
-    camera_jitter: Annotated[float, Ge(0), Le(45)] = 0.0
-    """Maximum change of the head's yaw and pitch between games, degrees."""
-    screen_jitter: Annotated[float, Ge(0), Le(0.5)] = 0.0
-    """Maximum relative change of the screen's distance between games."""
     ambient: Annotated[float, Ge(0), Le(0.9)] = 0.0
     """Ambient light on the screen, as a share of white."""
+    glare: Annotated[float, Ge(0), Le(0.9)] = 0.0
+    """Light of a lamp's soft reflection on the screen, at its middle, as a share of white."""
+    glare_x: Fraction = 0.5
+    """Place of the glare from the projected picture's left (0) to its right edge (1)."""
+    glare_y: Fraction = 0.5
+    """Place of the glare from the projected picture's upper (0) to its lower edge (1)."""
+    brightness: Gain = 1.0
+    """Factor of the brightness, as of another exposure."""
+    red: Gain = 1.0
+    """Factor of red."""
+    green: Gain = 1.0
+    """Factor of green."""
+    blue: Gain = 1.0
+    """Factor of blue."""
+    gamma: Annotated[float, Ge(0.3), Le(3)] = 1.0
+    """Exponent γ of the picture's tones after all gains: above 1 middle tones are darker."""
+    dropped: Fraction = 0.0
+    """Probability that a picture is lost and the one before is seen again."""
+    yaw: Annotated[float, Ge(-45), Le(45)] = 0.0
+    """Turn of the head to its left, degrees from its usual pose."""
+    pitch: Annotated[float, Ge(-45), Le(45)] = 0.0
+    """Turn of the head down, degrees from its usual pose."""
+    screen_distance: Annotated[float, Ge(0.5), Le(1.5)] = 1.0
+    """Distance of the screen, relative to the usual one."""
+    screen_tilt: Annotated[float, Ge(-30), Le(30)] = 0.0
+    """Tilt of the screen's upper edge away from the robot, degrees."""
+
+
+@dataclass(frozen=True)
+class RandomiseConfig:
+    """Conditions that are drawn anew for each game, each one uniformly, around the settings of
+    `play` and `camera`. All are off by default; --randomise.all sets those that are not given to
+    the ranges of docs/conditions.md. The tests of epochs draw too; --evaluate draws only what its
+    own flags say."""
+
+    latency: AddedLatency = 0
+    """Maximum of further actuation latency, emulator frames of 16.7 ms."""
+    jitter: AddedLatency = 0
+    """Maximum of further actuation jitter, emulator frames."""
+    arm_speed: Annotated[float, Ge(0), Le(0.75)] = 0.0
+    """Maximum relative loss of the arms' speed."""
+    key_threshold: Annotated[float, Ge(0), Le(0.4)] = 0.0
+    """Maximum relative change of the depths at which keys are pressed and released."""
+    sticky: Fraction = 0.0
+    """Maximum of further repeat probability."""
+    dropped: Fraction = 0.0
+    """Maximum of further probability that a picture is lost."""
+    picture_latency: Annotated[int, Ge(0), Le(MAX_PICTURE_LATENCY)] = 0
+    """Maximum of further latency of the picture, agent steps."""
+    noise: Annotated[float, Ge(0), Le(255)] = 0.0
+    """Maximum of further noise, grey levels of 255."""
+    blur: Annotated[float, Ge(0), Le(20)] = 0.0
+    """Maximum of further blur, pixels."""
+    exposure: Annotated[float, Ge(0), Le(0.9)] = 0.0
+    """Maximum relative change of the brightness."""
+    colour: Annotated[float, Ge(0), Le(0.9)] = 0.0
+    """Maximum relative change of each colour's gain."""
+    gamma: Annotated[float, Ge(1), Le(3)] = 1.0
+    """Maximum factor by which the gamma is multiplied or divided; its logarithm is uniform."""
+    ambient: Annotated[float, Ge(0), Le(0.9)] = 0.0
+    """Maximum of further ambient light, as a share of white."""
+    glare: Annotated[float, Ge(0), Le(0.9)] = 0.0
+    """Maximum of further glare, as a share of white, anywhere on the picture."""
+    distortion: Annotated[float, Ge(0), Le(0.3)] = 0.0
+    """Maximum of further radial lens distortion k₁."""
+    head_pose: Annotated[float, Ge(0), Le(45)] = 0.0
+    """Maximum change of the head's yaw and of its pitch, degrees."""
+    screen_distance: Annotated[float, Ge(0), Le(0.5)] = 0.0
+    """Maximum relative change of the screen's distance."""
+    screen_tilt: Annotated[float, Ge(0), Le(30)] = 0.0
+    """Maximum change of the screen's tilt, degrees."""
 
 
 @dataclass(frozen=True)
@@ -134,9 +214,9 @@ class StreamConfig:
 class ReplayConfig:
     """Replay buffer and sampler."""
 
-    capacity: Whole = 1_000_000
+    capacity: Count = 1_000_000
     """Slots of the ring, one frame (7,056 bytes) each."""
-    learning_starts: Whole = 50_000
+    learning_starts: Count = 50_000
     """Random agent steps before the first update; they are also the random-policy baseline."""
     sampler: Literal["uniform", "prioritised"] = "uniform"
     """Sampler: uniform, or in proportion to each step's last TD error."""
@@ -144,7 +224,7 @@ class ReplayConfig:
     """α of prioritised replay (Schaul et al. 2016, equation 1)."""
     importance_exponent: Amount = 0.4
     """β of the importance weights of prioritised replay."""
-    ratio_tolerance: Whole = 1_000
+    ratio_tolerance: Count = 1_000
     """Agent steps by which actors may run ahead of the learner, or the learner ahead of them."""
 
 
@@ -157,12 +237,15 @@ class LearningConfig:
     or 'qr_dqn' (quantile regression, Dabney et al. 2018)."""
     quantiles: Annotated[int, Ge(1), Le(MAX_QUANTILES)] = 51
     """Number of quantiles of each action's return that qr_dqn learns."""
+    network: NetworkName = "nature"
+    """Network: three convolutions and 512 hidden units (Mnih et al. 2015, and 2017), or two and 256
+    with a third of the arithmetic (Mnih et al. 2013)."""
     target: Literal["dqn", "double"] = "double"
     """Network that chooses the next action: the target network (dqn) or the online network
     (double)."""
     loss: Literal["mse", "huber"] = "huber"
     """Loss of dqn: δ² of the TD error δ, as in 2017; or ½δ², growing only linearly beyond
-    |δ| = 1. That of qr_dqn is the quantile Huber loss."""
+    |δ| = 1. That of qr_dqn is always the quantile Huber loss."""
     loss_mean_over: Literal["batch", "outputs"] = "batch"
     """Divisor of dqn's loss: the batch, or, as Keras did in 2017, batch × actions."""
     optimizer: Literal["adam", "rmsprop"] = "adam"
@@ -219,7 +302,7 @@ class ExplorationConfig:
     """ε until learning starts."""
     end: Fraction = 0.02
     """ε after `steps`."""
-    steps: Whole = 100_000
+    steps: Count = 100_000
     """Agent steps from start to end, over all actors."""
     ez_greedy: bool = False
     """εz-greedy exploration (Dabney et al. 2021): a random action lasts for 3 + Zipf(2) agent
@@ -258,6 +341,7 @@ class RunConfig:
     """Seed of the initial weights, the minibatches and the actors' games."""
     play: PlayConfig = field(default_factory=PlayConfig)
     camera: CameraConfig = field(default_factory=CameraConfig)
+    randomise: RandomiseConfig = field(default_factory=RandomiseConfig)
     stream: StreamConfig = field(default_factory=StreamConfig)
     replay: ReplayConfig = field(default_factory=ReplayConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
@@ -279,11 +363,26 @@ class RunConfig:
         """Actions that the environment offers. Raises InputError for a game that there is not."""
         return ENVIRONMENTS.find(self.env).actions(self)
 
+    @property
+    def fixed(self) -> "RunConfig":
+        """The same, in games whose conditions are all those of `play` and `camera`."""
+        return dataclasses.replace(self, randomise=RandomiseConfig())
+
     def epsilon_at(self, agent_steps: int) -> float:
         """Returns ε after ``agent_steps`` of all actors, those before learning starts included."""
         schedule = self.exploration
         done = (agent_steps - self.replay.learning_starts) / max(schedule.steps, 1)
         return schedule.start + (schedule.end - schedule.start) * min(max(done, 0.0), 1.0)
+
+    def pinned(self) -> "RunConfig":
+        """Returns the settings with the hash of each file that they name.
+
+        Raises:
+            InputError: a file cannot be read.
+        """
+        if not self.play.latency_model:
+            return self
+        return replace(self, play=replace(self.play, robot=pin(self.play.latency_model)))
 
     def check(self) -> None:
         """Refuses settings that cannot work, alone (the bounds beside each field) or together.
@@ -291,17 +390,33 @@ class RunConfig:
         Raises:
             InputError: with the field at fault and what to choose.
         """
+        # Late, because conditions are made of these classes.
+        from common.run.conditions import check_conditions
+
         from_mapping(RunConfig, dataclasses.asdict(self), "")
-        if ENVIRONMENTS.find(self.env).robot:
+        environment = ENVIRONMENTS.find(self.env)
+        environment.actions(self)  # knows the game, or refuses it
+        check_conditions(self)
+        if environment.robot:
             ROBOTS.find(self.play.robot)
+        play = self.play
+        delayed = play.command_latency or play.release_latency or play.press_latency
+        if play.latency_model and (play.hand == "model" or delayed):
+            raise InputError(
+                f"play.robot is {path_of(play.robot)}, which models the hands by itself: leave "
+                "play.hand at 'arm' and the latencies of the modelled hand at 0."
+            )
+        ALGORITHMS.find(self.learning.algorithm)
         learning, replay, stream = self.learning, self.replay, self.stream
-        # States travel in one message; a minibatch has two of each step.
-        state_bytes = self.play.frame_stack * _FRAME_BYTES + 4 * self.vector_width + _STEP_BYTES
-        most_states = (MAX_MESSAGE_BYTES - _HEAD_BYTES) // state_bytes
-        for name, count, most in (
-            ("protocol.held_out_states", self.protocol.held_out_states, most_states),
-            ("learning.batch_size", learning.batch_size, most_states // 2),
+        # They travel in one message, and a transition has two states.
+        state_bytes = self.play.frame_stack * _FRAME_BYTES + 4 * self.vector_width
+        drawn_bytes = sum(field.step_bytes(self.vector_width) for field in drawn_fields().values())
+        transition_bytes = 2 * state_bytes + _TRANSITION_BYTES + drawn_bytes
+        for name, count, size in (
+            ("protocol.held_out_states", self.protocol.held_out_states, state_bytes),
+            ("learning.batch_size", learning.batch_size, transition_bytes),
         ):
+            most = (MAX_MESSAGE_BYTES - _HEAD_BYTES) // size
             if count > most:
                 raise InputError(
                     f"{name} is {count}: choose a number from 1 to {most}, as many as travel in "
@@ -325,56 +440,3 @@ class RunConfig:
                 f"wait for each other for ever: choose at least {least} "
                 "(chunk_steps × window, and train_period)."
             )
-
-
-def to_json(config: Any) -> str:
-    """Returns a configuration dataclass as readable JSON."""
-    return json.dumps(dataclasses.asdict(config), indent=2)
-
-
-def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool = False) -> T:
-    """Returns configuration dataclass ``kind`` built from plain data, strictly.
-
-    Args:
-        fill: take the default of a field that is missing in a group, for files that are older than
-            the field. The default of a new field must therefore be the former behaviour.
-
-    Raises:
-        InputError: a field is missing, unknown, of the wrong type or out of bounds; ``where`` names
-            the place.
-    """
-    try:
-        return build(kind, _with_present_names(data) if fill else data, where, fill=fill)
-    except Invalid as error:
-        raise InputError(f"{error}.") from None
-
-
-def _with_present_names(data: Any) -> Any:
-    """Returns ``data`` with the fields that a former version named otherwise under their names."""
-    if not isinstance(data, dict):
-        return data
-    named = {group: dict(each) if isinstance(each, dict) else each for group, each in data.items()}
-    for former, present in RENAMED.items():
-        (group, old), new = former.split("."), present.split(".")[1]
-        fields = named.get(group)
-        if isinstance(fields, dict) and old in fields and new not in fields:
-            fields[new] = fields.pop(old)
-    return named
-
-
-def differences(old: RunConfig, new: RunConfig) -> list[str]:
-    """Names and values of the fields in which two configurations differ."""
-
-    def flat(data: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for name, value in data.items():
-            if isinstance(value, dict):
-                found |= flat(value, f"{prefix}{name}.")
-            else:
-                found[prefix + name] = value
-        return found
-
-    before, after = flat(dataclasses.asdict(old)), flat(dataclasses.asdict(new))
-    return [
-        f"{name} {before[name]} → {after[name]}" for name in before if before[name] != after[name]
-    ]

@@ -1,14 +1,4 @@
-"""The folder ``runs/<name>/``: what a run leaves behind, and whose it is.
-
-config.json             the RunConfig, written once
-initial.safetensors     the weights it began with, where they were not fresh ones
-checkpoint.safetensors  the learner's whole state (and .previous, the one before)
-held_out.safetensors    the states on which the mean max-Q is measured
-snapshots/              weights of epochs that are being tested, and the best so far
-epochs.csv, gates.csv, summary.json, tensorboard/
-replay/                 the ring, where the replay runs on this machine
-logs/                   output of local mode's actors
-"""
+"""The folder ``runs/<name>/``: what a run leaves behind, and whose it is."""
 
 import fcntl
 import json
@@ -18,7 +8,8 @@ from typing import IO, Literal, get_args
 
 from common.errors import InputError
 from common.protocol.run_keys import check_name
-from common.run.config import RunConfig, differences, from_mapping, to_json
+from common.run.config import RunConfig
+from common.run.stored_config import differences, from_mapping, to_json
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -43,48 +34,26 @@ class RunFolder:
 
     def __init__(self, runs: Path, name: str) -> None:
         self.name = check_name("run", name)
-        self.path = runs / name
+        self.path = path = runs / name
+        self.config_file = path / "config.json"
+        """The `RunConfig`, written once."""
+        self.initial = path / "initial.safetensors"
+        """The weights that it began with, where they were not fresh ones."""
+        self.checkpoint = path / "checkpoint.safetensors"
+        """The learner's whole state; with ``.previous``, the one before."""
+        self.held_out = path / "held_out.safetensors"
+        """The states on which the mean max-Q is measured."""
+        self.snapshots = path / "snapshots"
+        """Weights of epochs that are being tested, and the best so far."""
+        self.epochs = path / "epochs.csv"
+        self.gates = path / "gates.csv"
+        self.summary = path / "summary.json"
+        self.tensorboard = path / "tensorboard"
+        self.replay = path / "replay"
+        """The ring, where the replay runs on this machine."""
+        self.logs = path / "logs"
+        """Output of local mode's actors."""
         self._locks: list[IO[str]] = []
-
-    @property
-    def config_file(self) -> Path:
-        return self.path / "config.json"
-
-    @property
-    def initial(self) -> Path:
-        return self.path / "initial.safetensors"
-
-    @property
-    def checkpoint(self) -> Path:
-        return self.path / "checkpoint.safetensors"
-
-    @property
-    def snapshots(self) -> Path:
-        return self.path / "snapshots"
-
-    @property
-    def epochs(self) -> Path:
-        return self.path / "epochs.csv"
-
-    @property
-    def gates(self) -> Path:
-        return self.path / "gates.csv"
-
-    @property
-    def summary(self) -> Path:
-        return self.path / "summary.json"
-
-    @property
-    def tensorboard(self) -> Path:
-        return self.path / "tensorboard"
-
-    @property
-    def held_out(self) -> Path:
-        return self.path / "held_out.safetensors"
-
-    @property
-    def replay(self) -> Path:
-        return self.path / "replay"
 
     def stored_config(self) -> RunConfig | None:
         """The configuration the run was started with; None for a new run."""

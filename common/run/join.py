@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 
 from common.errors import InputError, MessageError
-from common.protocol.announcement import decode_announcement
+from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys, check_name
 from common.run.config import RunConfig
 from common.transport.interface import Transport
@@ -29,13 +29,13 @@ def find_run(
         found: dict[str, RunConfig] = {}
         for answer in transport.gather(RunKeys(name or "*").config, _DEADLINE):
             try:
-                run, config = decode_announcement(answer.payload)
+                told = Announcement.decode(answer.payload)
             except MessageError as error:
                 raise InputError(
                     f"the hub does not speak this version's language ({error}): "
                     "install the same version on both machines."
                 ) from None
-            found[run] = config
+            found[told.run] = told.config
         if len(found) > 1:
             raise InputError(
                 f"the hub serves several runs ({', '.join(sorted(found))}): name one with --run."

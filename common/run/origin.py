@@ -4,8 +4,11 @@ import json
 from pathlib import Path
 
 from common.errors import InputError
-from common.run.config import RunConfig, from_mapping
+from common.pinned_file import path_of
+from common.registry import ENVIRONMENTS
+from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from common.run.stored_config import from_mapping
 
 
 def origin_of(weights: Path) -> RunConfig | None:
@@ -25,6 +28,34 @@ def origin_of(weights: Path) -> RunConfig | None:
             return from_mapping(RunConfig, told["config"], f"{card}: config", fill=True)
     run = run_of(weights)
     return run.stored_config() if run else None
+
+
+def check_vector(weights: Path, trained: RunConfig | None, config: RunConfig) -> None:
+    """Refuses to play under ``config`` with a network whose vector observation was another one.
+
+    Args:
+        trained: settings under which ``weights`` were trained; None if nobody knows.
+
+    Raises:
+        InputError: with what the network needs and what there is.
+    """
+    if trained is None or trained.vector_width == config.vector_width:
+        return
+    needed, given = (_vector_of(each) for each in (trained, config))
+    raise InputError(
+        f"{weights} was trained with {needed} beside the frames, and here there is {given}: choose "
+        "what it was trained with by --env, --robot and --play.vector, or a network that was "
+        "trained without --play.vector."
+    )
+
+
+def _vector_of(config: RunConfig) -> str:
+    """Returns in words what vector observation there is."""
+    if not config.vector_width:
+        return "no vector"
+    robot = ENVIRONMENTS.find(config.env).robot
+    body = f"the robot {path_of(config.play.robot)}" if robot else f"--env {config.env}"
+    return f"the vector of {body} ({config.vector_width} numbers)"
 
 
 def run_of(weights: Path) -> RunFolder | None:

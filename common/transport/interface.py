@@ -1,8 +1,8 @@
 """`Transport`: the verbs by which the processes of a run speak to each other.
 
-`zenoh_transport` carries them between machines, `in_process` between the objects of one process, so
-that servers and clients can be tested in milliseconds. Keys are paths such as ``ale-robot/r/task``;
-``*`` stands for one part of a key and ``**`` for any number of them.
+`zenoh_transport` carries them between machines, and the tests' own between the objects of one
+process. Keys are paths such as ``ale-robot/r/task``; ``*`` stands for one part of a key and ``**``
+for any number of them.
 """
 
 from collections.abc import Callable
@@ -85,7 +85,8 @@ class Transport(Closeable, Protocol):
     """One process' way to all others of the run; a context manager that closes it.
 
     Closing it closes all that was declared there. Callbacks run on a thread of the transport: they
-    must be brief, and must not call the transport.
+    must be brief, and must not call the transport. One that raises ends the process, as a thread
+    that dies does (`common.process.threads`): what strangers may send is for it to catch.
     """
 
     def serve(self, key: str, answer: Answer) -> Closeable:

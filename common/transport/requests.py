@@ -1,11 +1,14 @@
 """What all transports do alike: settle each request once, answer it, and send it again."""
 
+import contextlib
 import logging
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
+from functools import partial
 
 from common.errors import MessageError
+from common.process.threads import guarded
 from common.transport.interface import Answer, Envelope, Request, Requester, Unanswered
 
 LONGEST_ANSWER = 10.0
@@ -30,37 +33,30 @@ class PendingRequests:
     """The answers to come of one requester: each is settled once, by whatever comes first."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
         self._under_way: set[Future[Envelope]] = set()
         self._closed = False
 
     def begin(self) -> Future[Envelope]:
         """Return a new answer to come, which has ended already if this was closed."""
         future: Future[Envelope] = Future()
-        with self._lock:
-            self._under_way.add(future)
-            closed = self._closed
-        if closed:
+        self._under_way.add(future)
+        future.add_done_callback(self._under_way.discard)
+        if self._closed:
             self.settle(future, Unanswered("the requester was closed"))
         return future
 
     def settle(self, future: Future[Envelope], outcome: Envelope | Exception) -> None:
         """End ``future`` with ``outcome``, unless it has ended."""
-        with self._lock:
-            if future not in self._under_way:
-                return
-            self._under_way.remove(future)
-        if isinstance(outcome, Exception):
-            future.set_exception(outcome)
-        else:
-            future.set_result(outcome)
+        with contextlib.suppress(InvalidStateError):
+            if isinstance(outcome, Exception):
+                future.set_exception(outcome)
+            else:
+                future.set_result(outcome)
 
     def close(self) -> None:
         """End all that are under way, and all to come, unanswered."""
-        with self._lock:
-            self._closed = True
-            under_way = list(self._under_way)
-        for future in under_way:
+        self._closed = True
+        for future in list(self._under_way):
             self.settle(future, Unanswered("the requester was closed"))
 
 
@@ -119,7 +115,7 @@ class Window:
     def _send(self, pending: _Pending) -> None:
         pending.lost = False
         future = self._requester.request(pending.payload)
-        future.add_done_callback(lambda future: self._end(pending, future))
+        future.add_done_callback(guarded("window", partial(self._end, pending)))
 
     def _end(self, pending: _Pending, future: Future[Envelope]) -> None:
         outcome = future.exception() or future.result()

@@ -19,6 +19,7 @@ import zenoh
 from zenoh.handlers import Callback, FifoChannel
 
 from common.errors import InputError, MessageError
+from common.process.threads import guarded
 from common.transport.access_control import access_control
 from common.transport.credentials import Role, check_certificates
 from common.transport.endpoint import check_endpoint
@@ -44,6 +45,7 @@ _NOT_TRUSTED = (
 
 
 _T = TypeVar("_T", bound=Closeable)
+_Heard = TypeVar("_Heard", zenoh.Sample, zenoh.Reply)
 
 
 class ZenohTransport:
@@ -90,7 +92,7 @@ class ZenohTransport:
         def hear(sample: zenoh.Sample) -> None:
             callback(_envelope(sample))
 
-        handler = Callback(hear, indirect=False)
+        handler = _callback(f"hear {key}", hear)
         return self._keep(_Declared(self.session.declare_subscriber(key, handler)))
 
     def announce(self, key: str) -> Closeable:
@@ -103,14 +105,18 @@ class ZenohTransport:
         def hear(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-        watch = self.session.liveliness().declare_subscriber(
-            key, Callback(hear, indirect=False), history=True
-        )
+        handler = _callback(f"watch {key}", hear)
+        watch = self.session.liveliness().declare_subscriber(key, handler, history=True)
         return self._keep(_Declared(watch))
 
     def _keep(self, declared: _T) -> _T:
         self._declared.append(declared)
         return declared
+
+
+def _callback(name: str, call: Callable[[_Heard], None], *end: Callable[[], None]) -> Any:
+    """Returns a handler that Zenoh's own thread calls, and that ends the process if it fails."""
+    return Callback(guarded(name, call), *(guarded(name, each) for each in end), indirect=False)
 
 
 def _envelope(sample: zenoh.Sample) -> Envelope:
@@ -212,6 +218,7 @@ class _Requester:
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
         self._pending = PendingRequests()
+        self._name = f"ask {key}"
 
     @property
     def has_server(self) -> bool:
@@ -234,7 +241,7 @@ class _Requester:
         def on_end() -> None:
             pending.settle(future, Unanswered("nobody answered"))
 
-        self._querier.get(Callback(on_reply, on_end, indirect=False), payload=payload)
+        self._querier.get(_callback(self._name, on_reply, on_end), payload=payload)
         return future
 
     def close(self) -> None:

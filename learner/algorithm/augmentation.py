@@ -1,43 +1,19 @@
-"""Augmentation of drawn states: none, or the random shift of DrQ (Yarats, Kostrikov and Fergus
-2021), a cheap regularisation.
+"""Augmentation of drawn states: the random shift of DrQ (Yarats, Kostrikov and Fergus 2021).
 
 A picture moved by a few pixels means the same to a player; a network that is told so does not
 learn single pixels by heart. All frames of a state move together, or the ball would jump; the two
 states of a transition move apart from each other, as in DrQ.
 """
 
-from typing import Protocol
-
 import numpy as np
 import torch
 from torch import Tensor
 
-from common.run.config import LearningConfig
 from learner.algorithm.interface import DeviceBatch
 
 
-class Augmentation(Protocol):
-    """Changes the states of a minibatch in a way that their values should not depend on."""
-
-    def __call__(self, batch: DeviceBatch) -> DeviceBatch:
-        """Returns ``batch`` with states of the same shape and type."""
-
-    def reseed(self, updates: int) -> None:
-        """Draw otherwise than at the start of the run, after ``updates`` in other processes."""
-
-
-class NoAugmentation:
-    """Leaves minibatches as they are."""
-
-    def __call__(self, batch: DeviceBatch) -> DeviceBatch:
-        return batch
-
-    def reseed(self, updates: int) -> None:
-        """Nothing is drawn."""
-
-
 class RandomShift:
-    """Shifts states by up to ``most`` pixels, up or down and left or right."""
+    """Shifts states by up to ``most`` pixels, up or down and left or right; 0 for not at all."""
 
     def __init__(self, most: int, seed: int) -> None:
         self._most = most
@@ -45,11 +21,14 @@ class RandomShift:
         self.reseed(0)
 
     def reseed(self, updates: int) -> None:
-        """See `Augmentation.reseed`."""
+        """Draw otherwise than at the start of the run, after ``updates`` in other processes."""
         (seed,) = np.random.SeedSequence([self._seed, updates]).generate_state(1, np.uint64)
         self._generator = torch.Generator().manual_seed(int(seed))
 
     def __call__(self, batch: DeviceBatch) -> DeviceBatch:
+        """Returns ``batch`` with states of the same shape and type."""
+        if not self._most:
+            return batch
         return batch._replace(s_tm1=self.shift(batch.s_tm1), s_t=self.shift(batch.s_t))
 
     def shift(self, frames: Tensor) -> Tensor:
@@ -74,8 +53,3 @@ class RandomShift:
         padded[..., :most] = padded[..., most : most + 1]
         padded[..., right:] = padded[..., right - 1 : right]
         return padded
-
-
-def build_augmentation(config: LearningConfig, seed: int) -> Augmentation:
-    """Returns the augmentation that ``config`` asks for."""
-    return RandomShift(config.random_shift, seed) if config.random_shift else NoAugmentation()

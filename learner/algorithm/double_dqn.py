@@ -7,6 +7,7 @@ from typing import Literal
 
 import torch
 from torch import Tensor
+from torch.nn.functional import huber_loss
 
 from common.network import QNetwork
 from common.run.config import LearningConfig
@@ -17,7 +18,7 @@ from learner.device import Device
 
 def double_dqn(
     network: QNetwork, config: LearningConfig, device: Device, seed: int = 0
-) -> ValueBased[QNetwork]:
+) -> ValueBased:
     """Returns the algorithm ``dqn``; ``config.target`` says whether it is Double DQN."""
     return ValueBased(network, DoubleDqnLoss(config), config, device, seed)
 
@@ -35,7 +36,6 @@ class DoubleDqnLoss:
         return (target(prepared.pixels_t, prepared.batch.x_t),)
 
     def __call__(self, online: QNetwork, prepared: Prepared) -> Update:
-        """See `Loss.__call__`."""
         batch, (q_t_target,) = prepared.batch, prepared.target_outputs
         with torch.no_grad():
             q_t_online = online(prepared.pixels_t, batch.x_t) if self._double else None
@@ -83,13 +83,14 @@ def td_loss(
     Args:
         errors: δ ``[batch]``.
         weights: importance weights ``[batch]``; 1 for uniform sampling.
-        kind: δ²; or Huber's ½δ² up to |δ| = 1 and |δ| - ½ beyond.
+        kind: δ², or Huber's.
         outputs: divides the mean; the 2017 code averaged over all actions' outputs, of which all
             but one had no error.
     """
-    if kind == "mse":
-        losses = errors.square()
-    else:
-        magnitude = errors.abs()
-        losses = torch.where(magnitude <= 1, 0.5 * errors.square(), magnitude - 0.5)
+    losses = errors.square() if kind == "mse" else huber(errors)
     return (weights * losses).mean() / outputs
+
+
+def huber(errors: Tensor) -> Tensor:
+    """Returns ½δ² up to |δ| = 1 and |δ| - ½ beyond, of each error."""
+    return huber_loss(errors, torch.zeros_like(errors), reduction="none")

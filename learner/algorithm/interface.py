@@ -10,6 +10,9 @@ from typing import NamedTuple, Protocol
 from torch import Tensor
 
 from common.network import QNetwork
+from common.registry import ALGORITHMS
+from common.run.config import RunConfig
+from learner.device import Device
 
 
 class DeviceBatch(NamedTuple):
@@ -82,3 +85,12 @@ class Algorithm(Protocol):
     def reseed(self, updates: int) -> None:
         """Continues after ``updates`` that an earlier process made: its target period goes on, and
         its random numbers are not drawn again."""
+
+
+def build_algorithm(config: RunConfig, network: QNetwork, device: Device) -> Algorithm:
+    """Returns the run's algorithm, which begins with ``network``."""
+    learning = config.learning
+    algorithm: Algorithm = ALGORITHMS.make(
+        learning.algorithm, network, learning, device, config.seed
+    )
+    return algorithm

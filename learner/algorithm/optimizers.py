@@ -1,9 +1,10 @@
 """The optimizers of the presets, and the bound on their gradients."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import torch
 from torch import Tensor, nn
+from torch.nn.utils import clip_grads_with_norm_, get_total_norm
 
 from common.run.config import LearningConfig
 
@@ -86,14 +87,12 @@ def _adam(
     )
 
 
-@torch.no_grad()
-def clip_gradients(parameters: Iterable[nn.Parameter], longest: float) -> None:
+def clip_gradients(parameters: Sequence[nn.Parameter], longest: float) -> None:
     """Scale all gradients so that together they are no longer than ``longest``.
 
     As `torch.nn.utils.clip_grad_norm_`, which also multiplies those that are short enough, by 1.
     """
-    gradients = [p.grad for p in parameters if p.grad is not None]
-    length = torch.linalg.vector_norm(torch.stack(torch._foreach_norm(gradients)))
+    length = get_total_norm([p.grad for p in parameters if p.grad is not None], foreach=True)
     # On CUDA, asking whether it is too long would wait for the device.
     if length.is_cuda or length > longest:
-        torch._foreach_mul_(gradients, torch.clamp(longest / (length + 1e-6), max=1.0))
+        clip_grads_with_norm_(parameters, longest, length, foreach=True)

@@ -1,7 +1,8 @@
 """QR-DQN: quantiles of each action's return, by quantile regression (Dabney et al. 2018).
 
-The network tells, for each action, N numbers θ_i, where the return's distribution has the share
-τ̂_i = (2i + 1) / 2N below it (lemma 2). Values are means over the quantiles; by them the next action
+The network tells, for each action, N atoms θ_i, where the return's distribution has the share
+τ̂_i = (2i + 1) / 2N below it (lemma 2); nothing but the loss keeps one below the next. Values are
+means over the atoms; by them the next action
 is chosen, by the online network with ``target`` double (as in Double DQN), or else by the target
 network (algorithm 1). The loss is the quantile Huber loss with κ = 1 (equation 10).
 """
@@ -9,18 +10,16 @@ network (algorithm 1). The loss is the quantile Huber loss with κ = 1 (equation
 import torch
 from torch import Tensor
 
-from common.network import QNetwork, QuantileNetwork
+from common.network import QNetwork
 from common.run.config import LearningConfig
+from learner.algorithm.double_dqn import huber
 from learner.algorithm.interface import Prepared, Update
 from learner.algorithm.value_based import ValueBased
 from learner.device import Device
 
 
-def qr_dqn(
-    network: QNetwork, config: LearningConfig, device: Device, seed: int = 0
-) -> ValueBased[QuantileNetwork]:
-    """Returns the algorithm ``qr_dqn``, whose network is a `QuantileNetwork`."""
-    assert isinstance(network, QuantileNetwork)
+def qr_dqn(network: QNetwork, config: LearningConfig, device: Device, seed: int = 0) -> ValueBased:
+    """Returns the algorithm ``qr_dqn``; the atoms of ``network`` are the quantiles."""
     return ValueBased(network, QuantileLoss(config), config, device, seed)
 
 
@@ -36,19 +35,18 @@ class QuantileLoss:
     def __init__(self, config: LearningConfig) -> None:
         self._double = config.target == "double"
 
-    def target_outputs(self, target: QuantileNetwork, prepared: Prepared) -> tuple[Tensor]:
+    def target_outputs(self, target: QNetwork, prepared: Prepared) -> tuple[Tensor]:
         """Returns the quantiles of ``s_t``, ``float32 [batch, actions, N]``."""
-        return (target.quantiles(prepared.pixels_t, prepared.batch.x_t),)
+        return (target.atoms(prepared.pixels_t, prepared.batch.x_t),)
 
-    def __call__(self, online: QuantileNetwork, prepared: Prepared) -> Update:
-        """See `Loss.__call__`."""
+    def __call__(self, online: QNetwork, prepared: Prepared) -> Update:
         batch, (quantiles_t,) = prepared.batch, prepared.target_outputs
         q_t = quantiles_t.mean(dim=2)
         if self._double:
             with torch.no_grad():
                 q_t = online(prepared.pixels_t, batch.x_t)
         targets = target_quantiles(batch.r_t, batch.discount_t, quantiles_t, q_t)
-        quantiles_tm1 = online.quantiles(prepared.pixels_tm1, batch.x_tm1)
+        quantiles_tm1 = online.atoms(prepared.pixels_tm1, batch.x_tm1)
         predicted = of_action(quantiles_tm1, batch.a_tm1)
         losses = quantile_huber(predicted, targets)
         errors = (targets.mean(dim=1) - predicted.mean(dim=1)).detach()
@@ -85,8 +83,7 @@ def target_quantiles(r_t: Tensor, discount_t: Tensor, quantiles_t: Tensor, q_t: 
 def quantile_huber(predicted: Tensor, targets: Tensor) -> Tensor:
     """Returns the quantile Huber loss of each transition, κ = 1, ``float32 [batch]``.
 
-    Σ_i 1/N' Σ_j |τ̂_i - 1{u_ij < 0}| · L(u_ij) with u_ij = target_j - θ_i, where L is Huber's ½u²
-    up to |u| = 1 and |u| - ½ beyond.
+    Σ_i 1/N' Σ_j |τ̂_i - 1{u_ij < 0}| · L(u_ij) with u_ij = target_j - θ_i, where L is Huber's.
 
     Args:
         predicted: θ ``[batch, N]``, with a gradient.
@@ -95,7 +92,5 @@ def quantile_huber(predicted: Tensor, targets: Tensor) -> Tensor:
     count = predicted.shape[1]
     midpoints = (torch.arange(count, device=predicted.device) + 0.5) / count
     u = targets[:, None, :] - predicted[:, :, None]
-    magnitude = u.abs()
-    huber = torch.where(magnitude <= 1, 0.5 * u.square(), magnitude - 0.5)
     asymmetry = (midpoints[None, :, None] - (u.detach() < 0).float()).abs()
-    return (asymmetry * huber).mean(dim=2).sum(dim=1)
+    return (asymmetry * huber(u)).mean(dim=2).sum(dim=1)

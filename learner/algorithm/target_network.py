@@ -3,35 +3,34 @@
 import copy
 import threading
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 import torch
 
 from common.network import QNetwork
-from learner.algorithm.precision import build_precision
+from learner.algorithm.precision import Precision
 from learner.device import Device
 
-Network = TypeVar("Network", bound=QNetwork)
 T = TypeVar("T")
 
 
-class TargetNetwork(Generic[Network]):
+class TargetNetwork:
     """A frozen copy of ``online``, evaluated in one thread and synced in another."""
 
-    def __init__(self, online: Network, device: Device) -> None:
+    def __init__(self, online: QNetwork, device: Device) -> None:
         self.network = copy.deepcopy(online).requires_grad_(False)
         self.version = 0
         """Number of syncs so far; outputs of an older version are stale."""
-        self._precision = build_precision(self.network, device)
+        self._precision = Precision(self.network, device)
         self._lock = threading.Lock()
 
-    def evaluate(self, outputs: Callable[[Network], T]) -> tuple[T, int]:
+    def evaluate(self, outputs: Callable[[QNetwork], T]) -> tuple[T, int]:
         """Returns the ``outputs`` of the network and the version that they are of."""
         # Not during a sync: they would be neither of the old weights nor of the new.
         with self._lock, torch.no_grad():
             return outputs(self._precision.network), self.version
 
-    def sync(self, online: Network) -> None:
+    def sync(self, online: QNetwork) -> None:
         """Take over the weights of ``online``."""
         with self._lock:
             self.network.load_state_dict(online.state_dict())

@@ -6,46 +6,42 @@ while `ValueBased.update` is still at the minibatch before.
 """
 
 from collections.abc import Mapping
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from common.network import QNetwork, as_pixels
 from common.run.config import LearningConfig
-from learner.algorithm.augmentation import build_augmentation
-from learner.algorithm.averaging import build_published
+from learner.algorithm.augmentation import RandomShift
+from learner.algorithm.averaging import PublishedNetwork
 from learner.algorithm.interface import DeviceBatch, Prepared, Update
 from learner.algorithm.optimizers import BoundedOptimizer
-from learner.algorithm.precision import build_precision
+from learner.algorithm.precision import Precision
 from learner.algorithm.target_network import TargetNetwork
 from learner.device import Device
 
-Network = TypeVar("Network", bound=QNetwork)
-AnyNetwork = TypeVar("AnyNetwork", bound=QNetwork, contravariant=True)
 
-
-class Loss(Protocol[AnyNetwork]):
+class Loss(Protocol):
     """What an algorithm minimises: all that is its own."""
 
-    def target_outputs(self, target: AnyNetwork, prepared: Prepared) -> tuple[Tensor, ...]:
+    def target_outputs(self, target: QNetwork, prepared: Prepared) -> tuple[Tensor, ...]:
         """Returns what `__call__` will need of the target network; computed ahead."""
 
-    def __call__(self, online: AnyNetwork, prepared: Prepared) -> Update:
+    def __call__(self, online: QNetwork, prepared: Prepared) -> Update:
         """Returns the loss, with its gradient, priorities and metrics of a minibatch."""
 
 
-class ValueBased(Generic[Network]):
+class ValueBased:
     """An `Algorithm` that minimises ``loss`` by gradient steps against a target network.
 
-    Augmentation, precision, target network, optimizer and what is published are parts with an
-    interface of their own; which ones they are is decided here, once.
+    Augmentation, precision, target network, optimizer and what is published are parts of their own.
     """
 
     def __init__(
         self,
-        network: Network,
-        loss: Loss[Network],
+        network: QNetwork,
+        loss: Loss,
         config: LearningConfig,
         device: Device,
         seed: int = 0,
@@ -54,22 +50,20 @@ class ValueBased(Generic[Network]):
         self._online = network.to(device.torch)
         self._loss = loss
         self._device = device.torch
-        self._augmentation = build_augmentation(config, seed)
+        self._augmentation = RandomShift(config.random_shift, seed)
         # Copies first: a copy of a network that has a precision would sync that one too.
         self._target = TargetNetwork(self._online, device)
-        self._published = build_published(self._online, config)
-        self._precision = build_precision(self._online, device)
+        self._published = PublishedNetwork(self._online, config.weights_average)
+        self._precision = Precision(self._online, device)
         self._optimizer = BoundedOptimizer(self._online.parameters(), config)
         self._target_update_period = config.target_update_period
         self._updates = 0
 
     @property
-    def online(self) -> Network:
-        """See `Algorithm.online`."""
+    def online(self) -> QNetwork:
         return self._published.network
 
     def prepare(self, batch: DeviceBatch) -> Prepared:
-        """See `Algorithm.prepare`."""
         batch = self._augmentation(batch)
         dtype = self._precision.dtype
         pixels_tm1, pixels_t = as_pixels(batch.s_tm1, dtype), as_pixels(batch.s_t, dtype)
@@ -83,7 +77,6 @@ class ValueBased(Generic[Network]):
         return prepared._replace(target_outputs=outputs, target_version=version)
 
     def update(self, prepared: Prepared) -> Update:
-        """See `Algorithm.update`."""
         if prepared.target_version != self._target.version:
             prepared = self._with_target(prepared)
         result = self._loss(self._precision.network, prepared)
@@ -98,7 +91,6 @@ class ValueBased(Generic[Network]):
 
     @torch.no_grad()
     def max_q(self, frames: Tensor, vectors: Tensor) -> Tensor:
-        """See `Algorithm.max_q`."""
         values = [
             self.online(f.to(self._device), v.to(self._device)).amax(dim=1).cpu()
             for f, v in zip(torch.split(frames, 256), torch.split(vectors, 256), strict=True)
@@ -116,7 +108,6 @@ class ValueBased(Generic[Network]):
         return weights | self._optimizer.state()
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """See `Algorithm.load_state`."""
         # An optimizer has no state before its first step, but a checkpoint after it does.
         if any(not name.startswith("optimizer.") for name in state.keys() ^ self.state().keys()):
             raise ValueError("it holds other tensors")
@@ -129,12 +120,11 @@ class ValueBased(Generic[Network]):
         self._optimizer.load_state(state)
 
     def reseed(self, updates: int) -> None:
-        """See `Algorithm.reseed`."""
         self._updates = updates
         self._augmentation.reseed(updates)
 
     @property
-    def _networks(self) -> dict[str, Network]:
+    def _networks(self) -> dict[str, QNetwork]:
         """The networks by the prefix of their weights in a checkpoint."""
         networks = {"online": self._online, "target": self._target.network}
         if self.online is not self._online:

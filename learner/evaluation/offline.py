@@ -9,7 +9,7 @@ import os
 import subprocess
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Annotated, Any
@@ -18,12 +18,18 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from common.checked import Count, Fraction, FromOne
 from common.errors import InputError
+from common.process.command_line import check_bounds
 from common.process.supervisor import Child
-from common.run.config import RunConfig, differences, to_json
+from common.run.clock import ClockConfig
+from common.run.config import RunConfig
 from common.run.folder import write_atomically
-from common.run.origin import origin_of
-from learner.evaluation.results import summarise, table
+from common.run.origin import check_vector
+from common.run.stored_config import differences, to_json
+from learner.evaluation.measures import HEADLINE, Measure
+from learner.evaluation.results import ENDING, summarise, table
+from learner.telemetry.provenance import provenance
 from learner.telemetry.sinks.summary import strict
 
 _POLL = 0.5
@@ -35,15 +41,19 @@ class EvaluationOptions:
 
     evaluate: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Network to test, such as runs/NAME/snapshots/best.safetensors. It plays under its run's
-    settings, except for those given here: another --env, a --play.command-latency, a
-    --camera.noise, a --seed. --sync, --wait-action and --speed apply too."""
-    games: int = 30
-    """Number of games, over all processes."""
-    test_steps: int = 0
+    settings, except for those given here: another --env, a --play.actuation-latency, a
+    --camera.noise, a --seed. No conditions are drawn, even if the run drew some, except for those
+    of a --randomise flag. --sync, --wait-action and --speed apply too."""
+    headline: bool = False
+    """Three evaluations in one table and one file: with 0.001 random actions, with 0.05 as in 2017,
+    and with 0.001 under sticky actions (--play.sticky 0.25)."""
+    games: FromOne = 30
+    """Number of games, over all processes; of each of the three evaluations of --headline."""
+    test_steps: Count = 0
     """Minimum number of agent steps, over all processes; the tests of 2017 played 125,000."""
-    epsilon: float = 0.001
+    epsilon: Fraction = 0.001
     """Share of random actions, 0 to 1; the tests of 2017 had 0.05."""
-    processes: int = 0
+    processes: Count = 0
     """Number of games played at a time; 0 for as many as there are cores."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File for the results, as JSON."""
@@ -52,70 +62,95 @@ class EvaluationOptions:
         """Refuse options that cannot be played.
 
         Raises:
-            InputError: an option is out of bounds; it names the flag.
+            InputError: an option is out of bounds or has no effect; it names the flag.
         """
+        check_bounds(self)
         if self.evaluate is not None and not self.evaluate.is_file():
             raise InputError(f"{self.evaluate} is not a file: name a network to evaluate.")
-        for name, value, least in (
-            ("--games", self.games, 1),
-            ("--test-steps", self.test_steps, 0),
-            ("--processes", self.processes, 0),
-        ):
-            if value < least:
-                raise InputError(f"{name} is {value}: choose {least} or more.")
-        if not 0 <= self.epsilon <= 1:
-            raise InputError(f"--epsilon is {self.epsilon}: choose a number from 0 to 1.")
+        if self.headline and self.evaluate is None:
+            raise InputError("--headline is for --evaluate: name a network to evaluate by it.")
+        if self.headline and self.epsilon != EvaluationOptions.epsilon:
+            raise InputError("--headline has its own shares of random actions: omit --epsilon.")
+
+    def measures(self, config: RunConfig, trained: RunConfig | None) -> Sequence[Measure]:
+        """Returns what the network is to be measured under.
+
+        Args:
+            trained: settings under which the network was trained.
+
+        Raises:
+            InputError: ``config`` has sticky actions of its own, which a headline overrides.
+        """
+        if not self.headline:
+            return (Measure(self.epsilon, config.play.sticky),)
+        if config.play.sticky != (trained or RunConfig()).play.sticky:
+            raise InputError("--headline has its own sticky actions: omit --play.sticky.")
+        return HEADLINE
 
 
 def evaluate(
     options: EvaluationOptions,
     config: RunConfig,
-    flags: Sequence[str],
+    trained: RunConfig | None,
+    clock: ClockConfig,
     stop: threading.Event,
     console: Console | None = None,
-) -> int:
-    """Play, print the table and write the JSON; returns the exit status.
+) -> dict[str, Any] | None:
+    """Play, print the table and write the JSON; returns its content, or None if ``stop`` was set.
 
     Args:
         config: settings to play under.
-        flags: more for each playing process, such as ``["--no-sync"]``.
+        trained: settings under which the network was trained; None if nobody knows.
 
     Raises:
         InputError: the network cannot be played with.
     """
-    assert options.evaluate is not None
+    made_by = provenance()
     console = console or Console(highlight=False)
-    trained = origin_of(options.evaluate)
-    changed = differences(replace(trained, seed=config.seed), config) if trained else []
+    assert options.evaluate is not None
+    check_vector(options.evaluate, trained, config)
+    measures = options.measures(config, trained)
+    rows, played = [], 0
     columns = (TextColumn("games"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    found: list[dict[str, Any]] = []
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("games", total=options.games)
-        for game in play(options, config, flags, stop):
-            found.append(game)
-            progress.update(task, completed=len(found), total=max(options.games, len(found)))
-    if stop.is_set():
-        console.print(f"stopped after {len(found)} games")
-        return 130
-    about = {
+        task = progress.add_task("games", total=options.games * len(measures))
+        for later, measure in zip(reversed(range(len(measures))), measures, strict=True):
+            settings = replace(config, play=replace(config.play, sticky=measure.sticky))
+            asked = replace(options, epsilon=measure.epsilon)
+            found: list[dict[str, Any]] = []
+            for game in play(asked, settings, clock.flags(), stop):
+                found.append(game)
+                played += 1
+                left = max(options.games - len(found), 0) + options.games * later
+                progress.update(task, completed=played, total=played + left)
+            if stop.is_set():
+                console.print(f"stopped after {played} games")
+                return None
+            known = trained and replace(trained, seed=config.seed)
+            changed = differences(known, settings) if known else []
+            rows.append({**asdict(measure), "changed": changed, **summarise(found, clock)})
+    content: dict[str, Any] = {
         "weights": str(options.evaluate),
-        "epsilon": options.epsilon,
         "seed": config.seed,
-        "flags": list(flags),
-        "changed": changed,
+        "flags": clock.flags(),
+        **({"rows": rows} if options.headline else rows[0]),
+        **made_by,
     }
-    content = summarise(about, found)
     console.print(table(content))
+    content = strict(content)
     if options.json is not None:
-        write_atomically(options.json, (json.dumps(strict(content), indent=2) + "\n").encode())
+        write_atomically(options.json, (json.dumps(content, indent=2) + "\n").encode())
         console.print(f"wrote {options.json}")
-    return 0
+    return content
 
 
 def play(
     options: EvaluationOptions, config: RunConfig, flags: Sequence[str], stop: threading.Event
 ) -> Iterator[dict[str, Any]]:
     """Yield games as they end, in several processes.
+
+    Args:
+        flags: more for each playing process, such as ``["--no-sync"]``.
 
     Raises:
         InputError: a process ended by itself.
@@ -126,6 +161,7 @@ def play(
         "--config": to_json(config),
         "--epsilon": options.epsilon,
         "--steps": -(-options.test_steps // count),
+        "--ending": ENDING,
     }
     lines: Queue[tuple[int, str | None]] = Queue()
     children = []

@@ -1,74 +1,127 @@
 """What the games of an evaluation come to: one mapping, and the table that shows it."""
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 from rich.table import Table
 
 from common.press_latency import Delay
+from common.run.clock import ClockConfig
 from learner.evaluation.scores import Scores
-from learner.telemetry.provenance import Provenance
 from learner.telemetry.sinks import formats as figures
 
+ENDING = 800
+"""Agent steps of a game's end, 53 s of play, by which games are compared beside their whole."""
 
-def summarise(about: Mapping[str, Any], games: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+
+def summarise(games: Sequence[Mapping[str, Any]], clock: ClockConfig) -> dict[str, Any]:
     """Returns the figures of at least one game, as the JSON of an evaluation has them.
 
     Args:
-        about: what was played: its weights, epsilon, seed, flags and changed settings.
         games: what `actors.games` told about each.
+        clock: how time passed.
     """
-    steps = sum(game["steps"] for game in games)
-    late = {
-        name: sum(game[name] for game in games)
-        for name in ("decisions", "missed_deadlines", "late_frames")
-    }
+
+    def total(name: str) -> Any:
+        return sum(game[name] for game in games)
+
+    steps, decisions = total("steps"), total("decisions")
+    endings = Counter(game["ending_hash"] for game in games)
     key_times = tuple(map(sum, zip(*(game["key_times"] for game in games), strict=True)))
     return {
-        **about,
         **asdict(Scores.of([game["score"] for game in games])),
+        "distinct_games": len({game["game_hash"] for game in games}),
+        "ending_steps": ENDING,
+        "distinct_endings": len(endings),
+        "same_ending": max(endings.values()),
         "steps": steps,
+        "decisions": decisions,
+        "game_seconds": total("game_seconds"),
+        "wall_seconds": total("wall_seconds"),
+        "game_per_wall": total("game_seconds") / total("wall_seconds"),
+        "speed": None if clock.sync else clock.speed,
+        "deadlines_kept_share": None if clock.sync else 1 - total("missed_deadlines") / decisions,
+        "late_frames": total("late_frames"),
         "press_ms": asdict(Delay.of(key_times, "press")),
         "release_ms": asdict(Delay.of(key_times, "release")),
-        "deadlines_kept_share": 1 - late["missed_deadlines"] / late["decisions"],
-        "late_frames": late["late_frames"],
-        "press_match_share": sum(game["matched"] for game in games) / steps,
-        "valid_frame_share": sum(game["valid"] for game in games) / steps,
+        "press_match_share": total("matched") / steps,
+        "valid_frame_share": total("valid") / steps,
         "scores": [game["score"] for game in games],
         "steps_of_games": [game["steps"] for game in games],
-        **asdict(Provenance.gather()),
+        "game_hashes": [game["game_hash"] for game in games],
+        "ending_hashes": [game["ending_hash"] for game in games],
     }
 
 
 def table(content: Mapping[str, Any]) -> Table:
-    """Returns what people read of `summarise`'s figures."""
-    shown = Table(title=f"{content['weights']}, ε = {content['epsilon']:g}", title_justify="left")
-    shown.add_column("")
-    shown.add_column("score", justify="right")
-    low, high = content["iqm_low"], content["iqm_high"]
-    release, press = (Delay(**content[name]) for name in ("release_ms", "press_ms"))
-    hands = ", ".join(
-        f"{name} {figures.milliseconds(found.p50)}/{figures.milliseconds(found.p99)}"
-        for name, found in (("release", release), ("press", press))
-    )
-    for name, cell in (
-        *(("other than trained", change) for change in content["changed"]),
-        ("games", f"{content['games']}"),
-        ("mean ± deviation", f"{content['mean']:.2f} ± {content['deviation']:.2f}"),
-        ("interquartile mean (95 %)", f"{content['iqm']:.2f} ({low:.2f} to {high:.2f})"),
-        ("median", f"{content['median']:g}"),
-        ("least, most", f"{content['least']:g}, {content['most']:g}"),
-        ("steps", f"{content['steps']:,}"),
-        ("keys as commanded", f"{content['press_match_share']:.1%}"),
-        *((("command to keys, p50/p99 ms", hands),) if release.measured + press.measured else ()),
-        *(
-            (("deadlines kept", f"{content['deadlines_kept_share']:.2%}"),)
-            if "--no-sync" in content["flags"]
-            else ()
-        ),
-        ("frames valid", f"{content['valid_frame_share']:.1%}"),
-        ("every game", " ".join(f"{score:g}" for score in content["scores"])),
-    ):
-        shown.add_row(name, cell)
+    """Returns what people read of an evaluation: a line for each figure, a column for each row."""
+    rows = content.get("rows", [content])
+    shown = Table(title=content["weights"], title_justify="left", show_header=False)
+    for change in dict.fromkeys(change for row in rows for change in row["changed"]):
+        shown.add_row(
+            "other than trained", *(change if change in row["changed"] else "" for row in rows)
+        )
+    lines = _LINES if len(rows) > 1 else (*_LINES, ("every game", _every_game))
+    for name, cell_of in lines:
+        cells = [cell_of(row) for row in rows]
+        if any(cells):
+            shown.add_row(name, *cells)
     return shown
+
+
+def _hands(row: Mapping[str, Any]) -> str:
+    """Half and nearly all of the commands are obeyed within so long."""
+    release, press = (Delay(**row[name]) for name in ("release_ms", "press_ms"))
+    return ", ".join(
+        f"{name} {figures.written('ms', found.p50)}/{figures.written('ms', found.p99)}"
+        for name, found in (("release", release), ("press", press))
+        if release.measured + press.measured
+    )
+
+
+def _alike(row: Mapping[str, Any]) -> str:
+    """The most games with one ending, or that no two have."""
+    return "none" if row["same_ending"] == 1 else f"{row['same_ending']}"
+
+
+def _every_game(row: Mapping[str, Any]) -> str:
+    return " ".join(f"{score:g}" for score in row["scores"])
+
+
+def _pace(row: Mapping[str, Any]) -> str:
+    if row["speed"] is None:
+        return "not in real time"
+    return "real time" if row["speed"] == 1 else f"real time × {row['speed']:g}"
+
+
+def _deadlines(row: Mapping[str, Any]) -> str:
+    return "" if row["speed"] is None else f"{row['deadlines_kept_share']:.2%}"
+
+
+def _late_frames(row: Mapping[str, Any]) -> str:
+    return "" if row["speed"] is None else f"{row['late_frames']:,}"
+
+
+_LINES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
+    ("random actions ε", lambda row: f"{row['epsilon']:g}"),
+    ("sticky actions", lambda row: f"{row['sticky']:g}"),
+    ("games", lambda row: f"{row['games']}"),
+    ("distinct games", lambda row: f"{row['distinct_games']}"),
+    (f"alike in their last {ENDING} steps", _alike),
+    ("mean ± deviation", lambda row: f"{row['mean']:.2f} ± {row['deviation']:.2f}"),
+    ("interquartile mean", lambda row: f"{row['iqm']:.2f}"),
+    ("its 95 % interval", lambda row: f"{row['iqm_low']:.2f} to {row['iqm_high']:.2f}"),
+    ("median", lambda row: f"{row['median']:g}"),
+    ("least, most", lambda row: f"{row['least']:g}, {row['most']:g}"),
+    ("agent steps", lambda row: f"{row['steps']:,}"),
+    ("keys as commanded", lambda row: f"{row['press_match_share']:.1%}"),
+    ("command to keys, p50/p99 ms", _hands),
+    ("frames valid", lambda row: f"{row['valid_frame_share']:.1%}"),
+    ("time", _pace),
+    ("game ÷ wall seconds", lambda row: f"{row['game_per_wall']:.2f}"),
+    ("deadlines kept", _deadlines),
+    ("late frames", _late_frames),
+)
+"""Names of the figures, and how each is written."""

@@ -2,7 +2,9 @@
 
 The interquartile mean (IQM) is the mean of the middle half: less moved by single games than the
 mean, less wasteful than the median (Agarwal et al. 2021, "Deep reinforcement learning at the edge
-of the statistical precipice").
+of the statistical precipice"). Its interval is their stratified bootstrap: games are drawn again,
+with replacement, within each stratum. An evaluation is one stratum, because one network plays one
+game under one setting. Games that are repeated, not drawn anew, make the interval too narrow.
 """
 
 from collections.abc import Sequence

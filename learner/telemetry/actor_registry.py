@@ -4,7 +4,7 @@ import math
 import threading
 import time
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, astuple, dataclass, field, fields, replace
 from typing import Any, cast
 
 from common.errors import MessageError
@@ -68,24 +68,45 @@ class _Process:
         return replace(self.stats, made=self.made)
 
 
+@dataclass
+class _Folded:
+    """What is kept of a process that is in the totals."""
+
+    leaving: bool
+    """It said goodbye."""
+    awaited: int = 0
+    """Chunks that it told of and the replay has not stored; they are in the totals already."""
+
+
+@dataclass
+class _Name:
+    """Who goes by a role and a name, and whether somebody is there."""
+
+    newest: int = -1
+    """Incarnation that was heard last; -1 for none."""
+    alive: bool | None = None
+    """Its liveliness token is there; None if there never was one."""
+    heard: float = -math.inf
+    """Monotonic seconds at which its token or a heartbeat last told of it."""
+    lost: float | None = None
+    """Monotonic seconds at which its token went, until it is noted how it left."""
+
+
 class ActorRegistry:
     """Listens to heartbeats and liveliness tokens; safe to ask from any thread."""
 
     def __init__(self, transport: Transport, keys: RunKeys) -> None:
         self._lock = threading.Lock()
+        self._names: dict[tuple[str, str], _Name] = {}
+        """By role and name."""
         self._processes: dict[int, _Process] = {}
         """By incarnation; of those that have gone, the latest `_MOST_GONE`."""
-        self._gone: dict[Role, ActorStats] = {}
+        self._gone = _total(())
         """Totals of all others."""
         self._gone_excess = 0
-        self._folded: dict[int, bool] = {}
-        """Incarnations that are in these totals, and whether they said goodbye."""
-        self._newest: dict[str, int] = {}
-        """Incarnation by role and name."""
-        self._alive: dict[str, bool] = {}
-        self._heard: dict[str, float] = {}
+        self._folded: dict[int, _Folded] = {}
+        """Those that are in these totals, by incarnation."""
         self._notes: list[str] = []
-        self._lost: dict[str, float] = {}
         self._subscriptions = (
             transport.subscribe(keys.stats("*", "*"), self._on_stats),
             transport.watch_presence(keys.live("*", "*"), self._on_presence),
@@ -101,9 +122,9 @@ class ActorRegistry:
                 # One that goes on may have been heard already, of which its chunks know nothing.
                 process = self._processes.setdefault(stats.incarnation, _Process(stats))
                 process.accepted = each.get("accepted", 0)
-            self._gone = {stats.role: stats for stats in map(_stats_from, state["gone"])}
+            self._gone = _total(map(_stats_from, state["gone"]))
             self._gone_excess = state["excess"]
-            self._folded = dict(state["folded"])
+            self._folded = {incarnation: _Folded(*kept) for incarnation, *kept in state["folded"]}
 
     def state(self) -> dict[str, Any]:
         """All processes there ever were, of JSON's types."""
@@ -113,19 +134,21 @@ class ActorRegistry:
                     {**asdict(process.stats), "accepted": process.accepted}
                     for process in self._processes.values()
                 ],
-                "gone": [asdict(stats) for stats in self._gone.values()],
+                "gone": [asdict(self._gone)],
                 "excess": self._gone_excess,
-                "folded": list(self._folded.items()),
+                "folded": [[key, *astuple(folded)] for key, folded in self._folded.items()],
             }
 
     def accepted(self, chunk: ChunkStatistics) -> None:
         """Credit its actor with a chunk that the replay has stored; once for each."""
         with self._lock:
-            if chunk.incarnation in self._folded:
-                if self._folded[chunk.incarnation]:
+            if folded := self._folded.get(chunk.incarnation):
+                if folded.awaited:
+                    folded.awaited -= 1
+                elif folded.leaving:
                     self._gone_excess += 1
                 else:
-                    self._gone_as("actor").made += 1
+                    self._gone.made += 1
             elif chunk.incarnation:
                 unheard = _Process(ActorStats(chunk.actor, "actor", chunk.incarnation))
                 process = self._processes.setdefault(chunk.incarnation, unheard)
@@ -136,12 +159,12 @@ class ActorRegistry:
         """Arrivals and losses since the last call, as sentences."""
         now = time.monotonic()
         with self._lock:
-            for key, since in list(self._lost.items()):
-                if now - since > _LAST_WORDS:
-                    del self._lost[key]
-                    process = self._processes.get(self._newest.get(key, -1))
+            for (_, name), known in self._names.items():
+                if known.lost is not None and now - known.lost > _LAST_WORDS:
+                    known.lost = None
+                    process = self._processes.get(known.newest)
                     left = process is not None and process.stats.leaving
-                    self._notes.append(f"{_name(key)} {'left' if left else 'was lost'}")
+                    self._notes.append(f"{name} {'left' if left else 'was lost'}")
             notes, self._notes = self._notes, []
         return notes
 
@@ -149,49 +172,48 @@ class ActorRegistry:
         """Names of the living."""
         with self._lock:
             return {
-                _name(key)
-                for key, alive in self._alive.items()
-                if alive and key.startswith(role + "/")
+                name for (its, name), known in self._names.items() if known.alive and its == role
             }
 
     def values(self) -> dict[str, Value]:
         """Returns totals over all processes there ever were."""
         with self._lock:
             self._fold(time.monotonic())
-            processes = list(self._processes.values())
-            every = [*(process.totals for process in processes), *self._gone.values()]
-            excess = self._gone_excess + sum(process.excess for process in processes)
-        totals = {key: sum(getattr(each, name) for each in every) for name, key in TOTALS.items()}
-        steps = totals[TOTALS["steps"]]
-        elapsed_per_step = totals[TOTALS["decisions"]] / steps if steps else None
+            total = self._total()
+            excess = self._gone_excess + sum(each.excess for each in self._processes.values())
         return {
-            **totals,
+            **{key: getattr(total, name) for name, key in TOTALS.items()},
             "stream/chunks_excess": excess,
-            "actors/elapsed_per_step": elapsed_per_step,
+            "actors/elapsed_per_step": total.decisions / total.steps if total.steps else None,
         }
 
     def key_times(self) -> tuple[int, ...]:
         """How long the hands took (`common.press_latency`), over all processes there ever were."""
         with self._lock:
-            every = [*(each.stats for each in self._processes.values()), *self._gone.values()]
-        return _sums(stats.key_times for stats in every)
+            return self._total().key_times
+
+    def _total(self) -> ActorStats:
+        return _total((self._gone, *(process.totals for process in self._processes.values())))
 
     def actors(self) -> tuple[ActorView, ...]:
         """All that were here since this learner began, the newest process of each name."""
         now = time.monotonic()
         with self._lock:
             found = []
-            for key, alive in sorted(self._alive.items()):
-                role, name = key.split("/")
-                if role not in ("actor", "evaluator"):
+            for (role, name), known in sorted(self._names.items()):
+                if role not in ("actor", "evaluator") or known.alive is None:
                     continue
-                process = self._processes.get(self._newest.get(key, -1))
+                process = self._processes.get(known.newest)
                 stats = process.stats if process else ActorStats(name, cast(Role, role))
-                silent = now - self._heard.get(key, now)
-                if not alive:
+                silent = now - known.heard
+                if not known.alive:
                     stats = replace(stats, steps_per_second=0.0, held_share=0.0)
-                left = not alive and (process is None or stats.leaving) and silent > LEFT_SHOWN
-                found.append(ActorView(stats=stats, alive=alive, silent_for=silent, left=left))
+                left = (
+                    not known.alive and (process is None or stats.leaving) and silent > LEFT_SHOWN
+                )
+                found.append(
+                    ActorView(stats=stats, alive=known.alive, silent_for=silent, left=left)
+                )
             return tuple(found)
 
     def _fold(self, now: float) -> None:
@@ -199,61 +221,47 @@ class ActorRegistry:
         where too many are kept."""
         gone = []
         for incarnation, process in self._processes.items():
-            key = f"{process.stats.role}/{process.stats.name}"
-            replaced = self._newest.get(key, incarnation) != incarnation
-            if now - process.heard > _SETTLED and (replaced or not self._alive.get(key)):
+            key = process.stats.role, process.stats.name
+            known = self._names.get(key, _Name())
+            replaced = known.newest not in (-1, incarnation)
+            if now - process.heard > _SETTLED and (replaced or not known.alive):
                 gone.append((not replaced, process.heard, incarnation, key))
         gone.sort()
         replaced_ones = sum(not by_name for by_name, *_ in gone)
-        for _, _, incarnation, key in gone[: max(replaced_ones, len(gone) - _MOST_GONE)]:
+        for by_name, _, incarnation, key in gone[: max(replaced_ones, len(gone) - _MOST_GONE)]:
             process = self._processes.pop(incarnation)
-            stats = process.totals
-            total = self._gone_as(stats.role)
-            for name in TOTALS:
-                setattr(total, name, getattr(total, name) + getattr(stats, name))
-            total.key_times = _sums((total.key_times, stats.key_times))
+            self._gone = _total((self._gone, process.totals))
             self._gone_excess += process.excess
-            self._folded[incarnation] = stats.leaving
-            if self._newest.get(key) == incarnation:
-                for by_name in (self._newest, self._alive, self._heard):
-                    by_name.pop(key, None)
+            awaited = process.made - process.stats.refused - process.accepted
+            self._folded[incarnation] = _Folded(process.stats.leaving, max(awaited, 0))
+            if by_name:
+                self._names.pop(key, None)
         for incarnation in list(self._folded)[:-_MOST_FOLDED]:
             del self._folded[incarnation]
-
-    def _gone_as(self, role: Role) -> ActorStats:
-        return self._gone.setdefault(role, ActorStats("gone", role))
 
     def _on_stats(self, message: Envelope) -> None:
         try:
             stats = ActorStats.decode(message.payload)
         except MessageError:
             return  # somebody else's noise on our key
-        key = f"{stats.role}/{stats.name}"
-        if not message.key.endswith("/" + key):
+        if not message.key.endswith(f"/{stats.role}/{stats.name}"):
             return
         now = time.monotonic()
         with self._lock:
             if stats.incarnation not in self._folded:
                 self._processes.setdefault(stats.incarnation, _Process(stats)).hear(stats, now)
-                self._newest[key] = stats.incarnation
-                self._heard[key] = now
+                known = self._names.setdefault((stats.role, stats.name), _Name())
+                known.newest, known.heard = stats.incarnation, now
 
     def _on_presence(self, key: str, alive: bool) -> None:
-        key = "/".join(key.split("/")[-2:])
+        role, name = key.split("/")[-2:]
         now = time.monotonic()
         with self._lock:
-            before = self._alive.get(key)
-            self._alive[key] = alive
-            self._heard[key] = now
-            if alive and before is not True:
-                self._lost.pop(key, None)
-                self._notes.append(f"{_name(key)} joined")
-            elif not alive:
-                self._lost[key] = now
-
-
-def _name(key: str) -> str:
-    return key.split("/")[1]
+            known = self._names.setdefault((role, name), _Name())
+            if alive and not known.alive:
+                self._notes.append(f"{name} joined")
+            known.alive, known.heard = alive, now
+            known.lost = None if alive else now
 
 
 def _stats_from(state: dict[str, Any]) -> ActorStats:
@@ -262,6 +270,13 @@ def _stats_from(state: dict[str, Any]) -> ActorStats:
     return ActorStats(**{**known, "key_times": tuple(known.get("key_times", ()))})
 
 
-def _sums(counts: Iterable[tuple[int, ...]]) -> tuple[int, ...]:
-    """Sums place by place, of those that are there."""
-    return tuple(map(sum, zip(*filter(None, counts), strict=True)))
+def _total(processes: Iterable[ActorStats]) -> ActorStats:
+    """Returns the sums of all counters, as those of one process."""
+    every = list(processes)
+    counts = (each.key_times for each in every if each.key_times)
+    return ActorStats(
+        "gone",
+        "actor",
+        **{name: sum(getattr(each, name) for each in every) for name in TOTALS},
+        key_times=tuple(map(sum, zip(*counts, strict=True))),
+    )

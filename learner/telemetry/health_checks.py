@@ -2,9 +2,9 @@
 
 In 2017 the robot's replay held black frames and nothing said so: the mean Q of a network
 without biases was exactly 0, the loss stayed that of a predictor that sees nothing, and weeks
-went by. Each check here would have failed on the first day.
+went by. Each check, a bound on a figure in `common.metrics`, would have failed on the first day.
 
-A check that keeps failing ends the run (`learner.telemetry.gate`), but for those that only warn:
+A check that keeps failing ends the run (`learner.health_guard`), but for those that only warn:
 
 - *relative TD error*: a blind network's is 1, but that of a network which learns Pong well (350,000
   steps, best test −12.3) crept from 0.20 to 0.66 in half an hour, since the better it plays the
@@ -16,113 +16,81 @@ A check that keeps failing ends the run (`learner.telemetry.gate`), but for thos
 """
 
 import math
-import operator
-from typing import NamedTuple
+from dataclasses import replace
 
-from common.metrics import Values, number
-from common.press_latency import ms_of
-from common.registry import ENVIRONMENTS
+from common.metrics import METRICS, PRESS_MS, Values, number
+from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.config import PlayConfig, RunConfig
 from learner.telemetry.recent_latency import LEAST_MEASURED
 from learner.telemetry.snapshot import HealthCheck
 
-LEAST_VALID_FRAMES = 0.99
-MOST_PRESS_MS = ms_of(8)
-"""Two agent steps, the goal of `python -m benchmarks.lab.press_latency`."""
 _PRESS_FRAMES = 4
 """Emulator frames in which the arms have nearly always pressed what they are told to, p99 of
 `python -m benchmarks.lab.press_latency`."""
-_HOLDS = {
-    "≥": operator.ge,
-    ">": operator.gt,
-    "<": operator.lt,
-    "≤": operator.le,
-    "=": operator.eq,
-}
-
-
-class _Rule(NamedTuple):
-    name: str
-    key: str
-    """The figure that is judged."""
-    sign: str
-    bound: float
-    why: str
-    stops: bool = True
-    robot: bool = False
-    """Only where a robot plays: a bare emulator has no hands."""
-    quiet: bool = False
-    """Not listed while it passes."""
-
-
-# fmt: off
-_RULES = (
-    _Rule("valid frames", "play/valid_frame_share", "≥", LEAST_VALID_FRAMES,
-          "the screen is not found in the camera's picture"),
-    _Rule("pixel deviation", "learning/pixel_deviation", ">", 1.0,
-          "stored frames are black or of one grey"),
-    _Rule("max-Q deviation", "learning/held_out_std", ">", 1e-6,
-          "the network answers the same whatever it sees"),
-    _Rule("relative TD error", "learning/relative_td_error", "<", 1.0,
-          "the network predicts no better than one that sees nothing", stops=False),
-    _Rule("keys as commanded", "play/press_match_share", "≥", 0.5,
-          "the hands do not press what the policy asks for", robot=True),
-    _Rule("press p99 ms", "hands/press_p99", "≤", MOST_PRESS_MS,
-          "the hands press what the policy asks for too late", stops=False, robot=True),
-    _Rule("refused chunks", "stream/chunks_refused", "=", 0,
-          "actors send what the replay cannot take; their logs say what", stops=False),
-    _Rule("excess chunks", "stream/chunks_excess", "=", 0,
-          "the replay stored chunks more than once, which are drawn too often", stops=False,
-          quiet=True),
-)
-# fmt: on
 
 
 def keys_can_follow(play: PlayConfig) -> bool:
     """Whether hands in order hold the commanded keys at the end of the same agent step.
 
-    Not where commands come late on purpose, where a step is shorter than a press, and where
-    the controller is read before the arms move: there a change of keys never matches in time.
+    Not where commands come late on purpose, where a step is shorter than a press, where the robot
+    is slow by nature, and where the controller is read before the arms move: there a change of keys
+    never matches in time.
     """
     # A modelled hand presses in the frame after those that it takes.
     press = _PRESS_FRAMES if play.hand == "arm" else play.press_latency + 1
-    return play.command_latency == 0 and play.read_keys == "frame" and press <= play.frame_skip
+    return not _is_late(play) and play.read_keys == "frame" and press <= play.frame_skip
+
+
+def _is_late(play: PlayConfig) -> bool:
+    """Whether commands come late on purpose, or by the robot's nature."""
+    modelled = play.hand == "model" and play.command_latency > 0
+    prompt = ROBOTS.find(play.robot).prompt
+    return modelled or not prompt or play.actuation_latency > 0 or play.actuation_jitter > 0
 
 
 def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:
     """Returns the health checks of a run with these figures; None is open, NaN fails."""
     checks = []
     robot = ENVIRONMENTS.find(config.env).robot
-    for rule in _RULES:
-        value = number(values, rule.key)
-        passed = None if value is None else bool(_HOLDS[rule.sign](value, rule.bound))
-        if (rule.robot and not robot) or (rule.quiet and passed is not False):
+    latest = replace(
+        config.play,
+        actuation_latency=config.play.actuation_latency + config.randomise.latency,
+        actuation_jitter=config.play.actuation_jitter + config.randomise.jitter,
+    )
+    for metric in METRICS.values():
+        bound, value = metric.bound, number(values, metric.key)
+        if bound is None or (metric.robot and not robot):
             continue
-        if not _can_tell(rule, values, config.play):
+        passed = None if value is None else bound.admits(value)
+        if bound.quiet and passed is not False:
+            continue
+        if not _can_tell(metric.key, values, latest):
             passed = None
         checks.append(
             HealthCheck(
-                name=rule.name,
+                name=bound.check,
                 value=None if value is None else float(value),
                 passed=passed,
-                bound=f"{rule.sign} {rule.bound:.4g}",
-                why=rule.why,
-                stops=rule.stops,
+                bound=str(bound),
+                why=bound.why,
+                stops=bound.stops,
             )
         )
     return tuple(checks)
 
 
-def _can_tell(rule: _Rule, values: Values, play: PlayConfig) -> bool:
-    """Whether the figure says something about the hands, and not about how keys are read."""
-    if rule.name == "keys as commanded":
+def _can_tell(key: str, values: Values, play: PlayConfig) -> bool:
+    """Whether the figure says something about the hands, whose commands come as late as in
+    ``play`` at most, and not about how keys are read."""
+    if key == "play/press_match_share":
         return keys_can_follow(play)
-    if rule.name != "press p99 ms":
+    if key != "hands/press_p99":
         return True
     # Real hands keep their time whenever the controller is read, and however soon the next command
     # comes. Too few measured commands tell nothing, nor do those that nobody watched for long.
     measured, watched, p99 = (
         number(values, f"hands/press_{name}") or 0 for name in ("measured", "watched", "p99")
     )
-    watched_enough = math.isfinite(p99) or watched >= MOST_PRESS_MS
-    return play.hand == "arm" and measured >= LEAST_MEASURED and watched_enough
+    watched_enough = math.isfinite(p99) or watched >= PRESS_MS.limit
+    prompt = play.hand == "arm" and not _is_late(play)
+    return prompt and measured >= LEAST_MEASURED and watched_enough

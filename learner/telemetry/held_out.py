@@ -1,4 +1,8 @@
-"""The held-out states: drawn once after the warm-up, to watch the mean max-Q over a whole run."""
+"""The states by which max-Q is watched: some held out after the warm-up, and some of late.
+
+The mean over the held-out states can be compared over a whole run. What the network says of the
+newest steps shows whether it still sees: held-out states keep their values when the camera fails.
+"""
 
 from pathlib import Path
 
@@ -11,9 +15,16 @@ from common.run.folder import write_atomically
 from learner.algorithm.interface import Algorithm
 from replay.interface import Replay
 
+RECENT = 64
+"""Recent states on which max-Q is measured."""
+RECENT_STEPS = 2_000
+"""Newest frames in the ring, of which those states are."""
+LEAST_RECENT = 16
+
 
 class HeldOut:
-    """A fixed set of states all of whose frames showed the screen, kept in the run's folder."""
+    """A fixed set of states, kept in the run's folder, and as many as `RECENT` of the newest steps;
+    all of their frames showed the screen."""
 
     def __init__(self, path: Path) -> None:
         """Take up the set at ``path`` if there is one.
@@ -25,6 +36,8 @@ class HeldOut:
         self._states: tuple[torch.Tensor, torch.Tensor] | None = None
         self.max_q: tuple[float, float] | None = None
         """Mean and standard deviation of max-Q, as last measured."""
+        self.recent_std: float | None = None
+        """Standard deviation of max-Q over the recent states."""
         if path.exists():
             try:
                 found = load_file(path)
@@ -43,8 +56,12 @@ class HeldOut:
         content = save({"frames": self._states[0], "vectors": self._states[1]})
         write_atomically(self._path, content)
 
-    def measure(self, algorithm: Algorithm) -> None:
-        """Measure ``max_q`` by the present weights."""
+    def measure(self, algorithm: Algorithm, replay: Replay) -> None:
+        """Measure ``max_q`` and ``recent_std`` by the present weights."""
         if self._states is not None:
             values = algorithm.max_q(*self._states)
             self.max_q = float(values.mean()), float(values.std(unbiased=False))
+        frames, vectors = replay.held_out(RECENT, RECENT_STEPS)
+        if len(frames) >= LEAST_RECENT:
+            values = algorithm.max_q(torch.from_numpy(frames), torch.from_numpy(vectors))
+            self.recent_std = float(values.std(unbiased=False))

@@ -5,11 +5,11 @@ A figure without these cannot be compared with another, nor found again.
 
 import os
 import platform
+import re
 import subprocess
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Self
+from typing import Any
 
 PACKAGES = (
     "ale-robot",
@@ -30,49 +30,30 @@ PACKAGES = (
 """This distribution and those it depends on, as `pyproject.toml` names them."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Machine:
-    """The computer, as far as it bears on speed."""
+def provenance() -> dict[str, Any]:
+    """Returns versions, commit and machine of this process, under the keys of ``summary.json``.
 
-    system: str
-    cpu: str | None
-    cores: int
-    """Logical cores this process may use."""
-    memory_bytes: int
-    """Physical memory."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Provenance:
-    """Gathered once, at the start, since the checkout may change under a running learner."""
-
-    versions: dict[str, str | None]
-    """Version of each of `PACKAGES` and of ``python``; None where it is not installed."""
-    git_commit: str | None
-    """Of the checkout this code runs from; None outside one."""
-    git_dirty: bool | None
-    """Tracked files differ from that commit."""
-    machine: Machine
-
-    @classmethod
-    def gather(cls) -> Self:
-        """What is true of this process now."""
-        commit, dirty = git_state(Path(__file__))
-        return cls(
-            versions=package_versions(),
-            git_commit=commit,
-            git_dirty=dirty,
-            machine=Machine(
-                system=f"{platform.system()} {platform.release()} {platform.machine()}",
-                cpu=_cpu_model(),
-                cores=_usable_cores(),
-                memory_bytes=os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"),
-            ),
-        )
+    ``git_commit`` is of the checkout that this code runs from, None outside one, and ``git_dirty``
+    says whether tracked files differ from it; ``memory_bytes`` is physical memory, and ``cores``
+    are the logical ones that this process may use. Gather it once, at the start: the checkout may
+    change under a running learner.
+    """
+    commit, dirty = git_state(Path(__file__))
+    return {
+        "versions": package_versions(),
+        "git_commit": commit,
+        "git_dirty": dirty,
+        "machine": {
+            "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+            "cpu": _cpu_model(),
+            "cores": len(os.sched_getaffinity(0)),
+            "memory_bytes": os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"),
+        },
+    }
 
 
 def package_versions() -> dict[str, str | None]:
-    """Version by distribution name, ``python`` first."""
+    """Version by distribution name, ``python`` first; None for what is not installed."""
     versions: dict[str, str | None] = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
@@ -118,19 +99,10 @@ def _git(folder: Path, *arguments: str) -> str | None:
     return answer.stdout.strip() if answer.returncode == 0 else None
 
 
-def _usable_cores() -> int:
-    if hasattr(os, "sched_getaffinity"):  # not on macOS
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def _cpu_model() -> str | None:
     try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        told = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
-        return platform.processor() or None
-    for line in lines:
-        name, _, value = line.partition(":")
-        if name.strip() == "model name":
-            return value.strip()
-    return platform.processor() or None
+        told = ""
+    found = re.search(r"^model name\s*:\s*(.+)$", told, re.MULTILINE)
+    return found[1] if found else platform.processor() or None

@@ -1,5 +1,6 @@
 """The run at one moment, as every sink gets it: figures by key, and what is not a number."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -37,7 +38,7 @@ class HealthCheck:
     why: str
     """One line: what a failure means."""
     stops: bool = True
-    """A run in which it keeps failing ends by itself; see `learner.telemetry.gate`."""
+    """A run in which it keeps failing ends by itself; see `learner.health_guard`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,3 +63,13 @@ class Snapshot:
     def failed(self) -> tuple[HealthCheck, ...]:
         """The health checks that were measured and did not pass."""
         return tuple(check for check in self.checks if check.passed is False)
+
+    @property
+    def verdict(self) -> str:
+        """How many health checks there are of each colour: ``1 open, 6 green``."""
+        colours = {False: "red", None: "open", True: "green"}
+        counts = Counter(check.passed for check in self.checks)
+        told = [
+            f"{counts[passed]} {colour}" for passed, colour in colours.items() if counts[passed]
+        ]
+        return ", ".join(told) or "none yet"

@@ -9,19 +9,17 @@ from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.algorithm.interface import DeviceBatch, Update
 from learner.clock import Every
+from learner.phases import Phases
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.health_checks import judge
 from learner.telemetry.recent_latency import RecentLatency
-from learner.telemetry.run_progress import RunProgress
 from learner.telemetry.running_means import RunningMeans
-from learner.telemetry.sinks.display import Display
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.summary import epochs_per_day
 from learner.telemetry.snapshot import HealthCheck, Snapshot
 from replay.chunk_statistics import Progress
 
-_SHOW = 1.0
 _RATE_WINDOW = 15.0
 _NOTES = 20
 _OF_2017 = PRESETS["paper"].protocol
@@ -42,9 +40,8 @@ class Telemetry:
         self,
         config: RunConfig,
         facts: Values,
-        progress: RunProgress,
+        phases: Phases,
         registry: ActorRegistry,
-        display: Display,
         epochs: EpochTable,
         sinks: Sequence[Sink],
         now: Callable[[], float],
@@ -59,12 +56,10 @@ class Telemetry:
             "stream/capacity": config.replay.capacity,
             **facts,
         }
-        self._progress = progress
+        self._phases = phases
         self._registry = registry
-        self._display = display
         self._epochs = epochs
         self._sinks = [(sink, Every(sink.period, now)) for sink in sinks]
-        self._show = Every(_SHOW, now)
         self._now = now
         self._means = RunningMeans()
         self._latency = RecentLatency(now)
@@ -104,22 +99,23 @@ class Telemetry:
         )
 
     def note(self, text: str) -> None:
-        """Remember an event for the display."""
+        """Tell an event, and keep it among the notes of snapshots."""
         self._notes.append(text)
+        for sink, _ in self._sinks:
+            sink.event(text)
 
     def say(self, text: str) -> None:
-        """Show a sentence that stays."""
-        self._display.line(text)
+        """Say a sentence that stays."""
+        for sink, _ in self._sinks:
+            sink.line(text)
 
     def report(self, values: Values, replay: Progress) -> Sequence[HealthCheck]:
-        """Show and write what is due; returns the health checks.
+        """Give the figures to every sink that is due; returns the health checks.
 
         Args:
             values: figures that only the training loop knows.
         """
         snapshot = self._snapshot(values, replay)
-        if self._show.is_due():
-            self._display.show(snapshot)
         for sink, schedule in self._sinks:
             if schedule.is_due():
                 sink.write(snapshot)
@@ -129,16 +125,17 @@ class Telemetry:
         """Write the last figures and close the files."""
         snapshot = self._snapshot(values, replay)
         for sink, _ in self._sinks:
-            sink.close(snapshot)
+            sink.write(snapshot)
+            sink.close()
 
     def _snapshot(self, loop: Values, replay: Progress) -> Snapshot:
         for text in self._registry.take_notes():
             self.note(text)
         actors = self._registry.actors()
-        updates, train_steps = number(loop, "learning/updates") or 0, self._progress.train_steps
+        updates, train_steps = number(loop, "learning/updates") or 0, self._phases.train_steps
         values: dict[str, Value] = {
             **self._facts,
-            **self._progress.values(finishing=loop["run/phase"] == "finishing"),
+            **self._phases.values(finishing=loop["run/phase"] == "finishing"),
             **self._means.values(),
             **self._registry.values(),
             **self._latency.values(self._registry.key_times()),
@@ -166,7 +163,7 @@ class Telemetry:
             left = number(loop, "evaluation/steps_left")
         else:
             rate = number(values, "stream/steps_per_second") or 0.0
-            left = max(self._progress.phase_length - self._progress.phase_steps, 0)
+            left = max(self._phases.phase_length - self._phases.phase_steps, 0)
         values["run/seconds_left"] = left / rate if rate and left is not None else None
         checks = judge(values, self._config)
         values["gates/failed"] = sum(check.passed is False for check in checks)
@@ -183,12 +180,12 @@ class Telemetry:
     def _rates(self, updates: int) -> dict[str, Value]:
         """Returns agent steps and updates per second, of late and over whole phases."""
         now = self._now()
-        self._ticks.append((now, self._progress.agent_steps, updates))
+        self._ticks.append((now, self._phases.agent_steps, updates))
         while now - self._ticks[0][0] > _RATE_WINDOW:
             self._ticks.popleft()
         then, steps, before = self._ticks[0]
         seconds = now - then
-        steps_rate = (self._progress.agent_steps - steps) / seconds if seconds >= 1 else None
+        steps_rate = (self._phases.agent_steps - steps) / seconds if seconds >= 1 else None
         train, test = self._rate("train"), self._rate("test")
         train = steps_rate if train is None else train
         return {

@@ -110,6 +110,7 @@ class NumberedEnv(gymnasium.Env[Any, np.int64]):
             self._score,
             self._steps,
             valid_frame=self._number % 5 != 0,
+            frame_follows=self._number % 3 == 0,
             keys_match=self._number % 2 == 0,
             elapsed=elapsed,
         )._asdict()

@@ -10,9 +10,11 @@ import pytest
 
 from actors import actor as actor_module
 from actors.actor import Actor
+from actors.member import Member
 from actors.policy import Policy
 from actors.stream import insert_client as outbox_module
 from actors.stream import weights_client as weights_inbox
+from actors.stream.weights_client import WeightsClient
 from common.network import QNetwork
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Chunk
@@ -75,18 +77,8 @@ class Stage:
         self.stats.append(ActorStats.decode(message.payload))
 
     def start(self, *envs: NumberedEnv) -> None:
-        actor = Actor(
-            self._client,
-            CONFIG,
-            KEYS,
-            "a",
-            17,
-            envs,
-            self.policy,
-            patience=300.0,
-            stop=self.stop,
-            warn=self.warnings.append,
-        )
+        member = Member("a", self._client, KEYS, CONFIG, 300.0, self.stop, 17, self.warnings.append)
+        actor = Actor(member, envs, self.policy)
         seeds = list(range(len(envs)))
         self._thread = threading.Thread(target=actor.run, args=(seeds,), daemon=True)
         self._thread.start()
@@ -219,8 +211,8 @@ def test_weights_that_come_before_a_chunk_is_cut_do_not_stamp_it(
 ) -> None:
     env, payload = NumberedEnv([GOES_ON]), encode_weights(QNetwork(6))
     # New ones after each step, so that those of step t are version t.
-    monkeypatch.setattr(actor_module.WeightsClient, "fetch", lambda _: None)
-    monkeypatch.setattr(actor_module.WeightsClient, "take", lambda _: (len(env.moments), payload))
+    monkeypatch.setattr(WeightsClient, "fetch", lambda _: None)
+    monkeypatch.setattr(WeightsClient, "take", lambda _: (len(env.moments), payload))
     stage.replay.limit = 3
     stage.start(env)
     stage.ended()
@@ -311,4 +303,4 @@ def test_a_replay_that_falls_silent_is_told_at_the_end(
     last = stage.farewell()
     assert last.made > last.acked
     missing = last.made - last.acked
-    assert stage.warnings == [f"{missing} chunks were never acknowledged."]
+    assert stage.warnings == [f"a: {missing} chunks were never acknowledged."]

@@ -8,6 +8,7 @@ import pytest
 
 from actors import evaluator as evaluator_module
 from actors.evaluator import Evaluator
+from actors.member import Member
 from actors.policy import Policy
 from common.errors import InputError
 from common.network import QNetwork
@@ -16,6 +17,7 @@ from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
+from common.run.presets import PRESETS
 from common.transport.interface import Envelope, Transport
 from tests.actors.numbered_env import GAME_OVER, GOES_ON, NumberedEnv
 from tests.hub_stubs import PendingRequests
@@ -40,17 +42,10 @@ class Stage:
 
     def start(self, env: NumberedEnv, patience: float = 300.0) -> Policy:
         policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
-        evaluator = Evaluator(
-            self._client,
-            KEYS,
-            "e",
-            9,
-            env,
-            policy,
-            patience=patience,
-            stop=self.stop,
-            warn=self.warnings.append,
+        member = Member(
+            "e", self._client, KEYS, PRESETS["fast"], patience, self.stop, 9, self.warnings.append
         )
+        evaluator = Evaluator(member, env, policy)
 
         def work() -> None:
             try:

@@ -6,7 +6,7 @@ from unittest.mock import patch
 
 import pytest
 
-from actors.robots.nao.room import Room
+from actors.robots.nao.robot import Nao
 from benchmarks import env_steps
 from benchmarks.report import run
 
@@ -36,7 +36,7 @@ def test_parts_add_up_to_the_whole_and_stopwatches_go_again() -> None:
         return now
 
     with patch("benchmarks.env_steps.time.perf_counter", clock):
-        parts = env_steps.break_down(player, 10).parts
+        parts = env_steps.break_down(player, 10)
     player.close()
     # Every call of a part takes one tick of this clock, and there is a tick after each.
     assert parts["detection"] == pytest.approx(1.0)
@@ -47,4 +47,4 @@ def test_parts_add_up_to_the_whole_and_stopwatches_go_again() -> None:
     assert methods == [
         getattr(owner, name) for parts in env_steps._PARTS.values() for owner, name in parts
     ]
-    assert not hasattr(Room.step_frame, "__wrapped__")
+    assert not hasattr(Nao.step_frame, "__wrapped__")

@@ -20,6 +20,7 @@ from benchmarks.local_run import (
 )
 from common.errors import InputError
 from common.protocol.actor_stats import ActorStats, Role
+from common.run.clock import ClockConfig
 
 
 def stats(
@@ -64,12 +65,12 @@ def test_each_evaluator_counts_between_its_own_heartbeats() -> None:
 
 def test_deadlines_of_actors_only_and_since_the_window_began() -> None:
     heard = [
-        stats("actor", 1, decisions=1_000, missed=900),
-        stats("actor", 2, decisions=50, missed=0),
-        stats("evaluator", 3, decisions=10, missed=0),
-        stats("evaluator", 3, decisions=500, missed=400),
-        stats("actor", 1, decisions=1_060, missed=901),
-        stats("actor", 2, decisions=90, missed=0),
+        (0.0, stats("actor", 1, decisions=1_000, missed=900)),
+        (0.0, stats("actor", 2, decisions=50, missed=0)),
+        (0.5, stats("evaluator", 3, decisions=10, missed=0)),
+        (1.0, stats("evaluator", 3, decisions=500, missed=400)),
+        (1.0, stats("actor", 1, decisions=1_060, missed=901)),
+        (1.5, stats("actor", 2, decisions=90, missed=0)),
     ]
     assert deadlines_kept(heard) == pytest.approx(0.99)
     assert deadlines_kept(heard[:3]) is None
@@ -142,7 +143,11 @@ def test_summary_names_what_it_measured() -> None:
 
 @pytest.mark.parametrize(
     "setting",
-    [Setting(actors=0), Setting(env="ale", sync=False), Setting(env="ale", wait_action=True)],
+    [
+        Setting(actors=0),
+        Setting(env="ale", clock=ClockConfig(sync=False)),
+        Setting(env="ale", clock=ClockConfig(wait_action=True)),
+    ],
 )
 def test_settings_that_cannot_work(setting: Setting) -> None:
     with pytest.raises(InputError, match=re.compile("actors|robot")):

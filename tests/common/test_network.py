@@ -18,7 +18,7 @@ def frames_of(batch: int, frame_stack: int = 4, seed: int = 0) -> Tensor:
     return torch.randint(256, (batch, frame_stack, 84, 84), dtype=torch.uint8, generator=rng)
 
 
-def network_of(seed: int = 0, actions: int = 6, **settings: float | bool) -> QNetwork:
+def network_of(seed: int = 0, actions: int = 6, **settings: float | bool | str) -> QNetwork:
     torch.manual_seed(seed)
     return QNetwork(actions, **settings)  # type: ignore[arg-type]
 
@@ -36,6 +36,24 @@ def plain(network: QNetwork, frames: Tensor, vectors: Tensor, scale: float) -> T
     x = torch.cat((x.reshape(len(x), -1), vectors), dim=1)
     x = relu(linear(x, next(names), next(names)))
     return linear(x, next(names), next(names))
+
+
+def plain_of_2013(network: QNetwork, frames: Tensor, scale: float) -> Tensor:
+    """Mnih et al. 2013: 16 8×8 stride 4, 32 4×4 stride 2, 256, actions."""
+    w = [value.detach().contiguous() for value in network.parameters()]
+    x = relu(conv2d(frames.to(torch.float32) * scale, w[0], w[1], stride=4))
+    x = relu(conv2d(x, w[2], w[3], stride=2)).reshape(len(frames), 32 * 9 * 9)
+    return linear(relu(linear(x, w[4], w[5])), w[6], w[7])
+
+
+def test_the_network_of_2013_agrees_with_a_plain_one() -> None:
+    network = network_of(network="nips")
+    by_hand = (16 * 4 * 64 + 16) + (32 * 16 * 16 + 32) + (2592 * 256 + 256) + (256 * 6 + 6)
+    assert sum(weight.numel() for weight in network.parameters()) == by_hand
+    frames = frames_of(3)
+    torch.testing.assert_close(
+        network(frames, torch.zeros(3, 0)), plain_of_2013(network, frames, 1 / 255)
+    )
 
 
 @pytest.mark.parametrize("actions", [4, 6, 18])

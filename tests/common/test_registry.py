@@ -1,4 +1,4 @@
-"""Environments and robots that are found by name, also those of installed packages."""
+"""Environments, robots and algorithms found by name, also those of installed packages."""
 
 import subprocess
 import sys
@@ -9,7 +9,16 @@ from types import SimpleNamespace
 import pytest
 
 from common.errors import InputError
-from common.registry import ENVIRONMENTS, ROBOTS, Environment, Registry, RobotKind
+from common.network import QNetwork, build_network, count_actions_of
+from common.registry import (
+    ALGORITHMS,
+    ENVIRONMENTS,
+    ROBOTS,
+    AlgorithmKind,
+    Environment,
+    Registry,
+    RobotKind,
+)
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from tests.paths import ROOT
@@ -17,7 +26,8 @@ from tests.paths import ROOT
 
 def test_this_projects_are_known() -> None:
     assert ENVIRONMENTS.names == ["ale", "robot"]
-    assert ROBOTS.names == ["nao"]
+    assert ROBOTS.names == ["FILE.npz", "nao", "robotroller"]
+    assert ALGORITHMS.names == ["dqn", "qr_dqn"]
     assert not ENVIRONMENTS.find("ale").robot
     assert ENVIRONMENTS.find("robot").robot
 
@@ -28,7 +38,11 @@ def test_this_projects_are_known() -> None:
         (RunConfig(env="real"), "there is no environment 'real': choose one of ale, robot, or"),
         (
             replace(RunConfig(), play=replace(RunConfig().play, robot="atlas")),
-            "there is no robot 'atlas': choose one of nao, or install",
+            "there is no robot 'atlas': choose one of FILE.npz, nao, robotroller, or install",
+        ),
+        (
+            replace(RunConfig(), learning=replace(RunConfig().learning, algorithm="sarsa")),
+            "there is no algorithm 'sarsa': choose one of dqn, qr_dqn, or install",
         ),
     ],
 )
@@ -37,9 +51,40 @@ def test_a_run_in_what_nobody_has_is_refused(config: RunConfig, sentence: str) -
         config.check()
 
 
+def test_the_network_is_of_the_kind_that_the_algorithms_entry_names(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Other(QNetwork):
+        pass
+
+    entry = AlgorithmKind("c51", "nowhere:c51", network=Other, atoms=lambda learning: 51)
+    monkeypatch.setitem(ALGORITHMS._entries, "c51", entry)
+    config = replace(PRESETS["fast"], learning=replace(PRESETS["fast"].learning, algorithm="c51"))
+    network = build_network(config, 6)
+    assert type(network) is Other
+    assert network.actions.out_features == 6 * 51
+    assert count_actions_of(config, network.state_dict()) == 6
+    # Nobody's network is built in the place of one that is not known.
+    unknown = replace(config, learning=replace(config.learning, algorithm="sarsa"))
+    with pytest.raises(InputError, match="no algorithm 'sarsa'"):
+        build_network(unknown, 6)
+
+
 def test_an_emulator_alone_needs_no_robot() -> None:
     play = replace(PRESETS["fast"].play, robot="atlas")
     replace(PRESETS["fast"], play=play).check()
+
+
+def test_an_entry_called_file_stands_for_every_file_with_its_suffix() -> None:
+    registry = Registry("robot", RobotKind("FILE.npz", SimpleNamespace, joints=8))
+    for name in ("hand.npz", "a/b.c/hand.npz", f"hand.npz#sha256={'0' * 64}", "FILE.npz"):
+        assert registry.find(name).joints == 8
+    assert registry.make("hand.npz", arm=1) == SimpleNamespace(arm=1)
+    registry.add(RobotKind("own.npz", SimpleNamespace, joints=2))
+    assert registry.find("own.npz").joints == 2
+    for name in ("npz", "hand.npy", "hand", ""):
+        with pytest.raises(InputError, match=r"choose one of FILE\.npz, own\.npz, or"):
+            registry.find(name)
 
 
 def test_an_entry_is_added_made_and_replaced() -> None:

@@ -9,7 +9,6 @@ two go left and two stay.
 
 import sys
 import threading
-import time
 from typing import Any
 
 import gymnasium
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from actors.actor import Actor
 from actors.evaluator import Evaluator
+from actors.member import Member
 from actors.policy import Policy
 from common.network import build_network
 from common.process.lifeline import on_signals
@@ -83,16 +83,11 @@ def main(endpoint: str, name: str, role: str) -> None:
     transport = connect(endpoint, PATIENCE, stop.is_set)
     keys, config = find_run(transport, None, PATIENCE, stop.is_set)
     policy = Policy(build_network(config, len(MOVES)), len(MOVES), np.random.default_rng(1))
-    common: dict[str, Any] = {
-        "patience": PATIENCE,
-        "stop": stop,
-        "warn": lambda text: print(text, flush=True),
-    }
-    incarnation = time.time_ns()
+    member = Member(name, transport, keys, config, PATIENCE, stop)
     if role == "evaluator":
-        Evaluator(transport, keys, name, incarnation, Catch(), policy, **common).run(7)
+        Evaluator(member, Catch(), policy).run(7)
     else:
-        Actor(transport, config, keys, name, incarnation, [Catch()], policy, **common).run([3])
+        Actor(member, [Catch()], policy).run([3])
     transport.close()
 
 

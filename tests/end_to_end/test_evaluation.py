@@ -13,6 +13,7 @@ from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
+from tests.paths import ROOT
 from tests.patience import PATIENCE
 
 
@@ -38,7 +39,8 @@ def test_games_are_played_to_their_ends_and_summed_up(run: Path, tmp_path: Path)
     weights = run / "snapshots" / "best.safetensors"
 
     def played(name: str) -> dict[str, Any]:
-        ended = _evaluate(weights, "--games", 3, "--processes", 2, "--json", tmp_path / name)
+        told = ("--play.sticky", 0.25, "--json", tmp_path / name)
+        ended = _evaluate(weights, "--games", 3, "--processes", 2, *told)
         assert ended.returncode == 0, ended.stderr
         assert "interquartile mean" in ended.stdout
         content: dict[str, Any] = json.loads((tmp_path / name).read_text())
@@ -56,7 +58,30 @@ def test_games_are_played_to_their_ends_and_summed_up(run: Path, tmp_path: Path)
     assert first["press_ms"] == first["release_ms"] == nothing
     # The same seed plays the same games, in whatever order the processes end them.
     again = played("again.json")
-    assert sorted(again["steps_of_games"]) == sorted(first["steps_of_games"])
+    assert sorted(again["game_hashes"]) == sorted(first["game_hashes"])
+    assert (first["distinct_games"], len(set(first["game_hashes"]))) == (3, 3)
+    assert (first["speed"], first["deadlines_kept_share"]) == (None, None)
+    assert first["game_seconds"] == pytest.approx(first["steps"] / 15)
+
+
+def test_without_chance_every_game_is_the_same_one_and_sticky_actions_change_that(
+    tmp_path: Path,
+) -> None:
+    policy = ROOT / "policies" / "ale_pong.safetensors"
+    still = ("--play.random-starts", 0, "--play.max-game-frames", 1_200, "--epsilon", 0)
+
+    def played(*flags: object) -> dict[str, Any]:
+        file = tmp_path / "found.json"
+        ended = _evaluate(policy, *still, "--games", 4, "--processes", 2, "--json", file, *flags)
+        assert ended.returncode == 0, ended.stderr
+        content: dict[str, Any] = json.loads(file.read_text())
+        return content
+
+    found = played()
+    assert (found["distinct_games"], found["distinct_endings"], found["same_ending"]) == (1, 1, 4)
+    sticky = played("--play.sticky", 0.25)
+    assert (sticky["sticky"], sticky["distinct_games"]) == (0.25, 4)
+    assert "play.sticky 0.0 → 0.25" in sticky["changed"]
 
 
 def test_settings_other_than_the_runs_are_played_under_and_told(run: Path, tmp_path: Path) -> None:
@@ -82,9 +107,13 @@ def test_settings_other_than_the_runs_are_played_under_and_told(run: Path, tmp_p
 
 
 def test_what_does_not_fit_other_settings_is_told(run: Path) -> None:
-    ended = _evaluate(run / "snapshots" / "best.safetensors", "--play.vector")
-    assert ended.returncode == 2
-    assert "does not fit pong (ale) with 6 actions" in ended.stderr
+    for flag, words in (
+        ("--play.no-minimal-actions", "does not fit pong (ale) with 18 actions"),
+        ("--play.vector", "was trained with no vector beside the frames"),
+    ):
+        ended = _evaluate(run / "snapshots" / "best.safetensors", flag)
+        assert ended.returncode == 2
+        assert words in ended.stderr
 
 
 def test_what_is_no_network_is_told(run: Path, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """`python -m learner --local`: everything on one machine, from nothing to the files it leaves."""
 
+import json
 import os
 import signal
 
@@ -55,12 +56,26 @@ def test_learns_a_little_and_leaves_its_files_with_balanced_counts(stage: Stage,
     assert "A.L.E" not in logs
 
 
+@pytest.mark.parametrize("env", ["ale", "robot"])
+def test_a_run_is_trained_and_tested_under_its_sticky_actions(stage: Stage, env: str) -> None:
+    """A console that always repeats what it did before never serves a ball."""
+    game = ("--env", env, "--game", "breakout", "--play.random-starts=0")
+    sticky = ("--play.sticky=1", "--play.max-game-frames=400", "--protocol.test-epsilon=1")
+    stage.learner("--local", *game, *sticky, "--steps=1300", *SMALL).ends()
+    rows = [row for row in stage.rows() if int(row["nr_games"]) > 0]
+    assert {row["phase"] for row in rows} == {"random", "train", "test"}
+    assert sum(int(row["nr_games"]) for row in rows) >= 10
+    assert {(row["min_game_reward"], row["max_game_reward"]) for row in rows} == {("0", "0")}
+    assert json.loads((stage.run / "config.json").read_text())["play"]["sticky"] == 1.0
+
+
 def test_a_run_that_begins_with_a_given_network_plays_by_it_at_once(stage: Stage) -> None:
     policy = ("--initial", str(POLICIES / "ale_pong.safetensors"), "--env", "ale")
     skilled = ("--exploration.start=0", "--exploration.end=0")
     long = [
         f"--replay.learning-starts={WARMUP}" if "learning-starts" in flag else flag
         for flag in SMALL
+        if "network" not in flag
     ]
     stage.learner("--local", *policy, *skilled, *long, f"--steps={WARMUP + 400}").ends()
     # Before the first update, it had won.

@@ -1,4 +1,4 @@
-"""`python -m actors --play` and `--check` as one starts them: on what a real run has left."""
+"""`python -m viewer play` and `check` as one starts them: on what a real run has left."""
 
 import re
 
@@ -16,7 +16,7 @@ def test_what_a_run_learned_is_played_and_filmed_with_its_settings(stage: Stage)
     film = stage.folder / "film.mp4"
 
     output = stage.start(
-        *("-m", "actors", "--play", "--games", "2", "--video", str(film)),
+        *("-m", "viewer", "play", "--games", "2", "--video", str(film)),
         *("--weights", str(stage.run / "snapshots" / "best.safetensors")),
     ).ends()
 
@@ -34,6 +34,6 @@ def test_what_a_run_learned_is_played_and_filmed_with_its_settings(stage: Stage)
 @pytest.mark.slow
 def test_check_is_green_for_this_robot(stage: Stage) -> None:
     picture = stage.folder / "check.png"
-    output = stage.start("-m", "actors", "--check", "-o", str(picture)).ends()
+    output = stage.start("-m", "viewer", "check", "-o", str(picture)).ends()
     assert output.count("│ green │") == 4
     assert cv2.imread(str(picture)).shape == (768, 1024, 3)

@@ -6,11 +6,10 @@ from pathlib import Path
 
 from common.metrics import METRICS, Metric, declare
 from common.network import QNetwork
-from common.registry import ENVIRONMENTS
+from common.registry import ALGORITHMS, ENVIRONMENTS, AlgorithmKind
 from common.run.config import LearningConfig
 from learner.algorithm.double_dqn import DoubleDqnLoss
 from learner.algorithm.interface import Prepared, Update
-from learner.algorithm.registry import ALGORITHMS
 from learner.algorithm.value_based import ValueBased
 from learner.device import Device
 from tests.extending.test_environment import CONFIG, LAMPS
@@ -36,21 +35,19 @@ class SpreadLoss(DoubleDqnLoss):
         return update._replace(metrics={**update.metrics, "action_spread": spread})
 
 
-def spread_dqn(
-    network: QNetwork, config: LearningConfig, device: Device, seed: int
-) -> ValueBased[QNetwork]:
+def spread_dqn(network: QNetwork, config: LearningConfig, device: Device, seed: int) -> ValueBased:
     return ValueBased(network, SpreadLoss(config), config, device, seed)
 
 
 def test_a_figure_from_outside_is_in_a_runs_files(tmp_path: Path) -> None:
     declare(SPREAD)
-    ALGORITHMS["spread_dqn"] = spread_dqn
+    entry = AlgorithmKind("spread_dqn", spread_dqn)
+    config = replace(CONFIG, learning=replace(CONFIG.learning, algorithm="spread_dqn"))
     try:
-        config = replace(CONFIG, learning=replace(CONFIG.learning, algorithm="spread_dqn"))
-        with added(ENVIRONMENTS, LAMPS):
+        with added(ENVIRONMENTS, LAMPS), added(ALGORITHMS, entry):
             summary, _ = learned(config, tmp_path, steps=240)
     finally:
-        del METRICS[SPREAD.key], ALGORITHMS["spread_dqn"]
+        del METRICS[SPREAD.key]
 
     assert summary["action_spread"] > 0
     with (tmp_path / RUN / "gates.csv").open() as file:

@@ -14,6 +14,7 @@ from actors.robots.interface import Robot, ViewName
 from common.actions import Keys
 from common.registry import ROBOTS, RobotKind
 from common.run.clock import ClockConfig
+from common.run.conditions import Conditions
 from common.run.config import CameraConfig, PlayConfig, RunConfig, StreamConfig
 from common.run.presets import PRESETS
 from tests.extending.whole_run import added, learned
@@ -51,7 +52,7 @@ class Finger:
             self._held = self._wanted
         return self._held
 
-    def begin_game(self, rng: Generator) -> None:
+    def begin_game(self, conditions: Conditions, rng: Generator) -> None:
         self.games += 1
 
     def camera_picture(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""An algorithm that is registered from outside learns through the whole pipeline."""
+"""An algorithm of an installed package learns through the whole pipeline, in every process."""
 
 import json
 
@@ -7,14 +7,17 @@ from safetensors.numpy import load_file
 
 from tests.end_to_end import catch
 from tests.end_to_end.conftest import SMALL, Stage
-from tests.extending import toy_algorithm
 
 
 def test_a_toy_algorithm_learns_by_its_name(stage: Stage) -> None:
-    learner = stage.start(
-        toy_algorithm.__file__,
-        *("--listen", stage.endpoint, "--run", "r", "--threads=1", "--env", "ale"),
-        *("--learning.algorithm", "random_policy", "--steps", "900", *SMALL),
+    installed = stage.folder / "toy_algorithm-1.0.dist-info"
+    installed.mkdir()
+    (installed / "METADATA").write_text("Name: toy-algorithm\nVersion: 1.0\n")
+    (installed / "entry_points.txt").write_text(
+        "[ale_robot.algorithms]\nrandom_policy = tests.extending.toy_algorithm:RANDOM_POLICY\n"
+    )
+    learner = stage.learner(
+        *("--env", "ale", "--learning.algorithm", "random_policy", "--steps", "900", *SMALL)
     )
     stage.start(catch.__file__, stage.endpoint, "a", "actor")
 

@@ -4,6 +4,7 @@ It has no threads and no queues: a server answers in the thread of whoever asks.
 """
 
 import fnmatch
+import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from actors.member import Member
 from actors.stream.insert_client import InsertClient
 from actors.stream.weights_client import WeightsClient
 from common.errors import MessageError
@@ -154,10 +156,7 @@ def test_replay_actor_and_learner_meet_on_a_transport_from_outside(tmp_path: Pat
 
         warnings: list[str] = []
         inserts = InsertClient(
-            *(transport, keys.insert("a"), 2),
-            patience=0.0,
-            stopped=lambda: False,
-            warn=warnings.append,
+            Member("a", transport, keys, config, 0.0, threading.Event(), 1, warnings.append)
         )
         chunk = Actor("a", 4).live([GOES_ON] * 30, np.random.default_rng(0))
         inserts.send(chunk.encode())

@@ -1,16 +1,11 @@
-"""An algorithm from outside: learns what the random policy's return would be, then the learner.
-
-python toy_algorithm.py LEARNER'S FLAGS --learning.algorithm random_policy
-"""
+"""An algorithm of another package: learns what the random policy's return would be."""
 
 from torch import Tensor
 
-from common.errors import exit_on_input_error
 from common.network import QNetwork
+from common.registry import AlgorithmKind
 from common.run.config import LearningConfig
-from learner.__main__ import main
 from learner.algorithm.interface import Prepared, Update
-from learner.algorithm.registry import ALGORITHMS
 from learner.algorithm.value_based import ValueBased
 from learner.device import Device
 
@@ -32,11 +27,8 @@ class RandomPolicyLoss:
 
 def random_policy(
     network: QNetwork, config: LearningConfig, device: Device, seed: int
-) -> ValueBased[QNetwork]:
+) -> ValueBased:
     return ValueBased(network, RandomPolicyLoss(), config, device, seed)
 
 
-ALGORITHMS["random_policy"] = random_policy
-
-if __name__ == "__main__":
-    exit_on_input_error(main)
+RANDOM_POLICY = AlgorithmKind("random_policy", random_policy)

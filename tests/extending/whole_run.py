@@ -13,6 +13,7 @@ import torch
 
 from actors.actor import Actor
 from actors.envs import make_env
+from actors.member import Member
 from actors.policy import Policy
 from common.network import build_network
 from common.protocol.run_keys import RunKeys
@@ -20,14 +21,14 @@ from common.registry import Registry
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.join import find_run
-from common.transport.in_process import InProcessHub
-from learner.algorithm.registry import build_algorithm
+from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
 from learner.device import Device
 from learner.options import LearnerOptions
 from learner.telemetry.sinks.display import PlainDisplay
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
+from tests.in_process_transport import InProcessHub
 from tests.patience import PATIENCE
 
 RUN = "extended"
@@ -74,12 +75,8 @@ def learned(config: RunConfig, runs: Path, steps: int) -> tuple[dict[str, Any], 
         stack.callback(env.close)
         assert env.action_space.n == actions
         policy = Policy(build_network(announced, actions), actions, np.random.default_rng(1))
-        actor = Actor(
-            *(client, announced, RunKeys(RUN), "a", 1, [env], policy),
-            patience=PATIENCE,
-            stop=stop,
-            warn=print,
-        )
+        member = Member("a", client, RunKeys(RUN), announced, PATIENCE, stop)
+        actor = Actor(member, [env], policy)
         acting = threading.Thread(target=actor.run, args=([1],))
         acting.start()
         try:

@@ -17,9 +17,8 @@ from safetensors import safe_open
 from common.network import build_network
 from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
-from common.transport.in_process import InProcessHub
 from common.transport.interface import Transport
-from learner.algorithm.registry import build_algorithm
+from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
 from learner.device import Device
 from learner.options import LearnerOptions
@@ -27,6 +26,7 @@ from learner.telemetry.sinks.display import PlainDisplay
 from learner.training import Learner
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
+from tests.in_process_transport import InProcessHub
 from tests.patience import PATIENCE, wait_until
 from tests.replay.replay_reference import GOES_ON, RUN, TERMINATES, Actor, make_config
 
@@ -116,6 +116,7 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
 
     with place(tmp_path, actor, resume=True, steps_goal=18 * 8) as again:
         again.learner.start()
+        assert not any(thread.name.startswith("prefetch") for thread in threading.enumerate())
         assert again.checkpoint() | {"seconds": 0} == before | {"seconds": 0}
         again.play(1)
         again.learner.run()

@@ -1,18 +1,24 @@
-"""Checkpoints: whole, atomic, and refused when damaged."""
+"""Checkpoints: whole, atomic, refused when damaged, and written only where there is room."""
 
+import shutil
+import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Literal
 
 import pytest
 import torch
+from safetensors import safe_open
+from safetensors.torch import save
 
 from common.errors import InputError
 from common.network import QNetwork
 from common.run.config import LearningConfig
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.interface import Algorithm
-from learner.checkpoint import load_checkpoint, previous_of, save_checkpoint
+from learner.algorithm.qr_dqn import qr_dqn
+from learner.checkpoint import Checkpoint
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch
 
@@ -25,18 +31,21 @@ def _algorithm(seed: int, optimizer: Literal["adam", "rmsprop"] = "adam") -> Alg
     return double_dqn(QNetwork(6), config, CPU)
 
 
+def checkpoint_of(folder: Path, algorithm: Algorithm, name: str = "dqn") -> Checkpoint:
+    return Checkpoint(folder / "checkpoint.safetensors", algorithm, name)
+
+
 @pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
 def test_training_goes_on_as_if_it_had_never_stopped(
     tmp_path: Path, optimizer: Literal["adam", "rmsprop"]
 ) -> None:
-    path = tmp_path / "checkpoint.safetensors"
     steady = _algorithm(0, optimizer)
     for seed in range(3):
         learn(steady, random_batch(seed=seed))
-    save_checkpoint(path, steady, {"updates": 3, "scores": [1.5, -2.0]})
+    checkpoint_of(tmp_path, steady).save({"updates": 3, "scores": [1.5, -2.0]})
     resumed = _algorithm(99, optimizer)
 
-    state = load_checkpoint(path, resumed)
+    state = checkpoint_of(tmp_path, resumed).load()
 
     assert state == {"updates": 3, "scores": [1.5, -2.0]}
     for seed in range(3, 6):
@@ -53,38 +62,126 @@ def test_training_goes_on_as_if_it_had_never_stopped(
 
 
 def test_the_one_before_is_kept(tmp_path: Path) -> None:
-    path, algorithm = tmp_path / "checkpoint.safetensors", _algorithm(0)
+    checkpoint = checkpoint_of(tmp_path, _algorithm(0))
     for updates in (1, 2, 3):
-        save_checkpoint(path, algorithm, {"updates": updates})
-    assert load_checkpoint(path, algorithm) == {"updates": 3}
-    assert load_checkpoint(previous_of(path), algorithm) == {"updates": 2}
-    assert {file.name for file in tmp_path.iterdir()} == {path.name, previous_of(path).name}
+        checkpoint.save({"updates": updates})
+    assert checkpoint.load() == {"updates": 3}
+    assert {file.name for file in tmp_path.iterdir()} == {
+        "checkpoint.safetensors",
+        "checkpoint.previous.safetensors",
+    }
+    checkpoint.previous.replace(checkpoint.path)
+    assert checkpoint.load() == {"updates": 2}
 
 
 @pytest.mark.parametrize("spot", [0.001, 0.3, 0.6, 0.99])
 def test_a_flipped_bit_is_noticed(tmp_path: Path, spot: float) -> None:
-    path, algorithm = tmp_path / "checkpoint.safetensors", _algorithm(0)
+    algorithm = _algorithm(0)
     learn(algorithm, random_batch())
-    save_checkpoint(path, algorithm, {"updates": 1})
-    content = bytearray(path.read_bytes())
+    checkpoint = checkpoint_of(tmp_path, algorithm)
+    checkpoint.save({"updates": 1})
+    content = bytearray(checkpoint.path.read_bytes())
     content[int(len(content) * spot)] ^= 0x10
-    path.write_bytes(content)
+    checkpoint.path.write_bytes(content)
     with pytest.raises(InputError, match="damaged"):
-        load_checkpoint(path, _algorithm(1))
+        checkpoint_of(tmp_path, _algorithm(1)).load()
 
 
 def test_a_truncated_file_is_noticed_and_the_way_out_is_named(tmp_path: Path) -> None:
-    path, algorithm = tmp_path / "checkpoint.safetensors", _algorithm(0)
+    checkpoint = checkpoint_of(tmp_path, _algorithm(0))
     for updates in (1, 2):
-        save_checkpoint(path, algorithm, {"updates": updates})
-    path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(InputError, match=previous_of(path).name):
-        load_checkpoint(path, algorithm)
+        checkpoint.save({"updates": updates})
+    checkpoint.path.write_bytes(checkpoint.path.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"copy checkpoint\.previous\.safetensors over it"):
+        checkpoint.load()
 
 
 def test_another_networks_checkpoint_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "checkpoint.safetensors"
-    save_checkpoint(path, _algorithm(0), {"updates": 1})
+    checkpoint_of(tmp_path, _algorithm(0)).save({"updates": 1})
     other = double_dqn(QNetwork(18), LearningConfig(), CPU)
-    with pytest.raises(InputError, match="damaged"):
-        load_checkpoint(path, other)
+    with pytest.raises(InputError, match="is of another network or optimizer"):
+        checkpoint_of(tmp_path, other).load()
+
+
+def test_another_algorithms_checkpoint_names_the_flag(tmp_path: Path) -> None:
+    config = LearningConfig(algorithm="qr_dqn", quantiles=3)
+    checkpoint_of(tmp_path, qr_dqn(QNetwork(6, atoms=3), config, CPU), "qr_dqn").save({})
+    with pytest.raises(
+        InputError, match=r"made with the algorithm qr_dqn: add --learning.algorithm qr_dqn\.$"
+    ):
+        checkpoint_of(tmp_path, _algorithm(0)).load()
+
+
+def test_a_checkpoint_from_before_it_named_its_algorithm_is_read(tmp_path: Path) -> None:
+    checkpoint = checkpoint_of(tmp_path, _algorithm(0))
+    checkpoint.save({"updates": 1})
+    with safe_open(checkpoint.path, "pt") as file:
+        metadata = file.metadata()
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    del metadata["algorithm"]
+    checkpoint.path.write_bytes(save(tensors, metadata))
+    assert checkpoint.load() == {"updates": 1}
+
+
+class Disk:
+    """A disk with so many bytes free each time it is asked; the last number stays."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *free: int) -> None:
+        self._free = list(free)
+        self.asked: list[Path] = []
+        monkeypatch.setattr(shutil, "disk_usage", self._usage)
+
+    def _usage(self, path: Path) -> SimpleNamespace:
+        self.asked.append(path)
+        return SimpleNamespace(free=self._free.pop(0) if len(self._free) > 1 else self._free[0])
+
+
+@pytest.fixture
+def checkpoint(tmp_path: Path) -> Checkpoint:
+    """One of a MiB; two more must fit."""
+    path = tmp_path / "checkpoint.safetensors"
+    path.write_bytes(bytes(2**20))
+    return Checkpoint(path, SimpleNamespace(), "dqn")  # type: ignore[arg-type]
+
+
+class Stop(threading.Event):
+    """Never waits; set at the third wait."""
+
+    waits = 0
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.waits += 1
+        if self.waits == 3:
+            self.set()
+        return self.is_set()
+
+
+def test_where_there_is_room_nothing_is_said(
+    checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = Disk(monkeypatch, 2 * 2**20)
+    said: list[str] = []
+    checkpoint.wait_for_room(said.append, threading.Event())
+    assert (said, disk.asked) == ([], [checkpoint.path.parent])
+
+
+def test_a_full_disk_is_waited_for(checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch) -> None:
+    Disk(monkeypatch, 2 * 2**20 - 1, 0, 2 * 2**20)
+    said: list[str] = []
+    stop = Stop()
+    checkpoint.wait_for_room(said.append, stop)
+    assert stop.waits == 1
+    assert said == [
+        f"WARNING: the disk of {checkpoint.path.parent} is full: training waits until 2 MiB of "
+        "it are free.",
+        "There is room on the disk again: training continues.",
+    ]
+
+
+def test_a_stop_ends_the_wait(checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch) -> None:
+    Disk(monkeypatch, 0)
+    said: list[str] = []
+    stop = Stop()
+    checkpoint.wait_for_room(said.append, stop)
+    assert stop.waits == 3
+    assert len(said) == 1

@@ -12,6 +12,8 @@ from common.errors import InputError
 from common.process.command_line import parse, parse_run
 from common.protocol.weights import encode_weights
 from common.run.clock import ClockConfig
+from common.run.conditions import all_ranges
+from common.run.config import RandomiseConfig, RunConfig
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from learner.__main__ import first_network
@@ -19,7 +21,7 @@ from learner.options import LearnerOptions, clock_figures, resume_command, store
 
 
 def learner(*arguments: str) -> LearnerOptions:
-    options = parse_run(LearnerOptions, "learner", arguments, lambda _: None)
+    options, _ = parse_run(LearnerOptions, "learner", arguments, lambda _: None)
     options.check()
     return options
 
@@ -49,12 +51,25 @@ def test_local_actors_get_the_mode_that_was_asked_for(mode: list[str]) -> None:
     assert again.clock.flags() == options.clock.flags()
 
 
+QR = ("--learning.algorithm", "qr_dqn")
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--local", "--speed", "2"], "--speed is for --no-sync"),
         (["--local", "--no-sync", "--speed", "0"], "above 0"),
-        (["--gate-minutes", "0"], "above 0, or --force"),
+        (["--gate-minutes", "0"], r"--gate-minutes is 0.0: choose more than 0\."),
+        (["--gate-minutes", "inf"], "--gate-minutes is inf: choose a finite number"),
+        (["--stall-minutes", "0"], r"--stall-minutes is 0.0: choose more than 0\."),
+        (["--stall-minutes", "nan"], "--stall-minutes is nan: choose more than 0"),
+        (["--local", "--actors", "0"], r"--actors is 0: choose 1 or more\."),
+        (["--local", "--envs", "0"], r"--envs is 0: choose 1 or more\."),
+        (["--evaluators", "-1"], r"--evaluators is -1: choose 0 or more\."),
+        (["--threads", "-1"], r"--threads is -1: choose 0 or more\."),
+        (["--learning.quantiles", "9"], "--learning.quantiles means nothing to the algorithm dqn"),
+        ([*QR, "--learning.loss", "mse"], "--learning.loss means nothing to the algorithm qr_dqn"),
+        ([*QR, "--learning.loss-mean-over=outputs"], "--learning.loss-mean-over means nothing to"),
         (["--no-sync"], "--no-sync is for --local"),
         (["--wait-action"], "--wait-action is for --local"),
         (["--local", "--env", "ale", "--no-sync"], "--no-sync is for a robot"),
@@ -64,6 +79,15 @@ def test_local_actors_get_the_mode_that_was_asked_for(mode: list[str]) -> None:
 def test_what_would_have_no_effect_is_refused(arguments: list[str], words: str) -> None:
     with pytest.raises(InputError, match=words):
         learner(*arguments)
+
+
+def test_presets_and_runs_may_have_what_the_algorithm_ignores() -> None:
+    paper = learner("--preset", "paper", *QR, "--learning.quantiles", "9").config.learning
+    assert (paper.loss, paper.loss_mean_over, paper.quantiles) == ("mse", "outputs", 9)
+    fast = PRESETS["fast"]
+    begun = replace(fast, learning=replace(fast.learning, quantiles=9))  # before it was refused
+    parse_run(LearnerOptions, "learner", ["--resume", "--run", "r"], lambda _: begun)[0].check()
+    assert learner("--stall-minutes", "inf").stall_minutes == float("inf")
 
 
 def test_records_tell_local_modes_clock_and_nobody_elses() -> None:
@@ -81,6 +105,19 @@ def test_an_actor_does_not_join_a_run_without_robots_in_another_time(flag: str) 
         options.check_against(PRESETS["fast"])
 
 
+def test_an_actor_joins_only_the_run_that_is_asked_for() -> None:
+    config = PRESETS["robot"]
+    for robot in ("nao", "hand.npz", f"hand.npz#sha256={'0' * 64}"):
+        run = replace(config, play=replace(config.play, robot=robot))
+        for asked in ("nao", "hand.npz"):
+            options = parse(ActorOptions, "actors", ["--robot", asked])
+            if robot.startswith(asked):
+                options.check_against(run)
+            else:
+                with pytest.raises(InputError, match=f"plays .*, not {asked}: omit --robot"):
+                    options.check_against(run)
+
+
 def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path) -> None:
     trained = replace(PRESETS["paper"], game="breakout", seed=7)
     folder = RunFolder(tmp_path, "r")
@@ -88,7 +125,7 @@ def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path)
     folder.checkpoint.touch()
 
     def found(*arguments: str) -> object:
-        return parse_run(LearnerOptions, "learner", arguments, stored_config).config
+        return parse_run(LearnerOptions, "learner", arguments, stored_config)[0].config
 
     here = ("--runs", str(tmp_path), "--run", "r")
     assert found(*here) == PRESETS["robot"]
@@ -97,6 +134,23 @@ def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path)
     assert found(*network) == trained
     delayed = replace(trained, env="robot", play=replace(trained.play, command_latency=2))
     assert found(*network, "--env", "robot", "--play.command-latency", "2") == delayed
+
+
+def test_an_evaluation_draws_only_what_it_is_told_to(tmp_path: Path) -> None:
+    preset = PRESETS["robot"]
+    trained = replace(preset, seed=7, randomise=replace(all_ranges("robot"), latency=6))
+    folder = RunFolder(tmp_path, "r")
+    folder.claim("learner", trained, begun=folder.checkpoint, resume=False)
+    folder.checkpoint.touch()
+
+    def found(*arguments: str) -> RunConfig:
+        return parse_run(LearnerOptions, "learner", arguments, stored_config)[0].config
+
+    network = ("--evaluate", str(folder.checkpoint))
+    assert found(*network) == replace(trained, randomise=RandomiseConfig())
+    assert found(*network, "--randomise.gamma", "1.5").randomise == RandomiseConfig(gamma=1.5)
+    assert found(*network, "--randomise.all").randomise == all_ranges("robot")
+    assert found("--runs", str(tmp_path), "--run", "r", "--resume") == trained
 
 
 @pytest.mark.parametrize(
@@ -134,3 +188,22 @@ def test_a_run_that_ended_before_its_first_checkpoint_has_the_network_it_was_giv
     assert torch.equal(hidden("--resume"), other.hidden.weight)
     folder.checkpoint.touch()  # from which all weights will be taken
     assert torch.equal(hidden("--resume"), fresh.hidden.weight)
+
+
+@pytest.mark.parametrize(
+    ("trained", "advice"),
+    [
+        (QR, "it was made with the algorithm qr_dqn, so add --learning.algorithm qr_dqn"),
+        (("--play.vector",), r"give the run the settings of play .* \(play.vector True → False\)"),
+    ],
+)
+def test_a_network_that_does_not_fit_says_what_it_is_for(
+    tmp_path: Path, trained: tuple[str, ...], advice: str
+) -> None:
+    there = RunFolder(tmp_path, "there")
+    made = learner("--env", "ale", *trained)
+    there.claim("learner", made.config, begun=there.checkpoint, resume=False)
+    there.initial.write_bytes(encode_weights(first_network(made, there)))
+    asked = learner("--env", "ale", "--initial", str(there.initial))
+    with pytest.raises(InputError, match=f"does not fit this run .*: {advice}"):
+        first_network(asked, RunFolder(tmp_path, "here"))

@@ -70,7 +70,7 @@ def test_batches_come_in_order_and_the_limiter_hears_of_all_draws() -> None:
 def test_it_draws_no_further_ahead_than_its_depth() -> None:
     source = Source(last=100)
     prefetcher = _prefetcher(source, batches=0)
-    for _ in range(DEPTH + 1):
+    for _ in range(DEPTH):
         assert source.asked.acquire(timeout=60)
     assert not source.asked.acquire(timeout=0.3)
     prefetcher.close()
@@ -78,7 +78,6 @@ def test_it_draws_no_further_ahead_than_its_depth() -> None:
 
 def test_a_failure_reaches_the_learner() -> None:
     prefetcher = _prefetcher(Source(last=0, failure=RuntimeError("the disk is gone")), batches=0)
-    prefetcher._thread.join(60)
     with pytest.raises(RuntimeError, match="the disk is gone"):
-        prefetcher.next(0.1)
+        prefetcher.next(60)
     prefetcher.close()

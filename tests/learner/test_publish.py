@@ -11,14 +11,18 @@ import torch
 from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
-from common.run.config import to_json
+from common.run.config import RandomiseConfig, RunConfig
 from common.run.presets import PRESETS
-from learner.publish import Options, publish
-from viewer.player import ShownPolicy, config_to_play
+from common.run.stored_config import to_json
+from learner.publish import Options, main, publish
+from viewer.player import Played, ShownPolicy
 
 FAST = PRESETS["fast"]
 CONFIG = replace(
-    FAST, game="breakout", play=replace(FAST.play, max_game_frames=400, random_starts=0)
+    FAST,
+    game="breakout",
+    play=replace(FAST.play, max_game_frames=400, random_starts=0),
+    randomise=RandomiseConfig(latency=4),
 )
 SUMMARY = {
     "run": "small",
@@ -44,24 +48,42 @@ def _run(folder: Path) -> Path:
 
 def test_a_policy_plays_from_its_two_files_alone(tmp_path: Path) -> None:
     run, output = _run(tmp_path / "small"), tmp_path / "policies" / "breakout"
-    publish(Options(run=run, output=output, games=2, epsilon=0.1), threading.Event())
+    publish(Options(run=run, output=output, games=2), threading.Event())
 
     weights = output.with_suffix(".safetensors")
     card = json.loads(output.with_suffix(".json").read_text())
     assert weights.stat().st_size < 4_000_000
     assert (card["agent_steps"], card["snapshot"]["epoch"]) == (12_345, 3)
     evaluation = card["evaluation"]
-    assert evaluation["games"] == len(evaluation["scores"]) == 2
-    assert evaluation["epsilon"] == 0.1
-    assert evaluation["steps_of_games"] == [100, 100]  # 400 frames, as the run's games
-    assert config_to_play(weights, None, None, False) == CONFIG
-    player = ShownPolicy.of_file(CONFIG, 4, weights, 0.0, 1)
+    assert [(row["epsilon"], row["sticky"]) for row in evaluation["rows"]] == [
+        (0.001, 0.0), (0.05, 0.0), (0.001, 0.25)
+    ]  # fmt: skip
+    for row in evaluation["rows"]:
+        assert row["games"] == len(row["scores"]) == 2
+        assert row["steps_of_games"] == [100, 100]  # 400 frames, as the run's games
+    assert Played().config(weights) == CONFIG.fixed
+    player = ShownPolicy.of_file(CONFIG, weights, 0.0, 1)
     torch.manual_seed(0)
     frames = torch.randint(256, (4, 4, 84, 84), dtype=torch.uint8)
     with torch.no_grad():
         ours = player.network(frames, torch.zeros(4, 0))
         theirs = build_network(CONFIG, 4)(frames, torch.zeros(4, 0))
     torch.testing.assert_close(ours, theirs, rtol=1e-2, atol=1e-3)
+
+
+def test_no_conditions_are_drawn_for_the_scores_of_the_card(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    played: list[RunConfig] = []
+
+    def evaluate(asked: object, config: RunConfig, *others: object) -> dict[str, str]:
+        played.append(config)
+        return {}
+
+    monkeypatch.setattr("learner.publish.evaluate", evaluate)
+    card = publish(Options(_run(tmp_path / "small"), tmp_path / "breakout"), threading.Event())
+    assert played == [replace(CONFIG, randomise=RandomiseConfig())]
+    assert card["config"]["randomise"]["latency"] == 4
 
 
 def test_a_run_without_a_test_is_told(tmp_path: Path) -> None:
@@ -84,4 +106,15 @@ def test_a_policy_that_was_not_evaluated_to_the_end_is_told(tmp_path: Path) -> N
 def test_a_damaged_card_is_told(tmp_path: Path) -> None:
     (tmp_path / "policy.json").write_text("{")
     with pytest.raises(InputError, match=r"policy\.json is not JSON"):
-        config_to_play(tmp_path / "policy.safetensors", None, None, False)
+        Played().config(tmp_path / "policy.safetensors")
+
+
+def test_a_card_without_games_is_refused_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = tmp_path / "small"
+    arguments = [str(_run(tmp_path / "run")), "-o", str(output), "--games", "0"]
+    monkeypatch.setattr("sys.argv", ["publish", *arguments])
+    with pytest.raises(InputError, match="games"):
+        main()
+    assert not list(tmp_path.glob("small.*"))

@@ -1,5 +1,6 @@
 """The training loop's promises, with fakes: no process, no network, no time but the test's."""
 
+import errno
 import re
 import threading
 from collections.abc import Callable
@@ -20,7 +21,6 @@ from learner.algorithm.interface import Update
 from learner.clock import RunClock
 from learner.health_guard import HealthGuard
 from learner.phases import Phases
-from learner.telemetry.run_progress import RunProgress
 from learner.telemetry.snapshot import HealthCheck
 from learner.training import Learner
 from replay.chunk_statistics import ChunkStatistics, Progress
@@ -96,6 +96,8 @@ class World:
         self.pending: list[Any] = []
         self.priorities: list[Any] = []
         self.free = True
+        self.full = False
+        """Whether there is no room even for a checkpoint."""
         self.first = 0
         """Chunk from which a resumed learner counts."""
 
@@ -175,6 +177,8 @@ class World:
         self.published.append((self.now, int(version), payload))
 
     def save(self, state: dict[str, Any]) -> None:
+        if self.full:
+            raise OSError(errno.ENOSPC, "No space left on device")
         self.checkpoints.append(state)
         assert self.credited == [*range(self.first, state["books"]["facts_seen"])]
         self.log.append(("checkpoint", state["updates"]))
@@ -187,12 +191,6 @@ class World:
         self, steps_goal: int | None = None, *, force: bool = False, stall_minutes: float = 10.0
     ) -> Learner:
         clock = RunClock(lambda: self.now)
-        progress = RunProgress(self.config)
-        rows: Any = SimpleNamespace(
-            rows=self.rows,
-            add=self.rows.append,
-            rewards=lambda phase: [r.average_reward for r in self.rows if r.phase == phase],
-        )
         parts: dict[str, Any] = {
             "replay": SimpleNamespace(
                 progress=self.replay_progress,
@@ -205,8 +203,9 @@ class World:
             ),
             "held_out": SimpleNamespace(
                 draw=lambda replay, count: self.log.append(("held out", count)),
-                measure=lambda algorithm: self.log.append(("measure", self.now)),
+                measure=lambda algorithm, replay: self.log.append(("measure", self.now)),
                 max_q=(2.5, 0.1),
+                recent_std=0.05,
             ),
             "evaluation": SimpleNamespace(
                 add=self.add,
@@ -226,6 +225,9 @@ class World:
                 accepted=lambda chunk: self.credited.append(chunk.index),
             ),
             "telemetry": SimpleNamespace(
+                rows=self.rows,
+                add=self.rows.append,
+                rewards=lambda phase: [r.average_reward for r in self.rows if r.phase == phase],
                 update=lambda batch, result: None,
                 note=self.said.append,
                 say=self.said.append,
@@ -234,22 +236,21 @@ class World:
                     ("summary", values["learning/updates"])
                 ),
             ),
-            "room": SimpleNamespace(wait=self.room),
+            "checkpoint": SimpleNamespace(
+                path="FILE", save=self.save, wait_for_room=lambda say, stop: self.room()
+            ),
         }
         return Learner(
             config=self.config,
             steps_goal=steps_goal,
             draw=self.draw,  # type: ignore[arg-type]
             broadcast=self.broadcast,
-            save=self.save,
-            progress=progress,
-            phases=Phases(self.config, progress, rows, clock),
+            phases=Phases(self.config, clock),
             guard=HealthGuard(
                 *(5.0, stall_minutes, 4), force=force, warn=self.said.append, now=lambda: self.now
             ),
             clock=clock,
             stop=self.stop,
-            initial_flag="--initial FILE",
             **parts,
         )
 
@@ -288,7 +289,7 @@ def test_a_new_learner_does_nothing_before_it_starts() -> None:
     assert (world.log, world.published, world.checkpoints) == ([], [], [])
     learner.start()
     assert [version for _, version, _ in world.published] == [0]
-    assert world.log == [("checkpoint", 0), ("draw from", 0)]
+    assert world.log == [("checkpoint", 0)]  # no thread yet, which nobody would end
 
 
 def test_weights_are_published_every_few_updates_with_their_version() -> None:
@@ -349,7 +350,9 @@ def test_a_resumed_run_has_all_its_counters() -> None:
     assert ("reseed", 90) in second.log
     assert ("tests", [1]) in second.log
     assert ("actors", ["a"]) in second.log
-    assert second.log[-1] == ("draw from", 90)
+    second.stop.set()
+    learner.run()
+    assert ("draw from", 90) in second.log
 
 
 def test_the_end_of_a_phase_gives_its_row_and_an_epochs_snapshot_to_evaluation() -> None:
@@ -557,6 +560,33 @@ def test_local_modes_children_are_watched_and_asked_to_leave() -> None:
     learner.run(children)
     assert "actor-1 ended by signal 9, started again" in world.said
     assert asked == [True]
+
+
+def test_a_stop_keeps_nothing_that_has_just_diverged() -> None:
+    world = World(update_seconds=1e-4, loss=lambda update: float("nan") if update > 51 else 0.5)
+    world.stops_at(53)
+    run(world)
+    assert world.updates >= 53
+    assert world.checkpoints[-1]["updates"] == 50
+    assert world.log[-1] == ("summary", world.updates)
+
+
+def test_a_full_disk_at_the_last_checkpoint_costs_neither_summary_nor_children() -> None:
+    world = World()
+
+    def fill_up_and_stop() -> None:
+        world.full = True
+        world.stop.set()
+
+    world.once(lambda: world.updates >= 60, fill_up_and_stop)
+    children: Any = SimpleNamespace(
+        watch=lambda *, finished: [], ask_to_leave=lambda: world.log.append("children may leave")
+    )
+    learner = world.learner()
+    learner.start()
+    with pytest.raises(OSError, match="No space left"):
+        learner.run(children)
+    assert world.log[-3:] == ["minibatches end", "children may leave", ("summary", world.updates)]
 
 
 def test_children_that_cannot_start_end_the_run_with_everything_kept() -> None:

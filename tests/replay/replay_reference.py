@@ -157,6 +157,7 @@ def chunk_of(actor: Actor, context: list[int], moments: list[Moment]) -> Chunk:
             "truncated": np.array([moment.ending == TRUNCATES for moment in moments]),
             "elapsed": np.array([moment.elapsed for moment in moments], np.uint8),
             "valid": np.array([moment.valid for moment in moments]),
+            "follows": np.arange(len(moments)) > 0,
             "matched": np.ones(len(moments), np.bool_),
             "explored": np.array([moment.explored for moment in moments]),
             "vectors": vectors(newest),

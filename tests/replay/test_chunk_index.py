@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from common.checked import build
 from common.protocol.chunk import Game
-from replay.chunk_index import ChunkIndex, ChunkKey, ChunkRecord, Received, chunk_entry, tail_entry
+from replay.chunk_index import ChunkIndex, ChunkKey, Received, chunk_entry, tail_entry
 from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics
 from replay.ring import Placement
 
@@ -43,6 +43,7 @@ def statistics(index: int, **others: object) -> ChunkStatistics:
         "matched": 1,
         "games": (Game(-21.0, 900),),
         "incarnation": 1,
+        "follows": 3,
     }
     return ChunkStatistics(**(values | others))  # type: ignore[arg-type]
 
@@ -50,9 +51,9 @@ def statistics(index: int, **others: object) -> ChunkStatistics:
 def filled(count: int) -> tuple[ChunkIndex, list[str]]:
     chunks, lines = ChunkIndex(), []
     for index in range(count):
-        record = ChunkRecord(ChunkKey("a", 1, 0, index), Placement(4 * index, 0, 4, 0, -1))
-        lines.append(json.dumps(chunk_entry(record, statistics(index))))
-        chunks.accept(record, statistics(index))
+        told = ChunkKey("a", 1, 0, index), Placement(4 * index, 0, 4, 0, -1), statistics(index)
+        lines.append(json.dumps(chunk_entry(*told)))
+        chunks.accept(*told)
     return chunks, lines
 
 
@@ -99,4 +100,4 @@ def test_steps_beside_a_chunk_cross_chunks_but_no_gap() -> None:
 def test_a_journal_from_before_incarnations_were_kept_is_read() -> None:
     told = json.loads(json.dumps(statistics(0)))
     assert build(ChunkStatistics, told) == statistics(0)
-    assert build(ChunkStatistics, told[:-1]) == statistics(0, incarnation=0)
+    assert build(ChunkStatistics, told[:-2]) == statistics(0, incarnation=0, follows=0)

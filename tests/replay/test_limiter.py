@@ -1,12 +1,20 @@
 import pytest
 
-from common.errors import InputError
+from common.run.config import LearningConfig, ReplayConfig, RunConfig
 from replay.limiter import RateLimiter
 
 
 @pytest.fixture
 def limiter() -> RateLimiter:
     return RateLimiter(samples_per_insert=8.0, learning_starts=100, tolerance=10, batch_size=32)
+
+
+def test_a_run_has_the_limiter_of_its_settings() -> None:
+    config = RunConfig(
+        replay=ReplayConfig(learning_starts=500, ratio_tolerance=300),
+        learning=LearningConfig(batch_size=16, train_period=8),
+    )
+    assert RateLimiter.of(config) == RateLimiter(2.0, 500, 300, 16)
 
 
 @pytest.mark.parametrize(
@@ -46,19 +54,3 @@ def test_there_is_no_state_in_which_both_wait() -> None:
             assert limiter.may_sample(inserted, drawn) or not limiter.should_throttle(
                 inserted, drawn
             )
-
-
-@pytest.mark.parametrize(
-    ("settings", "complaint"),
-    [
-        ((0.0, 100, 10, 32), "samples per insert"),
-        ((8.0, 0, 10, 32), "learning_starts"),
-        ((8.0, 100, 3, 32), "wait for each other"),
-        ((8.0, 100, float("nan"), 32), "wait for each other"),
-    ],
-)
-def test_impossible_settings_are_refused_with_the_reason(
-    settings: tuple[float, int, float, int], complaint: str
-) -> None:
-    with pytest.raises(InputError, match=complaint):
-        RateLimiter(*settings)

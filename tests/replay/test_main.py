@@ -17,7 +17,7 @@ from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from common.transport.zenoh_transport import connect
 from replay.client import RemoteReplay
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, wait_until
 from tests.replay.replay_reference import GOES_ON, RUN, TERMINATES, Actor
 from tests.replay.replay_requests import KEYS, insert
 
@@ -136,13 +136,18 @@ def test_that_nobody_reads_what_it_says_is_no_reason_to_end(tmp_path: Path) -> N
     endpoint = free_endpoint()
     command = [sys.executable, "-m", "replay", "--run", RUN, "--runs", str(tmp_path)]
     command += ["--preset", "fast", "--listen", endpoint, *FLAGS]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
         assert process.stdout is not None
         process.stdout.close()
-        transport = connect(endpoint, PATIENCE)
-        chunk = Actor("a", 4).live([GOES_ON] * 15 + [TERMINATES], np.random.default_rng(0))
-        assert insert(transport, chunk).status == "stored"
-        transport.close()
+        with connect(endpoint, PATIENCE) as transport:
+            inserts = transport.requester(KEYS.insert("a"), PATIENCE)
+            wait_until(lambda: inserts.has_server, "the replay serves inserts")
+            chunk = Actor("a", 4).live([GOES_ON] * 15 + [TERMINATES], np.random.default_rng(0))
+            assert insert(transport, chunk).status == "stored"
         process.send_signal(signal.SIGTERM)
         _, errors = process.communicate(timeout=PATIENCE)
         assert (process.returncode, errors) == (0, b"")
+    finally:
+        process.kill()
+        process.wait()

@@ -121,6 +121,7 @@ STATISTICS = st.builds(
     games=st.lists(
         st.builds(Game, st.floats(-1e6, 1e6), st.integers(0, 2**31 - 1)), max_size=3
     ).map(tuple),
+    follows=st.integers(0, 1_024),
 )
 
 
@@ -141,7 +142,12 @@ def test_statistics_of_other_kinds_are_refused(bad: Any) -> None:
 
 
 def test_requests_come_through_whole() -> None:
-    for request in (SampleRequest(640, 0.5), HeldOutRequest(9), ProgressRequest(3, True)):
+    for request in (
+        SampleRequest(640, 0.5),
+        HeldOutRequest(9),
+        HeldOutRequest(9, 40),
+        ProgressRequest(3, True),
+    ):
         assert type(request).decode(request.encode()) == request
     assert ProgressRequest.decode(ProgressRequest(3, None).encode()).finished is None
 

@@ -185,6 +185,21 @@ def test_the_limiter_holds_actors_and_the_learner(tmp_path: Path) -> None:
     assert memory.sample((25 - 16) * 8 + 33, 0.0) is None
 
 
+def test_the_count_of_draws_is_the_learners_own(tmp_path: Path) -> None:
+    config = make_config(learning_starts=16, ratio_tolerance=8, batch_size=32, train_period=4)
+    memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
+    for _ in range(5):
+        memory.insert(actor.live([GOES_ON] * 10, rng))
+    memory.weights_version = 9  # updates, of 32 steps each
+    assert memory.sample(9 * 32, 0.0) is not None
+    assert memory.await_release(0.0).throttle is False  # (50 - 16) * 8 were due
+    assert memory.sample(0, 0.0) is not None  # by somebody who looks on
+    assert memory.await_release(0.0).throttle is False
+    memory.weights_version = 5  # of a learner that goes on from an older checkpoint
+    assert memory.sample(5 * 32, 0.0) is not None
+    assert memory.await_release(0.0).throttle is True
+
+
 def test_a_held_actor_and_a_waiting_learner_are_woken(tmp_path: Path) -> None:
     config = make_config(learning_starts=16, ratio_tolerance=8, batch_size=32)
     memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
@@ -239,6 +254,7 @@ def test_statistics_tell_what_each_chunk_was(tmp_path: Path) -> None:
     assert (first.index, first.agent_steps, first.steps, first.actor) == (0, 3, 3, "a")
     assert (first.epsilon, first.staleness, second.staleness) == (0.5, 0, 5)
     assert (first.valid, first.matched) == (int(chunks[0].valid.sum()), 3)
+    assert first.follows == 2
     assert [(game.score, game.steps) for game in first.games] == [(1.5, 9)]
     assert memory.progress(1).statistics == (second,)
     assert progress.file_bytes >= 64 * 7_056
@@ -265,6 +281,8 @@ def test_held_out_states_are_different_and_wholly_seen(tmp_path: Path) -> None:
     assert sorted(found) == sorted(expected)
     assert 0 < len(expected) < 147
     assert vectors.shape == (len(found), 0)
+    late = [stack[-1] for stack in memory.held_out(10_000, newest=40)[0]]
+    assert sorted(map(number_of, late)) == sorted(each for each in expected if each > 110)
     few, _ = memory.held_out(5)
     assert few.shape == (5, 4, 84, 84)
 
@@ -426,7 +444,8 @@ def test_no_space_is_said_with_the_bytes_and_leaves_nothing(
 
 
 def test_actions_are_those_of_the_runs_game(tmp_path: Path) -> None:
-    memory, rng = ReplayBuffer(make_config(), tmp_path, actions=6), np.random.default_rng(0)
+    config = make_config(minimal_actions=True)  # Pong's own
+    memory, rng = ReplayBuffer(config, tmp_path), np.random.default_rng(0)
     actor = Actor("a", frame_stack=4)
     chunk = actor.live([GOES_ON] * 8, rng)
     chunk.actions[:] = 5

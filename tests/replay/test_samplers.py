@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay.samplers import PrioritisedSampler, SampleableIndex, UniformSampler
+from replay.samplers import PrioritisedSampler, UniformSampler
 from replay.sum_tree import padded
 
 CAPACITY = 50
@@ -16,7 +16,7 @@ def prioritised(alpha: float = 1.0, beta: float = 1.0) -> PrioritisedSampler:
 @settings(max_examples=50)
 @given(st.lists(st.tuples(st.booleans(), st.sets(st.integers(0, 19), max_size=8)), max_size=30))
 def test_admitted_ids_are_a_set(changes: list[tuple[bool, set[int]]]) -> None:
-    sampleable, expected = SampleableIndex(20), set[int]()
+    sampleable, expected = UniformSampler(20), set[int]()
     turn = 1_000  # ids are far beyond their slots
     for add, slots in changes:
         ids = {turn * 20 + slot for slot in slots}

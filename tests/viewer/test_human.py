@@ -18,18 +18,16 @@ import pytest
 
 import viewer.human
 import viewer.terminal.terminal
-from actors.envs.clock import FRAME
 from actors.envs.world import World
 from common.actions import Keys
 from common.errors import InputError
-from common.run.presets import PRESETS
 from tests.paths import ROOT
 from tests.patience import PATIENCE
-from viewer.human import Reaction, keys_text, play_by_hand
+from viewer.human import Human, keys_text
 
 
 class Person:
-    """Sits at a pseudo-terminal in which `python -m actors --human` runs."""
+    """Sits at a pseudo-terminal in which `python -m viewer human` runs."""
 
     def __init__(self, *arguments: str, columns: int = 80, rows: int = 24) -> None:
         self.master, self.slave = pty.openpty()
@@ -37,7 +35,7 @@ class Person:
         self.before = termios.tcgetattr(self.slave)
         self.seen = b""
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "actors", "--human", *arguments],
+            [sys.executable, "-m", "viewer", "human", *arguments],
             cwd=ROOT,
             stdin=self.slave,
             stdout=self.slave,
@@ -102,9 +100,9 @@ def person() -> Iterator[Person]:
 
 
 def test_a_person_presses_keys_through_the_hands(person: Person) -> None:
-    person.sees("you ·····  keys ·····")
+    person.sees("you ·····  keys ·····  latency –")
     person.sees("▀")
-    person.sees("keys ↑···●.*latency [0-9]+ ms", typing=b"\x1b[A ")
+    person.sees("keys ↑···●.*latency [0-9]+ ms \\(p99 [0-9]+\\)", typing=b"\x1b[A ")
     person.types(b"q")
     assert person.leaves() == 0
     assert person.has_the_terminal_back()
@@ -120,7 +118,7 @@ def test_ctrl_c_gives_the_terminal_back(person: Person) -> None:
 
 def test_without_a_terminal_it_is_refused() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "actors", "--human"],
+        [sys.executable, "-m", "viewer", "human"],
         cwd=ROOT,
         stdin=subprocess.DEVNULL,
         capture_output=True,
@@ -130,13 +128,13 @@ def test_without_a_terminal_it_is_refused() -> None:
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr == (
-        "error: --human needs a terminal for its keys and its picture: run it in one.\n"
+        "error: a person needs a terminal for keys and picture: run it in one.\n"
     )
 
 
 def test_without_a_robot_it_is_refused() -> None:
     with pytest.raises(InputError, match="omit --env ale"):
-        play_by_hand(PRESETS["fast"], seed=0, stop=threading.Event())
+        Human(env="ale").run(threading.Event())
 
 
 class Seat:
@@ -175,14 +173,14 @@ def seat(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int, int], None]
 def test_a_terminal_that_is_too_small_is_refused(seat: Callable[[int, int], None]) -> None:
     seat(30, 10)
     with pytest.raises(InputError, match="30 × 10 characters"):
-        play_by_hand(PRESETS["robot"], seed=0, stop=threading.Event())
+        Human().run(threading.Event())
 
 
 def test_a_stop_gives_the_terminal_back(seat: Callable[[int, int], None]) -> None:
     seat(80, 24)
     stop = threading.Event()
     stop.set()
-    assert play_by_hand(PRESETS["robot"], seed=0, stop=stop) == 0
+    assert Human().run(stop) == 0
 
 
 def test_an_error_gives_the_terminal_back(
@@ -194,27 +192,9 @@ def test_an_error_gives_the_terminal_back(
     seat(80, 24)
     monkeypatch.setattr(World, "frame", fail)
     with pytest.raises(RuntimeError, match="a fault of ours"):
-        play_by_hand(PRESETS["robot"], seed=0, stop=threading.Event())
+        Human().run(threading.Event())
 
 
 def test_keys_as_text() -> None:
     assert keys_text(Keys.NONE) == "·····"
     assert keys_text(Keys.UP | Keys.RIGHT | Keys.FIRE) == "↑··→●"
-
-
-def test_reaction_counts_frames_from_a_command_to_its_keys() -> None:
-    reaction = Reaction()
-    assert str(reaction) == "latency –"
-    for _ in range(5):
-        reaction.frame(Keys.NONE, Keys.NONE)
-    assert reaction.last is None
-    for pressed in (Keys.NONE, Keys.NONE, Keys.UP, Keys.UP):
-        reaction.frame(Keys.UP, pressed)
-    assert reaction.last == 3
-    assert str(reaction) == f"latency {3 * FRAME * 1000:.0f} ms (median 50)"
-    # A command that is replaced before it is fulfilled does not count.
-    reaction.frame(Keys.LEFT, Keys.UP)
-    reaction.frame(Keys.NONE, Keys.UP)
-    reaction.frame(Keys.NONE, Keys.NONE)
-    assert reaction.last == 2
-    assert str(reaction).endswith("(median 42)")

@@ -14,9 +14,9 @@ COLOURS = ((230, 20, 20), (20, 200, 20), (20, 20, 220))
 
 
 def film(path: Path) -> None:
-    with open_movie(path, 15.0) as movie:
+    with open_movie(path, 15.0) as add:
         for colour in COLOURS:
-            movie.add(np.full((96, 128, 3), colour, np.uint8))
+            add(np.full((96, 128, 3), colour, np.uint8))
 
 
 def test_an_mp4(tmp_path: Path) -> None:
@@ -46,8 +46,8 @@ def test_a_gif(tmp_path: Path) -> None:
 
 def test_a_gif_without_pillow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "PIL", None)
-    with pytest.raises(InputError, match="pillow"):
-        open_movie(tmp_path / "film.gif", 15.0)
+    with pytest.raises(InputError, match="pillow"), open_movie(tmp_path / "film.gif", 15.0):
+        pass
 
 
 def test_other_names_are_refused_and_left_alone(tmp_path: Path) -> None:

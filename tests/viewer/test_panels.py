@@ -1,46 +1,37 @@
 """The four panels: everything is at its place, and says what it should."""
 
-from dataclasses import replace
+from collections.abc import Iterator
+from contextlib import closing
 
 import cv2
+import gymnasium
 import numpy as np
 import pytest
 
+from actors.envs.ale import AtariEnv
+from actors.envs.game import DEFAULT_PLAY
+from actors.envs.robot import RobotEnv
+from actors.envs.step_info import StepInfo
+from actors.loop import Step
 from actors.vision.layout import GAME_IN_PICTURE
+from actors.vision.screen_detector import Detection
 from common.actions import Keys
+from common.errors import InputError
 from viewer import overlay
-from viewer.panels import PANEL, border_of, draw_panels
-from viewer.snapshot import RobotSnapshot, Snapshot
+from viewer.panels import PANEL, Panels, border_of, camera_panel, hands_panel, network_panel
 
 WIDTH, HEIGHT = PANEL
+CORNERS = np.array([[100, 60], [220, 60], [220, 150], [100, 150]], np.float32)
 
 
-def robot_snapshot() -> RobotSnapshot:
-    return RobotSnapshot(
-        outside=np.full((HEIGHT, WIDTH, 3), (200, 0, 0), np.uint8),
-        camera=np.full((240, 320, 3), (0, 0, 200), np.uint8),
-        corners=np.array([[100, 60], [220, 60], [220, 150], [100, 150]], np.float32),
-        found=True,
-        controller=np.full((HEIGHT, WIDTH, 3), (90, 90, 0), np.uint8),
-    )
+def camera(corners: np.ndarray | None, valid: bool) -> np.ndarray:
+    seen = np.full((240, 320, 3), (0, 0, 200), np.uint8)
+    return camera_panel(seen, Detection(np.zeros((84, 84), np.uint8), valid, corners))
 
 
-def snapshot(robot: RobotSnapshot | None, values: np.ndarray | None = None) -> Snapshot:
-    frame = np.zeros((84, 84), np.uint8)
-    frame[:42] = 255
-    return Snapshot(
-        game="pong",
-        score=-3.0,
-        step=12,
-        screen=np.full((210, 160, 3), (0, 120, 0), np.uint8),
-        frame=frame,
-        wanted=Keys.NONE,
-        pressed=Keys.NONE,
-        actions=tuple(range(18)),
-        chosen=4,
-        values=values,
-        robot=robot,
-    )
+def stepped(state: np.ndarray, action: int = 4) -> Step:
+    info = StepInfo(game_over=False, game_score=-3.0, game_steps=12)
+    return Step(0, False, state, True, action, False, 0.0, False, False, state, info)
 
 
 def count(picture: np.ndarray, colour: overlay.Colour) -> int:
@@ -48,28 +39,87 @@ def count(picture: np.ndarray, colour: overlay.Colour) -> int:
     return int((np.abs(picture.astype(int) - colour) < 60).all(axis=2).sum())
 
 
-def test_four_panels_for_a_robot() -> None:
-    picture = draw_panels(snapshot(robot_snapshot()))
+@pytest.fixture
+def robot() -> Iterator[tuple[RobotEnv, Step]]:
+    """One that pushes its stick up, and the step in which it began to."""
+    with closing(RobotEnv("pong")) as env:
+        env.reset(seed=3)
+        state, *_, info = env.step(2)
+        yield env, stepped(state, 2)._replace(info=StepInfo.of(info))
+
+
+def test_four_panels_for_a_robot(robot: tuple[RobotEnv, Step]) -> None:
+    env, step = robot
+    with closing(Panels(env, DEFAULT_PLAY)) as panels:
+        picture = panels.draw(step, None)
     assert picture.shape == (2 * HEIGHT, 2 * WIDTH, 3)
-    middles = [picture[y, x].tolist() for y, x in ((100, 30), (100, 560), (650, 30))]
-    assert middles == [[200, 0, 0], [0, 0, 200], [90, 90, 0]]
-    # The network's input, half white and half black.
-    assert picture[HEIGHT + 100, WIDTH + 100].tolist() == [255, 255, 255]
-    assert picture[HEIGHT + 300, WIDTH + 100].tolist() == [0, 0, 0]
+    screen = env.emulator.screen_rgb()
+    expected = [
+        env.robot.view(screen, WIDTH, HEIGHT, "room"),
+        camera_panel(env.seen, env.detection),
+        hands_panel(env.robot.view(screen, WIDTH, HEIGHT, "hands"), Keys.UP, env.pressed),
+        network_panel("pong", step, tuple(range(18)), None),
+    ]
+    places = [(0, 0), (0, WIDTH), (HEIGHT, 0), (HEIGHT, WIDTH)]
+    for panel, (top, left) in zip(expected, places, strict=True):
+        # Without the lines between the panels and the captions below.
+        inner = picture[top + 2 : top + HEIGHT - 24, left + 2 : left + WIDTH - 2]
+        np.testing.assert_array_equal(inner, panel[2:-24, 2:-2])
+
+
+def test_the_room_is_rendered_now_and_then(
+    robot: tuple[RobotEnv, Step], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    env, step = robot
+    moves: list[tuple[str, bool]] = []
+
+    def view(screen: np.ndarray, width: int, height: int, place: str, *, moved: bool = True):
+        moves.append((place, moved))
+        return np.zeros((height, width, 3), np.uint8)
+
+    monkeypatch.setattr(env.robot, "view", view)
+    panels = Panels(env, DEFAULT_PLAY, room_every=2)
+    for _ in range(3):
+        panels.draw(step, None)
+    assert [moved for place, moved in moves if place == "room"] == [True, False, True]
+    assert [moved for place, moved in moves if place == "hands"] == [True] * 3
 
 
 def test_two_panels_for_an_emulator() -> None:
-    picture = draw_panels(snapshot(None))
+    env = AtariEnv("pong")
+    state, _ = env.reset(seed=3)
+    step = stepped(state)
+    picture = Panels(env, DEFAULT_PLAY).draw(step, None)
     assert picture.shape == (HEIGHT, 2 * WIDTH, 3)
-    assert picture[100, 100].tolist() == [0, 120, 0]
+    screen = cv2.resize(env.emulator.screen_rgb(), PANEL)
+    np.testing.assert_array_equal(picture[: HEIGHT - 24, :WIDTH], screen[:-24])
+    network = network_panel("pong", step, tuple(range(18)), None)
+    np.testing.assert_array_equal(picture[:, WIDTH:], network)
+
+
+def test_other_environments_are_refused() -> None:
+    with pytest.raises(InputError, match="choose another --env"):
+        Panels(gymnasium.Env(), DEFAULT_PLAY)
+
+
+def test_the_network_gets_what_is_shown_enlarged() -> None:
+    state = np.zeros((4, 84, 84), np.uint8)
+    state[-1, :42] = 255
+    panel = network_panel("pong", stepped(state), tuple(range(18)), None)
+    assert panel.shape == (HEIGHT, WIDTH, 3)
+    assert panel[100, 100].tolist() == [255, 255, 255]
+    assert panel[300, 100].tolist() == [0, 0, 0]
+    # The chosen action is yellow, the fifth of 15 pixels each below the heading.
+    yellow = np.flatnonzero((panel[:, 356:384] == overlay.YELLOW).all(axis=2).any(axis=1))
+    assert 104 + 4 * 15 <= yellow.min() <= yellow.max() < 104 + 5 * 15
 
 
 def test_what_was_found_is_drawn_where_it_is() -> None:
-    camera = draw_panels(snapshot(robot_snapshot()))[:HEIGHT, WIDTH:]
+    panel = camera(CORNERS, True)
     scale = WIDTH / 320
     # The border is 8 % of the game's own width and height.
     for colour, aside, above in ((overlay.MAGENTA, 0.0, 0.0), (overlay.YELLOW, 9.6, 7.2)):
-        drawn = (np.abs(camera.astype(int) - colour) < 90).all(axis=2)
+        drawn = (np.abs(panel.astype(int) - colour) < 90).all(axis=2)
         # The four lines, where they cross the game's middle: each is a few pixels wide.
         rows = np.flatnonzero(drawn[:, round(160.5 * scale)])
         columns = np.flatnonzero(drawn[round(105.5 * scale)])
@@ -80,11 +130,10 @@ def test_what_was_found_is_drawn_where_it_is() -> None:
 
 
 def test_a_screen_that_was_lost_is_told_in_red() -> None:
-    found = draw_panels(snapshot(robot_snapshot()))
-    lost = draw_panels(snapshot(replace(robot_snapshot(), found=False, corners=None)))
-    assert count(found[:HEIGHT, WIDTH:], overlay.RED) == 0
-    assert count(lost[:HEIGHT, WIDTH:], overlay.RED) > 0
-    assert count(lost[:HEIGHT, WIDTH:], overlay.MAGENTA) == 0
+    found, lost = camera(CORNERS, True), camera(None, False)
+    assert count(found, overlay.RED) == 0
+    assert count(lost, overlay.RED) > 0
+    assert count(lost, overlay.MAGENTA) == 0
 
 
 def test_border_of_inverts_the_layout() -> None:

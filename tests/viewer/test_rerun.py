@@ -9,29 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.actions import Keys
 from common.errors import InputError
 from viewer import rerun_stream
 from viewer.rerun_stream import RerunStream
-from viewer.snapshot import Snapshot
 
 PANELS = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
-
-
-def snapshot(score: float, values: np.ndarray | None) -> Snapshot:
-    return Snapshot(
-        game="pong",
-        score=score,
-        step=1,
-        screen=np.zeros((210, 160, 3), np.uint8),
-        frame=np.zeros((84, 84), np.uint8),
-        wanted=Keys.NONE,
-        pressed=Keys.NONE,
-        actions=(0, 1),
-        chosen=0,
-        values=values,
-        robot=None,
-    )
 
 
 class Image:
@@ -75,13 +57,11 @@ def viewer(monkeypatch: pytest.MonkeyPatch) -> socket.socket:
     place.close()
 
 
-def test_every_snapshot_is_sent_to_the_viewer_that_runs(
-    rerun: Rerun, viewer: socket.socket
-) -> None:
+def test_every_picture_is_sent_to_the_viewer_that_runs(rerun: Rerun, viewer: socket.socket) -> None:
     viewer.listen()
     stream = RerunStream()
-    stream.show(snapshot(-1.0, None), PANELS)
-    stream.show(snapshot(2.0, np.array([0.5, 0.75], np.float32)), PANELS)
+    stream.show(PANELS, -1.0, None)
+    stream.show(PANELS, 2.0, np.array([0.5, 0.75], np.float32))
     picture = ("panels", ("jpeg", PANELS.tobytes()))
     assert rerun.said == [
         ("init", "ale-robot"),
@@ -121,7 +101,7 @@ def test_the_real_package_takes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(rerun_stream, "_viewer_runs", lambda: True)
     monkeypatch.setattr(rerun, "connect_grpc", lambda: rerun.save(path))
     stream = RerunStream()
-    stream.show(snapshot(1.0, np.array([0.5, 0.75], np.float32)), PANELS)
+    stream.show(PANELS, 1.0, np.array([0.5, 0.75], np.float32))
     rerun.disconnect()
     said = path.read_bytes()
     for entity in (b"/panels", b"/score", b"/max_q"):

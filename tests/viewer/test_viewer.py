@@ -1,32 +1,31 @@
-"""`python -m actors --check` and `--play`: figures, pictures, films, and what is refused."""
+"""`python -m viewer check` and `play`: figures, pictures, films, and what is refused."""
 
-import io
 import re
 import sys
-import threading
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from rich.console import Console
 
 import viewer.check
-from actors.__main__ import ActorOptions
-from actors.__main__ import main as actors_main
 from actors.envs.robot import RobotEnv
-from actors.robots.nao.latency import Change
+from actors.robots.latency import Change
 from actors.robots.nao.urdf import write_urdf
-from actors.viewer_options import ViewerOptions
 from common.errors import InputError
 from common.network import build_network
 from common.process.command_line import parse
 from common.protocol.weights import encode_weights
-from common.run.config import PlayConfig, RunConfig, to_json
+from common.run.clock import ClockConfig
+from common.run.config import PlayConfig, RandomiseConfig, RunConfig
 from common.run.presets import PRESETS
-from viewer.check import check
-from viewer.player import ShownPolicy, config_to_play
+from common.run.stored_config import to_json
+from tests.actors.robots.latency_model.models import delay, saved
+from viewer.__main__ import COMMANDS, main
+from viewer.check import CORNERS_IN_PLACE, Check
+from viewer.player import Played, ShownPolicy
+from viewer.show import Play
 
 SHORT = replace(
     PRESETS["robot"], play=PlayConfig(random_starts=0, max_game_frames=16, minimal_actions=True)
@@ -45,89 +44,81 @@ def in_run(folder: Path, config: RunConfig, actions: int) -> Path:
 
 
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    """`python -m actors ARGUMENTS` in this process; signals stay pytest's.
+    """`python -m viewer ARGUMENTS` in this process; signals stay pytest's.
 
     It prints for a wide page without colours, wherever the tests run.
     """
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.delenv("FORCE_COLOR", raising=False)
-    monkeypatch.setattr("actors.__main__.on_signals", lambda stop: None)
-    monkeypatch.setattr(sys, "argv", ["actors", *arguments])
-    return actors_main()
+    monkeypatch.setattr("viewer.__main__.on_signals", lambda stop: None)
+    monkeypatch.setattr(sys, "argv", ["viewer", *arguments])
+    return main()
 
 
-def flags(*arguments: str) -> ActorOptions:
-    options = parse(ActorOptions, "actors", arguments)
-    options.check()
-    return options
-
-
-def test_joining_a_run_is_still_the_plain_command() -> None:
-    assert not flags("--sync").viewing.used
-
-
-def test_flags() -> None:
-    viewing = flags("--play", "--weights", "w", "--video", "v.mp4", "--epsilon", "0").viewing
-    assert viewing.plays
-    assert (viewing.weights, viewing.video, viewing.epsilon) == (Path("w"), Path("v.mp4"), 0.0)
-    assert flags("--check", "-o", "p.png").viewing.output == Path("p.png")
-    assert flags("--viewer", "rerun").viewing.plays
+def test_commands() -> None:
+    found = parse(COMMANDS, "viewer", ["play", "--weights", "w", "--viewer", "rerun", "--no-sync"])
+    assert found == Play(weights=Path("w"), viewer="rerun", clock=ClockConfig(sync=False))
+    assert parse(COMMANDS, "viewer", ["check", "-o", "p.png"]) == Check(output=Path("p.png"))
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--check", "--play"], "--check and --play exclude each other"),
-        (["--human", "--viewer", "rerun"], "--viewer and --human exclude each other"),
-        (["--video", "v.mp4"], "--video belongs to --play"),
-        (["--check", "--weights", "w"], "--weights belongs to --play"),
-        (["--human", "--nao-urdf", "n"], "--nao-urdf belongs to --check or --play"),
-        (["--minimal-actions"], "--minimal-actions belongs to"),
-        (["--play", "--epsilon", "1.5"], "--epsilon is 1.5"),
-        (["--play", "--video", "v.gif"], "--seconds up to 120, or an .mp4"),
-        (["--play", "--video", "v.gif", "--seconds", "121"], "--seconds up to 120, or an .mp4"),
-        (["--play", "--games", "0"], "--games is 0"),
-        (["--play", "--seconds", "-1"], "--seconds is -1"),
-        (["--human", "--seconds", "5"], "--seconds belongs to --play"),
+        (["play", "--epsilon", "1.5"], "--epsilon is 1.5"),
+        (["play", "--video", "v.gif"], "--seconds up to 120, or an .mp4"),
+        (["play", "--video", "V.GIF"], "--seconds up to 120, or an .mp4"),
+        (["play", "--video", "v.gif", "--seconds", "121"], "--seconds up to 120, or an .mp4"),
+        (["play", "--games", "0"], "--games is 0"),
+        (["play", "--seconds", "-1"], "--seconds is -1"),
+        (["play", "--speed", "2"], "--speed is for --no-sync"),
+        (["play", "--env", "ale", "--no-sync"], "--no-sync is for a robot"),
+        (["check", "--seed", "-1"], "--seed is -1"),
     ],
 )
-def test_flags_that_do_not_go_together(arguments: list[str], words: str) -> None:
+def test_flags_that_cannot_be_followed(
+    arguments: list[str], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(InputError, match=words):
-        flags(*arguments)
+        command(monkeypatch, *arguments)
 
 
 def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> None:
     ran = replace(PRESETS["fast"], game="breakout")
-    weights = in_run(tmp_path, ran, 4)
-    assert config_to_play(weights, None, None, False) == ran
-    changed = config_to_play(weights, "robot", "pong", False)
-    assert changed == replace(ran, env="robot", game="pong")
+    drawing = replace(ran, randomise=RandomiseConfig(latency=3))
+    weights = in_run(tmp_path, drawing, 4)
+    assert Played().config(weights) == ran
+    changed = Played("robot", "pong", seed=3).config(weights)
+    assert changed == replace(ran, env="robot", game="pong", seed=3)
     alone = tmp_path / "alone.safetensors"
-    assert config_to_play(alone, None, None, False).play.minimal_actions is False
-    assert config_to_play(None, "ale", None, True).play.minimal_actions is True
-    assert config_to_play(None, None, None, False).env == "robot"
+    assert Played().config(alone).play.minimal_actions is False
+    assert Played("ale", minimal_actions=True).config().play.minimal_actions is True
+    assert Played().config().env == "robot"
+    assert Played(robot="a.npz").config(weights).play == replace(ran.play, robot="a.npz")
+    with pytest.raises(InputError, match="there is no robot 'atlas'"):
+        Played(robot="atlas").config()
 
 
 def test_weights_that_do_not_fit(tmp_path: Path) -> None:
     weights = in_run(tmp_path, SHORT, 6)
+    all_actions = replace(SHORT, play=replace(SHORT.play, minimal_actions=False))
     with pytest.raises(InputError, match=r"with 18 actions.*--minimal-actions"):
-        ShownPolicy.of_file(SHORT, 18, weights, 0.0, 0)
+        ShownPolicy.of_file(all_actions, weights, 0.0, 0)
     weights.write_bytes(b"no weights")
     with pytest.raises(InputError, match=r"holds no network .*: name a \.safetensors file"):
-        ShownPolicy.of_file(SHORT, 6, weights, 0.0, 0)
+        ShownPolicy.of_file(SHORT, weights, 0.0, 0)
     with pytest.raises(InputError, match="cannot be read"):
-        ShownPolicy.of_file(SHORT, 6, tmp_path / "none", 0.0, 0)
+        ShownPolicy.of_file(SHORT, tmp_path / "none", 0.0, 0)
 
 
 def test_the_shown_values_are_the_networks(tmp_path: Path) -> None:
     weights = in_run(tmp_path, SHORT, 6)
-    policy = ShownPolicy.of_file(SHORT, 6, weights, 0.0, 0)
+    policy = ShownPolicy.of_file(SHORT, weights, 0.0, 0)
     frames = np.random.default_rng(0).integers(0, 256, (1, 4, 84, 84), np.uint8)
     (action,) = policy.act(frames, np.zeros((1, 0), np.float32))
     assert policy.values is not None
     assert policy.values.shape == (6,)
     assert action == policy.values.argmax()
-    random = ShownPolicy.of_file(SHORT, 6, None, 0.0, 0)
+    random = ShownPolicy.of_file(SHORT, None, 0.0, 0)
     random.act(frames, np.zeros((1, 0), np.float32))
     assert random.values is None
 
@@ -153,7 +144,7 @@ def test_check_is_green_and_writes_four_panels(
 ) -> None:
     path = tmp_path / "new" / "check.png"
     urdf = write_urdf(tmp_path)
-    assert command(monkeypatch, "--check", "-o", str(path), "--nao-urdf", str(urdf)) == 0
+    assert command(monkeypatch, "check", "-o", str(path), "--nao-urdf", str(urdf)) == 0
     said = capsys.readouterr().out
     for words in ("valid frames", "pixel deviation", "corners", "keys as", "p50", "p99"):
         assert words in said
@@ -167,11 +158,23 @@ def test_check_is_green_and_writes_four_panels(
     assert cv2.imread(str(path)).shape == (768, 1024, 3)
 
 
+@pytest.mark.usefixtures("short")
+def test_check_of_a_latency_model_does_not_judge_its_promptness(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = saved(tmp_path / "hand.npz", delay(29))
+    arguments = ("check", "--robot", model, "-o", str(tmp_path / "check.png"))
+    assert command(monkeypatch, *arguments) == 0
+    said = capsys.readouterr().out
+    assert said.count("│ green │") == 3
+    assert "keys as commanded" not in said
+
+
 def test_check_of_the_emulator_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "check.png"
-    arguments = ("--check", "--env", "ale", "--game", "breakout", "-o", str(path))
+    arguments = ("check", "--env", "ale", "--game", "breakout", "-o", str(path))
     assert command(monkeypatch, *arguments) == 0
     said = capsys.readouterr().out
     assert "breakout (ale)" in said
@@ -181,7 +184,7 @@ def test_check_of_the_emulator_alone(
 
 @pytest.mark.usefixtures("short")
 def test_check_is_red_for_a_robot_that_is_blind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its detector is shown a grey wall, as in 2017, when nobody was told."""
     look = RobotEnv._look
@@ -192,19 +195,15 @@ def test_check_is_red_for_a_robot_that_is_blind(
         env.detection = env.detector.__class__().detect(env.seen)
 
     monkeypatch.setattr(RobotEnv, "_look", look_at_a_wall)
-    console = Console(file=io.StringIO(), width=120)
-    status = check(
-        PRESETS["robot"],
-        tmp_path / "p.png",
-        nao_urdf=None,
-        seed=0,
-        stop=threading.Event(),
-        console=console,
-    )
-    assert status == 1
-    said = console.file.getvalue()  # type: ignore[attr-defined]
+    assert command(monkeypatch, "check", "-o", str(tmp_path / "p.png")) == 1
+    said = capsys.readouterr().out
     assert said.count("red:") == 3
     assert "the screen is not found" in said
+
+
+def test_bound_of_the_corners() -> None:
+    assert CORNERS_IN_PLACE.admits(0.99)
+    assert not CORNERS_IN_PLACE.admits(0.985)
 
 
 @pytest.mark.parametrize("name", ["p.nonsense", "file/p.png"])
@@ -214,7 +213,7 @@ def test_a_picture_that_cannot_be_written(
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(viewer.check, "AGENT_STEPS", 1)
     with pytest.raises(InputError, match=r"p\."):
-        command(monkeypatch, "--check", "--env", "ale", "-o", str(tmp_path / name))
+        command(monkeypatch, "check", "--env", "ale", "-o", str(tmp_path / name))
 
 
 def test_play_prints_scores_and_records_every_agent_step(
@@ -222,7 +221,7 @@ def test_play_prints_scores_and_records_every_agent_step(
 ) -> None:
     weights = in_run(tmp_path, SHORT, 6)
     video = tmp_path / "film.mp4"
-    arguments = ("--play", "--weights", str(weights), "--video", str(video), "--games", "2")
+    arguments = ("play", "--weights", str(weights), "--video", str(video), "--games", "2")
     assert command(monkeypatch, *arguments) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["game 1: score 0 in 4 steps", "game 2: score 0 in 4 steps"]
@@ -243,7 +242,7 @@ def test_a_film_in_real_time_lasts_as_long_as_its_game(
 ) -> None:
     weights = in_run(tmp_path, SHORT, 6)
     video = tmp_path / "film.mp4"
-    arguments = ("--play", "--weights", str(weights), "--video", str(video), "--no-sync")
+    arguments = ("play", "--weights", str(weights), "--video", str(video), "--no-sync")
     assert command(monkeypatch, *arguments) == 0
     assert pictures_in(video) == 4  # agent steps of the game, in however few steps
 
@@ -252,7 +251,7 @@ def test_play_ends_after_so_many_seconds_of_play(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
-    arguments = ("--play", "--weights", str(weights), "--games", "9", "--seconds", "0.6")
+    arguments = ("play", "--weights", str(weights), "--games", "9", "--seconds", "0.6")
     assert command(monkeypatch, *arguments) == 0
     # 0.6 s are 9 agent steps of 66.7 ms: two games of 4, and one of the next.
     assert capsys.readouterr().out.splitlines()[2:] == ["mean score of 2 games: 0.00"]
@@ -262,7 +261,7 @@ def test_play_in_real_time_tells_how_often_it_was_late(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     weights = in_run(tmp_path, SHORT, 6)
-    assert command(monkeypatch, "--play", "--weights", str(weights), "--no-sync") == 0
+    assert command(monkeypatch, "play", "--weights", str(weights), "--no-sync") == 0
     assert re.fullmatch(
         r"game 1: score 0 in 4 steps, \d+ deadlines missed\n", capsys.readouterr().out
     )
@@ -273,7 +272,7 @@ def test_play_on_the_emulator_alone_is_the_same_game_again(
 ) -> None:
     weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
     video = tmp_path / "film.gif"
-    arguments = ("--play", "--weights", str(weights), "--epsilon", "0.5", "--seed", "3")
+    arguments = ("play", "--weights", str(weights), "--epsilon", "0.5", "--seed", "3")
     arguments += ("--seconds", "60")  # more than the game has
     assert command(monkeypatch, *arguments) == 0
     first = capsys.readouterr().out
@@ -287,12 +286,4 @@ def test_a_viewer_that_is_not_installed_is_refused(
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(InputError, match=r"rerun-sdk.*pip install 'ale-robot\[viz\]'"):
-        command(monkeypatch, "--play", "--viewer", "rerun")
-
-
-def test_options_are_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="0"):
-        parse(ActorOptions, "actors", ["--help"])
-    said = capsys.readouterr().out
-    for field in ViewerOptions.__dataclass_fields__:
-        assert f"--{field.replace('_', '-')}" in said
+        command(monkeypatch, "play", "--viewer", "rerun")

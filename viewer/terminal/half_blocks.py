@@ -13,11 +13,10 @@ _PLAIN = "\x1b[0m"
 
 
 class HalfBlocks:
-    """Draws pictures into a rectangle of the terminal whose top left cell is (``row``, 1)."""
+    """Draws pictures into the terminal, ``columns`` × ``rows`` cells from its top left one on."""
 
-    def __init__(self, columns: int, rows: int, row: int = 1) -> None:
+    def __init__(self, columns: int, rows: int) -> None:
         self.columns, self.rows = columns, rows
-        self._row = row
         self._drawn: NDArray[np.int16] = np.full((rows, columns, 6), -1, np.int16)
 
     def draw(self, picture: NDArray[np.uint8], *, aspect: float | None = None) -> str:
@@ -46,7 +45,7 @@ class HalfBlocks:
             cursor = -1  # the column that the terminal would write next
             for column in np.flatnonzero(changed[row]).tolist():
                 if column != cursor:
-                    parts.append(f"\x1b[{self._row + row};{column + 1}H")
+                    parts.append(f"\x1b[{row + 1};{column + 1}H")
                 wanted = cells[row, column].tolist()
                 if wanted != colours:
                     r, g, b, under_r, under_g, under_b = colours = wanted

@@ -1,1 +1,1 @@
-"""The simulated NAO in its room: body, arms, controller, projector, camera and physics."""
+"""The simulated NAO: body, arms and controller."""

@@ -6,27 +6,12 @@ only; `shapes` has the robot's appearance and `posture` how it sits.
 
 from dataclasses import dataclass, replace
 
-Vector = tuple[float, float, float]
+from actors.robots.room.rotation import Vector
+from actors.robots.room.urdf import Joint
 
 X_AXIS: Vector = (1.0, 0.0, 0.0)
 Y_AXIS: Vector = (0.0, 1.0, 0.0)
 Z_AXIS: Vector = (0.0, 0.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A hinge between two links; at angle 0 the child's frame coincides with the joint's."""
-
-    name: str
-    parent: str
-    child: str
-    origin: Vector
-    """Position of the joint in the parent's frame."""
-    axis: Vector
-    lower: float
-    upper: float
-    max_speed: float
-    max_torque: float
 
 
 @dataclass(frozen=True)
@@ -40,57 +25,40 @@ class Link:
 
 
 _HIP_YAW_PITCH: Vector = (0.0, 0.70710678, -0.70710678)
+_AXES = {"x": X_AXIS, "y": Y_AXIS, "z": Z_AXIS, "y-z": _HIP_YAW_PITCH}
 
-_HEAD_JOINTS = (
-    Joint(
-        "HeadYaw", "torso", "neck", (0.0, 0.0, 0.1265), Z_AXIS, -2.08567, 2.08567, 8.26797, 1.547
-    ),
-    Joint(
-        "HeadPitch", "neck", "head", (0.0, 0.0, 0.0), Y_AXIS, -0.671952, 0.514872, 7.19407, 1.532
-    ),
-)
+# Chains from the torso, in which each joint's parent is the child of the one before.
+# name         child       x        y      z      axis  lower      upper      speed    torque
+_HEAD = """
+HeadYaw        neck        0        0      0.1265 z    -2.08567    2.08567    8.26797  1.547
+HeadPitch      head        0        0      0      y    -0.671952   0.514872   7.19407  1.532
+"""
+_ARM = """
+LShoulderPitch l_shoulder  0        0.098  0.1    y    -2.08567    2.08567    8.26797  1.329
+LShoulderRoll  l_biceps    0        0      0      z    -0.314159   1.32645    7.19407  1.7835
+LElbowYaw      l_elbow     0.105    0.015  0      x    -2.08567    2.08567    8.26797  1.547
+LElbowRoll     l_forearm   0        0      0      z    -1.54462   -0.0349066  7.19407  1.532
+LWristYaw      l_hand      0.05595  0      0      x    -1.82387    1.82387    24.6229  0.4075
+"""
+_LEG = """
+LHipYawPitch   l_pelvis    0        0.05  -0.085  y-z  -1.14529    0.740718   4.16174  3.348
+LHipPitch      l_thigh     0        0      0      y    -1.53589    0.48398    6.40239  3.023
+LKneePitch     l_shin      0        0     -0.1    y    -0.0923279  2.11255    6.40239  3.023
+LAnklePitch    l_foot      0        0     -0.1029 y    -1.18944    0.922581   6.40239  3.023
+"""
 
-_LEFT_ARM_JOINTS = (
-    Joint(
-        "LShoulderPitch", "torso", "l_shoulder", (0.0, 0.098, 0.1), Y_AXIS,
-        -2.08567, 2.08567, 8.26797, 1.329,
-    ),
-    Joint(
-        "LShoulderRoll", "l_shoulder", "l_biceps", (0.0, 0.0, 0.0), Z_AXIS,
-        -0.314159, 1.32645, 7.19407, 1.7835,
-    ),
-    Joint(
-        "LElbowYaw", "l_biceps", "l_elbow", (0.105, 0.015, 0.0), X_AXIS,
-        -2.08567, 2.08567, 8.26797, 1.547,
-    ),
-    Joint(
-        "LElbowRoll", "l_elbow", "l_forearm", (0.0, 0.0, 0.0), Z_AXIS,
-        -1.54462, -0.0349066, 7.19407, 1.532,
-    ),
-    Joint(
-        "LWristYaw", "l_forearm", "l_hand", (0.05595, 0.0, 0.0), X_AXIS,
-        -1.82387, 1.82387, 24.6229, 0.4075,
-    ),
-)  # fmt: skip
 
-_LEFT_LEG_JOINTS = (
-    Joint(
-        "LHipYawPitch", "torso", "l_pelvis", (0.0, 0.05, -0.085), _HIP_YAW_PITCH,
-        -1.14529, 0.740718, 4.16174, 3.348,
-    ),
-    Joint(
-        "LHipPitch", "l_pelvis", "l_thigh", (0.0, 0.0, 0.0), Y_AXIS,
-        -1.53589, 0.48398, 6.40239, 3.023,
-    ),
-    Joint(
-        "LKneePitch", "l_thigh", "l_shin", (0.0, 0.0, -0.1), Y_AXIS,
-        -0.0923279, 2.11255, 6.40239, 3.023,
-    ),
-    Joint(
-        "LAnklePitch", "l_shin", "l_foot", (0.0, 0.0, -0.1029), Y_AXIS,
-        -1.18944, 0.922581, 6.40239, 3.023,
-    ),
-)  # fmt: skip
+def _joints(table: str) -> list[Joint]:
+    joints: list[Joint] = []
+    for row in table.strip().splitlines():
+        name, child, x, y, z, axis, *bounds = row.split()
+        parent = joints[-1].child if joints else "torso"
+        origin = (float(x), float(y), float(z))
+        lower, upper, speed, torque = map(float, bounds)
+        joint = Joint(name, parent, child, origin, _AXES[axis], lower, upper, speed, torque)
+        joints.append(joint)
+    return joints
+
 
 _MIDDLE_LINKS = (
     Link("torso", 1.04956, (-0.00413, 0.0, 0.04342), (3.08e-3, 2.88e-3, 1.59e-3)),
@@ -161,20 +129,20 @@ def _right_arm_joint(joint: Joint) -> Joint:
 
 
 JOINTS: tuple[Joint, ...] = (
-    *_HEAD_JOINTS,
-    *_LEFT_ARM_JOINTS,
-    *(_right_arm_joint(joint) for joint in _LEFT_ARM_JOINTS),
-    *_LEFT_LEG_JOINTS,
-    *(_mirrored_joint(joint) for joint in _LEFT_LEG_JOINTS),
+    *_joints(_HEAD),
+    *_joints(_ARM),
+    *map(_right_arm_joint, _joints(_ARM)),
+    *_joints(_LEG),
+    *map(_mirrored_joint, _joints(_LEG)),
 )
 """All joints, parents before children."""
 
 LINKS: tuple[Link, ...] = (
     *_MIDDLE_LINKS,
     *_LEFT_ARM_LINKS,
-    *(_mirrored_link(link) for link in _LEFT_ARM_LINKS),
+    *map(_mirrored_link, _LEFT_ARM_LINKS),
     *_LEFT_LEG_LINKS,
-    *(_mirrored_link(link) for link in _LEFT_LEG_LINKS),
+    *map(_mirrored_link, _LEFT_LEG_LINKS),
 )
 
 JOINT_NAMED = {joint.name: joint for joint in JOINTS}

@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.robots.nao.assembly import assemble
 from actors.robots.nao.controller import CROSS_MIDDLE, Controller, place_of
 from actors.robots.nao.kinematics import ArmChain
 from actors.robots.nao.posture import FINGERTIP_RADIUS
+from actors.robots.room.engine import joints_of
 from common.actions import KEYS_OF_ACTION, Keys
 
 HOVER = 0.0015
@@ -80,13 +82,13 @@ class Arm:
         self._mode = engine.POSITION_CONTROL
         self._body = body
         self.chain = chain = ArmChain(side)
-        names = [
-            engine.getJointInfo(body, joint)[1].decode()
-            for joint in range(engine.getNumJoints(body))
-        ]
-        self.joints = [names.index(joint.name) for joint in chain.joints]
-        self._speeds = [SPEED_MARGIN * joint.max_speed for joint in chain.joints]
+        numbers = joints_of(engine, body)
+        self.joints = [numbers[joint.name] for joint in chain.joints]
+        self.limit_speed(1.0)
         self._torques = [joint.max_torque for joint in chain.joints]
+        # A motor's own limit holds nearly: 1 physics step in 1,600 would be up to 7 % too fast.
+        for number, joint in zip(self.joints, chain.joints, strict=True):
+            engine.changeDynamics(body, number, maxJointVelocity=joint.max_speed)
         self._controller = controller
         mirror = np.array([1.0, 1.0, 1.0, 1.0] if side == "L" else [1.0, -1.0, -1.0, -1.0])
         start = _COMFORTABLE * mirror
@@ -96,6 +98,10 @@ class Arm:
         self._over = self.poses.over[Keys.NONE]
         self._down = False
         self._still = 0
+
+    def limit_speed(self, share: float) -> None:
+        """From the next target on, let no joint be faster than ``share`` of its usual speed."""
+        self._speeds = [share * SPEED_MARGIN * joint.max_speed for joint in self.chain.joints]
 
     def _solve(self, places: dict[Keys, tuple[float, float]], start: Angles) -> _Poses:
         over: dict[Keys, Angles] = {}
@@ -189,31 +195,42 @@ class Arms:
         fire = place_of(Keys.FIRE)
         self.right = Arm(engine, body, "R", controller, {Keys.NONE: fire, Keys.FIRE: fire})
         self._states = engine.getJointStates
-        self._body = body
+        self.body = body
         self._joints = [*self.left.joints, *self.right.joints]
         joints = [*self.left.chain.joints, *self.right.chain.joints]
         self._middles = np.array([(joint.lower + joint.upper) / 2 for joint in joints])
         self._ranges = np.array([(joint.upper - joint.lower) / 2 for joint in joints])
         self._top_speeds = np.array([joint.max_speed for joint in joints])
+        pieces = assemble()[0]
+        self.movables = [
+            (link, pieces[joint.child].extent)
+            for link, joint in zip(self._joints, joints, strict=True)
+        ]
+        """Links that move, each with the radius that holds what is drawn of it, m."""
 
     def posture(self) -> tuple[Angles, Angles]:
         """Returns angles and speeds of both arms' joints, left first, ``float64 [8]`` each.
 
         Angles are scaled from the joint's limits to -1 to 1, speeds by the joint's maximum.
         """
-        states = self._states(self._body, self._joints)
+        states = self._states(self.body, self._joints)
         angles, speeds = np.array([state[:2] for state in states]).T
         return (angles - self._middles) / self._ranges, speeds / self._top_speeds
 
     def angles(self) -> dict[str, float]:
         """Returns the angle of each moving joint, rad, by joint name."""
-        states = self._states(self._body, self._joints)
+        states = self._states(self.body, self._joints)
         return {
             joint.name: float(state[0])
             for joint, state in zip(
                 (*self.left.chain.joints, *self.right.chain.joints), states, strict=True
             )
         }
+
+    def limit_speed(self, share: float) -> None:
+        """Let no joint be faster than ``share`` of its usual speed."""
+        self.left.limit_speed(share)
+        self.right.limit_speed(share)
 
     def command(self, keys: Keys) -> None:
         """Plan paths to hold exactly ``keys``; `advance` follows them."""

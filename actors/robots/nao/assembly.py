@@ -5,43 +5,26 @@ a line per link. This module joins masses, centres and inertias by the parallel 
 that the moving arms have exactly the mass and inertia of the published parts.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.robots.nao.anatomy import JOINT_NAMED, JOINTS, LINK_NAMED, Joint, Link
+from actors.robots.nao.anatomy import JOINT_NAMED, JOINTS, LINK_NAMED, Link
 from actors.robots.nao.posture import HELD_ANGLES
-from actors.robots.nao.rotation import about, from_roll_pitch_yaw, to_roll_pitch_yaw
-from actors.robots.nao.shapes import SHAPES, Shape
+from actors.robots.nao.shapes import SHAPES
+from actors.robots.room.rotation import about, from_roll_pitch_yaw, to_roll_pitch_yaw
+from actors.robots.room.urdf import Joint, Part
 
 
 @dataclass
-class Piece:
-    """Links that move as one rigid body, in the frame of the first link.
-
-    ``inertia`` is ``float64 [3, 3]`` about the centre of mass, kg·m².
-    """
-
-    name: str
-    mass: float = 0.0
-    centre: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    inertia: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
-    shapes: list[Shape] = field(default_factory=list)
+class Piece(Part):
+    """Links that move as one rigid body, in the frame of the first link."""
 
     def add(self, link: Link, turn: NDArray[np.float64], origin: NDArray[np.float64]) -> None:
         """Join ``link``; its frame has rotation ``turn`` and position ``origin`` in this piece."""
         centre = origin + turn @ np.array(link.centre)
-        inertia = turn @ np.diag(link.inertia) @ turn.T
-        mass = self.mass + link.mass
-        common = (self.mass * self.centre + link.mass * centre) / mass
-        self.inertia = (
-            self.inertia
-            + _shifted(self.mass, common - self.centre)
-            + inertia
-            + _shifted(link.mass, common - centre)
-        )
-        self.mass, self.centre = mass, common
+        self.join(link.mass, centre, turn @ np.diag(link.inertia) @ turn.T)
         for shape in SHAPES[link.name]:
             x, y, z = origin + turn @ np.array(shape.origin)
             self.shapes.append(
@@ -51,14 +34,6 @@ class Piece:
                     turn=to_roll_pitch_yaw(turn @ from_roll_pitch_yaw(shape.turn)),
                 )
             )
-
-
-def _shifted(mass: float, offset: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns what the parallel axis theorem adds to an inertia for an ``offset`` of the axis."""
-    added: NDArray[np.float64] = mass * (
-        float(offset @ offset) * np.eye(3) - np.outer(offset, offset)
-    )
-    return added
 
 
 def place_in_piece(link_name: str) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.robots.nao.anatomy import Vector
+from actors.robots.room.engine import joints_of
+from actors.robots.room.rotation import Vector
 from common.actions import Keys
 
 TRAVEL = 0.004
@@ -89,11 +90,8 @@ class Controller:
         self.body: int = engine.loadURDF(
             str(path), (CENTRE[0], CENTRE[1], desk_top + BOX[2] / 2), useFixedBase=True
         )
-        names = [
-            engine.getJointInfo(self.body, joint)[1].decode()
-            for joint in range(engine.getNumJoints(self.body))
-        ]
-        self._joints = [names.index(str(key.name)) for key in KEY_PLACES]
+        numbers = joints_of(engine, self.body)
+        self._joints = [numbers[str(key.name)] for key in KEY_PLACES]
         for joint in self._joints:
             # A position motor with this little force acts as a spring.
             engine.setJointMotorControl2(
@@ -110,6 +108,7 @@ class Controller:
             engine.changeDynamics(self.body, link, lateralFriction=0.0)
         self._held = Keys.NONE
         self._shown = Keys.NONE
+        self.set_threshold(1.0)
 
     @property
     def held(self) -> Keys:
@@ -117,9 +116,13 @@ class Controller:
         return self._held
 
     @property
-    def links(self) -> tuple[int, ...]:
-        """Indices of the keys' links, in `KEY_PLACES`' order."""
-        return tuple(self._joints)
+    def movables(self) -> list[tuple[int, float]]:
+        """The keys' links, in `KEY_PLACES`' order, and the radius that holds a key, m."""
+        return [(joint, CAP_RADIUS) for joint in self._joints]
+
+    def set_threshold(self, share: float) -> None:
+        """Let a key count as pressed and as released at ``share`` of the usual depths."""
+        self._press_depth, self._release_depth = share * PRESS_DEPTH, share * RELEASE_DEPTH
 
     def depths(self) -> NDArray[np.float64]:
         """Returns how far each key is down, m, ``float64 [5]`` in `KEY_PLACES`' order."""
@@ -131,7 +134,7 @@ class Controller:
         before, held = int(self._held), 0
         states = self._joint_states(self.body, self._joints)
         for bit, joint, state in zip(_KEY_BITS, self._joints, states, strict=True):
-            if state[0] > (RELEASE_DEPTH if bit & before else PRESS_DEPTH):
+            if state[0] > (self._release_depth if bit & before else self._press_depth):
                 held |= bit
             if state[0] > TRAVEL + _GIVE:
                 # The engine enforces a joint limit only after it is passed. The box stops a

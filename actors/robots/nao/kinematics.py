@@ -8,10 +8,10 @@ engine: poses need no running physics, and tests compare the two.
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.robots.nao.anatomy import JOINT_NAMED, Vector
+from actors.robots.nao.anatomy import JOINT_NAMED
 from actors.robots.nao.assembly import place_in_piece
 from actors.robots.nao.posture import ARM_JOINTS, FINGERTIP_IN_HAND, TORSO_ORIGIN
-from actors.robots.nao.rotation import about
+from actors.robots.room.rotation import Vector, about
 
 _STEPS = 200
 _DAMPING = 1e-3

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from actors.robots.interface import ViewName
 from actors.robots.nao.controller import Controller
-from actors.robots.nao.engine import open_engine
-from actors.robots.nao.furniture import DESK_TOP, PICTURE_CORNERS, Furniture
 from actors.robots.nao.meshes import check_meshes
 from actors.robots.nao.posture import ARM_JOINTS, HELD_ANGLES, TORSO_ORIGIN
-from actors.robots.nao.room import Room
-from actors.robots.nao.silence import silenced
-from actors.robots.nao.viewpoint import Viewpoint, Views, place_of
+from actors.robots.nao.robot import Nao
+from actors.robots.room.engine import open_engine
+from actors.robots.room.furniture import DESK_TOP, Furniture
+from actors.robots.room.silence import silenced
+from actors.robots.room.viewpoint import Views
 from common.errors import InputError
 
 _MOVING = tuple(side + name for side in "LR" for name in ARM_JOINTS)
@@ -43,7 +43,7 @@ class OwnNao:
     def __init__(self, path: Path, game_size: tuple[int, int]) -> None:
         self._engine = open_engine()
         with silenced(), tempfile.TemporaryDirectory() as folder:
-            self._furniture = Furniture(self._engine)
+            self._furniture = Furniture(self._engine, Nao.own_furniture)
             self._controller = Controller(self._engine, Path(folder), DESK_TOP)
             self._body = _load(self._engine, path)
         self._game_size = game_size
@@ -82,24 +82,24 @@ class OwnNao:
 
     def view(
         self,
-        room: Room,
+        nao: Nao,
         game: NDArray[np.uint8],
         width: int,
         height: int,
-        viewpoint: ViewName | Viewpoint,
+        viewpoint: ViewName,
         *,
         moved: bool = True,
     ) -> NDArray[np.uint8]:
-        """As `Room.view` of ``room``, with this robot in the place of ours."""
-        corners = room.furniture.picture_corners
-        if not np.array_equal(corners, self._furniture.picture_corners):
-            self._furniture.push_screen(float(corners[0, 0] - PICTURE_CORNERS[0, 0]))
+        """As `Nao.view` of ``nao``, with this robot in the place of ours."""
+        place = nao.furniture.screen_place
+        if place != self._furniture.screen_place:
+            self._furniture.place_screen(*place)
             self._views = self._new_views()
-        for name, angle in room.arms.angles().items():
+        for name, angle in nao.arms.angles().items():
             self._engine.resetJointState(self._body, self._joints[name], angle)
-        self._controller.mimic(room.controller)
+        self._controller.mimic(nao.controller)
         self._controller.show()
-        return self._views.picture(place_of(viewpoint), game, width, height, moved=moved)
+        return self._views.picture(Nao.viewpoints[viewpoint], game, width, height, moved=moved)
 
     def _new_views(self) -> Views:
         furniture = self._furniture

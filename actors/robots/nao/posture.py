@@ -6,7 +6,8 @@ The wrists are turned so that the fingers point down when the forearms are level
 
 import math
 
-from actors.robots.nao.anatomy import SOLE_BELOW_ANKLE, Vector
+from actors.robots.nao.anatomy import SOLE_BELOW_ANKLE
+from actors.robots.room.rotation import Vector
 
 ARM_JOINTS: tuple[str, ...] = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll")
 """Names of each arm's moving joints, without the side, from the shoulder outwards."""

@@ -8,7 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from typing import Protocol, Self, TextIO
+from typing import Self, TextIO
 
 from rich.console import Console, ConsoleDimensions
 from rich.live import Live
@@ -16,26 +16,26 @@ from rich.text import Text
 
 from common.metrics import number
 from common.process.output import silence
+from learner.clock import Every
 from learner.telemetry.sinks import formats
 from learner.telemetry.sinks.formats import fill, troubles
 from learner.telemetry.sinks.screen import Screen
+from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 
 PLAIN_SECONDS = 10.0
 
 
-class Display(Protocol):
+class Display(Sink):
     """Shows a run; a context manager that gives the terminal back however it is left."""
 
-    def show(self, snapshot: Snapshot) -> None:
-        """Show the newest snapshot, its notes included; meant for about once a second."""
+    period = 1.0
 
-    def line(self, text: str) -> None:
-        """Say one line that stays: where the run's files are, how it ended."""
+    def __enter__(self) -> Self:
+        return self
 
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
+    def __exit__(self, *_: object) -> None:
+        """Give back what was taken."""
 
 
 def open_display(stream: TextIO | None = None) -> Display:
@@ -50,7 +50,7 @@ def open_display(stream: TextIO | None = None) -> Display:
     return LiveDisplay(console)
 
 
-class LiveDisplay:
+class LiveDisplay(Display):
     """One screen, drawn anew in place; what others print scrolls by above it."""
 
     def __init__(self, console: Console) -> None:
@@ -65,7 +65,7 @@ class LiveDisplay:
         )
         self._gone = False
 
-    def show(self, snapshot: Snapshot) -> None:
+    def write(self, snapshot: Snapshot) -> None:
         """Draw ``snapshot`` in place of the one before."""
         self._try(lambda: self._draw(snapshot))
 
@@ -107,38 +107,33 @@ def _size_of(console: Console) -> ConsoleDimensions:
     return ConsoleDimensions(columns, lines) if columns and lines else console.size
 
 
-class PlainDisplay:
+class PlainDisplay(Display):
     """Lines for a log: one every ten seconds, and one for each event.
 
     Args:
         stream: text stream; what its encoding lacks becomes ``?``.
-        every: seconds between lines when nothing happens.
         clock: monotonic seconds.
     """
 
-    def __init__(
-        self,
-        stream: TextIO,
-        every: float = PLAIN_SECONDS,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
         self._stream = stream
-        self._every = every
-        self._clock = clock
-        self._shown: float | None = None
+        self._schedule = Every(PLAIN_SECONDS, clock)
         self._last: Snapshot | None = None
         self._gone = False
 
-    def show(self, snapshot: Snapshot) -> None:
-        """Say what is new: notes and health checks at once, the figures when it is time."""
-        for text in [*_new_notes(self._last, snapshot), *_changed_checks(self._last, snapshot)]:
+    def write(self, snapshot: Snapshot) -> None:
+        """Say which health checks changed at once, and the figures when it is time."""
+        for text in _changed_checks(self._last, snapshot):
             self.line(text)
-        now = self._clock()
         turned = self._last is None or _chapter(self._last) != _chapter(snapshot)
-        if turned or self._shown is None or now - self._shown >= self._every:
+        if turned or self._schedule.is_due():
             self.line(status_line(snapshot))
-            self._shown = now
+            self._schedule.restart()
         self._last = snapshot
+
+    def event(self, text: str) -> None:
+        """Say it at once."""
+        self.line(text)
 
     def line(self, text: str) -> None:
         """Write one line, with the time of day."""
@@ -153,32 +148,11 @@ class PlainDisplay:
             self._gone = True
             silence(self._stream)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
 
 _ASCII = str.maketrans(
     {"−": "-", "–": "-", "ε": "epsilon", "≥": ">=", "…": "...", "→": "->", "∞": "inf"}
 )
 """Lines in a log are read by any terminal, and by grep."""
-_LINE = (
-    "{run/agent_steps} steps",
-    "reward train {play/train_reward} test {play/test_reward} random {play/random_reward}",
-    "max-Q {learning/mean_max_q}",
-    "loss {learning/loss}",
-    "ε {learning/epsilon}",
-    "{stream/steps_per_second} steps/s",
-    "{learning/updates_per_second} updates/s",
-    "{stream/samples_per_insert} samples/insert of {stream/samples_per_insert_goal}",
-    "staleness {stream/staleness_p50}/{stream/staleness_p95}",
-)
-_HANDS = (
-    "keys ms release {hands/release_p50}/{hands/release_p99} "
-    "press {hands/press_p50}/{hands/press_p99}"
-)
 
 
 def status_line(snapshot: Snapshot) -> str:
@@ -191,20 +165,13 @@ def status_line(snapshot: Snapshot) -> str:
         where += ", finishing"
     elif values.get("run/seconds_left") is not None:
         where += fill(", {run/seconds_left} left", values)
-    unmeasured = sum(check.passed is None for check in snapshot.checks)
-    checks = f"checks {len(snapshot.checks) - len(snapshot.failed) - unmeasured} green"
-    if unmeasured:
-        checks += f", {unmeasured} open"
-    if snapshot.failed:
-        checks += f", {len(snapshot.failed)} RED"
     actors = fill("{stream/actors_alive} of {stream/actors_present} actors", values)
     return " | ".join(
         (
             where,
-            *(fill(part, values) for part in _LINE),
+            *(fill(each.line, values) for each in formats.metrics_of(values) if each.line),
             actors + troubles(values),
-            *([fill(_HANDS, values)] if values.get("hands/press_measured") else []),
-            checks,
+            f"checks {snapshot.verdict}",
         )
     )
 
@@ -213,21 +180,11 @@ def _chapter(snapshot: Snapshot) -> tuple[object, ...]:
     return tuple(snapshot.values.get(key) for key in ("run/phase", "run/epoch", "play/test_epoch"))
 
 
-def _new_notes(last: Snapshot | None, snapshot: Snapshot) -> tuple[str, ...]:
-    """Notes that came since ``last``, whose own may have left the list at its old end."""
-    before = last.notes if last is not None else ()
-    now = snapshot.notes
-    for overlap in range(min(len(before), len(now)), 0, -1):
-        if before[-overlap:] == now[:overlap]:
-            return now[overlap:]
-    return now
-
-
 def _changed_checks(last: Snapshot | None, snapshot: Snapshot) -> list[str]:
     before = {check.name for check in last.failed} if last is not None else set()
     lines = []
     for check in snapshot.checks:
-        value = formats.significant(check.value)
+        value = formats.written("significant", check.value)
         if check.passed is False and check.name not in before:
             lines.append(
                 f"HEALTH CHECK RED: {check.name} is {value}, not {check.bound}: {check.why}"

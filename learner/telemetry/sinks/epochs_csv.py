@@ -7,50 +7,55 @@ time.
 
 import csv
 import dataclasses
-import io
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self, get_args, get_type_hints
+from typing import Annotated, Any, Literal, Self
 
+from pydantic import AllowInfNan
+
+from common.checked import Count, Invalid, build
 from common.errors import InputError
 from common.run.folder import write_atomically
+from learner.telemetry.sinks.formats import csv_line
 
 EpochPhase = Literal["random", "train", "test"]
+Figure = Annotated[float, AllowInfNan(True)]
+"""A number that a diverged learner may have made infinite or NaN."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EpochRow:
     """One phase of one epoch; its fields, in order, are the columns."""
 
-    epoch: int
+    epoch: Count
     """0 for the warm-up, then 1, 2, 3 …"""
     phase: EpochPhase
     """``random`` is a warm-up in which all actions were."""
-    steps: int
+    steps: Count
     """Agent steps in this phase."""
-    nr_games: int
+    nr_games: Count
     """Games that ended in it."""
-    average_reward: float | None
+    average_reward: Figure | None
     """Mean score of those games; None, an empty cell, without any."""
-    min_game_reward: float | None
-    max_game_reward: float | None
-    last_exploration_rate: float
-    total_train_steps: int
+    min_game_reward: Figure | None
+    max_game_reward: Figure | None
+    last_exploration_rate: Figure
+    total_train_steps: Count
     """Training steps so far, the random ones not included."""
-    replay_memory_count: int
-    meanq: float | None
+    replay_memory_count: Count
+    meanq: Figure | None
     """Mean max-Q over the held-out states, with the weights of the phase's end."""
-    meancost: float | None
+    meancost: Figure | None
     """Mean loss over the phase's updates."""
-    weight_updates: int
-    total_time: float
+    weight_updates: Count
+    total_time: Figure
     """Seconds of the run until the phase's end."""
-    epoch_time: float
+    epoch_time: Figure
     """Seconds of this phase."""
-    steps_per_second: float
+    steps_per_second: Figure
 
     @classmethod
     def of_games(
@@ -74,7 +79,7 @@ class EpochRow:
 
 
 COLUMNS = tuple(field.name for field in dataclasses.fields(EpochRow))
-_HINTS = get_type_hints(EpochRow)
+_HEADER = csv_line(COLUMNS)
 
 
 class EpochTable:
@@ -86,10 +91,9 @@ class EpochTable:
     def append(self, row: EpochRow) -> None:
         """Add ``row``; it is on the disk when this returns."""
         if not self._path.exists():
-            write_atomically(self._path, _text([COLUMNS, _cells(row)]))
-            return
-        with open(self._path, "ab") as file:
-            file.write(_text([_cells(row)]))
+            write_atomically(self._path, _HEADER.encode())
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(csv_line(map(_cell, dataclasses.astuple(row))))
             file.flush()
             os.fsync(file.fileno())
 
@@ -99,8 +103,7 @@ class EpochTable:
         Raises:
             InputError: the file is not what `append` writes.
         """
-        lines = self._lines()
-        return [self._row(number, line) for number, line in enumerate(lines, 1)]
+        return self._rows(self._lines())
 
     def keep(self, count: int) -> list[EpochRow]:
         """Drop the rows after the first ``count``, atomically, and return those that stay.
@@ -117,69 +120,52 @@ class EpochTable:
                 f"{self._path} has {len(lines)} rows where the checkpoint knows of {count}: "
                 "put the missing ones back, or start a new run."
             )
-        kept = [self._row(number, line) for number, line in enumerate(lines[:count], 1)]
+        rows = self._rows(lines[:count])
         if len(lines) > count:
-            write_atomically(self._path, _text([COLUMNS, *map(_cells, kept)]))
-        return kept
+            write_atomically(self._path, "".join([_HEADER, *lines[:count]]).encode())
+        return rows
 
     def _lines(self) -> list[str]:
         """The lines after the header, with their ends."""
         try:
-            text = self._path.read_bytes().decode("utf-8")
+            header, *lines = self._path.read_text("utf-8").splitlines(keepends=True) or [""]
         except FileNotFoundError:
             return []
         except UnicodeDecodeError:
             raise self._damage("it is not text") from None
         except OSError as error:
             raise InputError(f"cannot read {self._path}: {error.strerror}.") from None
-        header, *lines = text.splitlines(keepends=True) or [""]
-        if not header.endswith("\n") or next(csv.reader([header])) != [*COLUMNS]:
+        if header != _HEADER:
             raise self._damage("its first line does not name the columns")
         return lines
 
-    def _row(self, number: int, line: str) -> EpochRow:
-        if not line.endswith("\n"):
-            raise self._damage(f"row {number} is not whole")
-        (cells,) = csv.reader([line])
-        if len(cells) != len(COLUMNS):
-            raise self._damage(f"row {number} has {len(cells)} cells instead of {len(COLUMNS)}")
-        values: dict[str, Any] = {}
-        for name, cell in zip(COLUMNS, cells, strict=True):
+    def _rows(self, lines: Sequence[str]) -> list[EpochRow]:
+        rows = []
+        for number, line in enumerate(lines, 1):
+            cells = next(csv.reader([line]))
+            if not line.endswith("\n") or len(cells) != len(COLUMNS):
+                raise self._damage(f"row {number} is not whole")
+            values = dict(zip(COLUMNS, map(_value, cells), strict=True))
             try:
-                values[name] = _value(_HINTS[name], cell)
-            except ValueError:
-                raise self._damage(f"row {number} has {cell!r} as its {name}") from None
-        return EpochRow(**values)
+                rows.append(build(EpochRow, values, f"row {number}"))
+            except Invalid as error:
+                raise self._damage(str(error)) from None
+        return rows
 
     def _damage(self, what: str) -> InputError:
         return InputError(f"{self._path} is damaged ({what}): mend it, or start a new run.")
 
 
-def _text(rows: Iterable[Iterable[Any]]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()
+def _cell(value: Any) -> Any:
+    """Whole numbers without a fraction: -21, as in 2017, not -21.0."""
+    whole = isinstance(value, float) and value.is_integer() and abs(value) < 2**53
+    return int(value) if whole else value
 
 
-def _cells(row: EpochRow) -> list[Any]:
-    # -21, as in 2017, not -21.0
-    return [
-        int(value)
-        if isinstance(value, float) and value.is_integer() and abs(value) < 2**53
-        else value
-        for value in (getattr(row, name) for name in COLUMNS)
-    ]
-
-
-def _value(hint: Any, cell: str) -> Any:
-    if hint is int:
-        if not cell.isdecimal():
-            raise ValueError(cell)
-        return int(cell)
-    if hint == EpochPhase:
-        if cell not in get_args(EpochPhase):
-            raise ValueError(cell)
-        return cell
-    if cell == "" and hint == float | None:
-        return None
-    return float(cell)
+def _value(cell: str) -> int | float | str | None:
+    for kind in (int, float):
+        try:
+            return kind(cell)
+        except ValueError:
+            continue
+    return cell or None

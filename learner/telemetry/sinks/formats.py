@@ -1,40 +1,34 @@
 """How figures are written for people: aligned, with separators, and a dash for the unknown."""
 
+import csv
+import io
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
-from common.metrics import METRICS, Values
+import numpy as np
+
+from common.metrics import METRICS, Metric, Values
+from common.registry import ENVIRONMENTS
 
 UNKNOWN = "–"
 _LEVELS = " ▁▂▃▄▅▆▇█"
 
 
-def count(value: int | None) -> str:
-    """``1234567`` as ``1,234,567``."""
-    return UNKNOWN if value is None else f"{value:,}"
-
-
-def decimal(value: float | None, places: int) -> str:
+def decimal(value: float, places: int) -> str:
     """A number with ``places`` decimals and a minus sign as wide as a digit."""
-    if value is None:
-        return UNKNOWN
     return f"{value:,.{places}f}".replace("-", "−") if math.isfinite(value) else str(value)
 
 
-def significant(value: float | None, digits: int = 4) -> str:
-    """A number of any magnitude: ``0.0008297``, ``12.40``, ``4.1e-07``, ``0``."""
-    if value is None:
-        return UNKNOWN
+def significant(value: float) -> str:
+    """Four digits of a number of any magnitude: ``0.0008297``, ``12.40``, ``4.1e-07``, ``0``."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"
     if 1e-4 <= abs(value) < 1e6:
-        places = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
-        return decimal(value, places)
-    return f"{value:.{digits - 3}e}".replace("-", "−", int(value < 0))
+        return decimal(value, max(3 - math.floor(math.log10(abs(value))), 0))
+    return f"{value:.1e}".replace("-", "−", int(value < 0))
 
 
 def share(done: float, total: float) -> str:
@@ -42,10 +36,8 @@ def share(done: float, total: float) -> str:
     return f"{math.floor(100 * min(done / total, 1)) if total else 0} %"
 
 
-def duration(seconds: float | None) -> str:
+def duration(seconds: float) -> str:
     """Seconds as ``12:45``, ``3:12:45`` or ``2 d 03:12``."""
-    if seconds is None or not math.isfinite(seconds):
-        return UNKNOWN
     whole = max(int(seconds), 0)
     days, hours, minutes = whole // 86_400, whole // 3_600 % 24, whole // 60 % 60
     if days:
@@ -55,32 +47,37 @@ def duration(seconds: float | None) -> str:
     return f"{minutes:02}:{whole % 60:02}"
 
 
-def milliseconds(value: float | None) -> str:
-    """Whole ms; ``∞`` for what was not reached."""
-    return "∞" if value == math.inf else decimal(value, 0)
-
-
 FORMS: dict[str, Callable[[Any], str]] = {
     **{f".{places}": partial(decimal, places=places) for places in range(4)},
-    "count": count,
+    "count": "{:,}".format,
     "duration": duration,
-    "ms": milliseconds,
-    "of epoch": lambda value: "" if value is None else f", epoch {value}",
-    "plain": lambda value: UNKNOWN if value is None else f"{value:g}",
+    "ms": lambda value: "∞" if value == math.inf else decimal(value, 0),  # what was not reached
+    "plain": "{:g}".format,
     "significant": significant,
-    "text": lambda value: UNKNOWN if value is None else str(value),
+    "text": str,
 }
 """By the name that `common.metrics.Metric.form` has."""
 
 
+def written(form: str, value: Any) -> str:
+    """``value`` in one of `FORMS`; a dash for the unknown."""
+    return UNKNOWN if value is None else FORMS[form](value)
+
+
 def figure(key: str, values: Values) -> str:
     """The figure ``key`` in its own form."""
-    return FORMS[METRICS[key].form](values.get(key))
+    return written(METRICS[key].form, values.get(key))
 
 
 def fill(template: str, values: Values) -> str:
     """``template`` with each ``{key}`` replaced by its figure."""
     return re.sub(r"\{([^{}]+)\}", lambda found: figure(found[1], values), template)
+
+
+def metrics_of(values: Values) -> list[Metric]:
+    """The metrics of such a run: those of hands only where a robot plays."""
+    robot = ENVIRONMENTS.find(str(values["run/env"])).robot
+    return [metric for metric in METRICS.values() if robot or not metric.robot]
 
 
 def troubles(values: Values) -> str:
@@ -105,16 +102,18 @@ def one_line(text: str) -> str:
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
+def csv_line(cells: Iterable[Any]) -> str:
+    """One line of a CSV file, its end included; None is an empty cell."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(cells)
+    return line.getvalue()
+
+
 def columns_of(values: Sequence[float], width: int) -> list[float]:
     """``values`` for a chart ``width`` columns wide: averaged when many, repeated when few."""
-    size = len(values)
-    if width < 1:
-        return []
-    if size > width:
-        edges = [size * column // width for column in range(width + 1)]
-        return [math.fsum(values[start:end]) / (end - start) for start, end in pairwise(edges)]
-    repeat = min(width // size, 3) if size else 0
-    return [value for value in values for _ in range(repeat)]
+    if len(values) > width:
+        return [float(part.mean()) for part in np.array_split(values, max(width, 1))]
+    return [value for value in values for _ in range(min(width // len(values), 3))]
 
 
 def bars(values: Sequence[float], low: float, high: float, rows: int) -> list[str]:

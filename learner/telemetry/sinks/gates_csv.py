@@ -4,12 +4,12 @@ What TensorBoard shows, for everybody who has none.
 """
 
 import csv
-import io
 from pathlib import Path
 from typing import Any
 
 from common.metrics import METRICS, number
 from common.run.folder import write_atomically
+from learner.telemetry.sinks.formats import csv_line
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 
@@ -34,7 +34,7 @@ class GatesCsvSink(Sink):
         rows: list[dict[str, Any]] = []
         if resumed_at is not None and self._path.exists():
             text = self._path.read_text(encoding="utf-8", errors="replace")
-            for row in csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1])):
+            for row in csv.DictReader(text[: text.rfind("\n") + 1].splitlines()):
                 steps = row.get("agent_steps") or ""
                 whole = None not in row and None not in row.values()
                 if whole and steps.isdecimal() and int(steps) <= resumed_at:
@@ -58,6 +58,4 @@ class GatesCsvSink(Sink):
 
     def _line(self, row: dict[str, Any]) -> str:
         """Cells by their columns' names; those that are missing stay empty."""
-        line = io.StringIO()
-        csv.writer(line, lineterminator="\n").writerow(row.get(name, "") for name in self.columns)
-        return line.getvalue()
+        return csv_line(row.get(name) for name in self.columns)

@@ -1,20 +1,19 @@
 """The one screen of a run: its figures, laid out for the terminal's size.
 
-At 80 × 24 all of it fits; a larger terminal shows more actors, more events and a taller chart.
+At 80 × 24 all of it fits; a larger terminal shows more actors and events, and then a taller chart.
 Nothing wraps, so the number of lines is known before they are drawn.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 
-from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.progress_bar import ProgressBar
 from rich.rule import Rule
 from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
-from common.metrics import METRICS, Values, number
+from common.metrics import Metric, Values, number
 from common.protocol.actor_stats import TOTALS
 from common.registry import ENVIRONMENTS
 from learner.telemetry.sinks import formats
@@ -30,51 +29,10 @@ _ROOMY = 108
 
 _ROWS = 23
 """Lines at 80 × 24: one is left for the cursor."""
-_FIGURE_ROWS = 6
-_CHECK_ROWS = 7
-_NOTE_ROWS = 2
-
-
-@dataclass(frozen=True)
-class _Room:
-    """Lines that each part may take."""
-
-    figures: int = _FIGURE_ROWS
-    chart: int = 1
-    actors: int = _CHECK_ROWS
-    notes: int = _NOTE_ROWS
-    titled_notes: bool = False
-    loose: bool = False
-    """With a gap below the header and above the figures, too."""
-
-
-def _share_out(extra: int, actors: int) -> _Room:
-    """Give ``extra`` lines to the parts that gain most by them."""
-
-    def take(wanted: int) -> int:
-        nonlocal extra
-        given = min(max(wanted, 0), max(extra, 0))
-        extra -= given
-        return given
-
-    loose = extra >= 2
-    take(2 if loose else 0)
-    titled = extra >= 2
-    take(2 if titled else 0)
-    more_figures = take(2)
-    # A chart of several lines has a title and a gap, which the single line has not.
-    chart = take(5) - 1 if extra >= 5 else 1
-    more_actors = take(actors - _CHECK_ROWS)
-    if chart > 1:
-        chart += take(4)
-    return _Room(
-        figures=_FIGURE_ROWS + more_figures,
-        chart=chart,
-        actors=_CHECK_ROWS + more_actors,
-        notes=_NOTE_ROWS + take(6),
-        titled_notes=titled,
-        loose=loose,
-    )
+_LIST_ROWS = 7
+"""Lines for actors, and for health checks beside them."""
+_LARGE = 35
+"""Lines from which there are gaps, two more figures of each panel, and a chart of five lines."""
 
 
 class Screen:
@@ -85,9 +43,8 @@ class Screen:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width, rows = min(options.max_width - _ECHO, _WIDEST), max(console.size.height - 1, 1)
-        lines: list[list[Segment]] = []
-        for part in _parts(self._snapshot, width, rows):
-            lines += console.render_lines(part, options.update(width=width), pad=False)
+        parts = Group(*_parts(self._snapshot, width, rows))
+        lines = console.render_lines(parts, options.update(width=width), pad=False)
         for at, line in enumerate(lines[:rows]):
             if at:
                 yield Segment.line()
@@ -95,22 +52,25 @@ class Screen:
 
 
 def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:
-    room = _share_out(rows - _ROWS, len(snapshot.present))
-    gap = [Text()] if room.loose else []
+    large = rows >= _LARGE
+    spare = max(rows - (_LARGE if large else _ROWS), 0)
+    wanted = max(len(snapshot.present), len(snapshot.checks)) - _LIST_ROWS
+    more_rows = min(max(wanted, 0), spare)
+    taller = min(4, spare - more_rows) if large else 0
+    gap = [Text()] if large else []
     yield _header(snapshot.values)
     yield from gap
     yield _progress(snapshot.values)
     yield from gap
-    yield _figures(snapshot.values, room.figures)
-    if room.chart > 1:
-        yield Text()
-    yield from _history(snapshot, width, room.chart)
+    yield _figures(snapshot.values, 8 if large else 6)
+    yield from gap
+    yield from _history(snapshot, width, 5 + taller if large else 1)
     yield Text()
-    yield _actors_and_checks(snapshot, width, room.actors)
-    if room.titled_notes:
+    yield _actors_and_checks(snapshot, width, _LIST_ROWS + more_rows)
+    if large:
         yield Text()
         yield _title("Events")
-    yield _events(snapshot, room.notes)
+    yield _events(snapshot, 2 + spare - more_rows - taller)
 
 
 def _text(text: str, style: str = "") -> Text:
@@ -121,11 +81,11 @@ def _title(text: str) -> Rule:
     return Rule(Text(text, "bold"), align="left", style=_LINE)
 
 
-def _grid(*columns: Column, gap: int = 1, expand: bool = True) -> Table:
+def _grid(*columns: Column, gap: int = 1) -> Table:
     for column in columns:
         column.no_wrap, column.overflow = True, "ellipsis"
     return Table(
-        *columns, box=None, show_header=False, expand=expand, pad_edge=False, padding=(0, gap, 0, 0)
+        *columns, box=None, show_header=False, expand=True, pad_edge=False, padding=(0, gap, 0, 0)
     )
 
 
@@ -177,29 +137,22 @@ def _progress(values: Values) -> Table:
 
 
 def _figures(values: Values, rows: int) -> Table:
-    """The panels of the table; the first `_FIGURE_ROWS` places of each are always shown."""
-    panels: dict[str, list[tuple[int, str, str]]] = {}
-    robot = ENVIRONMENTS.find(str(values["run/env"])).robot
-    for metric in METRICS.values():
-        if metric.panel and (robot or not metric.robot):
+    """The panels of the table, the first so many rows of each."""
+    panels: dict[str, dict[int, Metric]] = {}
+    for metric in formats.metrics_of(values):
+        if metric.panel:
             title, place = metric.panel
-            shown = metric.shown or f"{{{metric.key}}}"
-            line = place, fill(metric.label, values), fill(shown, values)
-            panels.setdefault(title, []).append(line)
+            panels.setdefault(title, {})[place] = metric
     grid = _grid(*(Column(ratio=1) for _ in panels), gap=3)
-    grid.add_row(
-        *(
-            _group(title, [line[1:] for line in sorted(lines)[:rows]])
-            for title, lines in panels.items()
-        )
-    )
+    grid.add_row(*(_panel(title, by_place, values, rows) for title, by_place in panels.items()))
     return grid
 
 
-def _group(title: str, pairs: Sequence[tuple[str, str]]) -> Table:
+def _panel(title: str, metrics: Mapping[int, Metric], values: Values, rows: int) -> Table:
     grid = _grid(Column(), Column(ratio=1, justify="right"))
-    for label, value in pairs:
-        grid.add_row(_text(label, _LABEL), _text(value))
+    for _, metric in sorted(metrics.items())[:rows]:
+        shown = metric.shown or f"{{{metric.key}}}"
+        grid.add_row(_text(fill(metric.label, values), _LABEL), _text(fill(shown, values)))
     return _titled(title, grid)
 
 
@@ -241,11 +194,6 @@ def _history(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableTy
 
 def _actors_and_checks(snapshot: Snapshot, width: int, rows: int) -> Table:
     alive, present = (number(snapshot.values, f"stream/actors_{n}") for n in ("alive", "present"))
-    failed, unknown = len(snapshot.failed), sum(c.passed is None for c in snapshot.checks)
-    if not snapshot.checks:
-        verdict = "none yet"
-    else:
-        verdict = f"{failed} red" if failed else f"{unknown} open" if unknown else "all green"
     grid = _grid(Column(ratio=1), Column(width=38), gap=3)
     wrong = troubles(snapshot.values)
     grid.add_row(
@@ -253,7 +201,7 @@ def _actors_and_checks(snapshot: Snapshot, width: int, rows: int) -> Table:
             f"Actors {alive}/{present}{wrong}" if wrong else f"Actors, {alive} of {present} alive",
             _actors(snapshot.present, rows, roomy=width >= _ROOMY),
         ),
-        _titled(f"Health checks, {verdict}", _checks(snapshot.checks, rows)),
+        _titled(f"Checks, {snapshot.verdict}", _checks(snapshot.checks, rows)),
     )
     return grid
 
@@ -262,19 +210,17 @@ def _actors(actors: Sequence[ActorView], rows: int, roomy: bool) -> Table:
     right = [Column(justify="right") for _ in range(5 if roomy else 2)]
     grid = _grid(Column(width=1), Column(ratio=1, min_width=8), *right, gap=2 if roomy else 1)
     # The lost ones first: they must not be among those for which there is no room.
-    order = sorted(
-        actors, key=lambda each: (each.alive, each.stats.role, _natural(each.stats.name))
-    )
+    order = sorted(actors, key=lambda a: (a.alive, a.stats.role, len(a.stats.name), a.stats.name))
     shown = order if len(order) <= rows else order[: rows - 1]
     for actor in shown:
         stats, style = actor.stats, "" if actor.alive else _BAD
         rate = f"{formats.decimal(stats.steps_per_second, 1)}/s" if actor.alive else "lost"
-        cells = [_text(formats.count(stats.steps)), _text(rate)]
+        cells = [_text(f"{stats.steps:,}"), _text(rate)]
         if roomy:
             wrong = troubles({key: getattr(stats, name) for name, key in TOTALS.items()})
             cells += [
                 _text(f"ε {formats.decimal(stats.epsilon, 3)}"),
-                _text(f"{formats.count(stats.retried)} retried{wrong}", _LABEL),
+                _text(f"{stats.retried:,} retried{wrong}", _LABEL),
                 _text(f"silent {actor.silent_for:.0f} s", _LABEL),
             ]
         mark = Text("●", _GOOD) if actor.alive else Text("○", _BAD)
@@ -288,12 +234,6 @@ def _actors(actors: Sequence[ActorView], rows: int, roomy: bool) -> Table:
     return grid
 
 
-def _natural(name: str) -> tuple[str, int, str]:
-    """Sorts actor-10 after actor-9."""
-    stem = name.rstrip("0123456789")
-    return stem, int(name[len(stem) :] or 0), name
-
-
 def _checks(checks: Sequence[HealthCheck], rows: int) -> Table:
     grid = _grid(Column(width=1), Column(ratio=1), Column(justify="right"), Column(justify="right"))
     marks = {True: ("✓", _GOOD), False: ("✗", _BAD), None: ("·", _LABEL)}
@@ -304,7 +244,7 @@ def _checks(checks: Sequence[HealthCheck], rows: int) -> Table:
         grid.add_row(
             Text(mark, style),
             _text(check.name, style if check.passed is False else ""),
-            _text(formats.significant(check.value, 3), style),
+            _text(formats.written("significant", check.value), style),
             _text(check.bound, _LABEL),
         )
     return grid

@@ -1,4 +1,4 @@
-"""What takes a run's figures: a file, or a program beside it."""
+"""What takes a run's figures: a file, a program beside it, or the terminal."""
 
 from learner.telemetry.sinks.epochs_csv import EpochRow
 from learner.telemetry.snapshot import Snapshot
@@ -24,5 +24,11 @@ class Sink:
     def phase(self, row: EpochRow, agent_steps: int) -> None:
         """Take the figures of a finished phase, whose weights are ``agent_steps`` old."""
 
-    def close(self, snapshot: Snapshot) -> None:
-        """Take the last figures, and end."""
+    def event(self, text: str) -> None:
+        """Take notice of an event, which snapshots have among their notes from now on."""
+
+    def line(self, text: str) -> None:
+        """Take a sentence for people, such as where the run's files are, or a warning."""
+
+    def close(self) -> None:
+        """End; the last figures were written."""

@@ -6,26 +6,21 @@ Strict JSON: a figure that is unknown, infinite or not a number is null.
 import dataclasses
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from common.metrics import METRICS
 from common.run.config import RunConfig
 from common.run.folder import write_atomically
-from learner.telemetry.provenance import Provenance
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import ActorView, Snapshot
 
-_SECONDS_PER_DAY = 86_400
-
 
 def epochs_per_day(
-    epoch_steps: int,
-    test_steps: int,
-    train_steps_per_second: float | None,
-    test_steps_per_second: float | None,
+    epoch_steps: int, test_steps: int, train_rate: float | None, test_rate: float | None
 ) -> float | None:
-    """Epochs of training, then testing, that fit in a day at these measured rates.
+    """Epochs of training, then testing, that fit in a day at these rates in steps per second.
 
     One after the other, as in 2017, so that the figure compares with that experiment's 40 (ALE-
     Only) and 2 to 4 (ALE-Robot) a day. Here evaluators play while training goes on, so a run does
@@ -33,16 +28,11 @@ def epochs_per_day(
     unknown or 0.
     """
     seconds = 0.0
-    for steps, rate in (
-        (epoch_steps, train_steps_per_second),
-        (test_steps, test_steps_per_second),
-    ):
-        if steps == 0:
-            continue
-        if not rate:
+    for steps, rate in ((epoch_steps, train_rate), (test_steps, test_rate)):
+        if steps and not rate:
             return None
-        seconds += steps / rate
-    return _SECONDS_PER_DAY / seconds if seconds else None
+        seconds += steps / rate if rate else 0.0
+    return 86_400 / seconds if seconds else None
 
 
 class SummarySink(Sink):
@@ -50,7 +40,7 @@ class SummarySink(Sink):
 
     period = 60.0
 
-    def __init__(self, path: Path, config: RunConfig, provenance: Provenance) -> None:
+    def __init__(self, path: Path, config: RunConfig, provenance: Mapping[str, Any]) -> None:
         self._path = path
         self._config = config
         self._provenance = provenance
@@ -67,14 +57,10 @@ class SummarySink(Sink):
             "gates": [dataclasses.asdict(check) for check in snapshot.checks],
             "actors": [_of_actor(actor) for actor in snapshot.actors],
             "config": dataclasses.asdict(self._config),
-            **dataclasses.asdict(self._provenance),
+            **self._provenance,
         }
         text = json.dumps(strict(summary), indent=2, ensure_ascii=False, allow_nan=False)
         write_atomically(self._path, (text + "\n").encode())
-
-    def close(self, snapshot: Snapshot) -> None:
-        """Write the last figures."""
-        self.write(snapshot)
 
 
 def _of_actor(actor: ActorView) -> dict[str, Any]:

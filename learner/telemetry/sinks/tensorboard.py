@@ -69,7 +69,7 @@ class TensorBoardSink(Sink):
             agent_steps,
         )
 
-    def close(self, snapshot: Snapshot) -> None:
+    def close(self) -> None:
         """Write what is still in memory and end."""
         self._writer.close()
 

@@ -8,8 +8,10 @@ import pytest
 from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.ale import AtariEnv
 from actors.envs.emulator import Emulator
+from actors.envs.late_commands import hands_of
 from actors.envs.observation import shrink
 from actors.envs.robot import RobotEnv
+from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys
 from common.run.clock import ClockConfig
 from common.run.config import PlayConfig
@@ -17,7 +19,11 @@ from common.run.config import PlayConfig
 NONE, UP, DOWN, FIRE = Keys.NONE, Keys.UP, Keys.DOWN, Keys.FIRE
 
 
-def frames(keys: ActuationDelay, *commands: Keys, count: int = 4) -> list[list[Keys]]:
+def modelled(play: PlayConfig) -> Hands:
+    return hands_of(play, None, np.random.default_rng(0))
+
+
+def frames(keys: Hands, *commands: Keys, count: int = 4) -> list[list[Keys]]:
     """What is pressed in each frame of each agent step."""
     pressed = []
     for command in commands:
@@ -59,14 +65,14 @@ def test_a_command_on_the_way_is_overtaken() -> None:
 
 
 def test_commands_come_late_by_whole_agent_steps() -> None:
-    keys = ActuationDelay(PlayConfig(command_latency=2, frame_skip=1))
+    keys = modelled(PlayConfig(command_latency=2, frame_skip=1))
     assert frames(keys, UP, DOWN, FIRE, NONE, count=1) == [[NONE], [NONE], [UP], [DOWN]]
     keys.rest()
     assert frames(keys, NONE, NONE, NONE, count=1) == [[NONE], [NONE], [NONE]]
 
 
 def test_lateness_is_of_game_time_however_many_commands_are_given() -> None:
-    keys = ActuationDelay(PlayConfig(command_latency=1))
+    keys = modelled(PlayConfig(command_latency=1))
     keys.command(UP)
     assert [keys.step_frame() for _ in range(9)] == [NONE] * 4 + [UP] * 5
     keys.command(DOWN)  # in the middle of an agent step, as in real time
@@ -91,7 +97,7 @@ def test_the_emulator_is_played_by_the_late_keys() -> None:
     )
     env = AtariEnv("pong", play=play)
     env.reset(seed=3)
-    emulator, keys = Emulator("pong", 0), ActuationDelay(play)
+    emulator, keys = Emulator("pong", 0), modelled(play)
     rng = np.random.default_rng(0)
     matched = []
     for action in np.repeat(rng.integers(6, size=20), 3):
@@ -110,12 +116,12 @@ def test_the_emulator_is_played_by_the_late_keys() -> None:
     assert 0.5 < np.mean(matched) < 0.9  # one agent step late, of three
 
 
-@pytest.mark.parametrize("eye", ["camera", "emulator"])
-def test_a_robot_with_a_modelled_hand_plays_as_the_emulator_does(eye: str) -> None:
+@pytest.mark.parametrize(("eye", "sticky"), [("camera", 0.0), ("emulator", 0.0), ("emulator", 0.5)])
+def test_a_robot_with_a_modelled_hand_plays_as_the_emulator_does(eye: str, sticky: float) -> None:
     play = PlayConfig(
         random_starts=0, release_latency=1, press_latency=3, hand="model", vector=True
     )
-    play = replace(play, eye=eye)  # type: ignore[arg-type]
+    play = replace(play, eye=eye, sticky=sticky)  # type: ignore[arg-type]
     robot, alone = RobotEnv("pong", play=play), AtariEnv("pong", play=play)
     robot.reset(seed=1)
     alone.reset(seed=1)
@@ -124,6 +130,7 @@ def test_a_robot_with_a_modelled_hand_plays_as_the_emulator_does(eye: str) -> No
         seen, reward, *_, info = robot.step(action)
         known, points, *_, other = alone.step(action)
         assert (reward, info["keys_match"]) == (points, other["keys_match"])
+        assert (robot.emulator.ram() == alone.emulator.ram()).all()
         assert isinstance(seen, dict)
         assert isinstance(known, dict)
         difference = np.abs(seen["frames"].astype(int) - known["frames"])

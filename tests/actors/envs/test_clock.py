@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.envs.clock import BREATH, FRAME, MOST_MISSED, Clock, Deadlines, Lockstep, RealTime
+from actors.envs.clock import BREATH, FRAME, MOST_MISSED, Deadlines, Lockstep, RealTime
 from actors.envs.world import AgentStep
 from common.actions import Keys
 
@@ -98,7 +98,7 @@ def numbers(agent_steps: list[AgentStep]) -> list[float]:
 
 def test_in_lockstep_nothing_passes_by_itself() -> None:
     world = CountingWorld()
-    clock: Clock = Lockstep(world)
+    clock = Lockstep(world)
     clock.start()
     assert clock.command(3) == []
     assert numbers(clock.pass_agent_step()) == [1]
@@ -133,6 +133,41 @@ def test_the_world_goes_on_by_itself_in_time(hand: HandTime, run: Callable[..., 
     # All but the last of a burst were due (a hair more than) one frame before it.
     assert clock.late_frames == 0 + 0 + 1 + 4 + 29
     assert numbers(clock.command(0)) == [1, 2, 3, 4, 5, 6, 7, 8, 9]
+
+
+def test_an_agent_step_is_late_if_a_frame_of_it_is(
+    hand: HandTime, run: Callable[..., RealTime]
+) -> None:
+    clock = run(CountingWorld())
+    # Of two frames at once the first was due (a hair more than) a frame ago.
+    for frames in (
+        *(1, 1, 1, 1),
+        *(1, 2, 1),
+        *(1, 1, 1, 2),  # and the first frame of the next one, in time
+        *(1, 1, 1),
+        *(1, 2),
+    ):
+        hand.go_on(frames * FRAME)
+    assert [each.late for each in clock.command(0)] == [False, True, True, False]
+    clock.stop()
+    clock.start()  # another episode
+    hand.go_on(FRAME)
+    assert [each.late for each in clock.pass_agent_step()] == [False]
+
+
+def test_a_world_that_cannot_go_as_fast_as_its_clock_is_late_all_the_time(
+    hand: HandTime, run: Callable[..., RealTime]
+) -> None:
+    """At 200 times the speed a frame has 83 µs; these take 525 µs, 31.8 times real time."""
+
+    class SlowWorld(CountingWorld):
+        def frame(self) -> AgentStep | None:
+            hand._seconds += FRAME / 31.8
+            return super().frame()
+
+    clock = run(SlowWorld(ends=10), speed=200.0)
+    hand.go_on(AGENT_STEP / 31.8)
+    assert [each.late for each in clock.pass_agent_step()] == [True] * 10
 
 
 def test_speed_scales_time(hand: HandTime, run: Callable[..., RealTime]) -> None:

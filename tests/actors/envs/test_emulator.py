@@ -8,6 +8,7 @@ import pytest
 from ale_py import ALEInterface, roms
 
 from actors.envs.emulator import Emulator
+from tests.actors.envs.sticky_reference import StickyActions
 
 
 @pytest.mark.parametrize("game", ["pong", "breakout", "ms_pacman", "journey_escape"])
@@ -27,6 +28,35 @@ def test_four_single_frames_are_one_skip_of_four(game: str) -> None:
             skipping.reset()
             games += 1
     assert game != "breakout" or games > 1
+
+
+@pytest.mark.parametrize("probability", [0.25, 0.6])
+def test_sticky_actions_are_those_of_ale_frame_by_frame(probability: float) -> None:
+    sticky, plain = Emulator("breakout", 7, sticky=probability), Emulator("breakout", 0)
+    ale = StickyActions(probability, 7)
+    before, changes, repeats, games = 0, 0, 0, 1
+    for held in np.random.default_rng(3).integers(18, size=6_000).tolist():
+        executed = ale.frame(held)
+        changes += held != before
+        repeats += executed != held
+        before = executed
+        assert sticky.act(held) == plain.act(executed)
+        assert np.array_equal(sticky.ram(), plain.ram())
+        if sticky.game_over:
+            for part in (sticky, plain):
+                part.reset()
+            ale.restart()
+            before = 0
+            games += 1
+    assert games > 5
+    assert repeats / changes == pytest.approx(probability, abs=0.03)
+
+
+def test_sticky_actions_do_not_depend_on_the_frame_skip() -> None:
+    single, skipping = (Emulator("pong", 5, frame_skip=skip, sticky=0.25) for skip in (1, 4))
+    for action in np.random.default_rng(0).integers(18, size=300).tolist():
+        assert skipping.act(action) == sum(single.act(action) for _ in range(4))
+        assert np.array_equal(single.ram(), skipping.ram())
 
 
 def test_the_screen_blends_the_last_two_frames() -> None:

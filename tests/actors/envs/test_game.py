@@ -163,16 +163,49 @@ def test_nothing_is_scored_after_game_over() -> None:
     assert game.emulator.frames == frames
 
 
+def _trace(game: AtariGame, seed: int) -> list[bytes]:
+    _begin(game, seed, seeded=True)
+    trace = []
+    for step in range(60):
+        _decide(game, step % 18)
+        trace.append(game.emulator.ram().tobytes())
+    return trace
+
+
 @pytest.mark.parametrize("name", ["freeway", "kaboom"])
 def test_a_seed_starts_the_same_game_whatever_was_played_before(name: str) -> None:
     # These games keep memory across ALE's reset; only power-on clears it.
     game = AtariGame(name, PlayConfig(), training=True, emulator_skip=4)
+    assert _trace(game, 7) == _trace(game, 7)
+
+
+def test_a_seed_decides_which_actions_stick() -> None:
+    play = PlayConfig(random_starts=0, sticky=0.25)
+    game = AtariGame("pong", play, training=True, emulator_skip=4)
+    first = _trace(game, 7)
+    assert _trace(game, 8) != first
+    assert _trace(game, 7) == first
+    assert _trace(AtariGame("pong", play, training=True, emulator_skip=4), 7) == first
+
+
+def test_without_a_seed_other_actions_stick_in_each_game() -> None:
+    play = PlayConfig(random_starts=0, sticky=0.25)
     traces = []
-    for _ in range(2):
-        _begin(game, 7, seeded=True)
-        trace = []
-        for step in range(60):
-            _decide(game, step % 18)
-            trace.append(game.emulator.ram().tobytes())
-        traces.append(trace)
-    assert traces[0] == traces[1]
+    for seed in (1, 2):
+        game = AtariGame("pong", play, training=True, emulator_skip=4)
+        rng = np.random.default_rng(seed)
+        for _ in range(2):
+            game.begin_episode(rng, seeded=False, new_game=True)
+            traces.append(
+                [_decide(game, step % 18) and game.emulator.ram().tobytes() for step in range(60)]
+            )
+    assert len({tuple(trace) for trace in traces}) == 4
+
+
+def test_where_nothing_sticks_games_are_what_they_were() -> None:
+    """Their generator draws the random start first, as it did before there was --play.sticky."""
+    game = AtariGame("pong", PlayConfig(random_starts=30), training=True, emulator_skip=4)
+    _begin(game, 3, seeded=True)
+    rng = np.random.default_rng(3)
+    actions = rng.choice(range(18), rng.integers(31))
+    assert game.steps == len(actions) > 0

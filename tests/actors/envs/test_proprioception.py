@@ -1,5 +1,6 @@
 """The vector observation, against a naive reading of its documented layout."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from actors.envs import make_env
 from actors.envs.ale import AtariEnv
 from actors.envs.proprioception import Proprioception
 from actors.envs.robot import RobotEnv
@@ -16,12 +18,14 @@ from common.run.config import PlayConfig, RunConfig
 PLAY = PlayConfig(vector=True, random_starts=0)
 
 
-def expected(commands: list[int], keys: list[Keys]) -> list[float]:
+def expected(
+    commands: list[int], keys: list[Keys], remembered: int = 6, frames: int = 4
+) -> list[float]:
     """Commands and key flags, one number after the other."""
     numbers: list[float] = []
-    for action in ([None] * 6 + commands)[-6:]:
+    for action in ([None] * remembered + commands)[-remembered:]:
         numbers += [float(action == each) for each in range(18)]
-    for held in ([Keys.NONE] * 4 + keys)[-4:]:
+    for held in ([Keys.NONE] * frames + keys)[-frames:]:
         numbers += [
             float(key in held) for key in (Keys.UP, Keys.DOWN, Keys.LEFT, Keys.RIGHT, Keys.FIRE)
         ]
@@ -31,20 +35,21 @@ def expected(commands: list[int], keys: list[Keys]) -> list[float]:
 @given(
     st.lists(st.integers(0, 17), max_size=12),
     st.lists(st.integers(0, 31).map(Keys), max_size=9),
+    st.sampled_from([(6, 4), (1, 1), (9, 2), (2, 7)]),
 )
-def test_commands_and_keys(commands: list[int], keys: list[Keys]) -> None:
-    sense = Proprioception()
+def test_commands_and_keys(commands: list[int], keys: list[Keys], length: tuple[int, int]) -> None:
+    sense = Proprioception(PlayConfig(vector_commands=length[0], vector_key_frames=length[1]))
     for action in commands:
         sense.command(action)
     for held in keys:
         sense.feel(held)
-    assert sense.vector().tolist() == expected(commands, keys)
+    assert sense.vector().tolist() == expected(commands, keys, *length)
     sense.forget()
     assert not sense.vector().any()
 
 
 def test_what_was_given_out_does_not_change() -> None:
-    sense = Proprioception()
+    sense = Proprioception(PLAY)
     before = sense.vector()
     sense.command(3)
     sense.feel(Keys.FIRE)
@@ -52,7 +57,7 @@ def test_what_was_given_out_does_not_change() -> None:
 
 
 def test_joints_come_last_and_stay_within_bounds() -> None:
-    sense = Proprioception(joints=8)
+    sense = Proprioception(PLAY, joints=8)
     angles, speeds = np.linspace(-1.1, 1.0, 8), np.linspace(0.0, 1.4, 8)
     vector = sense.vector(angles, speeds)
     assert vector.dtype == np.float32
@@ -67,8 +72,22 @@ def test_the_configuration_knows_the_width(env: Any) -> None:
     assert config.vector_width == {"ale": 128, "robot": 144}[env]
 
 
-def test_the_emulators_vector() -> None:
-    env = AtariEnv(play=PLAY)
+@pytest.mark.parametrize("env", ["ale", "robot"])
+def test_the_configuration_knows_the_width_of_longer_histories(env: Any) -> None:
+    play = replace(PLAY, vector_commands=10, vector_key_frames=40)
+    config = RunConfig(env=env, play=play)
+    # 10 commands of 18 actions, 40 frames of 5 keys, 8 joints.
+    assert config.vector_width == 180 + 200 + {"ale": 0, "robot": 16}[env]
+    made = make_env(config, training=False)
+    observation, _ = made.reset(seed=1)
+    assert made.observation_space.contains(observation)
+    assert observation["vector"].shape == (config.vector_width,)
+    made.close()
+
+
+@pytest.mark.parametrize(("remembered", "frames"), [(6, 4), (3, 9)])
+def test_the_emulators_vector(remembered: int, frames: int) -> None:
+    env = AtariEnv(play=replace(PLAY, vector_commands=remembered, vector_key_frames=frames))
     observation, _ = env.reset(seed=1)
     assert isinstance(observation, dict)
     assert not observation["vector"].any()
@@ -79,7 +98,7 @@ def test_the_emulators_vector() -> None:
         keys += [KEYS_OF_ACTION[action]] * 4
         assert env.observation_space.contains(observation)
         assert isinstance(observation, dict)
-        assert observation["vector"].tolist() == expected(commands, keys)
+        assert observation["vector"].tolist() == expected(commands, keys, remembered, frames)
     observation, _ = env.reset(options={"new_game": True})
     assert isinstance(observation, dict)
     assert not observation["vector"].any()

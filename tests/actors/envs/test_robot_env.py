@@ -8,13 +8,16 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.seeding import np_random
 
 import actors.envs
+from actors.envs.emulator import Emulator
 from actors.envs.observation import shrink
 from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys
 from common.errors import InputError
 from common.run.config import PlayConfig
+from tests.actors.envs.sticky_reference import StickyActions
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +53,31 @@ def test_the_same_seed_gives_the_same_game(env: RobotEnv) -> None:
     fresh = RobotEnv()
     assert play(fresh, 7, 40) == first
     fresh.close()
+
+
+def test_the_console_repeats_actions_whatever_the_hands_press(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    env = RobotEnv(play=PlayConfig(random_starts=0, eye="emulator", sticky=0.5))
+    env.reset(seed=4)
+    pressed: list[int] = []
+    hold = env._game.hold
+
+    def note(action: int) -> float:
+        pressed.append(action)
+        return hold(action)
+
+    monkeypatch.setattr(env._game, "hold", note)
+    rng = np.random.default_rng(1)
+    for action in rng.integers(18, size=40):
+        *_, info = env.step(int(action))
+        assert info["keys_match"] == (env.pressed == KEYS_OF_ACTION[action])  # the hands' alone
+    console, ale = Emulator("pong", 0), StickyActions(0.5, int(np_random(4)[0].integers(2**31)))
+    for action in pressed:
+        console.act(ale.frame(action))
+    assert len(set(pressed)) > 5
+    assert np.array_equal(env.emulator.ram(), console.ram())
+    env.close()
 
 
 def test_without_an_eye_pictures_are_taken_only_for_who_looks() -> None:
@@ -89,6 +117,45 @@ def test_the_eye_sees_what_the_emulator_shows(env: RobotEnv) -> None:
         truth = shrink(env.emulator.screen_grey())
         assert np.abs(state[-1].astype(int) - truth).mean() <= 2.0
     assert state[-1].std() > 10
+
+
+def test_a_camera_that_freezes_is_told(env: RobotEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+    env.reset(seed=1)
+    alive = [env.step(step % 6)[4] for step in range(30)]
+    kept = env.seen.copy()
+    with monkeypatch.context() as frozen:
+        frozen.setattr(env.robot, "camera_picture", lambda *_: kept)
+        infos = [env.step(step % 6)[4] for step in range(30)]
+    again = [env.step(step % 6)[4] for step in range(30)]
+    assert np.mean([info["frame_follows"] for info in alive]) > 0.9
+    assert all(info["valid_frame"] for info in infos)  # the screen is where it was
+    assert np.mean([info["frame_follows"] for info in infos]) < 0.1
+    assert np.mean([info["frame_follows"] for info in again]) > 0.9
+
+
+def test_a_picture_that_does_not_change_is_no_fault_while_the_game_stands_still(
+    env: RobotEnv, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    env.reset(seed=1)
+    screen = env.emulator.screen_rgb()
+    monkeypatch.setattr(env.emulator, "screen_rgb", lambda: screen)
+    env.step(0)
+    assert all(env.step(0)[4]["frame_follows"] for _ in range(5))
+
+
+def test_a_black_game_within_its_border_is_not_seen(
+    env: RobotEnv, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    env.reset(seed=1)
+    rows, columns = env.emulator.screen_shape
+    black = np.zeros((rows, columns, 3), np.uint8)
+    assert env.step(0)[4]["valid_frame"]
+    with monkeypatch.context() as dark:
+        dark.setattr(env.emulator, "screen_rgb", lambda: black)
+        assert not env.step(0)[4]["valid_frame"]
+        dark.setattr(env.emulator, "screen_grey", lambda: black[:, :, 0])
+        assert env.step(0)[4]["valid_frame"]  # the game itself shows nothing
+    assert env.step(0)[4]["valid_frame"]
 
 
 def test_pressed_keys_play_the_game(env: RobotEnv) -> None:

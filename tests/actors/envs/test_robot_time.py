@@ -45,8 +45,10 @@ class ScriptedClock:
         return next(self._passing)
 
 
-def agent_step(points: float, pressed: Keys = Keys.NONE, end: str = "") -> AgentStep:
-    return AgentStep(points, pressed, end == "terminated", end == "truncated")
+def agent_step(
+    points: float, pressed: Keys = Keys.NONE, end: str = "", *, late: bool = False
+) -> AgentStep:
+    return AgentStep(points, pressed, end == "terminated", end == "truncated", late)
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +124,28 @@ def test_what_passes_while_an_agent_waits_for_its_keys_is_not_missed(patient: Ro
     passing = [agent_step(4.0), agent_step(8.0)], [agent_step(1.0, Keys.FIRE)]
     *_, info = step(patient, [agent_step(2.0)], *passing)
     assert (info["elapsed"], info["missed_deadlines"]) == (4, 1)
+
+
+@pytest.mark.parametrize(
+    ("late", "missed"),
+    [
+        ([False, False, False], 2),  # the command was for the second
+        ([True, False, True], 2),  # each of those that were missed anyway counts once
+        ([False, True, False], 3),
+    ],
+)
+def test_an_agent_step_that_is_late_itself_is_missed(
+    hasty: RobotEnv, late: list[bool], missed: int
+) -> None:
+    before, now, after = (agent_step(1.0, Keys.FIRE, late=each) for each in late)
+    *_, info = step(hasty, [before], [now, after])
+    assert (info["elapsed"], info["missed_deadlines"]) == (3, missed)
+
+
+def test_late_agent_steps_of_a_wait_are_missed(patient: RobotEnv) -> None:
+    passing = [agent_step(4.0), agent_step(8.0, late=True)], [agent_step(1.0, Keys.FIRE)]
+    *_, info = step(patient, [agent_step(2.0)], *passing)
+    assert (info["elapsed"], info["missed_deadlines"]) == (4, 2)
 
 
 def test_an_end_that_was_missed_ends_the_step_at_once(hasty: RobotEnv) -> None:

@@ -16,7 +16,7 @@ def test_there_and_back() -> None:
 
 def test_what_an_environment_does_not_say_is_as_for_one_without_a_robot() -> None:
     found = StepInfo.of({"game_over": False, "game_score": 0.0, "game_steps": 1})
-    assert found == StepInfo(False, 0.0, 1, True, True, 1, False, 0, 0, ())
+    assert found == StepInfo(False, 0.0, 1, True, True, True, 1, False, 0, 0, ())
 
 
 def test_numbers_of_numpy_and_keys_of_wrappers_do_no_harm() -> None:

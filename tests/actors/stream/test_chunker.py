@@ -120,6 +120,7 @@ def test_the_other_columns_are_what_was_lived_through(
         assert chunk.truncated.tolist() == [moment.ending == CUT for moment in mine]
         assert chunk.elapsed.tolist() == [moment.info["elapsed"] for moment in mine]
         assert chunk.valid.tolist() == [moment.valid for moment in mine]
+        assert chunk.follows.tolist() == [moment.info["frame_follows"] for moment in mine]
         assert chunk.matched.tolist() == [moment.info["keys_match"] for moment in mine]
         assert chunk.games == tuple(
             Game(moment.info["game_score"], moment.info["game_steps"])

@@ -7,17 +7,21 @@ from dataclasses import replace
 
 import pytest
 
+from actors.member import Member
 from actors.stream import insert_client as outbox_module
 from actors.stream.insert_client import InsertClient
 from common.errors import InputError, MessageError
 from common.protocol.run_keys import RunKeys
-from common.transport.in_process import InProcessHub
+from common.run.config import StreamConfig
+from common.run.presets import PRESETS
 from common.transport.interface import Request, Transport
 from tests.hub_stubs import STORED, PendingRequests, acknowledge
+from tests.in_process_transport import InProcessHub
 from tests.patience import PATIENCE, wait_until
 
 KEY = RunKeys("r").insert("a")
 WINDOW = 2
+CONFIG = replace(PRESETS["fast"], stream=StreamConfig(window=WINDOW))
 
 
 @pytest.fixture
@@ -34,12 +38,9 @@ class Sender:
         self.stop = threading.Event()
         self.warnings: list[str] = []
         self.outbox = InsertClient(
-            client,
-            KEY,
-            WINDOW,
-            patience=patience,
-            stopped=self.stop.is_set,
-            warn=self.warnings.append,
+            Member(
+                *("a", client, RunKeys("r"), CONFIG, patience, self.stop, 1, self.warnings.append)
+            )
         )
 
     def beside(self, work: Callable[[], object]) -> threading.Thread:
@@ -190,7 +191,7 @@ def test_a_refusal_is_told_and_final(replay: PendingRequests, sender: Sender) ->
     sender.settled()
     assert sender.counts() == (2, 1, 0, 1)
     assert sender.warnings == [
-        "the replay refused a chunk: frames has shape [1] where … is expected"
+        "a: the replay refused a chunk: frames has shape [1] where … is expected"
     ]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.lab import actuation_latency as late_keys
-from benchmarks.lab.actuation_latency import Options, hand_flags, name_of
+from benchmarks.lab.actuation_latency import hand_flags, name_of
 from common.errors import InputError
 from tests.paths import ROOT
 
@@ -58,13 +58,14 @@ def test_networks_in_runs_have_the_runs_name(tmp_path: Path) -> None:
     assert name_of(ALE) == "ale_pong"
 
 
-def test_what_cannot_be_played_is_refused(tmp_path: Path) -> None:
-    for options, words in (
-        (Options(()), "name networks"),
-        (Options((ALE,), press=(61,)), "--press is 61"),
-        (Options((ALE,), output=tmp_path / "none" / "x.csv"), "there is no folder"),
+def test_what_cannot_be_played_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for arguments, words in (
+        ([], "--networks is .*: choose at least 1 of them"),
+        ([str(ALE), "--press", "61"], r"--press\.0 is 61: choose at most 60"),
+        ([str(ALE), "-o", str(tmp_path / "none" / "x.csv")], "there is no folder"),
     ):
+        monkeypatch.setattr(sys, "argv", ["actuation_latency", *arguments])
         with pytest.raises(InputError, match=words):
-            options.check()
+            late_keys.main()
     with pytest.raises(InputError, match="neither a card nor a run's folder"):
         hand_flags(tmp_path / "weights.safetensors", 0)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.figures.plot_histogram import read_evaluation
+from benchmarks.figures.plot_histogram import read_evaluations
 from benchmarks.lab.ladder import COLUMNS, FLAGS, Options, Rung, add_row, row_of
 from common.process.command_line import parse_run
 from learner.options import LearnerOptions
@@ -21,7 +21,7 @@ def differing(rung: Rung, **settings: int) -> dict[str, object]:
     """The settings in which a rung's run is not the plain robot's."""
 
     def settings_of(flags: list[str]) -> dict[str, object]:
-        config = parse_run(LearnerOptions, "learner", flags, lambda _: None).config
+        config = parse_run(LearnerOptions, "learner", flags, lambda _: None)[0].config
         return {"env": config.env, **vars(config.play), "learning": config.learning}
 
     robot = settings_of(Options("R5").flags(1))
@@ -129,7 +129,8 @@ def test_a_rung_is_climbed_and_told(tmp_path: Path) -> None:
     # Keys as commanded, screen seen by the camera.
     assert (float(row["press_match_share"]), float(row["valid_frame_share"])) == (1.0, 1.0)
     assert "--play.hand model" in row["flags"]
-    assert read_evaluation(output.parent / f"{name}.json").mean == float(row["mean"])
+    (found,) = read_evaluations(output.parent / f"{name}.json")
+    assert found.mean == float(row["mean"])
     trained = [
         each for each in EpochTable(output.parent / f"{name}.csv").rows() if each.phase == "train"
     ]

@@ -10,12 +10,14 @@ from benchmarks import report
 from benchmarks.lab import press_latency
 from common.actions import KEYS_OF_ACTION, Keys
 from common.errors import InputError
+from common.registry import ROBOTS, RobotKind
+from tests.extending.whole_run import added
 
 
 class TwoFrames:
-    """A room whose hands need two frames, and for "up left fire" for ever."""
+    """A robot whose hands need two frames, and for "up left fire" for ever."""
 
-    def __init__(self) -> None:
+    def __init__(self, *_: object) -> None:
         self.rest()
 
     def rest(self) -> None:
@@ -35,27 +37,26 @@ class TwoFrames:
         pass
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *flags: str) -> None:
-    monkeypatch.setattr(press_latency, "Room", TwoFrames)
-    report.run(
-        "lab.press_latency",
-        press_latency.Options,
-        press_latency.measure,
-        ["--repetitions", "1", *flags],
-    )
+def run(*flags: str) -> None:
+    with added(ROBOTS, RobotKind("late", TwoFrames, joints=0)):
+        report.run(
+            "lab.press_latency",
+            press_latency.Options,
+            press_latency.measure,
+            ["--repetitions", "1", "--robot", "late", *flags],
+        )
 
 
-def test_table_picture_and_json(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_table_picture_and_json(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     results, picture = tmp_path / "latency.json", tmp_path / "latency.png"
-    run(monkeypatch, "--json", str(results), "-o", str(picture))
+    run("--json", str(results), "-o", str(picture))
     printed = capsys.readouterr().out
     assert printed.count("│ 33") + printed.count("│33") > 200
     assert "34 not reached" in printed
     assert "missed" in printed
     found = json.loads(results.read_text())
     assert found["p50_ms"] == found["p99_ms"] == pytest.approx(1000 / 30)
+    assert found["robot"] == "late"
     assert found["unreached"] == 34  # from 17 actions, settled and not
     assert found["stray_share"] == 0.0
     assert found["frame_ms"] == pytest.approx(1000 / 60)
@@ -79,10 +80,9 @@ def test_table_picture_and_json(
         (["--seed", "-1"], "seed"),
         (["--json", "no/such/folder/latency.json"], "no folder"),
         (["-o", "latency.txt"], "png"),
+        (["--robot", "atlas"], "no robot 'atlas'"),
     ],
 )
-def test_settings_that_cannot_work(
-    monkeypatch: pytest.MonkeyPatch, flags: list[str], complaint: str
-) -> None:
+def test_settings_that_cannot_work(flags: list[str], complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
-        run(monkeypatch, *flags)
+        run(*flags)

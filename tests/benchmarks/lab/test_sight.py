@@ -9,10 +9,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.robots.nao.room import Room
-from actors.robots.nao.sensor import PERFECT_CAMERA
+from actors.robots.nao.robot import Nao
 from benchmarks.lab import sight
-from benchmarks.lab.sight_poses import FAULTS, ActorCounters, Case, Look, cases, corners_in, measure
+from benchmarks.lab.sight_poses import (
+    FAULTS,
+    PERFECT,
+    ActorCounters,
+    Case,
+    Eye,
+    Look,
+    cases,
+    corners_in,
+    measure,
+)
 from benchmarks.lab.sight_probe import collect, probe
 from benchmarks.report import run
 from common.run.config import CameraConfig
@@ -20,16 +29,24 @@ from common.run.config import CameraConfig
 GAMES = ("pong", "space_invaders", "asteroids")
 
 
+def changed(eye: Eye) -> set[str]:
+    """Names of what is not as in a perfect eye."""
+    return {
+        name
+        for part in ("camera", "changes")
+        for name, value in vars(getattr(eye, part)).items()
+        if value != getattr(getattr(PERFECT, part), name)
+    }
+
+
 def test_cases_hold_every_fault_alone_and_all_together() -> None:
     found = cases()
-    assert found[0].camera == PERFECT_CAMERA
-    assert sum(case.camera == FAULTS for case in found) == 3
-    alone = [case.camera for case in found if case.camera not in (PERFECT_CAMERA, FAULTS)]
-    changed = [[name for name, value in vars(camera).items() if value] for camera in alone]
-    assert all(len(names) == 1 for names in changed)
-    assert {names[0] for names in changed} == {
-        name for name, value in vars(FAULTS).items() if value
-    }
+    assert found[0].eye == PERFECT
+    assert sum(case.eye == FAULTS for case in found) == 3
+    alone = [changed(case.eye) for case in found if case.eye not in (PERFECT, FAULTS)]
+    assert all(len(names) == 1 for names in alone)
+    assert set().union(*alone) == changed(FAULTS)
+    assert len(alone) == len(changed(FAULTS)) == 9
 
 
 @pytest.mark.parametrize(
@@ -43,13 +60,13 @@ def test_corners_and_frames_from_random_poses(case: Case) -> None:
     assert figures["pictures"] == len(looks) == 15
     assert figures["found"] == 1.0
     assert figures["p50_px"] <= figures["p95_px"] <= figures["max_px"] <= sight.MOST_PIXELS
-    if case.camera == PERFECT_CAMERA:
+    if case.eye == PERFECT:
         assert tallies["pong"].figures()["difference"] <= sight.MOST_DIFFERENCE
 
 
-@pytest.mark.parametrize("camera", [PERFECT_CAMERA, FAULTS], ids=["perfect", "all faults"])
-def test_a_screen_behind_an_arm_is_where_it_was(camera: CameraConfig) -> None:
-    case = Case("an arm rises", camera, "later")
+@pytest.mark.parametrize("eye", [PERFECT, FAULTS], ids=["perfect", "all faults"])
+def test_a_screen_behind_an_arm_is_where_it_was(eye: Eye) -> None:
+    case = Case("an arm rises", eye, "later")
     tallies = measure(case, ("pong", "breakout"), 3, np.random.default_rng(4))
     figures = sum(tallies.values(), ActorCounters()).figures()
     assert figures["found"] == 1.0
@@ -58,8 +75,8 @@ def test_a_screen_behind_an_arm_is_where_it_was(camera: CameraConfig) -> None:
 
 def test_corners_of_the_room_are_where_a_white_game_ends() -> None:
     """The truth itself, against the outline of the light that is really projected."""
-    room = Room()
-    room.pose(yaw=5.0, pitch=-4.0, distance=1.1)
+    room = Nao()
+    room.set_eye(CameraConfig(yaw=5.0, pitch=-4.0, screen_distance=1.1, screen_tilt=4.0))
     dark, light = (
         room.picture(np.full((210, 160, 3), level, np.uint8))[:, :, 0].astype(float)
         for level in (0, 255)
@@ -97,7 +114,7 @@ def test_the_probe_reads_off_what_is_there_and_nothing_else() -> None:
 
 
 def test_paddles_and_ball_can_be_read_off_few_frames() -> None:
-    frames = collect(2600, PERFECT_CAMERA, 1)
+    frames = collect(2600, PERFECT, 1)
     assert len(frames.seen) > 1200
     for found in (probe(frames.own, frames.truth), probe(frames.seen, frames.truth)):
         assert (found[:2] >= 0.97).all()
@@ -106,7 +123,7 @@ def test_paddles_and_ball_can_be_read_off_few_frames() -> None:
 
 @pytest.mark.slow
 def test_paddles_and_ball_can_be_read_off() -> None:
-    frames = collect(7000, PERFECT_CAMERA, 1)
+    frames = collect(7000, PERFECT, 1)
     assert (probe(frames.seen, frames.truth) >= sight.LEAST_EXPLAINED).all()
 
 

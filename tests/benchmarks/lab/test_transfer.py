@@ -22,7 +22,7 @@ POLICY = ROOT / "policies" / "ale_pong.safetensors"
 
 
 def played(flags: Sequence[str], trained: RunConfig) -> RunConfig:
-    return parse_run(LearnerOptions, "learner", flags, lambda _: trained).config
+    return parse_run(LearnerOptions, "learner", flags, lambda _: trained)[0].config
 
 
 @pytest.mark.parametrize("rung", list(FLAGS))

@@ -1,12 +1,17 @@
 """Command lines: presets below flags, a resumed run's own settings below both."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
 
 import pytest
+from annotated_types import Ge, Lt
 
+from common.checked import Patience
 from common.errors import InputError
 from common.process.command_line import RunFlags, parse, parse_run, preset_of
-from common.run.config import RunConfig
+from common.run.conditions import all_ranges
+from common.run.config import RandomiseConfig, RunConfig
 from common.run.presets import PRESETS
 
 
@@ -22,9 +27,11 @@ class Options:
 
 
 def parsed(*arguments: str, stored: RunConfig | None = None) -> Options:
-    return parse_run(
+    options, found = parse_run(
         Options, "program", arguments, lambda options: stored if options.resume else None
     )
+    assert found == (stored if options.resume else None)
+    return options
 
 
 @pytest.mark.parametrize(
@@ -59,6 +66,47 @@ def test_flags_go_over_the_preset() -> None:
     fast = PRESETS["fast"]
     learning = replace(fast.learning, n_step=1)
     assert options == Options(replace(fast, game="breakout", learning=learning), "x")
+
+
+def test_a_robot_is_named_by_either_flag_and_its_file_gets_a_hash(tmp_path: Path) -> None:
+    for flag in ("--robot", "--play.robot"):
+        with pytest.raises(InputError, match="there is no robot 'atlas'"):
+            parsed(flag, "atlas")
+    file = tmp_path / "hand.npz"
+    file.write_bytes(b"abc")
+    first = parsed("--robot", str(file)).config
+    assert first.play.robot.startswith(f"{file}#sha256=ba7816bf")
+    # What goes on keeps its hash, whatever is in the file by now; what is named anew gets its own.
+    file.write_bytes(b"abd")
+    assert parsed("--resume", stored=first).config == first
+    again = parsed("--resume", "--robot", str(file), stored=first).config
+    assert again.play.robot.startswith(f"{file}#sha256=a52d159f")
+
+
+def test_all_ranges_are_drawn_except_for_those_that_are_given() -> None:
+    everything = all_ranges("robot")
+    assert everything.noise == 8.0
+    found = parsed(
+        "--randomise.all", "--randomise.noise", "0", "--randomise.latency=3", "--run", "x"
+    )
+    ranges = replace(everything, noise=0.0, latency=3)
+    assert found == Options(replace(PRESETS["robot"], randomise=ranges), "x")
+    assert parsed("--preset", "fast", "--randomise.all").config.randomise == all_ranges("ale")
+    assert parsed("--preset", "fast", "--randomise.all", "--env", "robot").config.randomise == (
+        everything
+    )
+    stored = replace(PRESETS["robot"], seed=7, randomise=RandomiseConfig(noise=1.0))
+    assert parsed("--resume", "--randomise.all", stored=stored).config == replace(
+        stored, randomise=everything
+    )
+
+
+def test_the_help_tells_of_all_ranges(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parsed("--help")
+    told = capsys.readouterr().out
+    assert "--randomise.all" in told
+    assert "--randomise.head-pose" in told
 
 
 def test_the_defaults_in_the_help_are_the_presets(capsys: pytest.CaptureFixture[str]) -> None:
@@ -122,12 +170,65 @@ def test_plain_options_need_no_preset() -> None:
     assert parse(Plain, "program", ["--no-sync", "--envs", "3"]) == Plain(False, 3)
 
 
+@dataclass(frozen=True)
+class Bounded:
+    """What the program does."""
+
+    games: Annotated[int, Ge(1)] = 1
+    """Number of games, of which there is
+    'at least' one, and which is explained
+    --at-length.
+
+    Another paragraph."""
+    last_seed: Annotated[int, Ge(0), Lt(10)] | None = None
+    speed: Annotated[float, Ge(0)] = 1.0
+    patience: Patience = 1.0
+    name: str | None = None
+
+
+@pytest.mark.parametrize(
+    ("flag", "value", "choose"),
+    [
+        ("--games", "0", "1 or more"),
+        ("--last-seed", "-1", "0 or more"),
+        ("--last-seed", "10", "less than 10"),
+        ("--speed", "-0.5", "0 or more"),
+        ("--speed", "inf", "a finite number"),
+        ("--patience", "-1.0", "0 or more"),
+        ("--patience", "nan", "0 or more"),
+    ],
+)
+def test_a_flag_beyond_its_bounds_is_told(flag: str, value: str, choose: str) -> None:
+    with pytest.raises(InputError, match=rf"^{flag} is {value}: choose {choose}\.$"):
+        parse(Bounded, "program", [flag, value])
+
+
+def test_flags_within_their_bounds_are_taken() -> None:
+    assert parse(Bounded, "program", ["--last-seed", "9"]) == Bounded(last_seed=9)
+    assert parse(Bounded, "program", ["--games", "1", "--speed", "0"]) == Bounded(speed=0.0)
+    assert parse(Bounded, "program", ["--patience", "inf"]) == Bounded(patience=float("inf"))
+    assert parse(Bounded, "program", ["--name", "n" * 1_000]) == Bounded(name="n" * 1_000)
+
+
+def test_the_lines_of_a_help_text_are_joined(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "160")
+    with pytest.raises(SystemExit):
+        parse(Bounded, "program", ["--help"])
+    lines = [line.strip("│ ") for line in capsys.readouterr().out.splitlines()]
+    first = "Number of games, of which there is 'at least' one, and which is explained --at-length."
+    at = next(number for number, line in enumerate(lines) if line.endswith(first))
+    assert lines[at + 1 : at + 3] == ["", "Another paragraph. (default: 1)"]
+
+
 @pytest.mark.parametrize(
     ("flags", "present"),
     [
         (["--replay.warmup", "5"], "--replay.learning-starts"),
         (["--learning.train_every=8"], "--learning.train-period"),
         (["--exploration.no-lasting"], "--exploration.no-ez-greedy"),
+        (["--camera.screen-jitter", "0.1"], "--randomise.screen-distance"),
     ],
 )
 def test_a_flag_by_its_former_name_says_the_present_one(flags: list[str], present: str) -> None:

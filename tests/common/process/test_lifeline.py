@@ -1,12 +1,15 @@
 """How processes learn that they should end: real ones, with a real parent and real signals."""
 
+import os
 import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
+from common.process import lifeline
 from tests.paths import ROOT
 from tests.patience import PATIENCE
 
@@ -177,3 +180,39 @@ def test_signals_that_come_together_are_one(number: signal.Signals) -> None:
     process.send_signal(number)
     process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
+
+
+SLOW_IMPORT = """
+import signal
+
+print("importing", flush=True)
+signal.pause()
+"""
+
+
+@pytest.mark.parametrize("program", ["actors", "learner", "replay", "viewer"])
+def test_ctrl_c_during_the_imports_ends_a_program_quietly(program: str, tmp_path: Path) -> None:
+    (tmp_path / "numpy.py").write_text(SLOW_IMPORT)
+    process = subprocess.Popen(
+        [sys.executable, "-m", program],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A shell's background job, which these tests may be, ignores Ctrl-C.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert line(process) == "importing\n"
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=PATIENCE) == ("", "")
+    assert process.returncode == 130
+
+
+def test_an_ignored_ctrl_c_stays_ignored() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        lifeline.leave_at_interrupt()
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -5,10 +5,12 @@ import subprocess
 import sys
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from common.errors import InputError
+from common.process import lifeline
 from common.process import supervisor as module
 from common.process.supervisor import Child, Supervisor
 from tests.patience import PATIENCE
@@ -85,6 +87,17 @@ def test_the_last_line_is_found_in_a_log_or_a_pipe(
     assert str(logged.failure("learner")) == f"the learner ended, and said: {last}."
     assert piped.last_line() == last
     piped.end()
+
+
+def test_a_child_that_writes_much_to_a_piped_standard_error_is_not_held_up(program: Path) -> None:
+    pipes = 16 * 65_536  # Linux holds up whoever writes more than 65,536 that nobody reads
+    write(program, f"import sys; sys.stderr.write({pipes} * 'é' + '\\nno room'); print('done')")
+    child = Child("m", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        assert child.wait(PATIENCE) == 0
+        assert child.last_line() == "no room"
+    finally:
+        child.end(0.0)
 
 
 def started(program: Path, tmp_path: Path, script: str) -> Supervisor:
@@ -164,3 +177,13 @@ def test_children_that_were_asked_to_leave_are_not_started_again(
     assert notes_of(children) == []
     assert not children.works("actor")
     children.close()
+
+
+def test_children_have_as_long_as_each_gives_itself_to_leave(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given: list[float] = []
+    child = SimpleNamespace(ask_to_leave=lambda: None, end=given.append)
+    monkeypatch.setattr(module.time, "monotonic", lambda: 5.0)
+    Supervisor({"a": lambda: child}).close()  # type: ignore[dict-item, return-value]
+    assert given == [lifeline.GRACE]

@@ -79,6 +79,7 @@ def example_chunk(**changes: Any) -> Chunk:
         "truncated": np.array([False, False, True]),
         "elapsed": np.array([1, 1, 255], np.uint8),
         "valid": np.array([True, False, True]),
+        "follows": np.array([True, True, False]),
         "matched": np.array([False, True, True]),
         "explored": np.array([True, False, False]),
         "vectors": np.arange(6, dtype=np.float32).reshape(3, 2),

@@ -52,7 +52,7 @@ def test_counters_are_whole_and_not_negative(name: str) -> None:
 
 @pytest.mark.parametrize("name", OF_TYPE[float])
 def test_amounts_are_finite_and_not_negative(name: str) -> None:
-    for value in (-0.1, 1, float("nan"), float("inf")):
+    for value in (-0.1, True, "1", float("nan"), float("inf")):
         with pytest.raises(MessageError, match=name):
             ActorStats.decode(pack(dataclasses.asdict(GOOD) | {name: value}))
 

@@ -1,49 +1,59 @@
 """The announcement of a run: whole, and checked."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from common.errors import InputError, MessageError
-from common.protocol.announcement import decode_announcement, encode_announcement
+from common.protocol.announcement import Announcement
 from common.protocol.wire import pack
-from common.run.config import to_json
 from common.run.presets import PRESETS
 
-FAST, PAPER = PRESETS["fast"], PRESETS["paper"]
+FAST = PRESETS["fast"]
+GOOD = Announcement("one", FAST, 6)
 
 
 @pytest.mark.parametrize("name", list(PRESETS))
 def test_a_configuration_is_announced_whole(name: str) -> None:
     config = PRESETS[name]  # type: ignore[index]
-    assert decode_announcement(encode_announcement("run-1", config)) == ("run-1", config)
+    told = Announcement("run-1", config, 6)
+    assert Announcement.decode(told.encode()) == told
 
 
-def test_what_is_announced_is_checked() -> None:
-    with pytest.raises(InputError, match="'a/b' cannot be used"):
-        decode_announcement(encode_announcement("a/b", FAST))
-    with pytest.raises(InputError, match="the hub's configuration has a missing or unknown field"):
-        decode_announcement(pack({"run": "one", "config": b"{}", "actions": 6}))
-    hopeless = replace(FAST, replay=replace(FAST.replay, capacity=1))
-    with pytest.raises(InputError, match=r"replay\.capacity is 1"):
-        decode_announcement(encode_announcement("one", hopeless))
-    with pytest.raises(MessageError, match="no JSON"):
-        decode_announcement(pack({"run": "one", "config": b"\xff", "actions": 6}))
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"run": "a/b"}, "'a/b' cannot be used"),
+        ({"config": replace(FAST, replay=replace(FAST.replay, capacity=1))}, "capacity is 1"),
+        ({"actions": 5}, r"pong \(ale\) has 5 actions at the hub and 6 here"),
+        ({"actions": 18}, r"pong \(ale\) has 18 actions at the hub and 6 here"),
+    ],
+)
+def test_a_run_that_cannot_be_played_here_is_told(changes: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Announcement.decode(replace(GOOD, **changes).encode())
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"config": {}}, "config has a missing or unknown field"),
+        ({"config": b"\xff"}, "config should be a table of settings"),
+        ({"config": {**vars(FAST), "play": {"frame_stack": 4}}}, r"config\.play has a missing"),
+        ({"config": {**vars(FAST), "seed": -1}}, r"config\.seed is -1"),
+        ({"actions": 0}, "actions is 0"),
+        ({"actions": 257}, "actions is 257"),  # no chunk could carry them
+    ],
+)
+def test_another_announcement_is_malformed(changes: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(MessageError, match=sentence):
+        Announcement.decode(pack(vars(GOOD) | changes))
 
 
 def test_a_configuration_nested_without_end_is_refused() -> None:
+    payload = pack(vars(GOOD) | {"config": None})
+    deep = payload.replace(b"\xa6config\xc0", b"\xa6config" + b"\x91" * 200_000)
+    assert len(deep) > 200_000
     with pytest.raises(MessageError):
-        decode_announcement(pack({"run": "one", "config": b"[" * 200_000, "actions": 6}))
-
-
-@pytest.mark.parametrize("actions", [5, 18])
-def test_machines_that_disagree_on_the_actions_do_not_play_together(actions: int) -> None:
-    payload = pack({"run": "one", "config": to_json(FAST).encode(), "actions": actions})
-    with pytest.raises(InputError, match=rf"pong \(ale\) has {actions} actions at the hub and 6"):
-        decode_announcement(payload)
-
-
-@pytest.mark.parametrize("actions", [0, 257])
-def test_a_number_of_actions_that_no_chunk_could_carry_is_malformed(actions: int) -> None:
-    with pytest.raises(MessageError):
-        decode_announcement(pack({"run": "one", "config": b"{}", "actions": actions}))
+        Announcement.decode(deep)

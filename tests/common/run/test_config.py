@@ -1,31 +1,23 @@
-"""RunConfig: each rule with its sentence, the schedules by hand, and JSON there and back."""
+"""RunConfig: each rule with its sentence, and the schedules by hand."""
 
 import dataclasses
-import json
 import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from common.errors import InputError, MessageError
 from common.proprioception import vector_width
-from common.protocol.step_fields import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_SHAPE, STEP_FIELDS, Column, StepField
 from common.run.config import (
     MAX_WAIT,
-    RENAMED,
     ExplorationConfig,
     LearningConfig,
-    PlayConfig,
     ReplayConfig,
     RunConfig,
-    StreamConfig,
-    differences,
-    from_mapping,
-    to_json,
 )
 from common.run.presets import PRESETS
 from replay.batch import SharedBatch
@@ -50,6 +42,8 @@ def test_the_defaults_pass() -> None:
 
 AT_LEAST_1 = [
     "play.frame_skip",
+    "play.vector_commands",
+    "play.vector_key_frames",
     "stream.chunk_steps",
     "stream.window",
     "learning.batch_size",
@@ -67,12 +61,13 @@ SHARES = [
     "protocol.test_epsilon",
     "learning.discount",
 ]
+OF_EITHER_SIGN = ["camera.yaw", "camera.pitch", "camera.screen_tilt"]
 NUMBERS = [
     f"{group}.{name}"
     for group, values in dataclasses.asdict(GOOD).items()
     if isinstance(values, dict)
     for name, value in values.items()
-    if type(value) in (int, float)
+    if type(value) in (int, float) and f"{group}.{name}" not in OF_EITHER_SIGN
 ]
 
 
@@ -110,7 +105,13 @@ def test_ranges(field: str, least: int, most: int) -> None:
             changed(field, value, few).check()
 
 
-def test_states_that_travel_together_fit_a_message() -> None:
+@pytest.mark.parametrize("drawn", [{}, {"before": Column(84, 84, drawn=True)}])
+def test_states_that_travel_together_fit_a_message(
+    drawn: dict[str, Column], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, column in drawn.items():
+        monkeypatch.setitem(STEP_FIELDS, name, StepField(np.dtype(np.uint8), column))
+
     def held(states: int, frame_stack: int) -> bytes:
         frames = np.zeros((states, frame_stack, *FRAME_SHAPE), np.uint8)
         return HeldOutStates(frames, np.zeros((states, vector_width(8)), np.float32)).encode()
@@ -125,6 +126,7 @@ def test_states_that_travel_together_fit_a_message() -> None:
             **{name: np.zeros(steps, np.float32) for name in ("r_t", "discount_t", "weights")},
             x_tm1=vectors,
             x_t=vectors,
+            drawn={name: np.zeros((steps, 84, 84), np.uint8) for name in drawn},
         ).encode()
 
     for frame_stack in (2, 4, 16):
@@ -157,18 +159,30 @@ def test_a_mean_over_squares_must_forget() -> None:
     [
         ("camera.noise", 255.0, 256.0),
         ("camera.blur", 20.0, 20.5),
-        ("camera.exposure", 0.9, 1.0),
-        ("camera.colour_gain", 0.9, 1.0),
+        ("camera.brightness", 2.0, 2.1),
+        ("camera.gamma", 3.0, 3.1),
+        ("camera.glare", 0.9, 1.0),
+        ("randomise.exposure", 0.9, 1.0),
+        ("randomise.colour", 0.9, 1.0),
         ("camera.distortion", 0.3, 0.31),
         ("camera.latency", 3, 4),
-        ("camera.camera_jitter", 45.0, 46.0),
-        ("camera.screen_jitter", 0.5, 0.6),
+        ("camera.yaw", 45.0, 46.0),
+        ("camera.pitch", 45.0, 46.0),
+        ("camera.screen_tilt", 30.0, 31.0),
+        ("randomise.head_pose", 45.0, 46.0),
+        ("randomise.screen_distance", 0.5, 0.6),
         ("camera.ambient", 0.9, 1.0),
         ("learning.random_shift", 20, 21),
+        ("play.actuation_latency", 36, 37),
+        ("play.vector_commands", 60, 61),
+        ("play.vector_key_frames", 240, 241),
+        ("play.actuation_jitter", 36, 37),
+        ("play.arm_speed", 1.1, 1.2),
+        ("play.key_threshold", 1.4, 1.5),
     ],
 )
 def test_upper_bounds(field: str, most: float, beyond: float) -> None:
-    changed(field, most).check()
+    changed(field, most, replace(GOOD, env="robot")).check()
     with pytest.raises(InputError, match=f"^{field} is {beyond}: choose at most"):
         changed(field, beyond).check()
 
@@ -208,6 +222,37 @@ def test_the_tolerance_holds_the_steps_of_one_update() -> None:
         changed("replay.ratio_tolerance", 1_999, config).check()
 
 
+@pytest.mark.parametrize("env", ["ale", "robot"])
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("play.hand", "model"),
+        ("play.command_latency", 1),
+        ("play.release_latency", 1),
+        ("play.press_latency", 1),
+    ],
+)
+def test_hands_are_modelled_once(env: str, field: str, value: Any) -> None:
+    modelled = changed("play.robot", "a/hand.npz#sha256=0", changed("env", env))
+    modelled.check()
+    changed(field, value).check()
+    with pytest.raises(InputError, match=r"^play.robot is a/hand.npz, which models .*: leave"):
+        changed(field, value, modelled).check()
+
+
+def test_a_file_that_is_named_gets_its_hash(tmp_path: Path) -> None:
+    assert GOOD.pinned() is GOOD
+    file = tmp_path / "hand.npz"
+    file.write_bytes(b"abc")
+    config = changed("play.robot", str(file)).pinned()
+    assert config.play.robot.startswith(f"{file}#sha256=ba7816bf")
+    assert config == changed("play.robot", config.play.robot)
+    assert config.play.latency_model == config.play.robot
+    assert GOOD.play.latency_model is None
+    with pytest.raises(InputError, match="cannot be read"):
+        changed("play.robot", str(tmp_path / "none.npz")).pinned()
+
+
 @pytest.mark.parametrize(
     ("agent_steps", "epsilon"),
     [
@@ -245,143 +290,3 @@ def test_epsilon_of_a_schedule_without_length_jumps() -> None:
 def test_samples_per_insert(batch: int, every: int, ratio: float) -> None:
     config = replace(GOOD, learning=LearningConfig(batch_size=batch, train_period=every))
     assert config.samples_per_insert == ratio
-
-
-@pytest.mark.parametrize("name", list(PRESETS))
-def test_a_preset_survives_json(name: str) -> None:
-    config = PRESETS[name]  # type: ignore[index]
-    assert from_mapping(RunConfig, json.loads(to_json(config))) == config
-
-
-@given(
-    st.integers(0, 2**63 - 1),
-    st.builds(
-        PlayConfig,
-        st.integers(2, 16),
-        st.integers(1),
-        st.integers(0),
-        st.booleans(),
-        st.integers(0),
-    ),
-    st.builds(
-        LearningConfig,
-        target=st.sampled_from(["dqn", "double"]),
-        learning_rate=st.floats(0, allow_infinity=False),
-        scale_pixels=st.booleans(),
-    ),
-    st.builds(StreamConfig, st.integers(1, 1_024), st.integers(1)),
-)
-def test_any_configuration_survives_json(
-    seed: int, play: PlayConfig, learning: LearningConfig, stream: StreamConfig
-) -> None:
-    config = RunConfig(seed=seed, play=play, learning=learning, stream=stream)
-    assert from_mapping(RunConfig, json.loads(to_json(config))) == config
-
-
-def mapping(**changes: Any) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(to_json(GOOD))
-    return found | changes
-
-
-def test_a_missing_field_is_named() -> None:
-    data = mapping()
-    del data["replay"]["learning_starts"]
-    with pytest.raises(
-        InputError, match=r"^here.replay has a missing or unknown field: learning_starts\.$"
-    ):
-        from_mapping(RunConfig, data, "here")
-
-
-def test_a_file_may_be_older_than_a_field_and_has_its_default() -> None:
-    data = mapping()
-    del data["learning"]["vector_scale"]
-    data["play"] = {}
-    assert from_mapping(RunConfig, data, fill=True) == replace(GOOD, play=PlayConfig())
-    data["learning"]["newer"] = 1
-    with pytest.raises(InputError, match=r"^config.learning has a missing or unknown field: newer"):
-        from_mapping(RunConfig, data, fill=True)
-    del data["play"]
-    with pytest.raises(InputError, match=r"^config has a missing or unknown field: play"):
-        from_mapping(RunConfig, data, fill=True)
-
-
-def test_a_file_may_have_the_former_names_of_fields() -> None:
-    data = mapping()
-    for former, present in RENAMED.items():
-        (group, old), new = former.split("."), present.split(".")[1]
-        data[group][old] = data[group].pop(new)
-    with pytest.raises(InputError, match="missing or unknown field"):
-        from_mapping(RunConfig, data)
-    assert from_mapping(RunConfig, data, fill=True) == GOOD
-
-
-def test_unknown_fields_are_named() -> None:
-    with pytest.raises(InputError, match=r"^here has a missing or unknown field: aa, zz\.$"):
-        from_mapping(RunConfig, mapping(zz=1, aa=2), "here")
-
-
-@pytest.mark.parametrize("data", [None, [], "text", 5])
-def test_what_is_no_table_is_refused(data: Any) -> None:
-    with pytest.raises(InputError, match=r"^here should be a table of settings\.$"):
-        from_mapping(RunConfig, data, "here")
-    with pytest.raises(InputError, match=r"^here.play should be a table of settings\.$"):
-        from_mapping(RunConfig, mapping(play=data), "here")
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "sentence"),
-    [
-        ("seed", "1", "here.seed is '1', which is not a whole number."),
-        ("seed", 1.0, "here.seed is 1.0, which is not a whole number."),
-        ("seed", True, "here.seed is True, which is not a whole number."),
-        ("seed", -1, "here.seed is -1: choose 0 or more."),
-        ("game", 5, "here.game is 5, which is not a text."),
-        ("env", ["ale"], "here.env is ['ale'], which is not a text."),
-        ("preset", None, "here.preset is None: choose 'paper', 'fast' or 'robot'."),
-    ],
-)
-def test_a_field_of_another_type_is_named(field: str, value: Any, sentence: str) -> None:
-    with pytest.raises(InputError) as caught:
-        from_mapping(RunConfig, mapping(**{field: value}), "here")
-    assert str(caught.value) == sentence
-
-
-@pytest.mark.parametrize(
-    ("field", "value"), [("scale_pixels", 1), ("learning_rate", "1e-4"), ("learning_rate", True)]
-)
-def test_a_field_of_another_type_within_a_group_is_named(field: str, value: Any) -> None:
-    data = mapping()
-    data["learning"][field] = value
-    with pytest.raises(InputError, match=rf"^here\.learning\.{field} is "):
-        from_mapping(RunConfig, data, "here")
-
-
-def test_a_whole_number_does_for_a_float() -> None:
-    data = mapping()
-    data["learning"]["gradient_norm"] = 10
-    found = from_mapping(RunConfig, data)
-    assert found == GOOD
-    assert type(found.learning.gradient_norm) is float
-
-
-def test_a_whole_number_too_large_for_a_float_is_refused() -> None:
-    data = mapping()
-    data["learning"]["learning_rate"] = 10**400
-    with pytest.raises(InputError, match=r"^here\.learning\.learning_rate is "):
-        from_mapping(RunConfig, data, "here")
-
-
-@pytest.mark.parametrize("seed", [-1, 2**64])
-def test_a_seed_that_no_generator_takes_is_refused(seed: int) -> None:
-    # numpy takes no negative one, PyTorch none of more than 64 bits.
-    with pytest.raises(InputError, match=f"^seed is {seed}: "):
-        replace(GOOD, seed=seed).check()
-
-
-def test_differences_name_each_field_and_both_values() -> None:
-    assert differences(GOOD, GOOD) == []
-    other = changed("replay.learning_starts", 20_000, changed("game", "breakout"))
-    assert differences(GOOD, other) == [
-        "game pong → breakout",
-        "replay.learning_starts 10000 → 20000",
-    ]

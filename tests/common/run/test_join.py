@@ -3,10 +3,10 @@
 import pytest
 
 from common.errors import InputError
-from common.protocol.announcement import encode_announcement
+from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import SCHEMA, pack
-from common.run.config import to_json
+from common.run.config import RunConfig
 from common.run.join import find_run
 from common.run.presets import PRESETS
 from common.transport.interface import Closeable, Transport
@@ -20,25 +20,29 @@ def announce(hub: Transport, run: str, answer: bytes) -> Closeable:
     return hub.serve(RunKeys(run).config, lambda _: answer)
 
 
+def announcement(run: str, config: RunConfig) -> bytes:
+    return Announcement(run, config, config.action_count).encode()
+
+
 def never() -> bool:
     return False
 
 
 def test_a_run_is_found_by_its_name(hub: Transport, client: Transport) -> None:
-    announce(hub, "one", encode_announcement("one", FAST))
-    announce(hub, "two", encode_announcement("two", PAPER))
+    announce(hub, "one", announcement("one", FAST))
+    announce(hub, "two", announcement("two", PAPER))
     assert find_run(client, "one", PATIENCE, never) == (RunKeys("one"), FAST)
     assert find_run(client, "two", PATIENCE, never) == (RunKeys("two"), PAPER)
 
 
 def test_the_only_run_is_found_without_a_name(hub: Transport, client: Transport) -> None:
-    announce(hub, "one", encode_announcement("one", PAPER))
+    announce(hub, "one", announcement("one", PAPER))
     assert find_run(client, None, PATIENCE, never) == (RunKeys("one"), PAPER)
 
 
 def test_of_several_runs_one_must_be_named(hub: Transport, client: Transport) -> None:
-    announce(hub, "two", encode_announcement("two", FAST))
-    announce(hub, "one", encode_announcement("one", FAST))
+    announce(hub, "two", announcement("two", FAST))
+    announce(hub, "one", announcement("one", FAST))
     with pytest.raises(InputError, match=r"several runs \(one, two\): name one with --run"):
         find_run(client, None, PATIENCE, never)
 
@@ -49,7 +53,7 @@ def test_no_run_is_told_after_the_patience(client: Transport) -> None:
 
 
 def test_a_run_that_is_not_there_is_told_by_name(hub: Transport, client: Transport) -> None:
-    announce(hub, "one", encode_announcement("one", FAST))
+    announce(hub, "one", announcement("one", FAST))
     with pytest.raises(InputError, match=r"^the hub serves no run called 'other'"):
         find_run(client, "other", 0.0, never)
 
@@ -61,7 +65,7 @@ def test_a_run_that_starts_later_is_waited_for(hub: Transport, client: Transport
         nonlocal asked
         asked += 1
         if asked == 2:
-            announce(hub, "late", encode_announcement("late", FAST))
+            announce(hub, "late", announcement("late", FAST))
         return False
 
     assert find_run(client, None, PATIENCE, begins_after_two_looks)[0] == RunKeys("late")
@@ -74,13 +78,14 @@ def test_whoever_wants_to_stop_need_not_wait(client: Transport) -> None:
 
 
 def test_a_hub_of_another_version_is_told(hub: Transport, client: Transport) -> None:
-    good = encode_announcement("one", FAST)
+    good = announcement("one", FAST)
     for answer in (
         b"",
         b"garbage",
         pack({"run": "one"}),
-        pack({"run": "one", "config": b"{"}),
-        pack({"run": 1, "config": to_json(FAST).encode()}),
+        pack({"run": "one", "config": {}, "actions": 6}),
+        pack({"run": 1, "config": FAST, "actions": 6}),
+        pack({"run": "one", "config": {**vars(FAST), "play": {}}, "actions": 6}),
         good.replace(b"schema" + bytes([SCHEMA]), b"schema\x63"),
     ):
         assert answer != good

@@ -8,17 +8,17 @@ import torch
 from common.network import QNetwork
 from common.protocol.weights import encode_weights, load_weights
 from common.run.config import LearningConfig
-from learner.algorithm.averaging import ExponentialMean, Online, build_published
+from learner.algorithm.averaging import PublishedNetwork
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.value_based import ValueBased
-from learner.checkpoint import load_checkpoint, save_checkpoint
+from learner.checkpoint import Checkpoint
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch
 
 CPU = Device(torch.device("cpu"), bfloat16=False)
 
 
-def _algorithm(weights_average: float) -> ValueBased[QNetwork]:
+def _algorithm(weights_average: float) -> ValueBased:
     torch.manual_seed(0)
     config = LearningConfig(weights_average=weights_average, learning_rate=1e-2)
     return double_dqn(QNetwork(6), config, CPU)
@@ -32,7 +32,7 @@ def test_the_mean_by_hand() -> None:
     online = QNetwork(6)
     with torch.no_grad():
         online.actions.bias.fill_(8.0)
-    mean = ExponentialMean(online, decay=0.75)
+    mean = PublishedNetwork(online, decay=0.75)
     for weight, expected in ((0.0, 6.0), (4.0, 5.5), (-0.5, 4.0)):
         with torch.no_grad():
             online.actions.bias.fill_(weight)
@@ -43,9 +43,11 @@ def test_the_mean_by_hand() -> None:
 
 def test_without_a_decay_the_online_network_itself_is_published() -> None:
     online = QNetwork(6)
-    published = build_published(online, LearningConfig())
-    assert isinstance(published, Online)
+    published = PublishedNetwork(online, LearningConfig().weights_average)
+    before = _bias(online)
+    published.update()
     assert published.network is online
+    assert torch.equal(_bias(online), before)
     assert not any(name.startswith("average.") for name in _algorithm(0.0).state())
 
 
@@ -68,9 +70,9 @@ def test_an_algorithm_publishes_the_mean_and_learns_without_it() -> None:
 def test_a_checkpoint_keeps_both_and_gives_away_the_mean(tmp_path: Path) -> None:
     path, algorithm = tmp_path / "checkpoint.safetensors", _algorithm(0.5)
     learn(algorithm, random_batch())
-    save_checkpoint(path, algorithm, {})
+    Checkpoint(path, algorithm, "dqn").save({})
     resumed = _algorithm(0.5)
-    load_checkpoint(path, resumed)
+    Checkpoint(path, resumed, "dqn").load()
     for each in (algorithm, resumed):
         learn(each, random_batch(seed=1))
     assert encode_weights(resumed.online) == encode_weights(algorithm.online)

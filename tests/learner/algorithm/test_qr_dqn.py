@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from torch import tensor
 
-from common.network import QuantileNetwork, build_network
+from common.network import QNetwork, build_network
 from common.run.config import LearningConfig
 from common.run.presets import PRESETS
 from learner.algorithm.qr_dqn import of_action, qr_dqn, quantile_huber, target_quantiles
@@ -21,9 +21,9 @@ CPU = Device(torch.device("cpu"), bfloat16=False)
 CPU_BFLOAT16 = Device(torch.device("cpu"), bfloat16=True)
 
 
-def _network(seed: int = 0, actions: int = 6, quantiles: int = 5) -> QuantileNetwork:
+def _network(seed: int = 0, actions: int = 6, quantiles: int = 5) -> QNetwork:
     torch.manual_seed(seed)
-    return QuantileNetwork(actions, atoms=quantiles)
+    return QNetwork(actions, atoms=quantiles)
 
 
 def _reference(
@@ -106,8 +106,8 @@ def test_an_update_is_the_plain_one(target: str, device: Device) -> None:
 
     with torch.no_grad():
         best = (online if target == "double" else other)(batch.s_t, batch.x_t).argmax(1)
-        theta = of_action(online.quantiles(batch.s_tm1, batch.x_tm1), batch.a_tm1)
-        theta_t = of_action(other.quantiles(batch.s_t, batch.x_t), best)
+        theta = of_action(online.atoms(batch.s_tm1, batch.x_tm1), batch.a_tm1)
+        theta_t = of_action(other.atoms(batch.s_t, batch.x_t), best)
     targets = batch.r_t[:, None] + batch.discount_t[:, None] * theta_t
     losses, _ = _reference(theta.double().numpy(), targets.double().numpy())
     rough = 0.02 if device.bfloat16 else 1e-4
@@ -138,7 +138,7 @@ def test_it_learns_the_distribution_of_a_random_reward() -> None:
     for _ in range(120):
         learn(algorithm, batch)
     with torch.no_grad():
-        coin, sure = algorithm.online.quantiles(one.s_tm1, one.x_tm1)[0]
+        coin, sure = algorithm.online.atoms(one.s_tm1, one.x_tm1)[0]
     # Huber's quantile τ of the coin: τ · 1/4 · (1 - θ) = (1 - τ) · 3/4 · θ.
     taus = torch.tensor([1, 3, 5, 7]) / 8
     expected = taus / (taus + 3 * (1 - taus))
@@ -149,10 +149,9 @@ def test_it_learns_the_distribution_of_a_random_reward() -> None:
 def test_what_it_learns_is_what_actors_play() -> None:
     config = replace(PRESETS["fast"], learning=LearningConfig(algorithm="qr_dqn", quantiles=7))
     network = build_network(config, 6)
-    assert isinstance(network, QuantileNetwork)
     batch = random_batch()
     with torch.no_grad():
-        quantiles = network.quantiles(batch.s_t, batch.x_t)
+        quantiles = network.atoms(batch.s_t, batch.x_t)
         values = network(batch.s_t, batch.x_t)
     assert quantiles.shape == (8, 6, 7)
     torch.testing.assert_close(values, quantiles.mean(2))

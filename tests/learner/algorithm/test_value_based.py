@@ -10,7 +10,7 @@ import torch
 from common.network import QNetwork
 from common.run.config import LearningConfig
 from learner.algorithm.double_dqn import double_dqn
-from learner.algorithm.precision import Bfloat16
+from learner.algorithm.precision import Precision
 from learner.algorithm.value_based import ValueBased
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch
@@ -24,7 +24,7 @@ def _network(seed: int = 0) -> QNetwork:
     return QNetwork(6)
 
 
-def _target_of(algorithm: ValueBased[QNetwork]) -> dict[str, torch.Tensor]:
+def _target_of(algorithm: ValueBased) -> dict[str, torch.Tensor]:
     state = algorithm.state()
     return {
         name.removeprefix("target."): value.clone()
@@ -33,7 +33,7 @@ def _target_of(algorithm: ValueBased[QNetwork]) -> dict[str, torch.Tensor]:
     }
 
 
-def _with_target(algorithm: ValueBased[QNetwork], target: QNetwork) -> ValueBased[QNetwork]:
+def _with_target(algorithm: ValueBased, target: QNetwork) -> ValueBased:
     """Returns ``algorithm`` with another target network."""
     changed = {f"target.{name}": value for name, value in target.state_dict().items()}
     algorithm.load_state(algorithm.state() | changed)
@@ -145,7 +145,7 @@ def test_bfloat16_is_what_autocast_computes() -> None:
 
 def test_a_bfloat16_copy_takes_over_weights_that_are_loaded() -> None:
     original = _network()
-    half = Bfloat16(original)
+    half = Precision(original, CPU_BFLOAT16)
     assert {p.dtype for p in half.network.hidden.parameters()} == {torch.bfloat16}
     original.load_state_dict(_network(1).state_dict())
     for ours, theirs in zip(half.network.parameters(), original.parameters(), strict=True):
@@ -170,8 +170,8 @@ def test_a_sync_of_the_target_leaves_the_online_copy_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     algorithm = double_dqn(_network(), LearningConfig(), CPU_BFLOAT16)
-    synced: list[Bfloat16[QNetwork]] = []
-    monkeypatch.setattr(Bfloat16, "sync_from_master", lambda self: synced.append(self))
+    synced: list[Precision] = []
+    monkeypatch.setattr(Precision, "sync_from_master", lambda self: synced.append(self))
     algorithm._target.sync(algorithm._online)
     assert synced == [algorithm._target._precision]
 

@@ -12,9 +12,13 @@ import pytest
 from rich.console import Console
 
 from common.errors import InputError
+from common.registry import ROBOTS, RobotKind
+from common.run.clock import ClockConfig
+from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.evaluation import offline
 from learner.evaluation.offline import EvaluationOptions, evaluate, play
+from tests.extending.whole_run import added
 from tests.patience import PATIENCE
 
 CONFIG = replace(PRESETS["fast"], seed=7)
@@ -70,6 +74,18 @@ def test_a_process_that_fails_is_quoted(program: Path) -> None:
         list(play(options, CONFIG, [], threading.Event()))
 
 
+def test_a_process_that_writes_much_to_its_standard_error_plays_on(program: Path) -> None:
+    write(program, f"import sys\nsys.stderr.write(200_000 * 'warning\\n'){PLAYS}")
+    options = EvaluationOptions(Path("w"), games=4, processes=2)
+    found: list[Any] = []
+    playing = threading.Thread(
+        target=lambda: found.extend(play(options, CONFIG, [], threading.Event())), daemon=True
+    )
+    playing.start()
+    playing.join(PATIENCE)
+    assert len(found) == 4
+
+
 def test_a_stop_ends_every_process(program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(program, "import time\nprint('{}', flush=True)\ntime.sleep(10_000)")
     children: list[offline.Child] = []
@@ -84,31 +100,137 @@ def test_a_stop_ends_every_process(program: Path, monkeypatch: pytest.MonkeyPatc
     stop = threading.Event()
     console = Console(file=io.StringIO())
     options = EvaluationOptions(program, games=2, processes=2)
-    result: list[int] = []
+    result: list[Any] = []
     games = threading.Thread(
-        target=lambda: result.append(evaluate(options, CONFIG, [], stop, console)), daemon=True
+        target=lambda: result.append(evaluate(options, CONFIG, None, ClockConfig(), stop, console)),
+        daemon=True,
     )
     games.start()
     stop.set()
     games.join(PATIENCE)
-    assert result == [130]
+    assert result == [None]
+    assert "stopped after" in console.file.getvalue()  # type: ignore[attr-defined]
     assert [child.poll() for child in children] == [-9, -9]
 
 
-def test_results_are_printed_and_written(
-    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    game = {
-        "score": 3.0, "steps": 50, "matched": 40, "valid": 50, "decisions": 80,
-        "missed_deadlines": 4, "late_frames": 7, "key_times": [0] * 120,
-    }  # fmt: skip
-    write(program, f"print({json.dumps(game)!r}, flush=True)")
+GAME = {
+    "score": 3.0, "steps": 50, "matched": 40, "valid": 50, "decisions": 80, "missed_deadlines": 4,
+    "late_frames": 7, "key_times": [0] * 120, "game_seconds": 5.3, "wall_seconds": 2.0,
+    "game_hash": "1", "ending_hash": "2",
+}  # fmt: skip
+TELLS_ITS_CHANCES = f"""
+import json, sys
+told = dict(zip(sys.argv[3::2], sys.argv[4::2]))
+sticky = json.loads(told["--config"])["play"]["sticky"]
+epsilon = float(told["--epsilon"])
+for game in range(int(told["--games"])):
+    print(json.dumps({{**{GAME!r}, "score": 1_000 * epsilon + 100 * sticky}}), flush=True)
+"""
+
+
+def evaluated(options: EvaluationOptions, config: RunConfig, trained: RunConfig | None) -> Any:
+    """What an evaluation returns, and what it shows."""
+    console = Console(file=io.StringIO(), width=120, record=True)
+    found = evaluate(options, config, trained, ClockConfig(), threading.Event(), console)
+    return found, console.export_text()
+
+
+def test_results_are_printed_and_written(program: Path, tmp_path: Path) -> None:
+    write(program, f"print({json.dumps(GAME)!r}, flush=True)")
     file = tmp_path / "results.json"
     options = EvaluationOptions(program, games=2, processes=2, json=file)
-    console = Console(file=io.StringIO(), width=100, record=True)
-    assert evaluate(options, CONFIG, ["--sync"], threading.Event(), console) == 0
+    found, shown = evaluated(options, CONFIG, None)
     told = json.loads(file.read_text())
+    assert told == found
     assert (told["games"], told["scores"], told["seed"], told["flags"]) == (
         2, [3.0, 3.0], 7, ["--sync"]
     )  # fmt: skip
-    assert "interquartile mean" in console.export_text()
+    assert (told["epsilon"], told["sticky"], told["changed"]) == (0.001, 0.0, [])
+    assert told["versions"]["python"]
+    assert "interquartile mean" in shown
+
+
+def test_settings_other_than_the_networks_are_told(program: Path) -> None:
+    write(program, TELLS_ITS_CHANCES)
+    options = EvaluationOptions(program, games=2, epsilon=0.05)
+    trained = replace(CONFIG, seed=1, play=replace(CONFIG.play, sticky=0.5))
+    found, shown = evaluated(options, replace(trained, game="breakout", seed=3), trained)
+    assert found["changed"] == ["game pong → breakout"]
+    assert (found["epsilon"], found["sticky"], found["mean"]) == (0.05, 0.5, 100.0)
+    assert "100.00 ± 0.00" in shown
+
+
+def test_a_headline_is_three_measures_in_one_table_and_one_file(
+    program: Path, tmp_path: Path
+) -> None:
+    write(program, TELLS_ITS_CHANCES)
+    file = tmp_path / "headline.json"
+    options = EvaluationOptions(program, headline=True, games=3, processes=2, json=file)
+    trained = replace(CONFIG, play=replace(CONFIG.play, sticky=0.1))
+    found, shown = evaluated(options, trained, trained)
+    assert json.loads(file.read_text()) == found
+    # 1000 ε + 100 p: what really played is what the row says.
+    assert [(row["epsilon"], row["sticky"], row["mean"]) for row in found["rows"]] == [
+        (0.001, 0.0, 1.0), (0.05, 0.0, 50.0), (0.001, 0.25, 26.0)
+    ]  # fmt: skip
+    assert [row["changed"] for row in found["rows"]] == [
+        ["play.sticky 0.1 → 0.0"], ["play.sticky 0.1 → 0.0"], ["play.sticky 0.1 → 0.25"]
+    ]  # fmt: skip
+    assert {row["games"] for row in found["rows"]} == {3}
+    assert (found["weights"], found["seed"], found["flags"]) == (str(program), 7, ["--sync"])
+    assert found["versions"]["python"]
+    for cell in (
+        "not in real time",
+        "1.00 ± 0.00",
+        "50.00 ± 0.00",
+        "26.00 ± 0.00",
+    ):
+        assert cell in shown
+
+
+def test_what_a_headline_would_override_is_refused(program: Path) -> None:
+    write(program, TELLS_ITS_CHANCES)
+    with pytest.raises(InputError, match="omit --epsilon"):
+        EvaluationOptions(program, headline=True, epsilon=0.05).check()
+    with pytest.raises(InputError, match="--headline is for --evaluate"):
+        EvaluationOptions(headline=True).check()
+    for trained in (CONFIG, None):
+        sticky = replace(CONFIG, play=replace(CONFIG.play, sticky=0.1))
+        with pytest.raises(InputError, match=r"omit --play\.sticky"):
+            evaluated(EvaluationOptions(program, headline=True), sticky, trained)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (EvaluationOptions(games=0), "--games is 0: choose 1 or more"),
+        (EvaluationOptions(test_steps=-1), "--test-steps is -1: choose 0 or more"),
+        (EvaluationOptions(processes=-1), "--processes is -1: choose 0 or more"),
+        (EvaluationOptions(epsilon=1.5), "--epsilon is 1.5: choose at most 1"),
+        (EvaluationOptions(Path("nowhere")), "nowhere is not a file"),
+    ],
+)
+def test_options_out_of_bounds_are_refused(options: EvaluationOptions, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        options.check()
+
+
+def test_a_network_of_another_robots_vector_is_refused() -> None:
+    trained = PRESETS["robot"]
+    trained = replace(trained, play=replace(trained.play, vector=True))
+    options = EvaluationOptions(Path("p.safetensors"))
+    with added(ROBOTS, RobotKind("finger", "", joints=1)):
+        config = replace(trained, play=replace(trained.play, robot="finger"))
+        with pytest.raises(
+            InputError,
+            match=r"p\.safetensors was trained with the vector of the robot nao \(144 numbers\) "
+            r"beside the frames, and here there is the vector of the robot finger \(130 numbers\): "
+            r"choose .* --robot",
+        ):
+            evaluated(options, config, trained)
+    config = replace(trained, env="ale")
+    with pytest.raises(InputError, match=r"there is the vector of --env ale \(128 numbers\)"):
+        evaluated(options, config, trained)
+    config = replace(trained, play=replace(trained.play, vector=False))
+    with pytest.raises(InputError, match="and here there is no vector: choose"):
+        evaluated(options, config, trained)

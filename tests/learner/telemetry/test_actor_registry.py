@@ -232,8 +232,33 @@ def test_names_are_bounded_and_totals_are_not_lost(
     assert told.totals() == before
     credit(told.registry, 1, incarnation=101)
     assert chunks(told.registry)[0] == before[0] + 1
-    credit(told.registry, 1, incarnation=102)
+    credit(told.registry, 3, incarnation=102)  # two that it told of, and one more
     assert chunks(told.registry)[2] == 1
+
+
+@pytest.mark.parametrize("leaving", [False, True])
+def test_chunks_that_come_after_their_process_was_folded_are_counted_once(
+    told: Told, hub: Transport, monkeypatch: pytest.MonkeyPatch, leaving: bool
+) -> None:
+    monkeypatch.setattr(module, "_MOST_GONE", 0)
+    told.say(made=10, refused=1, leaving=leaving)
+    credit(told.registry, 7)
+    told.now += 100.0
+    assert chunks(told.registry) == (10, 2, 0)
+    assert told.registry.state()["processes"] == []
+    credit(told.registry, 1)
+    again = Told(hub, monkeypatch)
+    again.registry.restore(json.loads(json.dumps(told.registry.state())))
+    credit(again.registry, 1)
+    assert chunks(again.registry) == (10, 2, 0)
+    credit(again.registry, 1)
+    assert chunks(again.registry) == ((10, 2, 1) if leaving else (11, 2, 0))
+
+
+def test_what_an_earlier_checkpoint_kept_of_folded_processes_is_read(told: Told) -> None:
+    told.registry.restore({"processes": [], "gone": [], "excess": 0, "folded": [[7, True]]})
+    credit(told.registry, 1)
+    assert chunks(told.registry) == (0, 0, 1)
 
 
 def test_totals_of_folded_processes_survive_a_checkpoint(
@@ -264,7 +289,7 @@ def test_what_is_remembered_of_folded_processes_is_bounded(
     told.now += 100.0
     assert chunks(told.registry) == (50, 10, 0)
     state = told.registry.state()
-    assert [incarnation for incarnation, _ in state["folded"]] == [103, 104]
+    assert [incarnation for incarnation, *_ in state["folded"]] == [103, 104]
     assert (state["processes"], len(state["gone"])) == ([], 1)
 
 
@@ -302,6 +327,14 @@ def test_a_chunk_in_the_name_of_a_folded_evaluator_ends_nothing(
     assert chunks(told.registry)[0] == 0
     credit(told.registry, 1)
     assert chunks(told.registry)[0] == 1
+
+
+def test_one_that_is_present_but_was_never_heard_is_not_replaced(told: Told) -> None:
+    told.registry._on_presence(KEYS.live("actor", "a1"), True)
+    credit(told.registry, 3)
+    told.now += 1_000.0
+    assert chunks(told.registry)[0] == 3
+    assert [each["incarnation"] for each in told.registry.state()["processes"]] == [7]
 
 
 def test_one_that_is_back_at_once_was_not_lost(told: Told) -> None:

@@ -5,17 +5,19 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from common.metrics import Value
+from common.metrics import METRICS, Bound, Metric, Value, declare
 from common.press_latency import UNMEASURED, Delay, ms_of
-from common.run.config import PlayConfig
+from common.run.config import PlayConfig, RandomiseConfig
 from common.run.presets import PRESETS
 from learner.telemetry.health_checks import judge, keys_can_follow
 from learner.telemetry.snapshot import HealthCheck
 
 HEALTHY: dict[str, Value] = {
     "play/valid_frame_share": 0.995,
+    "play/following_frame_share": 0.99,
     "learning/pixel_deviation": 30.0,
     "learning/held_out_std": 0.2,
+    "learning/recent_max_q_std": 0.2,
     "learning/relative_td_error": 0.25,
     "play/press_match_share": 0.8,
     "hands/press_measured": 1_224,
@@ -36,6 +38,27 @@ def judged(
 def test_healthy_robot_is_all_green() -> None:
     checks = judged()
     assert [check.passed for check in checks.values()] == [True] * 7
+
+
+@pytest.mark.parametrize(
+    "ranges", [RandomiseConfig(latency=1), RandomiseConfig(jitter=1), RandomiseConfig(noise=8.0)]
+)
+def test_hands_whose_latency_is_drawn_are_not_judged(ranges: RandomiseConfig) -> None:
+    slow: dict[str, Value] = {"hands/press_p99": 250.0, "play/press_match_share": 0.1}
+    config = replace(PRESETS["robot"], randomise=ranges)
+    checks = {check.name: check.passed for check in judge({**HEALTHY, **slow}, config)}
+    passed = False if ranges.noise else None
+    assert (checks["press p99 ms"], checks["keys as commanded"]) == (passed, passed)
+
+
+def test_a_camera_that_froze_is_red() -> None:
+    frozen: dict[str, Value] = {
+        "play/following_frame_share": 0.01,
+        "learning/recent_max_q_std": 0.0,
+    }
+    checks = judged(frozen).values()
+    red = [check.name for check in checks if check.passed is False and check.stops]
+    assert red == ["following frames", "recent max-Q deviation"]
 
 
 def test_blind_robot_of_2017_is_red() -> None:
@@ -65,6 +88,8 @@ def test_blind_robot_of_2017_is_red() -> None:
         ("keys as commanded", "play/press_match_share", 0.49, False),
         ("refused chunks", "stream/chunks_refused", 1, False),
         ("excess chunks", "stream/chunks_excess", 1, False),
+        ("following frames", "play/following_frame_share", 0.49, False),
+        ("recent max-Q deviation", "learning/recent_max_q_std", 1e-6, False),
     ],
 )
 def test_bounds(name: str, key: str, value: float, passed: bool) -> None:
@@ -72,7 +97,12 @@ def test_bounds(name: str, key: str, value: float, passed: bool) -> None:
 
 
 def test_a_figure_that_is_always_right_is_not_listed_until_it_is_wrong() -> None:
-    assert "excess chunks" not in judged()
+    admitted: dict[str, Value] = {
+        "play/following_frame_share": 0.5,
+        "learning/recent_max_q_std": 2e-6,
+    }
+    quiet = {"excess chunks", "following frames", "recent max-Q deviation"}
+    assert not quiet & judged(admitted).keys()
     assert not judged({"stream/chunks_excess": 3})["excess chunks"].stops
 
 
@@ -129,6 +159,8 @@ def test_the_slowest_hundredth_of_presses_has_two_decisions(
         (PRESETS["robot"].play, True),
         (PlayConfig(frame_skip=1), True),
         (PlayConfig(hand="model", press_latency=12), False),  # late on purpose
+        (PlayConfig(actuation_latency=12), False),
+        (PlayConfig(robot="hand.npz"), False),  # late by nature
     ],
 )
 def test_real_hands_are_always_judged_by_their_own_time(play: PlayConfig, judges: bool) -> None:
@@ -152,10 +184,25 @@ def test_keys_that_come_late_on_purpose_are_shown_but_not_judged() -> None:
         (PlayConfig(hand="model", release_latency=1, press_latency=3), True),
         (PlayConfig(hand="model", release_latency=1, press_latency=4), False),  # in the fifth frame
         (PlayConfig(hand="model", command_latency=1), False),
+        (PlayConfig(actuation_latency=1), False),
+        (PlayConfig(actuation_jitter=1), False),
+        (PlayConfig(arm_speed=0.6, key_threshold=1.3), True),
+        (PlayConfig(robot="hand.npz"), False),
     ],
 )
 def test_where_keys_can_follow_within_their_decision(play: PlayConfig, can: bool) -> None:
     assert keys_can_follow(play) is can
+
+
+def test_a_figure_from_outside_is_judged_by_its_bound() -> None:
+    bound = Bound("room temperature", "<", 40.0, "the motors are about to fail", stops=False)
+    declare(Metric("room/celsius", "none", ".1", "Temperature of the room", bound=bound))
+    try:
+        check = judged({"room/celsius": 41.0})["room temperature"]
+    finally:
+        del METRICS["room/celsius"]
+    assert (check.passed, check.bound, check.stops) == (False, "< 40", False)
+    assert check.why == "the motors are about to fail"
 
 
 def test_bare_emulator_has_no_hands_to_judge() -> None:

@@ -13,9 +13,9 @@ from common.metrics import METRICS, Metric, Value, declare
 from common.protocol.actor_stats import ActorStats
 from common.run.presets import PRESETS
 from common.transport.interface import Envelope, Transport
+from learner.clock import RunClock
+from learner.phases import Phases
 from learner.telemetry.actor_registry import ActorRegistry
-from learner.telemetry.provenance import Machine, Provenance
-from learner.telemetry.run_progress import RunProgress
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.sinks.gates_csv import GatesCsvSink
 from learner.telemetry.sinks.sink import Sink
@@ -35,12 +35,6 @@ CONFIG = replace(
     protocol=replace(PRESETS["fast"].protocol, epoch_steps=200),
 )
 LOOP: dict[str, Value] = {"run/phase": "training", "run/seconds": 60.0, "learning/updates": 0}
-PROVENANCE = Provenance(
-    versions={},
-    git_commit=None,
-    git_dirty=None,
-    machine=Machine(system="Linux", cpu=None, cores=2, memory_bytes=2**33),
-)
 
 
 def chunk(index: int, incarnation: int = 7) -> ChunkStatistics:
@@ -66,6 +60,9 @@ class Last(Sink):
     def phase(self, row: Any, agent_steps: int) -> None:
         self.told.append((row.phase, agent_steps))
 
+    def event(self, text: str) -> None:
+        self.told.append(text)
+
 
 class Run:
     """A run that has seen `seen` chunks of 50 steps, and what its telemetry says."""
@@ -73,27 +70,26 @@ class Run:
     def __init__(self, folder: Path, registry: Any = None, sinks: tuple[Sink, ...] = ()) -> None:
         self.now = 1_000.0
         self.actors: tuple[ActorView, ...] = ()
-        self.progress = RunProgress(CONFIG)
+        self.phases = Phases(CONFIG, RunClock(lambda: self.now))
         self.replay = Progress(0, 0, 0, 0, 0, 0, False, 0, 0, 0, ())
         self.last = Last()
         self.table = EpochTable(folder / "epochs.csv")
         self.telemetry = Telemetry(
             CONFIG,
             {"run/run": "r", "run/device": "cpu"},
-            self.progress,
+            self.phases,
             registry
             or SimpleNamespace(
                 take_notes=list, actors=lambda: self.actors, values=dict, key_times=tuple
             ),
-            SimpleNamespace(show=self.last.told.append, line=None),  # type: ignore[arg-type]
             self.table,
             (self.last, *sinks),
             lambda: self.now,
         )
 
     def play(self, chunks: int) -> None:
-        seen = self.progress.facts_seen
-        list(self.progress.book(chunk(index) for index in range(seen, seen + chunks)))
+        seen = self.phases.facts_seen
+        list(self.phases.book(chunk(index) for index in range(seen, seen + chunks)))
 
     def values(self, **loop: Value) -> Any:
         """The figures after one second more."""
@@ -119,7 +115,7 @@ def test_a_figure_reaches_every_sink_by_its_declaration_and_its_value(
     sinks = (
         TensorBoardSink(tmp_path / "tensorboard"),
         GatesCsvSink(tmp_path / "gates.csv"),
-        SummarySink(tmp_path / "summary.json", CONFIG, PROVENANCE),
+        SummarySink(tmp_path / "summary.json", CONFIG, {}),
     )
     run = Run(tmp_path, sinks=sinks)
     run.telemetry.start(None)
@@ -127,9 +123,10 @@ def test_a_figure_reaches_every_sink_by_its_declaration_and_its_value(
     assert any("mood" in line and "0.75" in line for line in drawn(run.last.told[-1]))
     run.telemetry.close({**LOOP, toy: 0.5}, run.replay)
     points = read(tmp_path / "tensorboard")
-    assert points["toy/mood"] == points["gates/mood"] == [(0, 0.75)]
-    header, row = (tmp_path / "gates.csv").read_text().splitlines()
-    assert dict(zip(header.split(","), row.split(","), strict=True))["mood"] == "0.75"
+    assert points["toy/mood"] == points["gates/mood"] == [(0, 0.75), (0, 0.5)]
+    header, *rows = (tmp_path / "gates.csv").read_text().splitlines()
+    moods = [dict(zip(header.split(","), row.split(","), strict=True))["mood"] for row in rows]
+    assert moods == ["0.75", "0.5"]
     assert json.loads((tmp_path / "summary.json").read_text())["moods"] == {"present": 0.5}
 
 
@@ -160,6 +157,23 @@ def test_chunks_that_were_stored_twice_are_shown_and_fail_a_check(
     (check,) = (each for each in run.last.told[-1].failed)
     assert (check.name, check.value, check.stops) == ("excess chunks", 10.0, False)
     assert values["gates/failed"] == 1
+
+
+def test_an_event_is_told_once_and_kept_for_the_screen(tmp_path: Path) -> None:
+    arrivals = [["a1 joined"], [], ["a1 left"]]
+    run = Run(
+        tmp_path,
+        SimpleNamespace(
+            take_notes=lambda: arrivals.pop(0), actors=tuple, values=dict, key_times=tuple
+        ),
+    )
+    run.values()
+    run.telemetry.note("actor-1 ended by signal 9, started again")
+    run.values()
+    run.values()
+    events = [each for each in run.last.told if isinstance(each, str)]
+    assert events == ["a1 joined", "actor-1 ended by signal 9, started again", "a1 left"]
+    assert run.last.told[-1].notes == tuple(events)
 
 
 def test_rates_are_of_late_and_over_whole_phases(tmp_path: Path) -> None:
@@ -199,9 +213,9 @@ def test_a_network_that_has_not_explored_is_not_compared_with_a_blind_one(tmp_pa
     run = Run(tmp_path)
     told: dict[str, Value] = {"learning/relative_td_error": 3.0}
     assert run.values(**told)["learning/relative_td_error"] is None
-    run.progress.agent_steps = 99 + CONFIG.exploration.steps
+    run.phases.agent_steps = 99 + CONFIG.exploration.steps
     assert run.values(**told)["learning/relative_td_error"] is None
-    run.progress.agent_steps += 1
+    run.phases.agent_steps += 1
     assert run.values(**told)["learning/relative_td_error"] == 3.0
 
 
@@ -241,4 +255,4 @@ def test_each_sink_has_its_own_schedule(tmp_path: Path) -> None:
     for _ in range(12):
         run.values()
     assert len(slow.told) == 3
-    assert len(run.last.told) == 2 * 12  # display and sink
+    assert len(run.last.told) == 12

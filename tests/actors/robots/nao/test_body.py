@@ -19,9 +19,9 @@ from actors.robots.nao.anatomy import (
 )
 from actors.robots.nao.assembly import assemble
 from actors.robots.nao.posture import ARM_JOINTS, HELD_ANGLES, TORSO_ORIGIN
-from actors.robots.nao.room import Room
-from actors.robots.nao.rotation import about, from_roll_pitch_yaw, to_roll_pitch_yaw
+from actors.robots.nao.robot import Nao
 from actors.robots.nao.shapes import SHAPES
+from actors.robots.room.rotation import about, from_roll_pitch_yaw, to_roll_pitch_yaw
 from actors.vision.optics import HEIGHT_ANGLE, WIDTH_ANGLE
 
 # From the maker's tables: lower, upper, speed, torque.
@@ -86,8 +86,8 @@ HIP_AXES = {"LHipYawPitch": (0, HIP, -HIP), "RHipYawPitch": (0, HIP, HIP)}
 
 
 @pytest.fixture(scope="module")
-def room() -> Iterator[Room]:
-    room = Room()
+def room() -> Iterator[Nao]:
+    room = Nao()
     yield room
     room.close()
 
@@ -119,7 +119,7 @@ def test_the_camera_and_the_sole_are_where_they_are_published() -> None:
     assert (WIDTH_ANGLE, HEIGHT_ANGLE) == (60.97, 47.64)
 
 
-def test_exactly_the_arm_joints_move_with_the_published_limits(room: Room) -> None:
+def test_exactly_the_arm_joints_move_with_the_published_limits(room: Nao) -> None:
     engine = room._engine
     found = {}
     for joint in range(engine.getNumJoints(room.body)):
@@ -133,7 +133,7 @@ def test_exactly_the_arm_joints_move_with_the_published_limits(room: Room) -> No
         assert found[name] == pytest.approx(figures), name
 
 
-def test_arm_parts_weigh_what_the_published_parts_weigh(room: Room) -> None:
+def test_arm_parts_weigh_what_the_published_parts_weigh(room: Nao) -> None:
     engine = room._engine
     masses, centres = {}, {}
     for link in range(engine.getNumJoints(room.body)):
@@ -150,7 +150,7 @@ def test_arm_parts_weigh_what_the_published_parts_weigh(room: Room) -> None:
         assert centres[f"{side}_forearm"][0] == pytest.approx(along, abs=1e-6)
 
 
-def test_only_fingertips_touch_and_weigh_nothing_of_their_own(room: Room) -> None:
+def test_only_fingertips_touch_and_weigh_nothing_of_their_own(room: Nao) -> None:
     engine = room._engine
     touching = [
         link

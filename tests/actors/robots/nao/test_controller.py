@@ -19,8 +19,8 @@ from actors.robots.nao.controller import (
     Controller,
     place_of,
 )
-from actors.robots.nao.engine import open_engine
 from actors.robots.nao.posture import FINGERTIP_RADIUS
+from actors.robots.room.engine import open_engine
 from common.actions import KEYS_OF_ACTION, Keys
 
 DIRECTIONS = Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT
@@ -42,7 +42,7 @@ def controller(engine: Any, tmp_path: Path) -> Controller:
 
 def push(engine: Any, controller: Controller, key: Keys, newton: float) -> Keys:
     """Pushes one key down for half a second; returns the pressed keys."""
-    link = controller.links[list(KEY_PLACES).index(key)]
+    link = controller.movables[list(KEY_PLACES).index(key)][0]
     for _ in range(120):
         engine.applyExternalForce(
             controller.body, link, (0, 0, -newton), (0, 0, 0), engine.LINK_FRAME
@@ -64,18 +64,21 @@ def test_a_key_stops_at_the_end_of_its_travel(engine: Any, controller: Controlle
     assert controller.depths()[0] == pytest.approx(TRAVEL, abs=0.0003)
 
 
-def test_hysteresis(engine: Any, controller: Controller) -> None:
-    between = (PRESS_DEPTH + RELEASE_DEPTH) / 2
-    link = controller.links[list(KEY_PLACES).index(Keys.LEFT)]
+@pytest.mark.parametrize("threshold", [1.0, 0.5, 1.4])
+def test_hysteresis(engine: Any, controller: Controller, threshold: float) -> None:
+    controller.set_threshold(threshold)
+    press, release = threshold * PRESS_DEPTH, threshold * RELEASE_DEPTH
+    link = controller.movables[list(KEY_PLACES).index(Keys.LEFT)][0]
     found = []
-    for depth in (between, PRESS_DEPTH + 1e-4, between, RELEASE_DEPTH - 1e-4, between):
+    for depth in (press - 1e-5, press + 1e-5, release + 1e-5, release - 1e-5, press - 1e-5):
         engine.resetJointState(controller.body, link, depth)
         found.append(controller.pressed())
     assert found == [Keys.NONE, Keys.LEFT, Keys.LEFT, Keys.NONE, Keys.NONE]
+    controller.set_threshold(1.0)
 
 
 def test_pressed_keys_change_colour_and_back(engine: Any, controller: Controller) -> None:
-    link = controller.links[list(KEY_PLACES).index(Keys.FIRE)]
+    link = controller.movables[list(KEY_PLACES).index(Keys.FIRE)][0]
 
     def colour() -> list[int]:
         """Returns the colour of the button's centre from above."""
@@ -115,7 +118,7 @@ def test_a_fingertip_has_room_on_exactly_its_keys(keys: Keys) -> None:
 def test_the_stop_is_hard(engine: Any, controller: Controller, key: Keys) -> None:
     """A key that was pushed beyond its stop is back at it after the next reading."""
     index = list(KEY_PLACES).index(key)
-    engine.resetJointState(controller.body, controller.links[index], TRAVEL + 0.003, 1.0)
+    engine.resetJointState(controller.body, controller.movables[index][0], TRAVEL + 0.003, 1.0)
     assert controller.pressed() == key
     assert controller.depths()[index] == pytest.approx(TRAVEL)
     for _ in range(60):

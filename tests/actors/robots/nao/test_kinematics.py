@@ -5,14 +5,14 @@ import pytest
 
 from actors.robots.nao.kinematics import ArmChain, Unreachable
 from actors.robots.nao.posture import FINGERTIP_IN_HAND, HELD_ANGLES
-from actors.robots.nao.room import Room
+from actors.robots.nao.robot import Nao
 
 START = {"L": np.array([1.15, 0.1, -1.25, -1.2]), "R": np.array([1.15, -0.1, 1.25, 1.2])}
 
 
 @pytest.mark.parametrize("side", ["L", "R"])
 def test_fingertip_is_where_the_engine_has_it(side: str) -> None:
-    room = Room()
+    room = Nao()
     engine = room._engine
     chain = ArmChain(side)
     arm = room.arms.left if side == "L" else room.arms.right

@@ -7,20 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from actors.robots.interface import ViewName
 from actors.robots.nao.own_nao import OwnNao
-from actors.robots.nao.room import Room
+from actors.robots.nao.robot import Nao
 from actors.robots.nao.urdf import write_urdf
-from actors.robots.nao.viewpoint import CLOSE_UP, VISITOR, Viewpoint
 from common.actions import Keys
 from common.errors import InputError
+from common.run.conditions import PERFECT_CAMERA
+from common.run.config import CameraConfig
 
 GAME = np.random.default_rng(0).integers(0, 256, (210, 160, 3), np.uint8)
 SIZE = (160, 120)
 
 
 @pytest.fixture(scope="module")
-def room() -> Iterator[Room]:
-    room = Room()
+def room() -> Iterator[Nao]:
+    room = Nao()
     yield room
     room.close()
 
@@ -31,15 +33,15 @@ def urdf(tmp_path: Path) -> Path:
     return write_urdf(tmp_path)
 
 
-def hold(room: Room, keys: Keys) -> None:
+def hold(room: Nao, keys: Keys) -> None:
     room.command(keys)
     for _ in range(16):
         pressed = room.step_frame()
     assert pressed == keys
 
 
-@pytest.mark.parametrize("viewpoint", [VISITOR, CLOSE_UP], ids=["visitor", "close-up"])
-def test_it_sits_and_moves_as_ours_does(room: Room, urdf: Path, viewpoint: Viewpoint) -> None:
+@pytest.mark.parametrize("viewpoint", ["room", "hands"])
+def test_it_sits_and_moves_as_ours_does(room: Nao, urdf: Path, viewpoint: ViewName) -> None:
     room.rest()
     own = OwnNao(urdf, (210, 160))
     pictures = []
@@ -54,7 +56,7 @@ def test_it_sits_and_moves_as_ours_does(room: Room, urdf: Path, viewpoint: Viewp
     own.close()
 
 
-def test_other_links_and_colours_and_a_base_below_the_torso(room: Room, urdf: Path) -> None:
+def test_other_links_and_colours_and_a_base_below_the_torso(room: Nao, urdf: Path) -> None:
     """As in the URDF of NAO that is around: the file begins with a link that is not the torso."""
     text = urdf.read_text().replace('"torso"', '"Torso"').replace('"l_hand"', '"l_wrist"')
     base = (
@@ -72,10 +74,10 @@ def test_other_links_and_colours_and_a_base_below_the_torso(room: Room, urdf: Pa
     room.rest()
     ours = room.view(GAME, *SIZE)
     own = OwnNao(same, (210, 160))
-    assert (np.abs(own.view(room, GAME, *SIZE, VISITOR).astype(int) - ours) > 8).mean() < 0.002
+    assert (np.abs(own.view(room, GAME, *SIZE, "room").astype(int) - ours) > 8).mean() < 0.002
     own.close()
     own = OwnNao(painted, (210, 160))
-    found = own.view(room, GAME, *SIZE, VISITOR).astype(int)
+    found = own.view(room, GAME, *SIZE, "room").astype(int)
     own.close()
     magenta = (found[:, :, 0] - found[:, :, 1] > 80) & (found[:, :, 2] - found[:, :, 1] > 80)
     at_the_robot = np.zeros(magenta.shape, bool)
@@ -83,15 +85,15 @@ def test_other_links_and_colours_and_a_base_below_the_torso(room: Room, urdf: Pa
     assert (magenta & at_the_robot).mean() > 0.02
 
 
-def test_a_screen_that_was_pushed_is_shown_there(room: Room, urdf: Path) -> None:
+def test_a_screen_that_was_pushed_is_shown_there(room: Nao, urdf: Path) -> None:
     own = OwnNao(urdf, (210, 160))
-    room.pose(distance=1.15)
+    room.set_eye(CameraConfig(screen_distance=1.15, screen_tilt=6.0))
     try:
         ours = room.view(GAME, *SIZE)
-        found = own.view(room, GAME, *SIZE, VISITOR)
+        found = own.view(room, GAME, *SIZE, "room")
         assert (np.abs(found.astype(int) - ours) > 8).mean() < 0.002
     finally:
-        room.pose()
+        room.set_eye(PERFECT_CAMERA)
         own.close()
 
 

@@ -40,6 +40,10 @@ TRAIN_LINE = (
 )
 
 
+QUOTED = HEADER + TRAIN_LINE.replace("train", '"train') + TRAIN_LINE
+"""A cell that a reader of all lines would end in the next."""
+
+
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "epochs.csv"
@@ -175,12 +179,25 @@ def test_resume_with_rows_missing_is_refused(path: Path) -> None:
         (b"", "does not name the columns"),
         (b"epoch,phase\n", "does not name the columns"),
         (HEADER.rstrip().encode(), "does not name the columns"),
+        (QUOTED.encode(), "row 1 is not whole"),
         (b"\xff\xfe\x00", "it is not text"),
-        ((HEADER + "1,train\n").encode(), "row 1 has 2 cells instead of 16"),
-        ((HEADER + TRAIN_LINE.replace("train", "dream")).encode(), "'dream' as its phase"),
-        ((HEADER + TRAIN_LINE.replace("266", "-1")).encode(), "'-1' as its nr_games"),
-        ((HEADER + TRAIN_LINE.replace("0.775", "")).encode(), "'' as its last_exploration_rate"),
-        ((HEADER + TRAIN_LINE + TRAIN_LINE.replace("-16", "x")).encode(), "row 2 has 'x'"),
+        ((HEADER + "1,train\n").encode(), "row 1 is not whole"),
+        (
+            (HEADER + TRAIN_LINE.replace("train", "dream")).encode(),
+            "row 1.phase is 'dream': choose",
+        ),
+        (
+            (HEADER + TRAIN_LINE.replace("266", "-1")).encode(),
+            "row 1.nr_games is -1: choose 0 or more",
+        ),
+        (
+            (HEADER + TRAIN_LINE.replace("0.775", "")).encode(),
+            "row 1.last_exploration_rate is None, which is not",
+        ),
+        (
+            (HEADER + TRAIN_LINE + TRAIN_LINE.replace("-16", "x")).encode(),
+            "row 2.max_game_reward is 'x', which is not",
+        ),
     ],
 )
 def test_damage_is_one_sentence(path: Path, content: bytes, what: str) -> None:

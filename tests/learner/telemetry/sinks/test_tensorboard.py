@@ -69,7 +69,7 @@ def test_status_and_epochs_over_agent_steps(tmp_path: Path) -> None:
     curves.write(STATUS)
     curves.write(changed(STATUS, {"run/agent_steps": 2_000, "learning/loss": 0.125}))
     curves.phase(ROW, 25_500)
-    curves.close(STATUS)
+    curves.close()
     points = read(tmp_path)
     assert points["learning/loss"] == [(1_000, 0.25), (2_000, 0.125)]
     assert points["gates/refused_chunks"] == points["stream/chunks_refused"]
@@ -91,7 +91,7 @@ def test_the_unknown_has_no_point(tmp_path: Path) -> None:
     curves = started(tmp_path)
     curves.write(STATUS)
     curves.phase(replace(ROW, average_reward=None), 25_500)
-    curves.close(STATUS)
+    curves.close()
     points = read(tmp_path)
     assert "learning/mean_max_q" not in points
     assert "gates/max-Q_deviation" not in points
@@ -102,10 +102,10 @@ def test_resume_drops_what_came_after_the_checkpoint(tmp_path: Path) -> None:
     curves = started(tmp_path)
     for steps, loss in ((1_000, 4.0), (2_000, 2.0), (3_000, 1.0)):
         curves.write(changed(STATUS, {"run/agent_steps": steps, "learning/loss": loss}))
-    curves.close(STATUS)
+    curves.close()
     curves = started(tmp_path, resumed_at=2_000)
     curves.write(changed(STATUS, {"run/agent_steps": 2_500, "learning/loss": 8.0}))
-    curves.close(STATUS)
+    curves.close()
     assert read(tmp_path)["learning/loss"] == [(1_000, 4.0), (2_000, 2.0), (2_500, 8.0)]
 
 

@@ -1,0 +1,90 @@
+"""Latency between the agent and its hands: commands that reach them some emulator frames later.
+
+Whatever lies between a decision and a motor (network, operating system, bus) delays a press and a
+release alike; what the hands need by themselves comes on top.
+"""
+
+from collections import deque
+
+import numpy as np
+from numpy.random import Generator
+
+from actors.envs.actuation_delay import ActuationDelay
+from actors.robots.interface import Hands
+from common.actions import Keys
+from common.run.config import PlayConfig
+
+
+class LateCommands:
+    """Hands whose commands arrive ``latency`` emulator frames late, and up to ``jitter`` more.
+
+    The jitter of each command is drawn uniformly from ``rng``. A command never overtakes an earlier
+    one.
+    """
+
+    def __init__(self, hands: Hands, latency: int, jitter: int, rng: Generator) -> None:
+        self._hands = hands
+        self._latency = latency
+        self._jitter = jitter
+        self._rng = rng
+        self._forget()
+
+    @property
+    def held(self) -> Keys:
+        """The keys that were pressed at the end of the last frame."""
+        return self._hands.held
+
+    def rest(self) -> None:
+        """No key pressed, no command on its way."""
+        self._hands.rest()
+        self._forget()
+
+    def command(self, keys: Keys) -> None:
+        """Set out for exactly ``keys`` once the command has arrived."""
+        due = self._frame + self._latency
+        if self._jitter:
+            due += int(self._rng.integers(self._jitter + 1))
+        self._coming.append((due, keys))
+
+    def step_frame(self) -> Keys:
+        """Pass one emulator frame; the keys that are pressed at its end."""
+        while self._coming and self._coming[0][0] <= self._frame:
+            self._hands.command(self._coming.popleft()[1])
+        self._frame += 1
+        return self._hands.step_frame()
+
+    def _forget(self) -> None:
+        self._coming: deque[tuple[int, Keys]] = deque()
+        """Commands in order, each with the frame from which on it has arrived."""
+        self._frame = 0
+
+
+def are_prompt(play: PlayConfig) -> bool:
+    """Whether the modelled hand holds the keys of each command at once and until the next one."""
+    return not (
+        play.latency_model is not None
+        or play.command_latency
+        or play.release_latency
+        or play.press_latency
+        or play.actuation_latency
+        or play.actuation_jitter
+    )
+
+
+def hands_of(play: PlayConfig, arms: Hands | None, rng: Generator) -> Hands:
+    """Returns the hands that ``play`` asks for, with its latencies.
+
+    Args:
+        arms: the robot's, or a latency model; None where there is neither, and the hand is always
+            the modelled one.
+        rng: seeds the jitter, and is asked only if there is some.
+    """
+    latency, jitter = play.actuation_latency, play.actuation_jitter
+    hands = arms
+    if hands is None or play.hand == "model":
+        hands = ActuationDelay(play)
+        latency += play.command_latency * play.frame_skip
+    if latency == jitter == 0:
+        return hands
+    own = np.random.default_rng(rng.integers(2**63) if jitter else 0)
+    return LateCommands(hands, latency, jitter, own)

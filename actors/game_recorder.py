@@ -1,0 +1,75 @@
+"""What tells one game from another, and how long it took: a record of the game being played."""
+
+import hashlib
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.loop import frames_and_vector
+
+_BYTES = 8
+"""Size of a hash: of 30 games two different ones have the same with a chance of 2e-17."""
+
+
+@runtime_checkable
+class _Console(Protocol):
+    def ram(self) -> NDArray[np.uint8]: ...
+
+
+class GameRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """An environment that hashes what its console's memory holds after each agent step.
+
+    Two games with equal hashes are one game, played twice. Where there is no console, the newest
+    frame takes the memory's place.
+
+    Args:
+        ending: agent steps of a game's end that are also hashed by themselves.
+        now: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        ending: int,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(env)
+        self.seconds = 0.0
+        """Seconds of the present game from its reset to its last step."""
+        self._now = now
+        self._steps: deque[bytes] = deque(maxlen=ending)
+
+    def reset(self, **how: Any) -> tuple[Any, dict[str, Any]]:
+        """Begin the record of another game."""
+        found = self.env.reset(**how)
+        self._whole = hashlib.blake2b(digest_size=_BYTES)
+        self._steps.clear()
+        self._began = self._now()
+        return found
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Record an agent step."""
+        observation, *rest = self.env.step(action)
+        self.seconds = self._now() - self._began
+        inner = self.env.unwrapped
+        memory = (
+            inner.ram() if isinstance(inner, _Console) else frames_and_vector(observation)[0][-1]
+        )
+        self._whole.update(memory.tobytes())
+        self._steps.append(hashlib.blake2b(memory.tobytes(), digest_size=_BYTES).digest())
+        return observation, *rest
+
+    @property
+    def game_hash(self) -> str:
+        """Hash of the present game's memory over all its agent steps."""
+        return self._whole.hexdigest()
+
+    @property
+    def ending_hash(self) -> str:
+        """Hash of its memory over the last agent steps, or over all if it had no more."""
+        return hashlib.blake2b(b"".join(self._steps), digest_size=_BYTES).hexdigest()

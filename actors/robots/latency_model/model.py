@@ -1,0 +1,65 @@
+"""Hands as a small network over the last commands, which says what the console really gets."""
+
+from collections import deque
+from typing import Self
+
+import numpy as np
+
+from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_weights
+from common.actions import KEYS_OF_ACTION, Keys
+
+FRAMES = 2
+"""Emulator frames per command of the model: the published experiments run at 30 Hz."""
+
+_ACTION_OF_KEYS = {keys: action for action, keys in enumerate(KEYS_OF_ACTION)}
+_NOTHING = (0, ACTIONS)
+
+
+class LatencyModel:
+    """Keys that follow the commands as the network of ``weights`` says.
+
+    Thirty times a second the present command joins the last 29, each with the action that the
+    console was given just before: one-hot the command, then one-hot that action. Two dense layers
+    with a ReLU between them give 18 numbers, and the greatest one's action is held until the next
+    time. Nothing is drawn by chance. Before a game there were no commands, and nothing was pressed.
+    """
+
+    def __init__(self, weights: ModelWeights) -> None:
+        self._weights = weights
+        # A product with a one-hot vector is one column.
+        self._columns = np.ascontiguousarray(weights.fc_weight.T).reshape(COMMANDS, ROW, -1)
+        self._slots = np.arange(COMMANDS)[:, None]
+        self.rest()
+
+    @classmethod
+    def of_file(cls, name: str) -> Self:
+        """Returns the model in the file that ``name`` stands for; see `read_weights`."""
+        return cls(read_weights(name))
+
+    @property
+    def held(self) -> Keys:
+        """The keys that were pressed at the end of the last frame."""
+        return KEYS_OF_ACTION[self._taken]
+
+    def rest(self) -> None:
+        """No key pressed, and no command remembered."""
+        self._past = deque([_NOTHING] * COMMANDS, maxlen=COMMANDS)
+        self._wanted = self._taken = self._frame = 0
+
+    def command(self, keys: Keys) -> None:
+        """Set out to hold exactly ``keys`` down."""
+        self._wanted = _ACTION_OF_KEYS[keys]
+
+    def step_frame(self) -> Keys:
+        """Pass one emulator frame; the keys that are pressed in it."""
+        if self._frame % FRAMES == 0:
+            self._past.append((self._wanted, ACTIONS + self._taken))
+            self._taken = self._next()
+        self._frame += 1
+        return self.held
+
+    def _next(self) -> int:
+        weights = self._weights
+        hidden = self._columns[self._slots, np.array(self._past)].sum(axis=(0, 1)) + weights.fc_bias
+        values = weights.pred_weight @ np.maximum(hidden, 0.0) + weights.pred_bias
+        return int(values.argmax())

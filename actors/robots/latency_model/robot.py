@@ -1,0 +1,37 @@
+"""A robot whose hands are a latency model: NAO's eye, and arms that rest."""
+
+from actors.robots.latency_model.model import LatencyModel
+from actors.robots.nao.robot import Nao
+from common.actions import Keys
+from common.run.config import CameraConfig, PlayConfig
+
+
+class ModelledNao(Nao):
+    """NAO in its room, but the keys follow the latency model in the file ``play.robot``.
+
+    It sees what NAO sees. No finger moves: the joints of its proprioception are those of arms at
+    rest, as with ``play.hand`` "model".
+    """
+
+    def __init__(self, game_size: tuple[int, int], camera: CameraConfig, play: PlayConfig) -> None:
+        """Raises InputError if the file holds no latency model."""
+        self._model = LatencyModel.of_file(play.robot)
+        super().__init__(game_size, camera, play)
+
+    @property
+    def held(self) -> Keys:
+        """The keys pressed at the end of the last frame."""
+        return self._model.held
+
+    def rest(self) -> None:
+        """Nothing pressed, and no command remembered."""
+        super().rest()
+        self._model.rest()
+
+    def command(self, keys: Keys) -> None:
+        """Give the model a command."""
+        self._model.command(keys)
+
+    def step_frame(self) -> Keys:
+        """Pass one emulator frame without physics; returns the keys pressed at its end."""
+        return self._model.step_frame()

@@ -1,0 +1,89 @@
+"""The file of a latency model, in the format that Physical Atari publishes.
+
+Keen Technologies' repository physical-atari-rlc (Apache 2.0) has such a file for its own robot,
+``agent_code/sim_env/robotroller_model_weights.npz``. It comes from the user; nothing in it is
+trusted.
+"""
+
+import io
+import zipfile
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.actions import KEYS_OF_ACTION
+from common.checked import MAX_SIZE
+from common.errors import InputError
+from common.pinned_file import MAX_BYTES, path_of, read
+
+ACTIONS = len(KEYS_OF_ACTION)
+COMMANDS = 30
+"""Commands that the model remembers."""
+ROW = 2 * ACTIONS
+"""Numbers of each of them."""
+MAX_HIDDEN = 4_096
+_MEMBERS = ("fc_weight", "fc_bias", "pred_weight", "pred_bias")
+
+
+@dataclass(frozen=True)
+class ModelWeights:
+    """Two dense layers of ``H`` hidden units, ``float64``."""
+
+    fc_weight: NDArray[np.float64]
+    """``[H, 30 × 36]``, the oldest command first."""
+    fc_bias: NDArray[np.float64]
+    """``[H]``."""
+    pred_weight: NDArray[np.float64]
+    """``[18, H]``, a row for each of ALE's actions."""
+    pred_bias: NDArray[np.float64]
+    """``[18]``."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for arrays of other types, sizes or magnitudes."""
+        hidden = len(self.fc_bias) if self.fc_bias.ndim == 1 else 0
+        if not 1 <= hidden <= MAX_HIDDEN:
+            raise ValueError(
+                f"fc_bias is {list(self.fc_bias.shape)} where there should be [H], "
+                f"H from 1 to {MAX_HIDDEN:,}"
+            )
+        shapes = ((hidden, COMMANDS * ROW), (hidden,), (ACTIONS, hidden), (ACTIONS,))
+        for field, shape in zip(fields(self), shapes, strict=True):
+            array = getattr(self, field.name)
+            if array.dtype.kind != "f":
+                raise ValueError(f"{field.name} is {array.dtype} where there should be floats")
+            if array.shape != shape:
+                raise ValueError(
+                    f"{field.name} is {list(array.shape)} where there should be {list(shape)}"
+                )
+            numbers = array.astype(np.float64)
+            if not (np.abs(numbers) <= MAX_SIZE).all():
+                raise ValueError(f"{field.name} holds a number that is not within ±{MAX_SIZE:g}")
+            object.__setattr__(self, field.name, numbers)
+
+
+def read_weights(name: str) -> ModelWeights:
+    """Returns the weights in the file that ``name`` stands for (see `common.pinned_file`).
+
+    Raises:
+        InputError: it cannot be read, is not the run's, or holds no latency model.
+    """
+    content = read(name)
+    try:
+        return ModelWeights(**_arrays(content))
+    except Exception as error:  # what a damaged archive raises depends on where it is damaged
+        raise InputError(
+            f"{path_of(name)} holds no latency model ({error}): name an .npz file of Physical "
+            f"Atari's format, with the arrays {', '.join(_MEMBERS)}."
+        ) from None
+
+
+def _arrays(content: bytes) -> dict[str, NDArray[np.float64]]:
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        sizes = {each.filename: each.file_size for each in archive.infolist()}
+    if sizes.keys() != {f"{name}.npy" for name in _MEMBERS}:
+        raise ValueError(f"its members are {', '.join(sorted(sizes)) or 'none'}")
+    if sum(sizes.values()) > MAX_BYTES:
+        raise ValueError(f"unpacked it is larger than {MAX_BYTES:,} bytes")
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in _MEMBERS}

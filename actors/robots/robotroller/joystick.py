@@ -1,0 +1,187 @@
+"""The joystick: a stick on a spring over four switches, and a round button.
+
+The stick leans in two hinges that cross at its foot, `left_right` and then `up_down`. A switch
+closes where the stick leans far enough to its side, so that a diagonal closes two. Only touch leans
+the stick or pushes the button.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.robots.room.engine import fixed_body
+from actors.robots.room.rotation import Vector
+from actors.robots.room.shapes import Colour, Shape, ball, rod
+from actors.robots.room.urdf import Joint, Part, urdf, weighed
+from common.actions import Keys
+
+CENTRE: Vector = (0.205, 0.0, 0.0)
+"""Centre of the box on top of the desk."""
+BOX: Vector = (0.090, 0.090, 0.034)
+FOOT = 0.030
+"""Height above the desk of the point about which the stick leans, m."""
+KNOB_HEIGHT = 0.060
+"""Height of the knob's middle above the foot, m."""
+KNOB_RADIUS = 0.008
+
+PRESS_LEAN = math.radians(4.0)
+RELEASE_LEAN = math.radians(3.0)
+"""Hysteresis, rad: a switch is closed from `PRESS_LEAN` on until the stick is back at
+`RELEASE_LEAN`."""
+MOST_LEAN = math.radians(13.0)
+"""Lean at which the stick meets the box, rad."""
+SPRING_TORQUE = 0.04
+"""Torque that brings the stick back to the middle, N·m: 0.7 N at the knob."""
+
+BUTTON: Vector = (0.031, 0.031, BOX[2] + 0.003)
+"""Middle of the released button's cap above the desk, from the box's centre, m."""
+BUTTON_CAP = 0.010
+"""Height of the cap, m."""
+BUTTON_TOP = BUTTON[2] + BUTTON_CAP / 2
+BUTTON_TRAVEL = 0.003
+PRESS_DEPTH, RELEASE_DEPTH = 0.0014, 0.0008
+"""Hysteresis of the button, m."""
+BUTTON_FORCE = 0.8
+"""Force that pushes the button up, N."""
+
+_BUTTON_RADIUS = 0.009
+_CONTACT_DISTANCE = 0.001
+"""Distance, m, at which the engine starts to solve a contact."""
+_LAMP: Vector = (0.010, 0.010, 0.001)
+_LAMP_OUT = 0.039
+
+_BLACK: Colour = (0.09, 0.09, 0.10)
+_RUBBER: Colour = (0.16, 0.16, 0.17)
+_RED: Colour = (0.78, 0.12, 0.08)
+_DARK = (0.20, 0.21, 0.24, 1.0)
+_LIT = (0.20, 0.95, 0.35, 1.0)
+_RELEASED = (*_RED, 1.0)
+
+SIDES: dict[Keys, tuple[int, int]] = {
+    Keys.UP: (0, 1),
+    Keys.DOWN: (0, -1),
+    Keys.LEFT: (1, 0),
+    Keys.RIGHT: (-1, 0),
+}
+"""Signs of the two hinges' angles, `left_right` and `up_down`, where the stick leans to a side."""
+
+LEFT_RIGHT: Vector = (-1.0, 0.0, 0.0)
+UP_DOWN: Vector = (0.0, 1.0, 0.0)
+"""Axes about which a positive angle leans to the left, and away from the robot."""
+
+_KEY_SETS = tuple(map(Keys, range(32)))
+
+
+class Joystick:
+    """The joystick in a physics client; ``desk_top`` is the height of the desk, m."""
+
+    def __init__(self, engine: Any, folder: Path, desk_top: float) -> None:
+        self._engine = engine
+        self._states = engine.getJointStates
+        self.body, numbers = fixed_body(
+            engine,
+            folder / "joystick.urdf",
+            urdf("joystick", _PARTS, _JOINTS),
+            (CENTRE[0], CENTRE[1], desk_top),
+        )
+        self._joints = [numbers[joint.name] for joint in _JOINTS]
+        for joint, spring in zip(_JOINTS, self._joints, strict=True):
+            # A position motor with this little force acts as a spring.
+            engine.setJointMotorControl2(
+                self.body, spring, engine.POSITION_CONTROL, targetPosition=0.0,
+                positionGain=0.5, velocityGain=0.5, force=joint.max_torque,
+            )  # fmt: skip
+        for link in range(-1, len(numbers)):
+            engine.changeDynamics(
+                self.body, link, lateralFriction=0.0, restitution=0.0, jointDamping=0.0,
+                linearDamping=0.0, angularDamping=0.0,
+                contactProcessingThreshold=_CONTACT_DISTANCE,
+            )  # fmt: skip
+        self._held = self._shown = Keys.NONE
+        self.set_threshold(1.0)
+
+    @property
+    def held(self) -> Keys:
+        """The keys that were held down when `pressed` was last called."""
+        return self._held
+
+    @property
+    def movables(self) -> list[tuple[int, float]]:
+        """Links that move, each with the radius that holds what is drawn of it, m."""
+        return [(link, part.extent) for link, part in zip(self._joints[1:], _MOVING, strict=True)]
+
+    def set_threshold(self, share: float) -> None:
+        """Let a switch close and open at ``share`` of the usual leans, the button likewise."""
+        self._closes = [share * PRESS_LEAN] * 4 + [share * PRESS_DEPTH]
+        self._opens = [share * RELEASE_LEAN] * 4 + [share * RELEASE_DEPTH]
+
+    def leans(self) -> NDArray[np.float64]:
+        """Returns how far the stick leans to the left and away, rad, and how far the button is
+        down, m, ``float64 [3]``."""
+        return np.array([state[0] for state in self._states(self.body, self._joints)])
+
+    def pressed(self) -> Keys:
+        """Returns the keys held down now; call it once per frame."""
+        left, away, down = (state[0] for state in self._states(self.body, self._joints))
+        before, held = int(self._held), 0
+        for index, depth in enumerate((away, -away, left, -left, down)):
+            bit = 1 << index
+            if depth > (self._opens if bit & before else self._closes)[index]:
+                held |= bit
+        self._held = _KEY_SETS[held]
+        return self._held
+
+    def show(self) -> None:
+        """Light the lamps of closed switches and colour the button; call it before rendering."""
+        for lamp, key in enumerate(SIDES, start=len(_BASE.shapes) - len(SIDES)):
+            if key & (self._held ^ self._shown):
+                colour = _LIT if key & self._held else _DARK
+                self._engine.changeVisualShape(self.body, -1, shapeIndex=lamp, rgbaColor=colour)
+        if Keys.FIRE & (self._held ^ self._shown):
+            colour = _LIT if Keys.FIRE & self._held else _RELEASED
+            self._engine.changeVisualShape(self.body, self._joints[2], rgbaColor=colour)
+        self._shown = self._held
+
+    def forget(self) -> None:
+        """Treat every key as released, after the physics was restored to its start."""
+        self._held = Keys.NONE
+
+
+_BASE = weighed(
+    "base",
+    (Shape("box", BOX, (0.0, 0.0, BOX[2] / 2), _BLACK), 0.15),
+    (rod(0.020, 0.004, (0.0, 0.0, BOX[2] + 0.002), _RUBBER), 0.01),
+    *(
+        (
+            Shape("box", _LAMP, (away * _LAMP_OUT, left * _LAMP_OUT, BOX[2]), _DARK[:3]),
+            0.001,
+        )
+        for left, away in SIDES.values()
+    ),
+)
+_CROSS = weighed("cross", (ball(0.004, (0.0, 0.0, 0.0), _BLACK), 0.004))
+_STICK = weighed(
+    "stick",
+    (rod(0.0055, 0.050, (0.0, 0.0, 0.030), _RUBBER), 0.010),
+    (rod(0.0065, 0.014, (0.0, 0.0, KNOB_HEIGHT + 0.014), _RUBBER), 0.003),
+    (ball(KNOB_RADIUS, (0.0, 0.0, KNOB_HEIGHT), _RUBBER, solid=True), 0.007),
+)
+# The button is drawn round and touched as the square within: the engine rounds cylinders off.
+_CAP = weighed(
+    "cap",
+    (rod(_BUTTON_RADIUS, BUTTON_CAP, (0.0, 0.0, 0.0002), _RED), 0.003),
+    (Shape("box", (0.012, 0.012, BUTTON_CAP), (0.0, 0.0, 0.0), _RED, solid=True), 0.001),
+)
+_PARTS: tuple[Part, ...] = (_BASE, _CROSS, _STICK, _CAP)
+_MOVING = (_STICK, _CAP)
+_JOINTS = (
+    Joint("left_right", "base", "cross", (0.0, 0.0, FOOT), LEFT_RIGHT,
+          -MOST_LEAN, MOST_LEAN, 50.0, SPRING_TORQUE),
+    Joint("up_down", "cross", "stick", (0.0, 0.0, 0.0), UP_DOWN,
+          -MOST_LEAN, MOST_LEAN, 50.0, SPRING_TORQUE),
+    Joint("fire", "base", "cap", BUTTON, (0.0, 0.0, -1.0),
+          0.0, BUTTON_TRAVEL, 10.0, BUTTON_FORCE, "prismatic"),
+)  # fmt: skip

@@ -1,0 +1,1 @@
+"""The room around any robot: screen, projector, camera, views for people, and physics client."""

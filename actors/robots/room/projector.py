@@ -1,0 +1,160 @@
+"""The projector: draws the game with its black border on the screen in a camera's image.
+
+TinyRenderer ignores changes of a texture, so the picture is drawn after rendering, by the
+homography of the screen's corners. It is drawn only on pixels that show the screen, so objects in
+front of the screen hide it.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.robots.room.camera import Camera, Rendering
+from actors.robots.room.sensor import Scene
+from actors.vision.layout import BORDER, GAME_IN_PICTURE, UNIT_SQUARE
+from actors.vision.stray_light import StrayLight, has_stray_light
+from common.run.config import CameraConfig
+
+_FINER = 8
+"""Samples per pixel and axis for the share of a pixel that the picture's outer edge covers."""
+
+
+class Projection:
+    """The projected picture in the view of one camera, for games of one size.
+
+    The border does not change, so it is drawn once per rendering; only the game is drawn for every
+    frame. Ambient light and glare shine on all of it (`StrayLight`).
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        corners: NDArray[np.float64],
+        screen_body: int,
+        game_size: tuple[int, int],
+        light: CameraConfig | None = None,
+    ) -> None:
+        """``corners [4, 3]`` are the picture's corners in the room, clockwise from the top left
+        from the audience's view; ``game_size`` is rows and columns; ``light`` has the ambient
+        light and the glare, if there are any."""
+        self._screen_body = screen_body
+        seen = camera.project(corners).astype(np.float32)
+        from_picture = cv2.getPerspectiveTransform(UNIT_SQUARE, seen)
+        self._shadow = 1.0 - _coverage(camera, seen)
+
+        game_seen = cv2.perspectiveTransform(GAME_IN_PICTURE[None], from_picture)[0]
+        self._coarse = _coarse_size(game_size, game_seen)
+        columns, rows = self._coarse
+        self._shrinks = (rows, columns) != game_size
+        to_game = _game_in_picture(columns, rows) @ np.linalg.inv(from_picture)
+        left, top = np.maximum(np.floor(game_seen.min(axis=0)).astype(int) - 1, 0)
+        right, bottom = np.ceil(game_seen.max(axis=0)).astype(int) + 2
+        right, bottom = min(right, camera.width), min(bottom, camera.height)
+        self._window = (slice(top, bottom), slice(left, right))
+        x, y = np.meshgrid(np.arange(left, right), np.arange(top, bottom))
+        in_game = cv2.perspectiveTransform(np.stack([x, y], axis=2).astype(np.float64), to_game)
+        # One pixel around the game included: its outermost pixels fade into the border.
+        self._in_game = ((in_game > -1) & (in_game < (columns, rows))).all(axis=2)
+        to_x, to_y = np.moveaxis(in_game.astype(np.float32), 2, 0)
+        self._map, self._fraction = cv2.convertMaps(to_x, to_y, cv2.CV_16SC2)
+        self._black: NDArray[np.float64] | float = 0.0
+        """Brightness of the picture's black, ``[H, W, 1]`` under stray light."""
+        self._stray: StrayLight | None = None
+        """Stray light on the game."""
+        if light is not None and has_stray_light(light):
+            places = _places(camera, seen)
+            self._black = 255.0 * StrayLight(light, places, 1).share[:, :, None]
+            self._stray = StrayLight(light, places[self._window], 3)
+        self._drawn: Rendering | None = None
+        self._dark = np.zeros((0, 0, 3), np.uint8)
+        self._lit = np.zeros((0, 0), np.uint8)
+
+    def draw(self, rendering: Rendering, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Returns a new image: ``rendering`` with ``game uint8 [rows, columns, 3]`` on the
+        screen."""
+        # The rendering is the same object as long as nothing in view moves.
+        if rendering is not self._drawn:
+            self._draw_border(rendering)
+        image = self._dark.copy()
+        if self._shrinks:
+            game = _averaged(game, self._coarse)
+        light = cv2.remap(
+            game, self._map, self._fraction, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+        )
+        if self._stray is not None:
+            light = self._stray.shine(np.asarray(light, np.uint8))
+        cv2.copyTo(light, self._lit, image[self._window])
+        return image
+
+    @property
+    def scene(self) -> Scene:
+        """What the last picture has in common with others."""
+        return Scene(self._dark, self._window)
+
+    def _draw_border(self, rendering: Rendering) -> None:
+        """Draw the whole picture black; pixels on its edge by the share that it covers."""
+        on_screen = rendering.bodies == self._screen_body
+        left = np.where(on_screen, self._shadow, 1.0)[:, :, None]
+        self._dark = np.rint(rendering.rgb * left + self._black * (1 - left)).astype(np.uint8)
+        self._lit = (on_screen[self._window] & self._in_game).astype(np.uint8)
+        self._drawn = rendering
+
+
+def _places(camera: Camera, seen: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Returns the place of each camera pixel in the projected picture, ``float64 [H, W, 2]``."""
+    to_picture = cv2.getPerspectiveTransform(seen, UNIT_SQUARE)
+    x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    pixels = np.stack([x, y], axis=2).astype(np.float64)
+    return np.asarray(cv2.perspectiveTransform(pixels, to_picture), np.float64)
+
+
+def _game_in_picture(columns: int, rows: int) -> NDArray[np.float64]:
+    """Returns the map from the projected picture, (0, 0) to (1, 1), to the game's pixels, whose
+    centres lie at whole numbers."""
+    span = 1 + 2 * BORDER
+    return np.array(
+        [
+            [span * columns, 0, -BORDER * columns - 0.5],
+            [0, span * rows, -BORDER * rows - 0.5],
+            [0, 0, 1],
+        ]
+    )
+
+
+def _coarse_size(game_size: tuple[int, int], game_seen: NDArray[np.float32]) -> tuple[int, int]:
+    """Returns columns and rows to which the game is averaged before it is drawn, an integer
+    fraction of its own: a camera's pixel integrates all of the game's pixels that fall on it."""
+    sides = np.linalg.norm(np.roll(game_seen, -1, axis=0) - game_seen, axis=1)
+    across, down = (sides[0] + sides[2]) / 2, (sides[1] + sides[3]) / 2
+    rows, columns = game_size
+    return columns // max(1, int(columns / across)), rows // max(1, int(rows / down))
+
+
+def _averaged(game: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Returns ``game`` averaged to ``size`` (columns, rows)."""
+    if game.shape[:2] == (2 * size[1], size[0]):  # ten times faster than resizing
+        coarse = cv2.addWeighted(game[::2], 0.5, game[1::2], 0.5, 0.0)
+    else:
+        coarse = cv2.resize(game, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(coarse, np.uint8)
+
+
+def _coverage(camera: Camera, seen: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Returns the share of each camera pixel that the picture covers, ``float64 [H, W]``.
+
+    A camera's pixel integrates light over its area. Without this, the picture's nearly level edges
+    would be up to half a pixel off.
+    """
+    share = np.zeros((camera.height, camera.width))
+    left, top = np.maximum(np.floor(seen.min(axis=0)).astype(int), 0)
+    right, bottom = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 1, share.shape[::-1])
+    # Samples at the centres of _FINER × _FINER parts of each pixel.
+    x = left - 0.5 + (np.arange((right - left) * _FINER) + 0.5) / _FINER
+    y = top - 0.5 + (np.arange((bottom - top) * _FINER) + 0.5) / _FINER
+    h = cv2.getPerspectiveTransform(seen, UNIT_SQUARE)
+    across, down, scale = (row[0] * x[None, :] + row[1] * y[:, None] + row[2] for row in h)
+    u, v = across / scale, down / scale
+    inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+    parts = inside.reshape(bottom - top, _FINER, right - left, _FINER)
+    share[top:bottom, left:right] = parts.mean(axis=(1, 3))
+    return share

@@ -1,0 +1,90 @@
+"""Pictures of a room for people, from any viewpoint."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.robots.room.camera import Camera, Rendering
+from actors.robots.room.furniture import PICTURE_CORNERS
+from actors.robots.room.projector import Projection
+from actors.robots.room.rotation import Vector
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Position and direction of a visitor's view; lengths in m, in the room."""
+
+    position: Vector
+    target: Vector
+    angle: float
+    """Vertical field of view, degrees."""
+    shadow: bool = True
+    """Whether to draw shadows, which are coarse on near objects."""
+
+    def camera(self, engine: Any, width: int, height: int) -> Camera:
+        """Returns a camera at this viewpoint; a wider picture shows more to the sides."""
+        wide = 2 * math.atan(math.tan(math.radians(self.angle) / 2) * width / height)
+        position = np.array(self.position)
+        return Camera(
+            engine,
+            position,
+            np.array(self.target) - position,
+            np.array([0.0, 0.0, 1.0]),
+            size=(width, height),
+            angles=(math.degrees(wide), self.angle),
+        )
+
+
+VISITOR = Viewpoint((-0.60, -1.05, 0.85), (0.50, 0.0, 0.335), 40.0)
+"""View of the whole room: robot, desk and screen."""
+
+
+class Views:
+    """Renders one room with the game on its screen, from any viewpoint."""
+
+    def __init__(
+        self,
+        engine: Any,
+        screen_body: int,
+        game_size: tuple[int, int],
+        picture_corners: NDArray[np.float64] = PICTURE_CORNERS,
+    ) -> None:
+        """``screen_body`` shows the game, of ``game_size`` rows and columns, between
+        ``picture_corners``."""
+        self._engine = engine
+        self._screen_body = screen_body
+        self._game_size = game_size
+        self._corners = picture_corners
+        self._cameras: dict[tuple[Viewpoint, int, int], tuple[Camera, Projection | None]] = {}
+        self._renderings: dict[tuple[Viewpoint, int, int], Rendering] = {}
+
+    def picture(
+        self,
+        viewpoint: Viewpoint,
+        game: NDArray[np.uint8],
+        width: int,
+        height: int,
+        *,
+        moved: bool = True,
+    ) -> NDArray[np.uint8]:
+        """Returns the present room, ``uint8 [height, width, 3]``.
+
+        Without ``moved`` only the game is drawn anew, over the last rendering.
+        """
+        key = (viewpoint, width, height)
+        if key not in self._cameras:
+            self._cameras[key] = self._prepare(viewpoint.camera(self._engine, width, height))
+        camera, projection = self._cameras[key]
+        if moved or key not in self._renderings:
+            self._renderings[key] = camera.render(shadow=viewpoint.shadow)
+        rendering = self._renderings[key]
+        return rendering.rgb if projection is None else projection.draw(rendering, game)
+
+    def _prepare(self, camera: Camera) -> tuple[Camera, Projection | None]:
+        # Nothing can be projected where the screen is behind the viewer.
+        if not camera.may_see(self._corners.tolist(), [0.0] * len(self._corners)):
+            return camera, None
+        return camera, Projection(camera, self._corners, self._screen_body, self._game_size)

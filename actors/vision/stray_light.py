@@ -1,0 +1,42 @@
+"""Light on the projection screen that is not the game's: ambient light, and the glare of a lamp.
+
+It adds the more to a point, the darker it is, and leaves white as it is, because the camera's
+exposure follows the brightest: a point of brightness v, of 255, becomes ``v + a (255 - v)``, where
+``a`` is the stray light there as a share of white.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.vision.layout import ASPECT
+from common.run.config import CameraConfig
+
+GLARE_RADIUS = 0.15
+"""Standard deviation of the glare's round blob, as a share of the projected picture's width."""
+
+
+class StrayLight:
+    """The stray light on part of the screen, seen as a picture of so many rows and columns."""
+
+    def __init__(self, camera: CameraConfig, places: NDArray[np.float64], channels: int) -> None:
+        """``places [rows, columns, 2]`` has each pixel's place (x, y) in the projected picture,
+        which spans (0, 0) to (1, 1) with its border."""
+        across, down = places[..., 0] - camera.glare_x, (places[..., 1] - camera.glare_y) / ASPECT
+        glare = camera.glare * np.exp(-(across**2 + down**2) / (2 * GLARE_RADIUS**2))
+        kept = (1 - camera.ambient) * (1 - glare)
+        self.share: NDArray[np.float64] = 1 - kept
+        """Share of white at each pixel, ``float64 [rows, columns]``."""
+        self._kept = np.rint(255 * np.repeat(kept[..., None], channels, axis=2)).astype(np.uint8)
+
+    def shine(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Returns ``picture uint8 [rows, columns, channels]`` under this light; with one channel,
+        ``uint8 [rows, columns]``."""
+        # The distance to white is what shrinks: 255 - v, by the share that the light leaves.
+        missing = cv2.multiply(cv2.bitwise_not(picture), self._kept, scale=1 / 255)
+        return np.asarray(cv2.bitwise_not(missing), np.uint8)
+
+
+def has_stray_light(camera: CameraConfig) -> bool:
+    """Whether the settings have any light on the screen that is not the game's."""
+    return camera.ambient > 0 or camera.glare > 0

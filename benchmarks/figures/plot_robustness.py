@@ -1,0 +1,112 @@
+"""The figure of a robustness grid: a heat map of scores, or curves where the optics are one."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.pyplot import subplots
+
+from benchmarks.figures.plot_style import INK, Series, draw_series, label, legend, panels
+from common.errors import InputError
+
+_WORST, _BEST = -21.0, 21.0
+"""Scores of Pong between which the colours go; other games have the colours of their own range."""
+_WORDS = {
+    "nominal": "as trained",
+    "grain": "noise and blur",
+    "pose": "head and screen moved",
+    "light": "gamma, ambient light, glare",
+    "late": "pictures lost and late",
+}
+
+
+class Grid(NamedTuple):
+    """Means of a grid's cells."""
+
+    name: str
+    optics: list[str]
+    added_ms: list[float]
+    means: dict[tuple[str, float], float]
+
+    @property
+    def is_curve(self) -> bool:
+        return len(self.optics) == 1
+
+
+def read_grid(path: Path) -> Grid:
+    """Returns the grid in the JSON of `benchmarks.lab.robustness` at ``path``.
+
+    Raises:
+        InputError: it holds none.
+    """
+    try:
+        found: dict[str, Any] = json.loads(path.read_bytes())
+        means = {
+            (str(cell["optics"]), float(cell["added_ms"])): float(cell["mean"])
+            for cell in found["cells"]
+        }
+        name = f"{found['network']}, ε = {found['epsilon']:g}, sticky {found['sticky']:g}"
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(
+            f"{path} holds no grid ({error!r}): write one with "
+            "python -m benchmarks.lab.robustness POLICY --json FILE."
+        ) from None
+    if not means:
+        raise InputError(f"{path} holds no grid: none of its cells was played.")
+    optics = list(dict.fromkeys(each for each, _ in means))
+    return Grid(name, optics, sorted({added for _, added in means}), means)
+
+
+def robustness_figure(grids: Sequence[Grid]) -> Figure:
+    """Returns one heat map for each grid, or all of them as curves if each has one optics."""
+    if all(grid.is_curve for grid in grids):
+        return _curves(grids)
+    figure, axes = subplots(
+        1, len(grids), figsize=(1.4 + 5.0 * len(grids), 3.6), layout="constrained", squeeze=False
+    )
+    scores = [mean for grid in grids for mean in grid.means.values()]
+    if min(scores) < _WORST or max(scores) > _BEST:
+        low, high = min(scores), max(scores)
+    else:
+        low, high = _WORST, _BEST
+    for place, grid in zip(axes[0], grids, strict=True):
+        image = _heat_map(place, grid, low, high)
+    figure.colorbar(image, ax=axes[0].tolist(), label="mean score", shrink=0.9)
+    return figure
+
+
+def _heat_map(axes: Axes, grid: Grid, low: float, high: float) -> Any:
+    values = np.array(
+        [[grid.means.get((o, added), np.nan) for added in grid.added_ms] for o in grid.optics]
+    )
+    image = axes.imshow(values, cmap="RdYlBu", vmin=low, vmax=high, aspect="auto")
+    for (row, column), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            light = 0.2 < (value - low) / max(high - low, 1e-9) < 0.8
+            text = f"{value:.1f}".replace("-", "−")
+            axes.text(column, row, text, ha="center", va="center", color=INK if light else "white")
+    axes.set_xticks(range(len(grid.added_ms)), [f"{added:.0f}" for added in grid.added_ms])
+    axes.set_yticks(range(len(grid.optics)), [_WORDS.get(each, each) for each in grid.optics])
+    axes.tick_params(length=0, labelcolor=INK)
+    axes.set_title(grid.name, loc="left", fontsize=9, color=INK)
+    axes.set_xlabel("added actuation latency, ms", color=INK)
+    return image
+
+
+def _curves(grids: Sequence[Grid]) -> Figure:
+    figure, (axes,) = panels(1)
+    series = [
+        Series(
+            grid.name,
+            [np.array([(ms, grid.means[grid.optics[0], ms]) for ms in grid.added_ms])],
+        )
+        for grid in grids
+    ]
+    draw_series(axes, series)
+    label(axes, "added actuation latency, ms", "mean score")
+    legend(figure, axes)
+    return figure

@@ -1,0 +1,176 @@
+"""`python -m benchmarks.lab.adaptation POLICY --to="--robot robotroller"`: how soon a policy plays
+in another world as it does in its own.
+
+The network is played in its own world and, not trained anew, in the other one. There it is then
+trained for a fixed number of agent steps, and played once more. The same command resumes a training
+that was interrupted.
+"""
+
+import dataclasses
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from benchmarks.lab.policy import EPSILON, evaluate, train
+from benchmarks.report import BenchmarkOptions, Report, Table, main
+from common.checked import Fraction, FromOne
+from common.errors import InputError
+from common.registry import ENVIRONMENTS
+from common.run.config import RunConfig
+from common.run.folder import RunFolder
+from common.run.origin import origin_of
+from common.run.presets import PRESETS
+from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
+
+ADAPTING = {
+    "learning.learning-rate": "1e-4",
+    "replay.learning-starts": "2000",
+    "replay.capacity": "100000",
+    "exploration.start": "0.05",
+    "exploration.end": "0.02",
+    "exploration.steps": "10000",
+}
+"""Settings of the training: what is learned already is to be kept, so updates are small and nearly
+all actions are the policy's."""
+_EPOCHS = 10
+_NEAR = 2.0
+"""Points below the score in its own world from which a policy plays as before."""
+_OF_NETWORK = ("algorithm", "quantiles", "network", "scale_pixels", "vector_scale", "dueling")
+"""Settings of learning without which a network's weights do not fit."""
+
+
+@dataclass(frozen=True)
+class Options(BenchmarkOptions):
+    """Train a policy for a while in another world than its own, and play it before and after."""
+
+    network: tyro.conf.Positional[Path]
+    """A published policy, or a checkpoint in its run's folder."""
+    to: str
+    """Settings of the other world, as in --to="--camera.noise 8 --play.sticky 0.25"."""
+    steps: FromOne = 20_000
+    """Agent steps of the training."""
+    games: FromOne = 10
+    """Games of each of the three evaluations."""
+    epsilon: Fraction = EPSILON
+    """Share of random actions in the evaluations."""
+    seed: FromOne = 1
+    """Seed of the training."""
+    learner: str = ""
+    """More flags for the training, as in --learner="--learning.learning-rate 5e-5"."""
+    run: str = "adaptation"
+    """Name of the training's run."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs."""
+
+
+def measure(options: Options) -> Report:
+    if not options.network.is_file():
+        raise InputError(f"{options.network} is not a file: name a network.")
+    trained = origin_of(options.network)
+    if trained is None:
+        raise InputError(
+            f"{options.network} has neither a card nor a run's folder beside it: get them."
+        )
+    to = shlex.split(options.to)
+    folder = RunFolder(options.runs, options.run)
+    own = evaluate(options.network, options.games, options.epsilon)
+    before = evaluate(options.network, options.games, options.epsilon, to)
+    flags = [*training_flags(trained, options.steps), "--seed", f"{options.seed}", *to]
+    initial = [] if folder.checkpoint.exists() else ["--initial", str(options.network)]
+    train(folder, options.steps, [*flags, *shlex.split(options.learner), *initial])
+    after = evaluate(folder.checkpoint, options.games, options.epsilon)
+    curve = [row for row in EpochTable(folder.epochs).rows() if row.phase == "train"]
+    return _report(options, flags, {"own": own, "before": before, "after": after}, curve)
+
+
+def training_flags(trained: RunConfig, steps: int) -> list[str]:
+    """Returns the flags of a run in the world of ``trained``, with the settings of `ADAPTING`."""
+    preset = PRESETS[ENVIRONMENTS.find(trained.env).preset]
+    epoch = {"protocol.epoch-steps": f"{max(steps // _EPOCHS, 1)}"}
+    settings = {"preset": preset.preset, "env": trained.env, "game": trained.game}
+    flags = [part for each in (settings, ADAPTING, epoch) for part in _as_flags(each)]
+    world = {
+        f"{group}.{name}": value
+        for group in ("play", "camera", "randomise")
+        for name, value in _unlike(getattr(trained, group), getattr(preset, group)).items()
+    }
+    network = {
+        f"learning.{name}": value
+        for name, value in _unlike(trained.learning, preset.learning).items()
+        if name in _OF_NETWORK
+    }
+    return [*flags, *_as_flags(world | network)]
+
+
+def _unlike(config: Any, other: Any) -> dict[str, Any]:
+    return {
+        each.name: value
+        for each in dataclasses.fields(config)
+        if (value := getattr(config, each.name)) != getattr(other, each.name)
+    }
+
+
+def _as_flags(settings: Mapping[str, Any]) -> list[str]:
+    flags: list[str] = []
+    for name, value in settings.items():
+        group, _, field = name.replace("_", "-").rpartition(".")
+        prefix = f"--{group}." if group else "--"
+        if isinstance(value, bool):
+            flags.append(f"{prefix}{'' if value else 'no-'}{field}")
+        else:
+            flags += [f"{prefix}{field}", str(value)]
+    return flags
+
+
+def _report(
+    options: Options, flags: Sequence[str], games: dict[str, Any], curve: Sequence[EpochRow]
+) -> Report:
+    goal = games["own"]["mean"] - _NEAR
+    told = [row for row in curve if row.average_reward is not None]
+    reached = next((row for row in told if (row.average_reward or 0.0) >= goal), None)
+    rows = [
+        {
+            "world": title,
+            "games": options.games,
+            "mean": games[name]["mean"],
+            "deviation": games[name]["deviation"],
+            "IQM": games[name]["iqm"],
+        }
+        for name, title in (
+            ("own", "its own"),
+            ("before", "the other, not trained anew"),
+            ("after", f"the other, after {options.steps:,} agent steps"),
+        )
+    ]
+    points = [
+        {
+            "steps": row.total_train_steps,
+            "minutes": row.total_time / 60,
+            "score": row.average_reward,
+        }
+        for row in told
+    ]
+    note = (
+        "the training games did not come within two points of its own world"
+        if reached is None
+        else f"the training games were within two points of its own world after "
+        f"{reached.total_train_steps:,} agent steps and {reached.total_time / 60:.0f} minutes"
+    )
+    title = f"{options.network.stem} in the world of {options.to}, ε = {options.epsilon:g}"
+    tables = [Table(title, rows)] + ([Table("training games", points)] if points else [])
+    content = {
+        "title": title,
+        "flags": shlex.join(flags),
+        **games,
+        "curve": points,
+        "steps_to_own": None if reached is None else reached.total_train_steps,
+    }
+    return Report(tables, content, (note,))
+
+
+if __name__ == "__main__":
+    main("lab.adaptation", Options, measure)

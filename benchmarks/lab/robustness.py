@@ -1,0 +1,171 @@
+"""`python -m benchmarks.lab.robustness policies/robot_pong.safetensors --json FILE`: a policy in
+worlds other than its own.
+
+Each cell of a grid adds an actuation latency to the hands and a fault to the eye, and nothing is
+learned. The same command plays the cells that are missing from FILE, so a grid that was
+interrupted goes on. `python -m benchmarks.figures.plot --figure robustness FILE` draws it as a heat
+map, or as a curve where there is one optics only, as with
+
+    --optics nominal --latencies 0 4 8 12 16 20 24 30 36
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from annotated_types import Ge, Le, MinLen
+
+from benchmarks.lab.policy import EPSILON, evaluate
+from benchmarks.report import BenchmarkOptions, Report, Table, main, write
+from common.checked import Fraction, FromOne
+from common.errors import InputError
+from common.press_latency import ms_of
+from common.run.config import MAX_ADDED
+
+Optics = Literal["nominal", "grain", "pose", "light", "late"]
+OPTICS: dict[Optics, dict[str, str]] = {
+    "nominal": {},
+    "grain": {"camera.noise": "8", "camera.blur": "1"},
+    "pose": {"randomise.head-pose": "5", "randomise.screen-distance": "0.15"},
+    "light": {"randomise.gamma": "1.6", "randomise.ambient": "0.2", "randomise.glare": "0.3"},
+    "late": {"camera.dropped": "0.1", "camera.latency": "1"},
+}
+"""Settings of the eye. Noise in grey levels; the head's pose in degrees; the screen's distance, the
+ambient light and the glare as shares; 10 % of the pictures lost and all one agent step late."""
+_OFF = {
+    "camera.noise": "0",
+    "camera.blur": "0",
+    "camera.dropped": "0",
+    "camera.latency": "0",
+    "randomise.head-pose": "0",
+    "randomise.screen-distance": "0",
+    "randomise.gamma": "1",
+    "randomise.ambient": "0",
+    "randomise.glare": "0",
+}
+"""The same settings where they change nothing, so that a cell is the same for every network."""
+_KEPT = (
+    "games", "mean", "deviation", "iqm", "iqm_low", "iqm_high", "least", "most", "steps", "scores",
+    "press_match_share", "valid_frame_share", "git_commit", "git_dirty",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Options(BenchmarkOptions):
+    """Play whole games by a trained network under added latencies and faults of the eye."""
+
+    network: tyro.conf.Positional[Path]
+    """A published policy, or a checkpoint in its run's folder."""
+    latencies: Annotated[tuple[Annotated[int, Ge(0), Le(MAX_ADDED)], ...], MinLen(1)] = (
+        *(0, 2, 4, 8, 12),
+    )
+    """Added actuation latencies, emulator frames of 16.7 ms: 0, 33, 67, 133 and 200 ms."""
+    optics: Annotated[tuple[Optics, ...], MinLen(1)] = tuple(OPTICS)
+    """Optics: nominal; grain, noise and blur; pose, of head and screen; light, gamma, ambient light
+    and glare; late, lost and late pictures."""
+    games: FromOne = 10
+    """Games of each cell."""
+    epsilon: Fraction = EPSILON
+    """Share of random actions."""
+    sticky: Fraction = 0.0
+    """Repeat probability of the console."""
+    seed: FromOne = 1
+    """Seed of the games."""
+
+
+def cell_flags(latency: int, optics: Optics, sticky: float) -> list[str]:
+    """Returns the flags of an evaluation in a cell of the grid."""
+    settings = {
+        **_OFF,
+        **OPTICS[optics],
+        "play.actuation-latency": f"{latency}",
+        "play.sticky": f"{sticky:g}",
+    }
+    return [part for name, value in settings.items() for part in (f"--{name}", value)]
+
+
+def measure(options: Options) -> Report:
+    grid = _Grid(options)
+    asked = [(optics, late) for optics in options.optics for late in options.latencies]
+    for optics, latency in asked:
+        if grid.find(optics, latency) is None:
+            grid.add(optics, latency, _play(options, optics, latency))
+    rows = [
+        {
+            "optics": optics,
+            **{
+                f"+{ms_of(latency):.0f} ms": _score(grid.find(optics, latency))
+                for latency in options.latencies
+            },
+        }
+        for optics in options.optics
+    ]
+    means = [cell["mean"] for each in asked if (cell := grid.find(*each)) is not None]
+    title = (
+        f"{options.network.stem}: mean ± deviation of {options.games} games a cell, "
+        f"ε = {options.epsilon:g}, sticky {options.sticky:g}"
+    )
+    note = f"mean of all cells {sum(means) / len(means):.2f}, worst {min(means):.2f}"
+    return Report([Table(title, rows)], grid.content(), (note,))
+
+
+class _Grid:
+    """The cells that were played so far, in a file if there is one."""
+
+    def __init__(self, options: Options) -> None:
+        """Raises InputError if there is no such network, or the file holds another grid."""
+        if not options.network.is_file():
+            raise InputError(f"{options.network} is not a file: name a network.")
+        self._file = options.json
+        self._about = {
+            "title": f"robustness of {options.network.stem}",
+            "network": options.network.stem,
+            "sha256": hashlib.sha256(options.network.read_bytes()).hexdigest(),
+            "epsilon": options.epsilon,
+            "sticky": options.sticky,
+            "games": options.games,
+            "seed": options.seed,
+        }
+        self._cells: list[dict[str, Any]] = []
+        if self._file is not None and self._file.exists():
+            try:
+                found = json.loads(self._file.read_bytes())
+                same = all(found[name] == value for name, value in self._about.items())
+                self._cells = list(found["cells"])
+            except (ValueError, TypeError, KeyError):
+                same = False
+            if not same:
+                raise InputError(
+                    f"{self._file} holds no grid of this network, games, ε, sticky and seed: "
+                    "name another file."
+                )
+
+    def find(self, optics: str, latency: int) -> dict[str, Any] | None:
+        place = (optics, latency)
+        return next((c for c in self._cells if (c["optics"], c["latency"]) == place), None)
+
+    def add(self, optics: str, latency: int, found: dict[str, Any]) -> None:
+        cell = {"optics": optics, "latency": latency, "added_ms": ms_of(latency)}
+        self._cells.append(cell | {name: found[name] for name in _KEPT})
+        if self._file is not None:
+            write(self._file, self.content())
+
+    def content(self) -> dict[str, Any]:
+        return {**self._about, "cells": self._cells}
+
+
+def _play(options: Options, optics: Optics, latency: int) -> dict[str, Any]:
+    flags = [*cell_flags(latency, optics, options.sticky), "--seed", f"{options.seed}"]
+    print(f"{optics}, +{ms_of(latency):.0f} ms", flush=True)
+    return evaluate(options.network, options.games, options.epsilon, flags)
+
+
+def _score(cell: dict[str, Any] | None) -> str:
+    return "–" if cell is None else f"{cell['mean']:.1f} ± {cell['deviation']:.1f}"
+
+
+if __name__ == "__main__":
+    main("lab.robustness", Options, measure)

@@ -1,0 +1,63 @@
+"""A file that a run's settings name together with the hash of its content: ``PATH#sha256=HASH``.
+
+The content does not travel with the settings. It is hundreds of times as long as they are, every
+process of a run and every card of a policy would carry it, and it is its owner's to hand on. With
+the hash, each process plays with the same content or says what it lacks.
+"""
+
+import hashlib
+from pathlib import Path
+
+from common.checked import MAX_TEXT
+from common.errors import InputError
+
+MAX_BYTES = 2**26
+"""Bytes of such a file, at most."""
+_MARK = "#sha256="
+
+
+def path_of(name: str) -> Path:
+    """Returns the path in ``name``, which may have a hash."""
+    return Path(name.partition(_MARK)[0])
+
+
+def pin(name: str) -> str:
+    """Returns ``name`` with the hash of the file's present content; one that has a hash, as it is.
+
+    Raises:
+        InputError: as `read` does; or the path is too long to travel together with the hash.
+    """
+    if _MARK in name:
+        return name
+    pinned = f"{name}{_MARK}{hashlib.sha256(read(name)).hexdigest()}"
+    if (over := len(pinned) - MAX_TEXT) > 0:
+        raise InputError(
+            f"the path {name} is too long by {over} characters for a run's settings: name the "
+            "file by a shorter one."
+        )
+    return pinned
+
+
+def read(name: str) -> bytes:
+    """Returns the content of the file that ``name`` stands for.
+
+    Raises:
+        InputError: it cannot be read, is larger than `MAX_BYTES`, or has another hash than
+            ``name`` says.
+    """
+    path, (_, _, wanted) = path_of(name), name.partition(_MARK)
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        advice = "copy it there from where the run began" if wanted else "name a file that is there"
+        raise InputError(f"{path} cannot be read ({error.strerror}): {advice}.") from None
+    if len(content) > MAX_BYTES:
+        raise InputError(f"{path} is larger than {MAX_BYTES:,} bytes: name a smaller file.")
+    found = hashlib.sha256(content).hexdigest()
+    if wanted and found != wanted:
+        raise InputError(
+            f"{path} is not the run's: its SHA-256 is {found}, the run's {wanted}: copy the file "
+            "there from where the run began."
+        )
+    return content

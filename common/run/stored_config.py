@@ -1,0 +1,80 @@
+"""Configurations as plain data: written as JSON, read again whatever version wrote it, compared."""
+
+import dataclasses
+import json
+from typing import Any, TypeVar
+
+from common.checked import Invalid, build
+from common.errors import InputError
+
+RENAMED = {
+    "play.history": "play.frame_stack",
+    "play.delay": "play.command_latency",
+    "play.release": "play.release_latency",
+    "play.press": "play.press_latency",
+    "camera.delay": "camera.latency",
+    "camera.exposure": "randomise.exposure",
+    "camera.colour_gain": "randomise.colour",
+    "camera.camera_jitter": "randomise.head_pose",
+    "camera.screen_jitter": "randomise.screen_distance",
+    "replay.warmup": "replay.learning_starts",
+    "learning.train_every": "learning.train_period",
+    "learning.target_every": "learning.target_update_period",
+    "learning.publish_every": "learning.publish_period",
+    "learning.checkpoint_every": "learning.checkpoint_period",
+    "learning.cut_random": "learning.watkins_cut",
+    "exploration.lasting": "exploration.ez_greedy",
+}
+"""Former names of fields, as runs and policies on disk may have them, and the present ones."""
+
+T = TypeVar("T")
+
+
+def to_json(config: Any) -> str:
+    """Returns a configuration dataclass as readable JSON."""
+    return json.dumps(dataclasses.asdict(config), indent=2)
+
+
+def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool = False) -> T:
+    """Returns configuration dataclass ``kind`` built from plain data, strictly.
+
+    Args:
+        fill: take the default of a field that is missing in a group, for files that are older than
+            the field. The default of a new field must therefore be the former behaviour.
+
+    Raises:
+        InputError: a field is missing, unknown, of the wrong type or out of bounds; ``where`` names
+            the place.
+    """
+    try:
+        return build(kind, _with_present_names(data) if fill else data, where, fill=fill)
+    except Invalid as error:
+        raise InputError(f"{error}.") from None
+
+
+def _with_present_names(data: Any) -> Any:
+    """Returns ``data`` with the fields that a former version named otherwise under their names."""
+    if not isinstance(data, dict):
+        return data
+    named = {group: dict(each) if isinstance(each, dict) else each for group, each in data.items()}
+    for former, present in RENAMED.items():
+        (old_group, old), (group, new) = former.split("."), present.split(".")
+        before = named.get(old_group)
+        if isinstance(before, dict) and old in before:
+            # A group that is newer than the file comes into being by what moves into it.
+            fields = named.setdefault(group, {})
+            if isinstance(fields, dict) and new not in fields:
+                fields[new] = before.pop(old)
+    return named
+
+
+def differences(old: Any, new: Any, prefix: str = "") -> list[str]:
+    """Names and values of the fields in which two configurations, or groups of them, differ."""
+    found = []
+    for name, before in vars(old).items():
+        after = getattr(new, name)
+        if dataclasses.is_dataclass(before):
+            found += differences(before, after, f"{prefix}{name}.")
+        elif before != after:
+            found.append(f"{prefix}{name} {before} → {after}")
+    return found

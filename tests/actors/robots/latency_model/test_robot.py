@@ -1,0 +1,101 @@
+"""A robot whose hands are a latency model: its sight is NAO's, its keys are the model's."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actors.envs import make_env
+from actors.envs.ale import AtariEnv
+from actors.envs.robot import RobotEnv
+from actors.robots.nao.robot import Nao
+from common.actions import KEYS_OF_ACTION
+from common.errors import InputError
+from common.run.config import CameraConfig, PlayConfig
+from common.run.presets import PRESETS
+from tests.actors.robots.latency_model.models import delay, drawn, plain, saved
+
+
+def test_it_sees_what_nao_sees_and_its_arms_rest(tmp_path: Path) -> None:
+    play = PlayConfig(robot=saved(tmp_path / "m.npz", delay(2)), random_starts=0, vector=True)
+    env, nao = (RobotEnv("pong", play=each) for each in (play, replace(play, robot="nao")))
+    first, of_nao = (each.reset(seed=1)[0] for each in (env, nao))
+    assert isinstance(first, dict)
+    assert isinstance(of_nao, dict)
+    assert all((first[part] == of_nao[part]).all() for part in ("frames", "vector"))
+    assert len(first["vector"]) == 128 + 16
+    matched = []
+    for action in (2, 2, 5, 5, 1, 1):
+        state, *_, info = env.step(action)
+        matched.append(info["keys_match"])
+        assert info["valid_frame"]
+        assert isinstance(state, dict)
+        assert (state["vector"][-16:] == first["vector"][-16:]).all()
+    # Two thirtieths of a second late: nothing of an agent step is left for a new command.
+    assert matched == [False, True] * 3
+    env.close()
+    nao.close()
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_robot_and_emulator_alone_are_pressed_by_the_same_keys(
+    tmp_path: Path, vector: bool
+) -> None:
+    arrays = drawn(9, 2)
+    play = PlayConfig(
+        robot=saved(tmp_path / "m.npz", arrays), random_starts=0, eye="emulator", vector=vector
+    )
+    robot, alone = RobotEnv("pong", play=play), AtariEnv("pong", play=play)
+    commands = np.random.default_rng(3).integers(18, size=40).tolist()
+    expected = plain(arrays, [command for command in commands for _ in range(2)])[1::2]
+    for _ in range(2):
+        robot.reset(seed=1)
+        alone.reset(seed=1)
+        for command, action in zip(commands, expected, strict=True):
+            seen, reward, *_, info = robot.step(command)
+            known, points, *_, other = alone.step(command)
+            assert robot.pressed == KEYS_OF_ACTION[action]
+            assert (reward, info["keys_match"]) == (points, other["keys_match"])
+            if vector:
+                assert isinstance(seen, dict)
+                assert isinstance(known, dict)
+                assert (seen["vector"][:128] == known["vector"]).all()
+                seen, known = seen["frames"], known["frames"]
+            assert (seen == known).all()
+    robot.close()
+
+
+def test_it_is_made_by_its_files_name(tmp_path: Path) -> None:
+    robot = replace(PRESETS["robot"].play, robot=saved(tmp_path / "m.npz", delay(0)))
+    config = replace(PRESETS["robot"], play=robot).pinned()
+    config.check()
+    assert config.play.robot.startswith(f"{tmp_path / 'm.npz'}#sha256=")
+    env = make_env(config, training=False)
+    assert isinstance(env, RobotEnv)
+    assert isinstance(env.robot, Nao)
+    env.close()
+    saved(tmp_path / "m.npz", delay(1))
+    with pytest.raises(InputError, match="is not the run's"):
+        make_env(config, training=False)
+
+
+@pytest.mark.parametrize("env", ["robot", "ale"])
+def test_a_file_that_is_no_model_makes_no_environment(tmp_path: Path, env: str) -> None:
+    (tmp_path / "m.npz").write_bytes(b"PK")
+    play = replace(PRESETS["robot"].play, robot=str(tmp_path / "m.npz"))
+    config = replace(PRESETS["robot"], env=env, play=play, camera=CameraConfig())
+    with pytest.raises(InputError, match="holds no latency model"):
+        make_env(config, training=False)
+
+
+def test_added_latency_comes_on_top_and_each_game_begins_at_rest(tmp_path: Path) -> None:
+    play = PlayConfig(
+        robot=saved(tmp_path / "m.npz", delay(2)), random_starts=0, actuation_latency=4
+    )
+    env = AtariEnv("pong", play=play)
+    for _ in range(2):
+        env.reset(seed=1)
+        # A command of every agent step arrives with the next, and its keys with the one after.
+        matched = [env.step(action)[-1]["keys_match"] for action in (2, 2, 2, 0, 0, 5)]
+        assert matched == [False, False, True, False, False, False]

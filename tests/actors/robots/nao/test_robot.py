@@ -1,0 +1,98 @@
+"""The room as an environment uses it: repeatable, isolated from other rooms, viewable."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.robots.nao.controller import RELEASE_DEPTH
+from actors.robots.nao.robot import Nao
+from actors.robots.room.viewpoint import VISITOR
+from common.actions import KEYS_OF_ACTION, Keys
+
+GAME = np.full((210, 160, 3), (200, 40, 90), np.uint8)
+
+
+@pytest.fixture(scope="module")
+def room() -> Iterator[Nao]:
+    room = Nao()
+    yield room
+    room.close()
+
+
+def trace(room: Nao, seed: int) -> list[NDArray[np.float64]]:
+    """Returns the keys' depths at every frame of random play."""
+    rng = np.random.default_rng(seed)
+    depths = []
+    for action in rng.integers(18, size=20):
+        room.command(KEYS_OF_ACTION[action])
+        for _ in range(4):
+            room.step_frame()
+            depths.append(room.controller.depths())
+    return depths
+
+
+def test_reset_leaves_nothing_behind(room: Nao) -> None:
+    room.rest()
+    first = trace(room, 1)
+    trace(room, 2)
+    room.rest()
+    assert np.array_equal(first, trace(room, 1))
+
+
+def test_two_rooms_are_the_same_and_do_not_touch(room: Nao) -> None:
+    other = Nao()
+    room.rest()
+    first = trace(room, 3)
+    assert np.array_equal(first, trace(other, 3))
+    room.rest()
+    room.command(Keys.FIRE)
+    for _ in range(8):
+        room.step_frame()
+    other.rest()
+    assert other.step_frame() == Keys.NONE
+    other.close()
+
+
+def test_at_rest_nothing_is_pressed(room: Nao) -> None:
+    room.rest()
+    assert {room.step_frame() for _ in range(60)} == {Keys.NONE}
+    assert room.controller.depths().max() < RELEASE_DEPTH / 2
+
+
+def test_camera_picture_shows_the_game(room: Nao) -> None:
+    picture = room.picture(GAME)
+    assert picture.shape == (240, 320, 3)
+    assert picture.dtype == np.uint8
+    assert picture[120, 160].tolist() == [200, 40, 90]
+
+
+def test_view_shows_robot_and_game(room: Nao) -> None:
+    room.rest()
+    view = room.view(GAME, 320, 240)
+    assert view.shape == (240, 320, 3)
+    assert (view == (200, 40, 90)).all(axis=2).mean() > 0.03
+    bodies = VISITOR.camera(room._engine, 320, 240).render().bodies
+    assert (bodies == room.body).mean() > 0.02
+    assert (bodies == room.controller.body).any()
+
+
+def test_view_shows_a_pressed_key(room: Nao) -> None:
+    room.rest()
+    before = room.view(GAME, 320, 240)
+    room.command(Keys.FIRE)
+    for _ in range(8):
+        room.step_frame()
+    after = room.view(GAME, 320, 240).astype(int)
+    green = (after[:, :, 1] > after[:, :, 0] + 60) & (after[:, :, 1] > after[:, :, 2] + 60)
+    assert green.any()
+    assert not np.array_equal(before, after)
+
+
+def test_games_of_another_height() -> None:
+    room = Nao((250, 160))
+    picture = room.picture(np.full((250, 160, 3), 128, np.uint8))
+    assert picture[120, 160].tolist() == [128, 128, 128]
+    room.close()
+    room.close()

@@ -1,0 +1,137 @@
+"""NAO's camera: its reused picture always equals a new rendering."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from actors.robots.nao.robot import Nao
+from actors.robots.room.furniture import PICTURE_CORNERS, PICTURE_HEIGHT, PICTURE_WIDTH
+from common.actions import KEYS_OF_ACTION
+from common.run.conditions import PERFECT_CAMERA
+from common.run.config import CameraConfig
+
+
+@pytest.fixture(scope="module")
+def room() -> Iterator[Nao]:
+    room = Nao()
+    yield room
+    room.close()
+
+
+def assert_same_as_full(room: Nao) -> None:
+    cached, full = room.view_of_robot.rendering(), room.view_of_robot.camera.render()
+    assert np.array_equal(cached.rgb, full.rgb)
+    assert np.array_equal(cached.bodies, full.bodies)
+
+
+def raise_arm(room: Nao, pitch: float, roll: float) -> None:
+    """Stretches the left arm out forwards, at rest."""
+    for joint, angle in zip(room.arms.left.joints, (pitch, roll, 0.0, -0.1), strict=True):
+        room._engine.resetJointState(room.body, joint, angle)
+
+
+def test_playing_happens_out_of_view(room: Nao) -> None:
+    room.rest()
+    before = room.view_of_robot.renderings
+    for keys in KEYS_OF_ACTION:
+        room.command(keys)
+        for _ in range(4):
+            room.step_frame()
+        room.view_of_robot.rendering()
+    assert room.view_of_robot.renderings <= before + 1
+    assert not np.isin(
+        room.view_of_robot.camera.render().bodies, (room.body, room.controller.body)
+    ).any()
+
+
+@pytest.mark.parametrize("action", [0, 6, 17])
+def test_cached_picture_while_playing(room: Nao, action: int) -> None:
+    room.rest()
+    room.view_of_robot.rendering()
+    room.command(KEYS_OF_ACTION[action])
+    for _ in range(3):
+        room.step_frame()
+    assert_same_as_full(room)
+
+
+def test_cached_picture_with_an_arm_in_view(room: Nao) -> None:
+    room.rest()
+    empty = room.view_of_robot.rendering()
+    for pitch, roll in ((-0.5, -0.3), (-0.5, -0.25), (-0.3, -0.3)):
+        raise_arm(room, pitch, roll)
+        assert (room.view_of_robot.rendering().bodies == room.body).any()
+        assert_same_as_full(room)
+    room.rest()
+    assert_same_as_full(room)
+    assert np.array_equal(room.view_of_robot.rendering().rgb, empty.rgb)
+
+
+def test_a_still_arm_in_view_is_rendered_once(room: Nao) -> None:
+    raise_arm(room, -0.5, -0.3)
+    room.view_of_robot.rendering()
+    before = room.view_of_robot.renderings
+    room.view_of_robot.rendering()
+    assert room.view_of_robot.renderings == before
+    raise_arm(room, -0.5, -0.299)
+    room.view_of_robot.rendering()
+    assert room.view_of_robot.renderings == before + 1
+    room.rest()
+
+
+def test_may_see_has_no_false_negatives(room: Nao) -> None:
+    """Whenever a pixel of the robot is drawn in a random pose, `may_see` is true."""
+    view = room.view_of_robot
+    rng = np.random.default_rng(0)
+    seen = 0
+    for _ in range(8):
+        raise_arm(room, float(rng.uniform(-1.0, 0.3)), float(rng.uniform(-0.31, 0.2)))
+        drawn = bool((view.camera.render().bodies == room.body).any())
+        seen += drawn
+        if drawn:
+            assert view._scene() != "nothing that moves"
+    assert seen > 0
+    room.rest()
+
+
+def test_projected_corners_are_where_the_renderer_draws(room: Nao) -> None:
+    """Centre and area of the screen's pixels match those of its projected outline.
+
+    A level edge may lie anywhere between two rows of pixels; over many poses that evens out.
+    """
+    rng = np.random.default_rng(0)
+    misses = []
+    for _ in range(12):
+        yaw, pitch = rng.uniform(-8, 8, 2)
+        room.set_eye(
+            CameraConfig(
+                yaw=yaw,
+                pitch=pitch,
+                screen_distance=rng.uniform(0.9, 1.1),
+                screen_tilt=rng.uniform(-6, 6),
+            )
+        )
+        camera, corners = room.view_of_robot.camera, room.furniture.picture_corners
+        rows, columns = np.nonzero(camera.render().bodies == room.furniture.screen)
+        middle = corners.mean(axis=0)
+        margin = 1.0 + np.array([0.0, 0.06 / PICTURE_WIDTH, 0.06 / PICTURE_HEIGHT])
+        outline = camera.project(middle + (corners - middle) * margin)
+        x, y = outline[:, 0], outline[:, 1]
+        # Area and middle of a polygon by its edges (the shoelace formula).
+        cross = x * np.roll(y, -1) - np.roll(x, -1) * y
+        area = cross.sum() / 2
+        middle_x = ((x + np.roll(x, -1)) * cross).sum() / (6 * area)
+        middle_y = ((y + np.roll(y, -1)) * cross).sum() / (6 * area)
+        misses.append((columns.mean() - middle_x, rows.mean() - middle_y))
+        assert len(rows) == pytest.approx(abs(area), rel=0.02)
+    room.set_eye(PERFECT_CAMERA)
+    assert np.abs(misses).max() < 0.5
+    assert np.abs(np.mean(misses, axis=0)).max() < 0.1
+
+
+def test_the_whole_picture_is_in_view(room: Nao) -> None:
+    x, y = room.view_of_robot.camera.project(PICTURE_CORNERS).T
+    assert (x > 5).all()
+    assert (x < 314).all()
+    assert (y > 5).all()
+    assert (y < 234).all()

@@ -1,0 +1,92 @@
+"""The latency measurement on hands of known latency."""
+
+import numpy as np
+import pytest
+
+from actors.robots.latency import FRAME_MS, Change, Latency, changes, short_name
+from common.actions import KEYS_OF_ACTION, Keys
+
+
+class LateHands:
+    """A room whose keys follow the command after ``delay`` frames, and ``never`` keys not at
+    all."""
+
+    def __init__(self, delay: int, *, never: Keys = Keys.NONE, stray: Keys = Keys.NONE) -> None:
+        self._delay = delay
+        self._never = never
+        self._stray = stray
+        self.rest()
+
+    @property
+    def held(self) -> Keys:
+        return self._pressed
+
+    def rest(self) -> None:
+        self._wanted = self._pressed = Keys.NONE
+        self._since = 0
+
+    def command(self, keys: Keys) -> None:
+        if keys != self._wanted:
+            self._wanted, self._since = keys, 0
+
+    def step_frame(self) -> Keys:
+        self._since += 1
+        if self._since >= self._delay and not self._never & self._wanted:
+            self._pressed = self._wanted
+        elif self._since == 1:
+            return self._pressed | self._stray
+        return self._pressed
+
+
+@pytest.mark.parametrize("delay", [1, 2, 4])
+def test_a_known_delay_is_found_for_every_pair(delay: int) -> None:
+    found = list(changes(LateHands(delay), 1, 0))
+    assert len(found) == 2 * 18 * 17
+    assert {(each.old, each.new, each.settled) for each in found} == {
+        (a, b, settled) for a in range(18) for b in range(18) for settled in (True, False) if a != b
+    }
+    assert {each.frames for each in found} == {delay}
+    assert not any(each.strayed for each in found)
+    latency = Latency.of(found)
+    assert latency.p50_ms == latency.p99_ms == pytest.approx(delay * 1000 / 60)
+
+
+def test_keys_that_are_never_pressed_count_as_not_reached() -> None:
+    found = list(changes(LateHands(2, never=Keys.FIRE), 1, 0))
+    unreached = [each for each in found if each.frames is None]
+    assert {each.new for each in unreached} == {
+        action for action, keys in enumerate(KEYS_OF_ACTION) if keys & Keys.FIRE
+    }
+    assert Latency.of(found).unreached == len(unreached)
+
+
+def test_hands_that_never_reach_anything_have_no_times() -> None:
+    latency = Latency.of([Change(0, 1, True, None, False), Change(1, 2, False, None, True)])
+    assert np.isnan([latency.p50_ms, latency.p99_ms]).all()
+    assert (latency.count, latency.unreached, latency.stray_share) == (2, 2, 0.5)
+
+
+def test_a_stray_key_is_one_of_neither_command() -> None:
+    found = list(changes(LateHands(2, stray=Keys.FIRE), 1, 0))
+    for each in found:
+        keys = KEYS_OF_ACTION[each.old] | KEYS_OF_ACTION[each.new]
+        assert each.strayed == (not keys & Keys.FIRE)
+
+
+def test_figures_by_hand() -> None:
+    found = [Change(0, 1, True, frames, False) for frames in (1, 2, 2, 9)]
+    found += [Change(1, 0, False, 3, True), Change(2, 0, False, None, True)]
+    latency = Latency.of(found)
+    assert latency.count == 6
+    assert latency.unreached == 1
+    assert latency.stray_share == pytest.approx(2 / 6)
+    # The changes took 1, 2, 2, 3 and 9 frames.
+    assert latency.p50_ms == pytest.approx(2 * FRAME_MS)
+    assert latency.p99_ms == pytest.approx(9 * FRAME_MS)
+    assert latency.table_ms[0, 1] == pytest.approx(2 * FRAME_MS)
+    assert latency.worst_ms[0, 1] == pytest.approx(9 * FRAME_MS)
+    assert np.count_nonzero(~np.isnan(latency.table_ms)) == 2
+
+
+def test_short_names() -> None:
+    assert [short_name(action) for action in (0, 1, 2, 14, 17)] == ["·", "F", "U", "URF", "DLF"]

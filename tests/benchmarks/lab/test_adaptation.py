@@ -1,0 +1,161 @@
+"""`benchmarks.lab.adaptation`: before, training, after."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.lab import adaptation
+from benchmarks.report import run
+from common.errors import InputError
+from common.process.command_line import parse_run
+from common.run.config import RunConfig
+from common.run.folder import RunFolder
+from common.run.origin import origin_of
+from common.run.presets import PRESETS
+from learner.options import LearnerOptions
+from learner.telemetry.sinks.epochs_csv import EpochTable
+from tests.end_to_end.conftest import SMALL
+from tests.epoch_rows import epoch_row
+from tests.paths import ROOT
+
+POLICIES = ROOT / "policies"
+
+
+def parsed(flags: Sequence[str]) -> RunConfig:
+    return parse_run(LearnerOptions, "learner", flags, lambda _: None)[0].config
+
+
+@pytest.mark.parametrize("name", ["ale_pong", "robot_pong"])
+def test_a_training_has_the_world_and_the_network_of_the_policy(name: str) -> None:
+    trained = origin_of(POLICIES / f"{name}.safetensors")
+    assert trained is not None
+    config = parsed(adaptation.training_flags(trained, 20_000))
+    assert (config.env, config.game, config.play) == (trained.env, trained.game, trained.play)
+    assert config.camera == trained.camera
+    assert config.learning.network == trained.learning.network
+    assert config.learning.learning_rate == 1e-4
+    assert config.protocol.epoch_steps == 2_000
+
+
+def test_settings_that_are_unlike_the_presets_are_flags() -> None:
+    fast = PRESETS["fast"]
+    trained = replace(
+        fast,
+        play=replace(fast.play, vector=True, minimal_actions=False, press_latency=2),
+        learning=replace(fast.learning, network="nips", n_step=9),
+    )
+    config = parsed(adaptation.training_flags(trained, 5_000))
+    assert (config.play, config.learning.network) == (trained.play, "nips")
+    assert config.learning.n_step == fast.learning.n_step  # no part of the network
+
+
+class Lab:
+    """Evaluations and a training that only write down what they were asked for."""
+
+    def __init__(self, scores: Sequence[float]) -> None:
+        self.scores = list(scores)
+        self.played: list[tuple[str, tuple[str, ...]]] = []
+        self.trained: list[list[str]] = []
+
+    def evaluate(
+        self, network: Path, games: int, epsilon: float, flags: Sequence[str] = ()
+    ) -> dict[str, Any]:
+        self.played.append((network.name, tuple(flags)))
+        mean = self.scores.pop(0)
+        return {"mean": mean, "deviation": 1.0, "iqm": mean}
+
+    def train(self, folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
+        self.trained.append([f"{steps}", *flags])
+        folder.path.mkdir(parents=True, exist_ok=True)
+        table = EpochTable(folder.epochs)
+        for epoch, score in enumerate((-19.0, 12.0, 18.5, 20.0), 1):
+            table.append(
+                replace(
+                    epoch_row(),
+                    epoch=epoch,
+                    phase="train",
+                    total_train_steps=epoch * 500,
+                    average_reward=score,
+                    total_time=120.0 * epoch,
+                )
+            )
+
+
+def adapt(lab: Lab, monkeypatch: pytest.MonkeyPatch, runs: Path, *more: str) -> dict[str, Any]:
+    monkeypatch.setattr(adaptation, "evaluate", lab.evaluate)
+    monkeypatch.setattr(adaptation, "train", lab.train)
+    file = runs / "adaptation.json"
+    policy = str(POLICIES / "ale_pong.safetensors")
+    arguments = [policy, "--to=--play.press-latency 4", "--steps", "2000", "--runs", str(runs)]
+    main = (adaptation.Options, adaptation.measure, [*arguments, "--json", str(file), *more])
+    run("lab.adaptation", *main)
+    content: dict[str, Any] = json.loads(file.read_bytes())
+    return content
+
+
+def test_report(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lab = Lab([20.5, -20.0, 19.0])
+    content = adapt(lab, monkeypatch, tmp_path)
+    to = ("--play.press-latency", "4")
+    assert lab.played == [
+        ("ale_pong.safetensors", ()),
+        ("ale_pong.safetensors", to),
+        ("checkpoint.safetensors", ()),
+    ]
+    (flags,) = lab.trained
+    assert flags[0] == "2000"
+    assert flags[-2:] == ["--initial", str(POLICIES / "ale_pong.safetensors")]
+    assert "--play.press-latency" in flags
+    assert [content[name]["mean"] for name in ("own", "before", "after")] == [20.5, -20.0, 19.0]
+    assert content["steps_to_own"] == 1_500  # the first at 18.5 or more
+    assert [point["minutes"] for point in content["curve"]] == [2.0, 4.0, 6.0, 8.0]
+    assert "after 1,500 agent steps and 6 minutes" in capsys.readouterr().out
+
+
+def test_a_policy_that_never_plays_as_before_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = adapt(Lab([30.0, -20.0, 19.0]), monkeypatch, tmp_path)
+    assert content["steps_to_own"] is None
+    assert "did not come within two points" in capsys.readouterr().out
+
+
+def test_an_interrupted_training_goes_on_with_its_own_weights(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    folder = RunFolder(tmp_path, "adaptation")
+    folder.path.mkdir()
+    folder.checkpoint.touch()
+    lab = Lab([20.0, -20.0, 19.0])
+    adapt(lab, monkeypatch, tmp_path)
+    assert "--initial" not in lab.trained[0]
+
+
+def test_a_network_of_unknown_settings_is_refused(tmp_path: Path) -> None:
+    network = tmp_path / "alone.safetensors"
+    network.write_bytes((POLICIES / "ale_pong.safetensors").read_bytes())
+    for path, words in ((network, "neither a card nor"), (tmp_path / "no", "is not a file")):
+        with pytest.raises(InputError, match=words):
+            adaptation.measure(adaptation.Options(network=path, to="--env robot"))
+
+
+@pytest.mark.slow
+def test_a_policy_is_trained_on_for_real(tmp_path: Path) -> None:
+    small = " ".join(flag for flag in SMALL if "network" not in flag)
+    options = adaptation.Options(
+        network=POLICIES / "ale_pong.safetensors",
+        to="--play.press-latency 1 --play.max-game-frames 400",
+        steps=900,
+        games=1,
+        learner=f"{small} --evaluators 0 --threads 1",
+        runs=tmp_path,
+    )
+    content = adaptation.measure(options).content
+    assert content["after"]["games"] == 1
+    assert len(content["curve"]) >= 1

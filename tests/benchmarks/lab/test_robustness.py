@@ -1,0 +1,132 @@
+"""`benchmarks.lab.robustness`: a grid of worlds, played once each."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.lab import robustness
+from benchmarks.lab.policy import evaluate
+from benchmarks.lab.robustness import OPTICS, cell_flags
+from benchmarks.report import run
+from common.errors import InputError
+from common.process.command_line import parse_run
+from common.run.config import RandomiseConfig, RunConfig
+from common.run.presets import PRESETS
+from learner.options import LearnerOptions
+from tests.paths import ROOT
+
+POLICY = ROOT / "policies" / "robot_pong.safetensors"
+
+
+def played(flags: Sequence[str]) -> RunConfig:
+    return parse_run(LearnerOptions, "learner", flags, lambda _: PRESETS["robot"])[0].config
+
+
+def test_the_first_cell_is_the_world_of_the_preset() -> None:
+    assert played(cell_flags(0, "nominal", 0.0)) == PRESETS["robot"]
+
+
+def test_a_cell_adds_its_own_latency_and_optics() -> None:
+    config = played(cell_flags(12, "grain", 0.25))
+    assert (config.play.actuation_latency, config.play.sticky) == (12, 0.25)
+    assert (config.camera.noise, config.camera.blur) == (8, 1)
+    assert (config.camera.dropped, config.randomise) == (0, RandomiseConfig())
+    moved = played(cell_flags(0, "pose", 0.0)).randomise
+    assert (moved.head_pose, moved.screen_distance) == (5, 0.15)
+    light = played(cell_flags(0, "light", 0.0)).randomise
+    assert (light.gamma, light.ambient, light.glare) == (1.6, 0.2, 0.3)
+    late = played(cell_flags(0, "late", 0.0)).camera
+    assert (late.dropped, late.latency, late.noise) == (0.1, 1, 0)
+
+
+class Games:
+    """Evaluations whose mean is 20, less the latency and 2 for noise; remembers its cells."""
+
+    def __init__(self) -> None:
+        self.flags: list[dict[str, str]] = []
+        self.left = 10**6
+
+    def __call__(
+        self, network: Path, games: int, epsilon: float, flags: Sequence[str]
+    ) -> dict[str, Any]:
+        assert (network, games, epsilon) == (POLICY, 3, 0.001)
+        if not self.left:
+            raise KeyboardInterrupt
+        self.left -= 1
+        told = dict(zip(flags[::2], flags[1::2], strict=True))
+        self.flags.append(told)
+        mean = 20.0 - int(told["--play.actuation-latency"]) - float(told["--camera.noise"]) / 4
+        return dict.fromkeys(robustness._KEPT, 0) | {"mean": mean, "deviation": 1.5}
+
+
+@pytest.fixture
+def games(monkeypatch: pytest.MonkeyPatch) -> Games:
+    games = Games()
+    monkeypatch.setattr(robustness, "evaluate", games)
+    return games
+
+
+def grid(file: Path, *flags: str) -> dict[str, Any]:
+    arguments = [str(POLICY), "--games", "3", "--json", str(file), *flags]
+    run("lab.robustness", robustness.Options, robustness.measure, arguments)
+    content: dict[str, Any] = json.loads(file.read_bytes())
+    return content
+
+
+def test_table_and_json(games: Games, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    content = grid(tmp_path / "grid.json", "--sticky", "0.25", "--seed", "4")
+    assert len(content["cells"]) == 25
+    assert all(each["--play.sticky"] == "0.25" and each["--seed"] == "4" for each in games.flags)
+    means = {(cell["optics"], cell["latency"]): cell["mean"] for cell in content["cells"]}
+    assert means["nominal", 0] == 20.0
+    assert means["grain", 12] == 6.0
+    assert set(means) == {(optics, late) for optics in OPTICS for late in (0, 2, 4, 8, 12)}
+    said = " ".join(capsys.readouterr().out.split())
+    assert "+200 ms" in said
+    assert "mean of all cells 14.40, worst 6.00" in said  # 20 − 26 / 5 − 2 / 5
+
+
+def test_an_interrupted_grid_goes_on(games: Games, tmp_path: Path) -> None:
+    file = tmp_path / "grid.json"
+    games.left = 7
+    with pytest.raises(KeyboardInterrupt):
+        grid(file)
+    assert len(json.loads(file.read_bytes())["cells"]) == 7
+    games.left = 18
+    content = grid(file)
+    assert len(content["cells"]) == 25
+    assert len(games.flags) == 25
+    assert len({json.dumps(each, sort_keys=True) for each in games.flags}) == 25
+
+
+@pytest.mark.parametrize("other", [("--sticky", "0.5"), ("--seed", "2")])
+def test_a_file_of_another_grid_is_refused(
+    games: Games, tmp_path: Path, other: tuple[str, str]
+) -> None:
+    file = tmp_path / "grid.json"
+    one = ("--latencies", "0", "--optics", "nominal")
+    grid(file, *one)
+    before = file.read_bytes()
+    with pytest.raises(InputError, match="holds no grid of this network"):
+        grid(file, *one, *other)
+    assert file.read_bytes() == before
+    for junk in (b"[]", b"{}", b"no JSON"):
+        file.write_bytes(junk)
+        with pytest.raises(InputError, match="holds no grid"):
+            grid(file, *one)
+
+
+def test_a_network_that_is_not_there_is_told(tmp_path: Path) -> None:
+    options = robustness.Options(network=tmp_path / "none")
+    with pytest.raises(InputError, match="is not a file: name a network"):
+        robustness.measure(options)
+
+
+def test_a_cell_is_played_for_real() -> None:
+    flags = [*cell_flags(2, "late", 0.25), "--play.max-game-frames", "80"]
+    told = evaluate(POLICY, 1, 1.0, flags)
+    assert 0 < told["steps_of_games"][0] <= 20 + 30
+    assert all(name in told for name in robustness._KEPT)

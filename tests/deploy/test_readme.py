@@ -1,0 +1,21 @@
+"""The page for operators tells every flag that a run is operated by."""
+
+import dataclasses
+import re
+
+import pytest
+
+from learner.options import LearnerOptions
+from replay.__main__ import ReplayOptions
+from tests.paths import ROOT
+
+GROUPS = {"config", "clock", "evaluation"}
+"""Fields whose flags are the run's, the actors' and an evaluation's, and are told in README.md."""
+
+
+@pytest.mark.parametrize("options", [LearnerOptions, ReplayOptions])
+def test_every_flag_of_operation_is_told(options: type[LearnerOptions | ReplayOptions]) -> None:
+    page = (ROOT / "deploy" / "README.md").read_text()
+    told = set(re.findall(r"`(--[a-z-]+)[ `]", page))
+    flags = {f"--{each.name.replace('_', '-')}" for each in dataclasses.fields(options)}
+    assert flags - told == {f"--{group}" for group in GROUPS} & flags

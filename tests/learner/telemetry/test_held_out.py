@@ -1,0 +1,86 @@
+"""Max-Q over states that were held out, and over those of late, by a network worked out by hand."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from common.errors import InputError
+from learner.telemetry.held_out import LEAST_RECENT, RECENT, RECENT_STEPS, HeldOut
+
+
+class Memory:
+    """A replay whose states are their numbers: the newest 32 of 100, or all of them."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[int, int | None]] = []
+        self.recent = np.arange(68, 100)
+
+    def held_out(self, count: int, newest: int | None = None) -> tuple[Any, Any]:
+        self.asked.append((count, newest))
+        numbers = np.arange(100) if newest is None else self.recent
+        frames = np.full((min(count, len(numbers)), 4, 84, 84), 0, np.uint8)
+        frames[:] = numbers[: len(frames), None, None, None]
+        return frames, np.zeros((len(frames), 0), np.float32)
+
+
+FIRST_PIXEL: Any = SimpleNamespace(max_q=lambda frames, _: frames[:, 0, 0, 0].float())
+"""An algorithm whose max-Q is a state's number."""
+
+
+def test_both_sets_are_measured_apart(tmp_path: Path) -> None:
+    memory: Any = Memory()
+    held = HeldOut(tmp_path / "held_out")
+    held.draw(memory, 5)
+    held.measure(FIRST_PIXEL, memory)
+    assert memory.asked == [(5, None), (RECENT, RECENT_STEPS)]
+    assert held.max_q == (2.0, pytest.approx(2**0.5))  # of 0, 1, 2, 3 and 4
+    assert held.recent_std == pytest.approx(((32**2 - 1) / 12) ** 0.5)  # of 32 numbers in a row
+
+
+def test_a_frozen_camera_leaves_the_recent_states_without_deviation(tmp_path: Path) -> None:
+    memory: Any = Memory()
+    held = HeldOut(tmp_path / "held_out")
+    held.draw(memory, 50)
+    memory.recent = np.full(32, 7)
+    held.measure(FIRST_PIXEL, memory)
+    assert held.max_q is not None
+    assert held.max_q[1] > 10
+    assert held.recent_std == 0.0
+
+
+def test_too_few_recent_states_tell_nothing(tmp_path: Path) -> None:
+    memory: Any = Memory()
+    memory.recent = np.arange(LEAST_RECENT - 1)
+    held = HeldOut(tmp_path / "held_out")
+    held.measure(FIRST_PIXEL, memory)
+    assert (held.max_q, held.recent_std) == (None, None)
+
+
+def test_the_held_out_states_are_kept_for_who_resumes(tmp_path: Path) -> None:
+    path = tmp_path / "held_out"
+    memory: Any = Memory()
+    HeldOut(path).draw(memory, 3)
+    again = HeldOut(path)
+    again.measure(FIRST_PIXEL, memory)
+    assert again.max_q == (1.0, pytest.approx((2 / 3) ** 0.5))
+    path.write_bytes(b"no tensors")
+    with pytest.raises(InputError, match="is damaged"):
+        HeldOut(path)
+
+
+def test_values_are_of_states_as_they_are(tmp_path: Path) -> None:
+    """No gradient, and no change of what the replay gave."""
+    memory: Any = Memory()
+    held = HeldOut(tmp_path / "held_out")
+    held.draw(memory, 2)
+    seen: list[torch.Tensor] = []
+    algorithm: Any = SimpleNamespace(
+        max_q=lambda frames, _: (seen.append(frames), frames[:, 0, 0, 0].float())[1]
+    )
+    held.measure(algorithm, memory)
+    assert [tuple(each.shape) for each in seen] == [(2, 4, 84, 84), (32, 4, 84, 84)]
+    assert all(each.dtype == torch.uint8 for each in seen)

@@ -1,0 +1,160 @@
+"""Phases counted from the facts of chunks, and their rows, by hand."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from common.protocol.chunk import Game
+from common.run.config import ProtocolConfig, ReplayConfig, RunConfig
+from learner.clock import RunClock
+from learner.phases import Phases
+from replay.chunk_statistics import ChunkStatistics
+
+CONFIG = replace(
+    RunConfig(),
+    replay=replace(ReplayConfig(), learning_starts=100),
+    protocol=replace(ProtocolConfig(), epoch_steps=200),
+)
+
+
+def _chunks(count: int, first: int = 0, steps: int = 50, **more: object) -> list[ChunkStatistics]:
+    return [
+        ChunkStatistics(
+            **{  # type: ignore[arg-type]
+                "index": index,
+                "agent_steps": (index + 1) * steps,
+                "steps": steps,
+                "actor": "a",
+                "epsilon": 1.0,
+                "weights_version": 0,
+                "staleness": index,
+                "valid": steps,
+                "matched": steps // 2,
+                "follows": steps // 5,
+                "games": (Game(float(index), 10),),
+            }
+            | more
+        )
+        for index in range(first, first + count)
+    ]
+
+
+def phases(seconds: float = 0.0) -> Phases:
+    """Those of a run that has gone on for so long."""
+    times = iter((0.0,))
+    return Phases(CONFIG, RunClock(lambda: next(times, seconds)))
+
+
+def test_warm_up_then_epochs() -> None:
+    counted = phases()
+    ends = list(counted.book(_chunks(11)))
+    assert [(end.epoch, end.steps, end.scores) for end in ends] == [
+        (0, 100, (0.0, 1.0)),
+        (1, 200, (2.0, 3.0, 4.0, 5.0)),
+        (2, 200, (6.0, 7.0, 8.0, 9.0)),
+    ]
+    assert (counted.epoch, counted.phase_steps, counted.agent_steps, counted.train_steps) == (
+        3,
+        50,
+        550,
+        450,
+    )
+    assert counted.games == 9  # those of the warm-up do not count as training
+    values = counted.values(finishing=False)
+    assert values["play/train_reward"] == pytest.approx(sum(range(2, 11)) / 9)
+    assert values["play/valid_frame_share"] == 1.0
+    assert values["play/following_frame_share"] == 0.2
+    assert values["play/press_match_share"] == 0.5
+    assert values["stream/staleness_p50"] == 5.0
+    assert values["stream/staleness_p95"] == 9.5
+    assert (values["run/phase_steps"], values["run/phase_length"]) == (50, 200)
+    assert (values["run/epoch"], values["run/agent_steps"]) == (3, 550)
+
+
+def test_shares_are_over_the_newest_chunks() -> None:
+    counted = phases()
+    list(counted.book(_chunks(20, valid=0)))
+    list(counted.book(_chunks(60, first=20)))
+    assert counted.values(finishing=False)["play/valid_frame_share"] == 0.75
+    list(counted.book(_chunks(20, first=80)))
+    assert counted.values(finishing=False)["play/valid_frame_share"] == 1.0
+
+
+def test_facts_that_were_seen_before_count_once() -> None:
+    counted = phases()
+    list(counted.book(_chunks(3)))
+    list(counted.book(_chunks(3)))
+    list(counted.book(_chunks(2, first=2)))
+    assert (counted.agent_steps, counted.epoch, counted.phase_steps) == (200, 1, 100)
+
+
+def test_it_goes_on_from_its_state() -> None:
+    whole, first, second = (phases(seconds=80.0) for _ in range(3))
+    expected = list(whole.book(_chunks(20)))
+    ends = list(first.book(_chunks(9)))
+    second.restore(first.state())
+    ends += second.book(_chunks(20))
+    assert ends == expected
+    assert second.state() == whole.state()
+    assert second.state()["phase_began"] == 80.0
+
+
+def test_an_end_that_is_asked_for_starts_the_next_phase() -> None:
+    counted = phases()
+    list(counted.book(_chunks(3)))
+    ended = counted.close_phase()
+    assert (ended.epoch, ended.steps) == (1, 50)
+    (next_end,) = counted.book(_chunks(5, first=3))
+    assert (next_end.epoch, next_end.steps) == (2, 200)
+
+
+def test_at_the_very_end_the_last_epoch_is_told_whole() -> None:
+    counted = phases()
+    list(counted.book(_chunks(6)))
+    shown = ("run/epoch", "run/phase_steps", "run/phase_length")
+    for finishing, expected in ((False, [2, 0, 200]), (True, [1, 200, 200])):
+        values = counted.values(finishing=finishing)
+        assert [values[key] for key in shown] == expected
+    list(counted.book(_chunks(1, first=6)))  # a few more, which are no epoch of their own
+    values = counted.values(finishing=True)
+    assert [values[key] for key in shown] == [2, 50, 200]
+
+
+def test_the_rows_of_a_phase_and_of_its_snapshots_test() -> None:
+    counted = phases(seconds=80.0)
+    for loss in (1.0, 3.0):
+        counted.add(torch.tensor(loss))
+    _, ended = counted.book(_chunks(6))
+    row, test = counted.end(ended, stored=290, meanq=0.75)
+    assert (row.epoch, row.phase, row.steps, row.nr_games) == (1, "train", 200, 4)
+    assert (row.total_train_steps, row.replay_memory_count, row.meanq) == (200, 290, 0.75)
+    assert (row.weight_updates, row.meancost) == (2, 0.0)  # both were in the warm-up
+    assert (row.total_time, row.epoch_time) == (80.0, 0.0)
+    assert row.last_exploration_rate == CONFIG.epsilon_at(300)
+    played = replace(test, steps=60, scores=[5.0, 8.0], began=50.0)
+    tested = counted.end_test(played)
+    assert (tested.phase, tested.average_reward, tested.steps_per_second) == ("test", 6.5, 2.0)
+    same = ("epoch", "total_train_steps", "replay_memory_count", "meanq", "weight_updates")
+    assert [getattr(tested, name) for name in same] == [getattr(row, name) for name in same]
+    assert tested.last_exploration_rate == CONFIG.protocol.test_epsilon
+    assert counted.end_test(replace(played, began=None)).epoch_time == 0.0
+
+
+def test_the_warm_up_has_no_training_steps_even_if_it_is_longer_than_asked() -> None:
+    counted = phases()
+    (ended,) = counted.book(_chunks(2, steps=60))
+    row, _ = counted.end(ended, stored=120, meanq=None)
+    assert (row.steps, row.total_train_steps, counted.train_steps) == (120, 0, 20)
+
+
+def test_a_phases_loss_is_the_mean_over_its_updates() -> None:
+    counted = phases()
+    for loss in (1.0, 3.0):
+        counted.add(torch.tensor(loss))
+    (ended,) = counted.book(_chunks(2))
+    assert ended.loss == 2.0
+    assert counted.is_finite
+    counted.add(torch.tensor(float("nan")))
+    counted.add(torch.tensor(1.0))
+    assert not counted.is_finite

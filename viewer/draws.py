@@ -1,0 +1,142 @@
+"""`python -m viewer draws`: games under drawn conditions, side by side as the robot sees them."""
+
+import threading
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from actors.envs import make_env
+from actors.envs.ale import AtariEnv
+from actors.envs.robot import RobotEnv
+from actors.loop import frames_and_vector
+from common.checked import FromOne
+from common.errors import InputError
+from common.registry import ENVIRONMENTS
+from common.run.conditions import Conditions, all_ranges
+from common.run.config import RandomiseConfig, RunConfig
+from viewer import overlay
+from viewer.panels import border_of
+from viewer.picture import write_picture
+from viewer.player import Played
+
+_WIDTH, _HEIGHT = 480, 360
+"""Size of what is seen in one game."""
+_LINE = 17
+"""Height of a line of text."""
+_COLUMNS = 4
+_STEPS = 12
+"""Random agent steps of each game before its picture."""
+
+
+@dataclass(frozen=True)
+class Draws(Played):
+    """Draw the conditions of games as a run with --randomise does, and write a picture of what is
+    seen in each, the network's newest frame in a corner.
+
+    The first game has the usual conditions. All that is drawn has its published range, except for
+    what is given.
+    """
+
+    randomise: RandomiseConfig = field(default_factory=lambda: all_ranges("robot"))
+    count: FromOne = 12
+    """Number of games."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FILE.png")] = Path("draws.png")
+    """File of the picture."""
+
+    def run(self, stop: threading.Event) -> int:
+        """Returns the exit status.
+
+        Raises:
+            InputError: the picture cannot be written, or what is drawn means nothing there.
+        """
+        usual = self.config()
+        ranges = self.randomise
+        if ranges == all_ranges("robot"):
+            ranges = all_ranges(usual.env)
+        tiles = [*games(usual, 1, stop), *games(with_ranges(usual, ranges), self.count - 1, stop)]
+        if not tiles:
+            raise InputError("it was stopped before any game: run it again.")
+        write_picture(self.output, sheet(tiles))
+        print(f"wrote {self.output}")
+        return 0
+
+
+def with_ranges(config: RunConfig, ranges: RandomiseConfig) -> RunConfig:
+    """Returns ``config`` with ``ranges``, checked."""
+    drawn = replace(config, randomise=ranges)
+    drawn.check()
+    return drawn
+
+
+def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[np.uint8]]:
+    """Returns a tile of each of so many games, fewer if ``stop`` is set.
+
+    Raises:
+        InputError: it is neither a robot nor an emulator that plays.
+    """
+    tiles: list[NDArray[np.uint8]] = []
+    with closing(make_env(config, training=False)) as env:
+        if not isinstance(env, RobotEnv | AtariEnv):
+            known = " or ".join(ENVIRONMENTS.names)
+            raise InputError(f"{config.env} has no conditions to draw: choose --env {known}.")
+        for number in range(count):
+            if stop.is_set():
+                break
+            observation, _ = env.reset(seed=config.seed * 1_000 + number)
+            env.action_space.seed(number)
+            for _ in range(_STEPS):
+                observation, *_ = env.step(env.action_space.sample())
+            tiles.append(tile(env, frames_and_vector(observation)[0][-1]))
+    return tiles
+
+
+def tile(env: RobotEnv | AtariEnv, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Returns what is seen in a game with its conditions below, ``uint8 [rows, columns, 3]``."""
+    small = cv2.cvtColor(frame, cv2.COLOR_GRAY2RGB)
+    if isinstance(env, RobotEnv):
+        seen = cv2.resize(env.seen, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_NEAREST)
+        picture = np.asarray(seen, np.uint8)
+        if env.detection.corners is not None:
+            colour = overlay.MAGENTA if env.detection.valid else overlay.RED
+            border = border_of(env.detection.corners)
+            overlay.outline(picture, border, _WIDTH / env.seen.shape[1], colour)
+        picture[-len(small) :, : small.shape[1]] = small
+    else:
+        large = cv2.resize(small, (_HEIGHT, _HEIGHT), interpolation=cv2.INTER_NEAREST)
+        picture = np.full((_HEIGHT, _WIDTH, 3), overlay.PAPER, np.uint8)
+        picture[:, (_WIDTH - _HEIGHT) // 2 :][:, :_HEIGHT] = large
+    lines = told(env.conditions)
+    text = np.full((_LINE * len(lines) + 8, _WIDTH, 3), overlay.PAPER, np.uint8)
+    for number, line in enumerate(lines, start=1):
+        overlay.write(text, line, (6, _LINE * number), size=0.42)
+    return np.vstack((picture, text))
+
+
+def told(conditions: Conditions) -> list[str]:
+    """Returns the conditions in four lines of text."""
+    play, camera = conditions
+    return [
+        f"latency {play.actuation_latency} frames, jitter {play.actuation_jitter}, "
+        f"arm x{play.arm_speed:.2f}, keys x{play.key_threshold:.2f}, sticky {play.sticky:.2f}",
+        f"picture {camera.latency} steps late, {camera.dropped:.0%} lost, "
+        f"noise {camera.noise:.1f}, blur {camera.blur:.1f}, gamma {camera.gamma:.2f}",
+        f"light x{camera.brightness:.2f}, colours x{camera.red:.2f} {camera.green:.2f} "
+        f"{camera.blue:.2f}, ambient {camera.ambient:.2f}, glare {camera.glare:.2f}",
+        f"lens {camera.distortion:.3f}, head {camera.yaw:+.1f} {camera.pitch:+.1f} deg, "
+        f"screen x{camera.screen_distance:.2f}, tilt {camera.screen_tilt:+.1f} deg",
+    ]
+
+
+def sheet(tiles: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Returns tiles of one size in rows of four, ``uint8 [rows, columns, 3]``."""
+    columns = min(_COLUMNS, len(tiles))
+    empty = [np.zeros_like(tiles[0])] * (-len(tiles) % columns)
+    every = tiles + empty
+    rows = [np.hstack(every[start : start + columns]) for start in range(0, len(every), columns)]
+    return np.vstack(rows)

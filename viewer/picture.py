@@ -1,0 +1,28 @@
+"""Pictures as files."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import InputError
+
+
+def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Writes ``picture uint8 [rows, columns, 3]``, in a new folder if need be.
+
+    Raises:
+        InputError: it cannot be written there.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        encoded, content = cv2.imencode(path.suffix or ".png", picture[:, :, ::-1])
+        assert encoded
+        path.write_bytes(content.tobytes())
+    except cv2.error:
+        raise InputError(
+            f"{path} does not name a picture: choose a name that ends in .png."
+        ) from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}.") from None
