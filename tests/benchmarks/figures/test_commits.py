@@ -1,4 +1,4 @@
-"""Published results name commits of this repository, or say that they do not."""
+"""Results and pages name commits of this repository, or say that a commit is lost."""
 
 import csv
 import json
@@ -15,6 +15,11 @@ from benchmarks.figures.results_page import PAGE, render
 from tests.paths import ROOT
 
 RESULTS = PAGE.parent / "results"
+
+
+LOST = {"26313b4", "91038c1"}
+"""Commits of results, whose notes say that they are lost; no other may join them."""
+A_COMMIT = re.compile(r"\b(?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])([0-9a-f]{40}|[0-9a-f]{7})\b")
 
 
 def git(*arguments: str) -> str:
@@ -43,7 +48,28 @@ def test_the_commit_of_each_result_is_in_the_history_or_noted_as_lost(history: s
     lost = {each for each in found if each.commit not in history}
     told = {each for each in found if "not in this repository's history" in each.note}
     assert lost == told
-    assert {each.commit[:7] for each in lost} == {"26313b4"}  # no other may join it
+    assert {each.commit[:7] for each in lost} == LOST
+
+
+def test_every_commit_that_a_page_a_result_or_a_card_names_is_in_the_history(
+    history: set[str],
+) -> None:
+    named = {
+        (file, commit)
+        for file in git("ls-files", "*.md", "*.json", "*.csv").split()
+        for commit in A_COMMIT.findall((ROOT / file).read_text(encoding="utf-8"))
+    }
+    assert {"CHANGELOG.md", "CONTRIBUTING.md", "policies/ale_pong.json"} < {
+        file for file, _ in named
+    }
+    short = {commit[:7] for commit in history}
+    gone = {
+        (file, commit)
+        for file, commit in named
+        if (commit not in history if len(commit) == 40 else commit not in short)
+        and commit[:7] not in LOST
+    }
+    assert not gone
 
 
 def test_the_flags_of_each_row_are_known_at_its_commit(history: set[str]) -> None:
