@@ -1,7 +1,6 @@
 """The phases of a run: warm-up (epoch 0), then one epoch after another, and the tests of their
 snapshots."""
 
-import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -85,15 +84,10 @@ class Phases:
                 yield self.close_phase()
 
     def add(self, loss: Tensor) -> None:
-        """Count one update."""
+        """Count one update; a ``loss`` that is not finite changed nothing."""
         self.updates += 1
         self._phase_updates += 1
-        self._loss += loss.float()
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether all losses of this phase were; one that was not stays in their sum."""
-        return math.isfinite(float(self._loss))
+        self._loss += loss.float().nan_to_num(0.0, 0.0, 0.0)
 
     @property
     def phase_length(self) -> int:

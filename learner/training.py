@@ -3,18 +3,23 @@
 `learner.assembly` builds a `Learner` from its parts.
 """
 
+import math
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
 from common.errors import InputError
 from common.metrics import Value
 from common.process.supervisor import Supervisor
 from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
-from learner.algorithm.interface import Algorithm
+from learner.algorithm.interface import Algorithm, Update
 from learner.checkpoint import Checkpoint
 from learner.clock import Every, RunClock
 from learner.evaluation.coordinator import EvaluationCoordinator
@@ -29,6 +34,8 @@ from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics, Progress
 from replay.interface import Replay
 
 _TICK = 0.1
+_MOST_SKIPPED = 10
+"""Minibatches in a row whose loss is not finite: then the network is at fault, not they."""
 _LOOK_SECONDS = 0.25
 _MEASURE_SECONDS = 30.0
 _PUBLISH_SECONDS = 10.0
@@ -67,6 +74,12 @@ class Learner:
         """Why the guard ended the run before its goal."""
         self._children: Supervisor | None = None
         self._batches: Prefetcher
+        self._unchecked: list[tuple[NDArray[np.int64], Update]] = []
+        """Ids and results of the updates since the losses were last looked at."""
+        self._skipped = 0
+        """Minibatches in a row, up to the newest one, whose loss was not finite."""
+        self._spoiled = False
+        """Whether a loss that was not finite has spoiled the weights."""
         self._replay_progress: Progress
         self._published = 0
         self._look_schedule = Every(_LOOK_SECONDS, self.clock.now)
@@ -157,7 +170,7 @@ class Learner:
 
     def _keep_what_was_learned(self) -> None:
         """Write the last checkpoint, but of nothing that has diverged."""
-        if self.phases.is_finite:
+        if not self._has_diverged():
             self._checkpoint()
 
     def _train(self) -> None:
@@ -173,11 +186,13 @@ class Learner:
         """One gradient step, and what is due by the number of updates."""
         result = self.algorithm.update(batch.prepared)
         self.phases.add(result.loss)
+        self._unchecked.append((batch.ids, result))
         self.telemetry.update(batch.prepared.batch, result)
         updates, schedule = self.phases.updates, self.config.learning
         if self.config.replay.sampler == "prioritised":
             self._check_loss()
-            self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())
+            if not self._skipped:
+                self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())
         if updates % schedule.publish_period == 0:
             self._publish()
         if updates % schedule.checkpoint_period == 0:
@@ -185,12 +200,42 @@ class Learner:
 
     def _check_loss(self) -> None:
         """Called before anything of the network is kept or told: it may have diverged."""
-        if not self.phases.is_finite:
+        if self._has_diverged():
+            first = self.phases.updates - self._skipped + 1
             raise InputError(
-                f"the loss became non-finite at update {self.phases.updates}: start another run "
+                f"the loss became non-finite at update {first}: start another run "
                 "with a smaller --learning.learning-rate, from this one's last good network by "
                 f"--initial {self.checkpoint.path}."
             )
+
+    def _has_diverged(self) -> bool:
+        """Whether the network is of no use any more; a few minibatches that are not are skipped.
+
+        All losses since the last call are looked at together, for each look waits for the device.
+        """
+        seen, self._unchecked = self._unchecked, []
+        losses = torch.stack([result.loss for _, result in seen]).tolist() if seen else []
+        for (ids, result), loss in zip(seen, losses, strict=True):
+            if math.isfinite(loss):
+                self._skipped = 0
+                continue
+            self._skipped += 1
+            if all(bool(each.isfinite().all()) for each in self.algorithm.online.parameters()):
+                self._quarantine(ids, result.priorities.float().cpu().numpy())
+            else:
+                self._spoiled = True
+        return self._spoiled or self._skipped >= _MOST_SKIPPED
+
+    def _quarantine(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
+        """Have the steps that are at fault for a loss never drawn again."""
+        faulty = ~np.isfinite(priorities)
+        if not faulty.any():
+            faulty[:] = True
+        self.replay.update_priorities(ids[faulty], np.full(faulty.sum(), np.nan, np.float32))
+        self.telemetry.note(
+            f"a minibatch was skipped: its loss is not finite; {faulty.sum()} of its steps are "
+            "quarantined, and the replay's log names their actors"
+        )
 
     def _look(self) -> None:
         """Hear what happened elsewhere, and do what is due by the clock."""

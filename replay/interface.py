@@ -22,7 +22,11 @@ class Replay(Protocol):
         """
 
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
-        """Set priorities (≥ 0) of drawn steps; those of evicted steps are ignored."""
+        """Set priorities (≥ 0) of drawn steps; those of evicted steps are ignored.
+
+        A priority that is not finite says that nothing can be learned from the step: until the
+        replay's next start it is not drawn again, and the log names the actor that sent it.
+        """
 
     def held_out(
         self, count: int, newest: int | None = None

@@ -4,6 +4,7 @@ It adds the rate limiter, and the waiting for it, to the `Store`. A draw holds t
 choose ids; its frames are gathered while other threads draw and insert (see `Ring.read`).
 """
 
+import logging
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +24,7 @@ from replay.limiter import RateLimiter
 from replay.store import Store
 
 _HURRIED_READS = 3
+_log = logging.getLogger(__name__)
 _Read = TypeVar("_Read", Batch, SharedBatch)
 
 
@@ -127,12 +129,19 @@ class ReplayBuffer:
         """See `Replay.update_priorities`.
 
         Raises:
-            MessageError: a priority is negative or not finite, as after a diverged update.
+            MessageError: a priority or an id is negative.
         """
-        if not (np.isfinite(priorities).all() and (priorities >= 0).all() and (ids >= 0).all()):
-            raise MessageError("priorities should be finite and not negative, ids too")
+        if (priorities < 0).any() or (ids < 0).any():
+            raise MessageError("priorities and ids should not be negative")
+        finite = np.isfinite(priorities)
         with self._state:
-            self._store.sampler.update(ids, priorities.astype(np.float64))
+            self._store.sampler.update(ids[finite], priorities[finite].astype(np.float64))
+            gone, actors = self._store.quarantine(ids[~finite])
+        if actors:
+            _log.warning(
+                "steps %s of %s are not drawn again: their loss is not finite",
+                *(", ".join(map(str, gone)), ", ".join(actors)),
+            )
 
     def held_out(
         self, count: int, newest: int | None = None

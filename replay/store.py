@@ -14,6 +14,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.errors import InputError, MessageError
 from common.protocol.chunk import Chunk
@@ -43,6 +44,7 @@ class Store:
         self._state = state
         self._writer = threading.Lock()
         self._closed = False
+        self._quarantined: set[int] = set()
         path = folder / "journal.jsonl"
         self.index = self._read(path)
         prioritised = config.replay.sampler == "prioritised"
@@ -154,6 +156,20 @@ class Store:
                 self._compacted_lines = self._journal.lines
             return True
 
+    def quarantine(self, ids: NDArray[np.int64]) -> tuple[list[int], list[str]]:
+        """Let steps ``ids`` not be drawn again; returns those there are, and who sent them.
+
+        Called under ``state``.
+        """
+        ids = np.unique(ids[self.sampler.contains(ids)])
+        self.sampler.remove(ids)
+        alive = {each for each in self._quarantined if each >= self.ring.tail}
+        self._quarantined = alive | set(ids.tolist())
+        bases = np.array([place.base for place in self.index.chunks.values()], np.int64)
+        keys = list(self.index.chunks)
+        senders = {keys[at].actor for at in bases.searchsorted(ids, "right") - 1}
+        return ids.tolist(), sorted(senders)
+
     def count_refused(self) -> None:
         """Note a chunk that could not be accepted."""
         with self._writer:
@@ -254,6 +270,7 @@ class Store:
             self._join(before, place)
         self._join(place, after)
         touched = self._steps_beside(key) | set(range(place.first, place.last + 1))
+        touched -= self._quarantined
         ids = np.array(sorted(touched), np.int64)
         ids = ids[~self.sampler.contains(ids)]
         self.sampler.add(ids[ring.is_complete(ids)])

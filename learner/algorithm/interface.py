@@ -48,7 +48,8 @@ class Update(NamedTuple):
     loss: Tensor
     """Scalar."""
     priorities: Tensor
-    """Priorities of the transitions in prioritised replay, ``float32 [batch]``, not negative."""
+    """Priorities of the transitions in prioritised replay, ``float32 [batch]``, not negative; not
+    finite where a transition is at fault for a loss that is not."""
     metrics: Mapping[str, Tensor]
     """Scalars by name, the same names at every update; ``td_error_squared`` is the mean δ² of the
     values, before the update."""
@@ -66,7 +67,10 @@ class Algorithm(Protocol):
         """Computes what does not depend on the updates before; from one thread, not `update`'s."""
 
     def update(self, prepared: Prepared) -> Update:
-        """Takes one gradient step, and syncs the target network when it is due."""
+        """Takes one gradient step, and syncs the target network when it is due.
+
+        A loss that is not finite changes no weight; the learner has its steps quarantined.
+        """
 
     def max_q(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns the highest value of each state, ``float32 [states]``, on the CPU."""

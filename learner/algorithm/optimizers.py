@@ -20,10 +20,12 @@ class BoundedOptimizer:
         self._optimizer = build_optimizer(self._parameters, config)
         self._longest = config.gradient_norm
 
-    def step(self) -> None:
-        """Move the parameters by their gradients."""
+    def step(self, loss: Tensor) -> None:
+        """Move the parameters by their gradients; not at all where ``loss`` is not finite."""
         if self._longest:
             clip_gradients(self._parameters, self._longest)
+        # The kernel itself looks at it, so nothing waits for the device.
+        self._optimizer.found_inf = (~loss.isfinite()).float()  # type: ignore[attr-defined]
         self._optimizer.step()
 
     def state(self) -> dict[str, Tensor]:

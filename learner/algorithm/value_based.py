@@ -81,7 +81,7 @@ class ValueBased:
             prepared = self._with_target(prepared)
         result = self._loss(self._precision.network, prepared)
         self._precision.backward(result.loss)
-        self._optimizer.step()
+        self._optimizer.step(result.loss.detach())
         self._precision.sync_from_master()
         self._published.update()
         self._updates += 1

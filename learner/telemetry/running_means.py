@@ -37,7 +37,8 @@ class RunningMeans:
                 f"an update told {', '.join(figures)} and those before {', '.join(self._names)}: "
                 "return the same metrics from every update."
             )
-        latest = torch.stack(tuple(figures.values()))
+        # One minibatch that is not finite must not stay in the means for ever.
+        latest = torch.stack(tuple(figures.values())).nan_to_num(0.0, 0.0, 0.0)
         keep = (1 - 1 / HORIZON) ** EVERY
         self._names = tuple(figures)
         self._sums = latest if self._sums is None else self._sums * keep + latest

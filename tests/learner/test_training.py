@@ -1,6 +1,7 @@
 """The training loop's promises, with fakes: no process, no network, no time but the test's."""
 
 import errno
+import math
 import re
 import threading
 from collections.abc import Callable
@@ -69,6 +70,8 @@ class World:
     """Steps that the replay has lost."""
     told_finished: list[bool] = field(default_factory=list)
     loss: Callable[[int], float] = lambda _: 0.5
+    spoils: bool = True
+    """Whether a loss that is not finite spoils the network's weights."""
     updates: int = 0
     published: list[tuple[float, int, bytes]] = field(default_factory=list)
     """When, which version, and the payload."""
@@ -151,11 +154,17 @@ class World:
 
     # ---------------------------------------------------------------- algorithm
 
+    def priorities_of(self, loss: float) -> list[float]:
+        """Where the loss is NaN, the second of the two steps is at fault."""
+        return [2.0, loss if math.isnan(loss) else 1.0]
+
     def update(self, prepared: Any) -> Any:
         self.updates += 1
+        loss = self.loss(self.updates)
+        weight = float("nan") if self.spoils and not math.isfinite(loss) else self.updates
         with torch.no_grad():
-            self.online.weight.fill_(self.updates)
-        return Update(torch.tensor(self.loss(self.updates)), torch.tensor([2.0, 1.0]), {})
+            self.online.weight.fill_(weight)
+        return Update(torch.tensor(loss), torch.tensor(self.priorities_of(loss)), {})
 
     # ---------------------------------------------------------------- evaluation
 
@@ -425,6 +434,38 @@ def test_nothing_of_a_network_that_diverged_between_two_looks_is_published_or_ke
             learner.run()
         assert max(version for _, version, _ in world.published) < first
         assert max(state["updates"] for state in world.checkpoints) < first
+
+
+@pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
+@pytest.mark.parametrize(("loss", "faulty"), [(math.nan, [1]), (math.inf, [0, 1])])
+def test_a_minibatch_that_is_not_finite_is_quarantined_and_the_run_goes_on(
+    sampler: Any, loss: float, faulty: list[int]
+) -> None:
+    config = replace(CONFIG, replay=replace(CONFIG.replay, sampler=sampler))
+    world = World(config, loss=lambda update: loss if update % 12 < 9 else 0.5, spoils=False)
+    world.stops_at(60)
+    run(world)
+    assert world.updates == 60
+    told = [ids.tolist() for ids, priorities in world.priorities if np.isnan(priorities).all()]
+    assert told == [faulty] * sum(update % 12 < 9 for update in range(1, 61))
+    learned = [ids for ids, priorities in world.priorities if np.isfinite(priorities).all()]
+    assert len(learned) == (60 - len(told) if sampler == "prioritised" else 0)
+    assert world.said[0].startswith(
+        f"a minibatch was skipped: its loss is not finite; {len(faulty)} of its steps"
+    )
+    assert max(version for _, version, _ in world.published) == 60
+    assert math.isfinite(world.checkpoints[-1]["phase_loss"])
+
+
+def test_ten_minibatches_in_a_row_that_are_not_finite_are_the_networks_fault() -> None:
+    world = World(loss=lambda update: 0.5 if update < 33 else math.nan, spoils=False)
+    world.update_seconds = 1.0
+    learner = world.learner()
+    learner.start()
+    with pytest.raises(InputError, match="became non-finite at update 33: "):
+        learner.run()
+    assert world.updates == 42
+    assert world.checkpoints[-1]["updates"] == 25
 
 
 def test_priorities_go_back_to_a_prioritised_replay() -> None:

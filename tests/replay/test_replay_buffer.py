@@ -327,9 +327,35 @@ def test_priorities_change_what_is_drawn(tmp_path: Path) -> None:
     batch = ReplayBuffer(config, tmp_path).sample(0, 0.0)
     assert batch is not None
     assert set(batch.ids.tolist()) == {3, 4}
-    for bad in (np.nan, np.inf, -1.0):
-        with pytest.raises(MessageError, match="finite"):
-            memory.update_priorities(np.array([3]), np.array([bad], np.float32))
+    with pytest.raises(MessageError, match="not be negative"):
+        memory.update_priorities(np.array([3]), np.array([-1.0], np.float32))
+
+
+@pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_steps_without_a_finite_priority_are_not_drawn_again_and_their_actor_is_named(
+    tmp_path: Path, sampler: str, bad: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    config = make_config(batch_size=512, sampler=sampler, capacity=64)
+    memory, rng = ReplayBuffer(config, tmp_path), np.random.default_rng(0)
+    actors = [Actor(name, 4) for name in "abc"]
+    for actor in actors:
+        memory.insert(actor.live([GOES_ON] * 9 + [TERMINATES], rng))
+    memory.update_priorities(np.array([3, 12, 3, 14]), np.array([bad, bad, bad, 1], np.float32))
+    assert caplog.messages == ["steps 3, 12 of a, b are not drawn again: their loss is not finite"]
+    # Nor when a chunk beside theirs makes other steps sampleable.
+    memory.insert(actors[1].live([GOES_ON] * 10, rng))
+    batch = memory.sample(0, 0.0)
+    assert batch is not None
+    assert set(range(37)) - set(batch.ids.tolist()) == {3, 12}
+    assert memory.progress(0).samplable == 35
+    memory.update_priorities(np.array([3]), np.array([bad], np.float32))
+    assert len(caplog.messages) == 1
+    while memory.progress(0).accepted < 20:  # the ring turns
+        memory.insert(actors[2].live([GOES_ON] * 10, rng))
+    batch = memory.sample(0, 0.0)
+    assert batch is not None
+    assert batch.ids.min() > 64
 
 
 def test_the_journal_stays_short_and_forgets_nothing(tmp_path: Path) -> None:

@@ -196,3 +196,26 @@ def test_max_q_is_each_states_highest_value() -> None:
         expected = algorithm.online(batch.s_t, batch.x_t).max(dim=1).values
     assert values.shape == (300,)
     torch.testing.assert_close(values, expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("device", [CPU, CPU_BFLOAT16])
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
+def test_a_minibatch_that_is_not_finite_changes_no_weight(
+    device: Device, optimizer: Literal["adam", "rmsprop"]
+) -> None:
+    """Neither does it stay in the optimizer's means, by which every later step would go."""
+    algorithm, never = (
+        double_dqn(_network(), LearningConfig(optimizer=optimizer), device) for _ in range(2)
+    )
+    good, bad, last = (random_batch(seed=seed) for seed in range(3))
+    bad.r_t[3] = float("nan")
+    for each in (algorithm, never):
+        learn(each, good)
+    result = learn(algorithm, bad)
+    assert not result.loss.isfinite()
+    assert (~result.priorities.isfinite()).nonzero().flatten().tolist() == [3]
+    for each in (algorithm, never):
+        learn(each, last)
+    ours, theirs = algorithm.state(), never.state()
+    for name, value in ours.items():
+        assert torch.equal(value, theirs[name]), name

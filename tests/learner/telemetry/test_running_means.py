@@ -71,3 +71,11 @@ def test_an_algorithm_that_tells_other_figures_now_and_then_is_refused() -> None
         means.add(batch, other)  # not looked at
     with pytest.raises(ValueError, match="return the same metrics from every update"):
         means.add(batch, other)
+
+
+def test_a_loss_that_is_not_finite_does_not_stay() -> None:
+    means = RunningMeans()
+    for loss in (float("nan"), 1.0, 1.0):
+        for _ in range(EVERY):
+            means.add(random_batch(), updated(loss, torch.full((8,), loss)))
+    assert means.values()["learning/loss"] == pytest.approx(2 / 3, rel=0.02)
