@@ -43,13 +43,8 @@ class Policy:
         actions = config.action_count
         policy = cls(build_network(config, actions), actions, np.random.default_rng(seed))
         if weights is not None:
-            load_weights_file(
-                policy.network,
-                weights,
-                f"{config.game} ({config.env}) with {actions} actions",
-                "name what it was trained on by --env, --game and --minimal-actions "
-                "(--play.minimal-actions of the learner)",
-            )
+            what = f"{config.game} ({config.env}) with {actions} actions"
+            load_weights_file(policy.network, weights, what)
             policy.epsilon = epsilon
         return policy
 

@@ -67,6 +67,10 @@ def check_game(game: str) -> str:
     """
     if game not in MINIMAL_ACTIONS:
         alike = get_close_matches(game.lower().replace("-", "_").replace(" ", "_"), GAMES, n=3)
-        hint = f"did you mean {' or '.join(alike)}?" if alike else "write it as space_invaders."
+        hint = (
+            f"did you mean {' or '.join(alike)}?"
+            if alike
+            else "choose one, such as space_invaders."
+        )
         raise InputError(f"there is no game {game!r} among ale-py's {len(GAMES)}: {hint}")
     return game

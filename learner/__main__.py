@@ -19,10 +19,9 @@ from common.process.command_line import parse_run
 from common.process.lifeline import on_signals
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights, load_weights_file
-from common.run.config import RunConfig
 from common.run.folder import RunFolder, write_atomically
 from common.run.join import find_run
-from common.run.origin import origin_of
+from common.run.origin import check_fit, origin_of
 from common.run.stored_config import differences
 from common.transport.endpoint import from_here
 from common.transport.interface import Transport
@@ -102,20 +101,9 @@ def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
     if options.resume and not folder.checkpoint.exists() and folder.initial.exists():
         initial = folder.initial  # it ended before its first checkpoint
     if initial is not None:
-        load_weights_file(network, initial, "this run", _advice(origin_of(initial), options.config))
+        check_fit(initial, origin_of(initial), options.config)
+        load_weights_file(network, initial, "this run")
     return network
-
-
-def _advice(trained: RunConfig | None, config: RunConfig) -> str:
-    """What to do about a network that does not fit, and was trained under other settings."""
-    if trained is not None and trained.learning.algorithm != config.learning.algorithm:
-        name = trained.learning.algorithm
-        return f"it was made with the algorithm {name}, so add --learning.algorithm {name}"
-    unlike = [] if trained is None else differences(trained, config)
-    of_play = "; ".join(each for each in unlike if each.startswith("play."))
-    return "give the run the settings of play under which the network was trained" + (
-        f" ({of_play})" if of_play else ""
-    )
 
 
 def main() -> int:
@@ -146,6 +134,7 @@ def main() -> int:
         else remote_replay(options, options.connect, folder, stop)
     )
     with (
+        folder.removed_if_unused(),
         end_with_any_thread(stop),
         place as (transport, replay, endpoint),
         open_display() as display,

@@ -64,7 +64,11 @@ def main() -> None:
     folder.claim("replay", config, begun=folder.replay, resume=options.resume)
     stop = threading.Event()
     on_signals(stop)
-    with end_with_any_thread(stop), open_hub(options.listen, options.certificates) as transport:
+    with (
+        folder.removed_if_unused(),
+        end_with_any_thread(stop),
+        open_hub(options.listen, options.certificates) as transport,
+    ):
         memory = ReplayBuffer(config, folder.replay)
         try:
             with ReplayServer(transport, memory, config, folder.name):

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from actors.policy import Policy
 from common.registry import ENVIRONMENTS
 from common.run.config import MAX_SEED, RunConfig
-from common.run.origin import check_vector, origin_of
+from common.run.origin import check_fit, origin_of
 from common.run.presets import PRESETS
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
-Switch = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,9 @@ class Played:
     hands."""
     seed: Annotated[int, Ge(0), Lt(MAX_SEED)] | None = None
     """Seed of the games and the random actions; by default that of the settings."""
-    minimal_actions: Switch = False
+    minimal_actions: Annotated[
+        bool, tyro.conf.arg(name="play.minimal-actions", aliases=["--minimal-actions"])
+    ] = False
     """Action set: the game's own actions (Pong: 6) instead of all 18."""
 
     def config(self, weights: Path | None = None) -> RunConfig:
@@ -65,7 +66,7 @@ class Played:
         )
         config.check()
         if weights is not None:
-            check_vector(weights, trained, config)
+            check_fit(weights, trained, config)
         return config
 
 

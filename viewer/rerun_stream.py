@@ -50,10 +50,11 @@ class RerunStream:
 def _import_rerun() -> ModuleType:
     try:
         import rerun
-    except ImportError:
+    except ModuleNotFoundError as error:
+        package = "rerun-sdk" if error.name == "rerun" else error.name
         raise InputError(
-            "--viewer rerun needs the package rerun-sdk, which is not installed: "
-            "pip install 'ale-robot[viz]'."
+            f"--viewer rerun needs the package {package}, which is not installed: "
+            f"pip install {package}."
         ) from None
     module: ModuleType = rerun
     return module

@@ -42,7 +42,7 @@ class Play(Played):
     video: File = None
     """Film of the panels; its name ends in .mp4, or in .gif with --seconds."""
     viewer: Literal["rerun"] | None = None
-    """Live viewer of the panels; Rerun needs pip install 'ale-robot[viz]'."""
+    """Live viewer of the panels; Rerun needs pip install rerun-sdk."""
     nao_urdf: File = None
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)

@@ -61,12 +61,11 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
     network.load_state_dict(found)
 
 
-def load_weights_file(network: nn.Module, file: Path, what: str, advice: str) -> None:
+def load_weights_file(network: nn.Module, file: Path, what: str) -> None:
     """As `load_weights`, for a person who named ``file``.
 
     Args:
         what: the network is for, in words.
-        advice: what to do if the weights are for something else.
 
     Raises:
         InputError: the file cannot be read, or does not fit.
@@ -78,4 +77,7 @@ def load_weights_file(network: nn.Module, file: Path, what: str, advice: str) ->
     except NotSafetensors as error:
         raise InputError(f"{file} holds no network ({error}): name a .safetensors file.") from None
     except MessageError as error:
-        raise InputError(f"{file} does not fit {what} ({error}): {advice}.") from None
+        raise InputError(
+            f"{file} does not fit {what} ({error}): choose what it was trained with by --env, "
+            "--game, --play.minimal-actions, --play.vector and --learning.algorithm."
+        ) from None

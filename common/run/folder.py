@@ -3,6 +3,9 @@
 import fcntl
 import json
 import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Literal, get_args
 
@@ -54,6 +57,7 @@ class RunFolder:
         self.logs = path / "logs"
         """Output of local mode's actors."""
         self._locks: list[IO[str]] = []
+        self._made = False
 
     def stored_config(self) -> RunConfig | None:
         """The configuration the run was started with; None for a new run."""
@@ -95,6 +99,7 @@ class RunFolder:
                 "omit those flags, or name another run with --run."
             )
         try:
+            self._made |= not self.path.exists()
             self.path.mkdir(parents=True, exist_ok=True)
             lock = self._lock(part).open("w")
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -105,6 +110,17 @@ class RunFolder:
         self._locks.append(lock)  # held until the process ends, however it ends
         if stored != config:
             write_atomically(self.config_file, to_json(config).encode())
+
+    @contextmanager
+    def removed_if_unused(self) -> Iterator[None]:
+        """Removes the folder at the end if this process made it, and nothing began in it: a start
+        that failed leaves nothing."""
+        try:
+            yield
+        finally:
+            at_first = {self.config_file, self.initial, *map(self._lock, get_args(Part))}
+            if self._made and at_first.issuperset(self.path.iterdir()):
+                shutil.rmtree(self.path)
 
     def _lock(self, part: Part) -> Path:
         return self.path / f".{part}.lock"

@@ -1,11 +1,14 @@
 """Where a network on disk comes from: the settings under which it was trained."""
 
 import json
+from collections.abc import Callable
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 from common.errors import InputError
 from common.pinned_file import path_of
-from common.registry import ENVIRONMENTS
+from common.registry import ALGORITHMS
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.stored_config import from_mapping
@@ -30,32 +33,60 @@ def origin_of(weights: Path) -> RunConfig | None:
     return run.stored_config() if run else None
 
 
-def check_vector(weights: Path, trained: RunConfig | None, config: RunConfig) -> None:
-    """Refuses to play under ``config`` with a network whose vector observation was another one.
+_SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = (
+    ("{} actions", lambda config: config.action_count, ("game", "play.minimal_actions")),
+    (
+        "{} numbers of proprioception",
+        lambda config: config.vector_width,
+        ("play.robot", "play.vector", "play.vector_commands", "play.vector_key_frames"),
+    ),
+    ("{} frames per state", lambda config: config.play.frame_stack, ("play.frame_stack",)),
+    (
+        "{} outputs per action",
+        lambda config: ALGORITHMS.find(config.learning.algorithm).atoms(config.learning),
+        ("learning.algorithm", "learning.quantiles"),
+    ),
+    ("layers of {}", lambda config: config.learning.network, ("learning.network",)),
+    ("dueling {}", lambda config: config.learning.dueling, ("learning.dueling",)),
+)
+"""What gives a network its shape, in words; how much of it there is; and the settings it follows
+from."""
+
+
+def check_fit(weights: Path, trained: RunConfig | None, config: RunConfig) -> None:
+    """Refuses to play or learn under ``config`` with a network of another shape.
 
     Args:
         trained: settings under which ``weights`` were trained; None if nobody knows.
 
     Raises:
-        InputError: with what the network needs and what there is.
+        InputError: with the flags under which it fits.
     """
-    if trained is None or trained.vector_width == config.vector_width:
+    if trained is None:
         return
-    needed, given = (_vector_of(each) for each in (trained, config))
-    raise InputError(
-        f"{weights} was trained with {needed} beside the frames, and here there is {given}: choose "
-        "what it was trained with by --env, --robot and --play.vector, or a network that was "
-        "trained without --play.vector."
-    )
+    for words, measure, settings in _SHAPING:
+        needed, given = measure(trained), measure(config)
+        if needed != given:
+            flags = [_flag(name, trained) for name in settings if _differ(name, trained, config)]
+            flags = flags or [_flag("env", trained)]
+            raise InputError(
+                f"{weights}, which plays {trained.game} ({trained.env}), was trained with "
+                f"{words.format(needed)}, and here it would have {given}: add {' '.join(flags)}."
+            )
 
 
-def _vector_of(config: RunConfig) -> str:
-    """Returns in words what vector observation there is."""
-    if not config.vector_width:
-        return "no vector"
-    robot = ENVIRONMENTS.find(config.env).robot
-    body = f"the robot {path_of(config.play.robot)}" if robot else f"--env {config.env}"
-    return f"the vector of {body} ({config.vector_width} numbers)"
+def _differ(setting: str, trained: RunConfig, config: RunConfig) -> bool:
+    value = attrgetter(setting)
+    return bool(value(trained) != value(config))
+
+
+def _flag(setting: str, config: RunConfig) -> str:
+    """Returns the flag that gives ``setting`` its value in ``config``."""
+    group, dot, name = setting.replace("_", "-").rpartition(".")
+    value = attrgetter(setting)(config)
+    if isinstance(value, bool):
+        return f"--{group}{dot}{'' if value else 'no-'}{name}"
+    return f"--robot {path_of(value)}" if name == "robot" else f"--{group}{dot}{name} {value}"
 
 
 def run_of(weights: Path) -> RunFolder | None:

@@ -25,7 +25,7 @@ from common.process.supervisor import Child
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.folder import write_atomically
-from common.run.origin import check_vector
+from common.run.origin import check_fit
 from common.run.stored_config import differences, to_json
 from learner.evaluation.measures import HEADLINE, Measure
 from learner.evaluation.results import ENDING, summarise, table
@@ -108,7 +108,7 @@ def evaluate(
     made_by = provenance()
     console = console or Console(highlight=False)
     assert options.evaluate is not None
-    check_vector(options.evaluate, trained, config)
+    check_fit(options.evaluate, trained, config)
     measures = options.measures(config, trained)
     rows, played = [], 0
     columns = (TextColumn("games"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

@@ -108,8 +108,8 @@ def test_settings_other_than_the_runs_are_played_under_and_told(run: Path, tmp_p
 
 def test_what_does_not_fit_other_settings_is_told(run: Path) -> None:
     for flag, words in (
-        ("--play.no-minimal-actions", "does not fit pong (ale) with 18 actions"),
-        ("--play.vector", "was trained with no vector beside the frames"),
+        ("--play.no-minimal-actions", "add --play.minimal-actions."),
+        ("--play.vector", "trained with 0 numbers of proprioception"),
     ):
         ended = _evaluate(run / "snapshots" / "best.safetensors", flag)
         assert ended.returncode == 2

@@ -95,8 +95,8 @@ def test_a_run_that_begins_with_a_given_network_plays_by_it_at_once(stage: Stage
 def test_a_given_network_that_does_not_fit_is_told_and_nothing_begun(stage: Stage) -> None:
     policy = str(POLICIES / "robot_pong.safetensors")
     output = stage.learner("--env", "robot", "--initial", policy).ends(status=2)
-    assert "robot_pong.safetensors does not fit this run" in output
-    assert "under which the network was trained (play.vector True → False)." in output
+    assert "robot_pong.safetensors, which plays pong" in output
+    assert "here it would have 0: add --play.vector." in output
     assert not stage.run.exists()
 
 

@@ -193,8 +193,8 @@ def test_a_run_that_ended_before_its_first_checkpoint_has_the_network_it_was_giv
 @pytest.mark.parametrize(
     ("trained", "advice"),
     [
-        (QR, "it was made with the algorithm qr_dqn, so add --learning.algorithm qr_dqn"),
-        (("--play.vector",), r"give the run the settings of play .* \(play.vector True → False\)"),
+        (QR, "add --learning.algorithm qr_dqn"),
+        (("--play.vector",), "add --play.vector"),
     ],
 )
 def test_a_network_that_does_not_fit_says_what_it_is_for(
@@ -205,5 +205,5 @@ def test_a_network_that_does_not_fit_says_what_it_is_for(
     there.claim("learner", made.config, begun=there.checkpoint, resume=False)
     there.initial.write_bytes(encode_weights(first_network(made, there)))
     asked = learner("--env", "ale", "--initial", str(there.initial))
-    with pytest.raises(InputError, match=f"does not fit this run .*: {advice}"):
+    with pytest.raises(InputError, match=rf"{there.initial}, which plays pong .*: {advice}"):
         first_network(asked, RunFolder(tmp_path, "here"))

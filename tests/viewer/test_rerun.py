@@ -106,3 +106,18 @@ def test_the_real_package_takes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     said = path.read_bytes()
     for entity in (b"/panels", b"/score", b"/max_q"):
         assert entity in said
+
+
+@pytest.mark.parametrize(
+    ("missing", "package"), [("rerun", "rerun-sdk"), ("psutil_of_rerun", "psutil_of_rerun")]
+)
+def test_the_package_that_is_missing_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: str, package: str
+) -> None:
+    (tmp_path / "rerun.py").write_text(f"import {missing}")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "rerun", raising=False)
+    if missing == "rerun":
+        monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(InputError, match=f"needs the package {package}, .*: pip install {package}"):
+        RerunStream()

@@ -87,8 +87,8 @@ def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> Non
     drawing = replace(ran, randomise=RandomiseConfig(latency=3))
     weights = in_run(tmp_path, drawing, 4)
     assert Played().config(weights) == ran
-    changed = Played("robot", "pong", seed=3).config(weights)
-    assert changed == replace(ran, env="robot", game="pong", seed=3)
+    changed = Played("robot", "kaboom", seed=3).config(weights)
+    assert changed == replace(ran, env="robot", game="kaboom", seed=3)
     alone = tmp_path / "alone.safetensors"
     assert Played().config(alone).play.minimal_actions is False
     assert Played("ale", minimal_actions=True).config().play.minimal_actions is True
@@ -101,7 +101,7 @@ def test_what_is_played_comes_from_the_run_of_the_weights(tmp_path: Path) -> Non
 def test_weights_that_do_not_fit(tmp_path: Path) -> None:
     weights = in_run(tmp_path, SHORT, 6)
     all_actions = replace(SHORT, play=replace(SHORT.play, minimal_actions=False))
-    with pytest.raises(InputError, match=r"with 18 actions.*--minimal-actions"):
+    with pytest.raises(InputError, match=r"with 18 actions.*--play\.minimal-actions"):
         ShownPolicy.of_file(all_actions, weights, 0.0, 0)
     weights.write_bytes(b"no weights")
     with pytest.raises(InputError, match=r"holds no network .*: name a \.safetensors file"):
@@ -285,5 +285,5 @@ def test_a_viewer_that_is_not_installed_is_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"rerun-sdk.*pip install 'ale-robot\[viz\]'"):
+    with pytest.raises(InputError, match=r"pip install rerun-sdk"):
         command(monkeypatch, "play", "--viewer", "rerun")

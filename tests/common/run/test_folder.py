@@ -207,3 +207,23 @@ def test_whoever_holds_the_old_file_open_reads_it_to_its_end(tmp_path: Path) -> 
         assert reader.read(3) == b"old"
         write_atomically(path, b"new")
         assert reader.read() == b" content"
+
+
+def test_a_start_that_fails_leaves_no_folder(tmp_path: Path) -> None:
+    folder = claim(tmp_path)
+    folder.initial.touch()
+    with pytest.raises(InputError), folder.removed_if_unused():
+        raise InputError("cannot listen at tcp/127.0.0.1:7447.")
+    assert not folder.path.exists()
+
+
+def test_a_folder_in_which_something_began_or_that_was_there_stays(tmp_path: Path) -> None:
+    there = claim(tmp_path)
+    with there.removed_if_unused():
+        there.replay.mkdir()
+    assert there.replay.exists()
+    there.replay.rmdir()
+    again = claim(tmp_path, "replay")
+    with again.removed_if_unused():
+        pass
+    assert again.path.exists()

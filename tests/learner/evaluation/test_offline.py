@@ -12,13 +12,11 @@ import pytest
 from rich.console import Console
 
 from common.errors import InputError
-from common.registry import ROBOTS, RobotKind
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.evaluation import offline
 from learner.evaluation.offline import EvaluationOptions, evaluate, play
-from tests.extending.whole_run import added
 from tests.patience import PATIENCE
 
 CONFIG = replace(PRESETS["fast"], seed=7)
@@ -154,8 +152,8 @@ def test_settings_other_than_the_networks_are_told(program: Path) -> None:
     write(program, TELLS_ITS_CHANCES)
     options = EvaluationOptions(program, games=2, epsilon=0.05)
     trained = replace(CONFIG, seed=1, play=replace(CONFIG.play, sticky=0.5))
-    found, shown = evaluated(options, replace(trained, game="breakout", seed=3), trained)
-    assert found["changed"] == ["game pong → breakout"]
+    found, shown = evaluated(options, replace(trained, game="space_invaders", seed=3), trained)
+    assert found["changed"] == ["game pong → space_invaders"]
     assert (found["epsilon"], found["sticky"], found["mean"]) == (0.05, 0.5, 100.0)
     assert "100.00 ± 0.00" in shown
 
@@ -215,22 +213,8 @@ def test_options_out_of_bounds_are_refused(options: EvaluationOptions, words: st
         options.check()
 
 
-def test_a_network_of_another_robots_vector_is_refused() -> None:
+def test_a_network_of_another_shape_is_refused_before_anything_is_played() -> None:
     trained = PRESETS["robot"]
-    trained = replace(trained, play=replace(trained.play, vector=True))
-    options = EvaluationOptions(Path("p.safetensors"))
-    with added(ROBOTS, RobotKind("finger", "", joints=1)):
-        config = replace(trained, play=replace(trained.play, robot="finger"))
-        with pytest.raises(
-            InputError,
-            match=r"p\.safetensors was trained with the vector of the robot nao \(144 numbers\) "
-            r"beside the frames, and here there is the vector of the robot finger \(130 numbers\): "
-            r"choose .* --robot",
-        ):
-            evaluated(options, config, trained)
-    config = replace(trained, env="ale")
-    with pytest.raises(InputError, match=r"there is the vector of --env ale \(128 numbers\)"):
-        evaluated(options, config, trained)
-    config = replace(trained, play=replace(trained.play, vector=False))
-    with pytest.raises(InputError, match="and here there is no vector: choose"):
-        evaluated(options, config, trained)
+    config = replace(trained, game="breakout")
+    with pytest.raises(InputError, match="here it would have 4: add --game pong"):
+        evaluated(EvaluationOptions(Path("p.safetensors")), config, trained)

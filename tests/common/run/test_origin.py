@@ -1,0 +1,58 @@
+"""What a network on disk needs of the settings under which it is used."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common.errors import InputError
+from common.run.config import RunConfig
+from common.run.origin import check_fit
+from common.run.presets import PRESETS
+
+TRAINED = replace(PRESETS["robot"], play=replace(PRESETS["robot"].play, vector=True))
+FILE = Path("p.safetensors")
+
+
+def changed(setting: str, value: Any) -> RunConfig:
+    """`TRAINED` with another value of ``setting``."""
+    group, _, name = setting.rpartition(".")
+    if not group:
+        return replace(TRAINED, **{name: value})
+    inner = replace(getattr(TRAINED, group), **{name: value})
+    return replace(TRAINED, **{group: inner})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("setting", "value", "words"),
+    [
+        ("play.vector", False, "144 numbers of proprioception, and here .* 0: add --play.vector"),
+        ("play.robot", "robotroller", "and here it would have 134: add --robot nao"),
+        ("env", "ale", "144 numbers .* 128: add --env robot"),
+        ("play.vector_commands", 9, r"add --play\.vector-commands 6"),
+        ("game", "breakout", "with 6 actions, .* would have 4: add --game pong"),
+        ("play.minimal_actions", False, r"6 actions, .* 18: add --play\.minimal-actions"),
+        ("play.frame_stack", 3, r"4 frames per state, .* 3: add --play\.frame-stack 4"),
+        ("learning.network", "nips", r"layers of nature, .* nips: add --learning\.network nature"),
+        ("learning.dueling", True, r"add --learning\.no-dueling"),
+        ("learning.algorithm", "qr_dqn", r"1 outputs per action, .*: add --learning.algorithm dqn"),
+    ],
+)
+def test_a_network_of_another_shape_says_the_flag_under_which_it_fits(
+    setting: str, value: Any, words: str
+) -> None:
+    with pytest.raises(InputError, match=rf"^p\.safetensors, which plays pong .*{words}\.$"):
+        check_fit(FILE, TRAINED, changed(setting, value))
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [("game", "space_invaders"), ("play.sticky", 0.25), ("learning.n_step", 7), ("seed", 9)],
+)
+def test_what_does_not_change_its_shape_is_free(setting: str, value: Any) -> None:
+    check_fit(FILE, TRAINED, changed(setting, value))
+
+
+def test_a_network_of_unknown_origin_is_not_judged_by_it() -> None:
+    check_fit(FILE, None, TRAINED)
