@@ -12,7 +12,15 @@ from functools import cache
 from typing import Annotated, Any, NotRequired, TypeVar, get_type_hints
 
 from annotated_types import Ge, Le
-from pydantic import AfterValidator, AllowInfNan, ConfigDict, GetPydanticSchema, Strict, TypeAdapter
+from pydantic import (
+    AfterValidator,
+    AllowInfNan,
+    ConfigDict,
+    GetPydanticSchema,
+    Strict,
+    StringConstraints,
+    TypeAdapter,
+)
 from pydantic import ValidationError as _Refusal
 from pydantic_core import core_schema
 from typing_extensions import TypedDict
@@ -32,6 +40,9 @@ Amount = Annotated[float, Ge(0)]
 Fraction = Annotated[float, Ge(0), Le(1)]
 Patience = Annotated[float, Ge(0), AllowInfNan(True)]
 """Seconds; inf to wait for ever."""
+NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
+Name = Annotated[str, StringConstraints(pattern=NAME)]
+"""Of a run or a process: a part of key expressions and of paths."""
 Score = Annotated[float, Ge(-MAX_SIZE), Le(MAX_SIZE)]
 
 T = TypeVar("T")
@@ -114,6 +125,7 @@ _WRONG = {
     "float_type": ", which is not a number",
     "bool_type": ", which is not true or false",
     "string_type": ", which is not a text",
+    "string_pattern_mismatch": ", which is not a name",
     "bytes_type": ", which is not bytes",
     "tuple_type": ", which is not a list",
     "is_instance_of": ", which is not a {class}",

@@ -8,7 +8,7 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from common.checked import Amount, Count, Values
+from common.checked import Amount, Count, Name, Values
 from common.errors import MessageError
 from common.metrics import Metric, Unit, declare
 from common.press_latency import COUNTS
@@ -33,7 +33,7 @@ def counter(key: str, unit: Unit, meaning: str, **shown: Any) -> Any:
 class ActorStats(Message):
     """Counters of one actor process since its start."""
 
-    name: str
+    name: Name
     role: Role
     incarnation: Count = 0
     """Differs for each start of the process, and grows."""

@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Lt
 from numpy.typing import NDArray
 
-from common.checked import MAX_SIZE, Count, Fraction, Rows, Score
+from common.checked import MAX_SIZE, Count, Fraction, Name, Rows, Score
 from common.errors import MessageError
 from common.protocol.message import Array, Message
 from common.protocol.step_fields import FRAME_SHAPE, StepFields
@@ -36,7 +36,7 @@ class Chunk(StepFields, Message):
     LIMITS: ClassVar = {"T": (1, MAX_CHUNK_STEPS), "P": (0, MAX_VECTOR), "C": (0, MAX_CONTEXT)}
 
     run: str
-    actor: str
+    actor: Name
     incarnation: Count
     """Differs for each start of the actor's process, so that its sequence numbers may restart."""
     stream: Count

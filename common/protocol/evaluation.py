@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from annotated_types import MaxLen
 
-from common.checked import Count, Fraction, Rows
+from common.checked import Count, Fraction, Name, Rows
 from common.protocol.chunk import Game
 from common.protocol.message import Message
 from common.protocol.wire import MAX_ITEMS
@@ -30,7 +30,7 @@ class EvaluationJob(Message):
 class EvaluationReport(Message):
     """What an evaluator has played since its last report."""
 
-    evaluator: str
+    evaluator: Name
     epoch: Count
     steps: Count
     games: Annotated[Rows[Game], MaxLen(MAX_GAMES)]

@@ -3,10 +3,10 @@
 import re
 from dataclasses import dataclass
 
+from common.checked import NAME
 from common.errors import InputError
 
 NAMESPACE = "ale-robot"
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
 def check_name(kind: str, name: str) -> str:
@@ -15,7 +15,7 @@ def check_name(kind: str, name: str) -> str:
     Raises:
         InputError: it cannot; ``kind`` says what was being named.
     """
-    if not _NAME.fullmatch(name):
+    if not re.fullmatch(NAME, name):
         raise InputError(
             f"{kind} {name!r} cannot be used: up to 64 letters, digits, '.', '_' or '-', "
             "a letter or digit first."

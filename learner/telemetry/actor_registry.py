@@ -1,12 +1,15 @@
 """Who takes part: what actors and evaluators say of themselves, and whether they live."""
 
 import math
+import re
 import threading
 import time
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import asdict, astuple, dataclass, field, fields, replace
 from typing import Any, cast
 
+from common.checked import NAME
 from common.errors import MessageError
 from common.metrics import Value
 from common.protocol.actor_stats import TOTALS, ActorStats, Role
@@ -26,7 +29,8 @@ _LONGEST_DELAY = 5.0
 """Maximum number of seconds that a heartbeat is on its way."""
 _MOST_GONE = 256
 """Processes that are kept by name after they have gone; the rest is kept as totals."""
-_MOST_FOLDED = 4_096
+_MOST_KNOWN = 4_096
+"""Processes, names and notes that are kept in any case, whoever sends heartbeats how often."""
 _KNOWN = {each.name for each in fields(ActorStats)}
 
 
@@ -106,7 +110,7 @@ class ActorRegistry:
         self._gone_excess = 0
         self._folded: dict[int, _Folded] = {}
         """Those that are in these totals, by incarnation."""
-        self._notes: list[str] = []
+        self._notes: deque[str] = deque(maxlen=_MOST_KNOWN)
         self._subscriptions = (
             transport.subscribe(keys.stats("*", "*"), self._on_stats),
             transport.watch_presence(keys.live("*", "*"), self._on_presence),
@@ -129,6 +133,7 @@ class ActorRegistry:
     def state(self) -> dict[str, Any]:
         """All processes there ever were, of JSON's types."""
         with self._lock:
+            self._fold(time.monotonic())
             return {
                 "processes": [
                     {**asdict(process.stats), "accepted": process.accepted}
@@ -165,7 +170,8 @@ class ActorRegistry:
                     process = self._processes.get(known.newest)
                     left = process is not None and process.stats.leaving
                     self._notes.append(f"{name} {'left' if left else 'was lost'}")
-            notes, self._notes = self._notes, []
+            notes = list(self._notes)
+            self._notes.clear()
         return notes
 
     def alive(self, role: str) -> set[str]:
@@ -219,16 +225,18 @@ class ActorRegistry:
     def _fold(self, now: float) -> None:
         """Add to the totals what has gone: at once if another process has its name, and the oldest
         where too many are kept."""
-        gone = []
+        ranked = []
         for incarnation, process in self._processes.items():
             key = process.stats.role, process.stats.name
             known = self._names.get(key, _Name())
-            replaced = known.newest not in (-1, incarnation)
-            if now - process.heard > _SETTLED and (replaced or not known.alive):
-                gone.append((not replaced, process.heard, incarnation, key))
-        gone.sort()
-        replaced_ones = sum(not by_name for by_name, *_ in gone)
-        for by_name, _, incarnation, key in gone[: max(replaced_ones, len(gone) - _MOST_GONE)]:
+            by_name = known.newest in (-1, incarnation)
+            gone = now - process.heard > _SETTLED and not (by_name and known.alive)
+            ranked.append((not gone, by_name, process.heard, incarnation, key))
+        ranked.sort()
+        gone_ones = sum(not stays for stays, *_ in ranked)
+        replaced_ones = sum(not stays and not by_name for stays, by_name, *_ in ranked)
+        many = max(replaced_ones, gone_ones - _MOST_GONE, len(ranked) - _MOST_KNOWN)
+        for _, by_name, _, incarnation, key in ranked[:many]:
             process = self._processes.pop(incarnation)
             self._gone = _total((self._gone, process.totals))
             self._gone_excess += process.excess
@@ -236,7 +244,12 @@ class ActorRegistry:
             self._folded[incarnation] = _Folded(process.stats.leaving, max(awaited, 0))
             if by_name:
                 self._names.pop(key, None)
-        for incarnation in list(self._folded)[:-_MOST_FOLDED]:
+        self._names = {
+            name: known
+            for name, known in self._names.items()
+            if known.alive or known.newest in self._processes or now - known.heard <= _SETTLED
+        }
+        for incarnation in list(self._folded)[:-_MOST_KNOWN]:
             del self._folded[incarnation]
 
     def _on_stats(self, message: Envelope) -> None:
@@ -248,16 +261,24 @@ class ActorRegistry:
             return
         now = time.monotonic()
         with self._lock:
-            if stats.incarnation not in self._folded:
+            known = self._known(stats.role, stats.name)
+            if known is not None and stats.incarnation not in self._folded:
                 self._processes.setdefault(stats.incarnation, _Process(stats)).hear(stats, now)
-                known = self._names.setdefault((stats.role, stats.name), _Name())
                 known.newest, known.heard = stats.incarnation, now
+
+    def _known(self, role: str, name: str) -> _Name | None:
+        """Returns what is known of a name; None for one that is not valid, or one too many."""
+        known = self._names.get((role, name))
+        if known is None and len(self._names) < _MOST_KNOWN and re.fullmatch(NAME, name):
+            known = self._names[role, name] = _Name()
+        return known
 
     def _on_presence(self, key: str, alive: bool) -> None:
         role, name = key.split("/")[-2:]
         now = time.monotonic()
         with self._lock:
-            known = self._names.setdefault((role, name), _Name())
+            if (known := self._known(role, name)) is None:
+                return
             if alive and not known.alive:
                 self._notes.append(f"{name} joined")
             known.alive, known.heard = alive, now

@@ -6,10 +6,11 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from common.checked import NAME
 from common.protocol.chunk import Chunk, Game
 from common.protocol.step_fields import FRAME_SHAPE, zero_steps
 
-NAMES = st.text("abcdefghijklmnopqrstuvwxyz0123456789-._", min_size=1, max_size=64)
+NAMES = st.from_regex(NAME, fullmatch=True)
 COUNTS = st.integers(0, 2**63 - 1)
 SHARES = st.floats(0, 1)
 SCORES = st.floats(-1e6, 1e6)

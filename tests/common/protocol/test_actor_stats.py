@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common import press_latency as key_times
+from common.checked import NAME
 from common.errors import MessageError
 from common.metrics import METRICS
 from common.protocol.actor_stats import TOTALS, ActorStats
@@ -24,7 +25,7 @@ OF_TYPE = {type_: [n for n, v in vars(GOOD).items() if type(v) is type_] for typ
 @given(
     st.builds(
         ActorStats,
-        name=st.text(max_size=64),
+        name=st.from_regex(NAME, fullmatch=True),
         role=st.sampled_from(["actor", "evaluator"]),
         leaving=st.booleans(),
         key_times=KEY_TIMES,

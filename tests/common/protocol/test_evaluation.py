@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.checked import NAME
 from common.errors import MessageError
 from common.protocol.chunk import Game
 from common.protocol.evaluation import (
@@ -39,7 +40,7 @@ def test_a_task_survives_the_wire(task: EvaluationJob) -> None:
 @given(
     st.builds(
         EvaluationReport,
-        st.text(max_size=64),
+        st.from_regex(NAME, fullmatch=True),
         COUNTS,
         COUNTS,
         st.lists(GAMES, max_size=5).map(tuple),

@@ -283,11 +283,11 @@ def test_what_is_remembered_of_folded_processes_is_bounded(
     told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "_MOST_GONE", 0)
-    monkeypatch.setattr(module, "_MOST_FOLDED", 2)
+    monkeypatch.setattr(module, "_MOST_KNOWN", 2)
     for number in range(5):
         told.say(name=f"a{number}", incarnation=100 + number)
-    told.now += 100.0
-    assert chunks(told.registry) == (50, 10, 0)
+        told.now += 100.0
+        assert chunks(told.registry) == (10 * number + 10, 2 * number + 2, 0)
     state = told.registry.state()
     assert [incarnation for incarnation, *_ in state["folded"]] == [103, 104]
     assert (state["processes"], len(state["gone"])) == ([], 1)
@@ -356,3 +356,35 @@ def test_one_that_is_present_is_kept_however_long_it_is_silent(
     told.say(made=12)
     assert chunks(told.registry)[0] == 12
     assert [actor.stats.made for actor in told.registry.actors()] == [12]
+
+
+def test_a_flood_of_starts_neither_grows_the_checkpoint_nor_hides_the_living(
+    told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_MOST_KNOWN", 8)
+    told.registry._on_presence(KEYS.live("actor", "good"), True)
+    told.say(name="good", incarnation=1)
+    for number in range(1_000):
+        told.say(name="bad", incarnation=100 + number)
+    state = told.registry.state()
+    assert len(state["processes"]) == len(state["folded"]) == 8
+    assert "good" in {each["name"] for each in state["processes"]}
+    assert told.totals()[:3] == (10_010, 2_002, 0)
+
+
+def test_only_names_are_known_and_only_so_many(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_MOST_KNOWN", 8)
+    told.say(name="a b")
+    told.registry._on_presence(KEYS.live("actor", "x" * 65), True)
+    assert told.registry.actors() == ()
+    for number in range(1_000):
+        told.registry._on_presence(KEYS.live("actor", f"bad{number}"), True)
+        told.registry._on_presence(KEYS.live("actor", f"bad{number}"), False)
+    assert len(told.registry._names) == 8
+    assert len(told.registry.take_notes()) == 8
+    told.now += 100.0
+    told.registry.values()
+    told.say(name="good")
+    assert [actor.stats.name for actor in told.registry.actors()] == []
+    told.registry._on_presence(KEYS.live("actor", "good"), True)
+    assert [actor.stats.name for actor in told.registry.actors()] == ["good"]
