@@ -26,7 +26,7 @@ from benchmarks.pace import Spread, in_turns
 from benchmarks.report import BenchmarkOptions, Report, main
 from common.checked import FromOne
 from common.run.clock import ClockConfig
-from common.run.config import CameraConfig
+from common.run.conditions import CameraConfig
 from common.run.presets import PRESETS
 
 Kind = Literal["robot_sync", "robot_wait", "ale"]

@@ -23,9 +23,11 @@ from common.errors import InputError
 from common.games import MINIMAL_ACTIONS, check_game
 from common.pinned_file import path_of
 from common.proprioception import vector_width
+from common.run.conditions import SETTINGS_OF_A_ROBOT
 
 if TYPE_CHECKING:
-    from common.run.config import LearningConfig, PlayConfig, PresetName, RunConfig
+    from common.run.conditions import PlayConfig
+    from common.run.config import LearningConfig, PresetName, RunConfig
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,8 @@ class Environment:
     preset: "PresetName" = "fast"
     """Settings to start from where no preset is named."""
     ignores: tuple[str, ...] = ()
-    """Settings, as ``camera.yaw``, that mean nothing to it and are refused."""
+    """Settings, as ``camera.yaw``, that mean nothing to it; they and ranges around them are
+    refused."""
     title: str = ""
 
 
@@ -167,23 +170,13 @@ ALGORITHMS = Registry(
     ),
 )
 
-_OF_A_ROBOT = (
-    *("play.arm_speed", "play.key_threshold"),
-    *("camera.red", "camera.green", "camera.blue", "camera.distortion"),
-    *("camera.yaw", "camera.pitch", "camera.screen_distance", "camera.screen_tilt"),
-    *("randomise.arm_speed", "randomise.key_threshold"),
-    *("randomise.colour", "randomise.distortion"),
-    *("randomise.head_pose", "randomise.screen_distance", "randomise.screen_tilt"),
-)
-"""Settings of arms, colours and poses, which the emulator's grey picture has not."""
-
 ENVIRONMENTS = Registry(
     "environment",
     Environment(
         "ale",
         "actors.envs.ale:AtariEnv.of_run",
         _atari_actions,
-        ignores=_OF_A_ROBOT,
+        ignores=SETTINGS_OF_A_ROBOT,
         title="ALE-Only",
     ),
     Environment(

@@ -18,8 +18,8 @@ from actors.loop import frames_and_vector
 from common.checked import FromOne
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
-from common.run.conditions import Conditions, all_ranges
-from common.run.config import RandomiseConfig, RunConfig
+from common.run.conditions import Conditions, RandomiseConfig
+from common.run.config import RunConfig, all_ranges
 from viewer import overlay
 from viewer.panels import border_of
 from viewer.picture import write_picture

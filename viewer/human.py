@@ -25,7 +25,7 @@ from common.actions import Keys, action_of_keys
 from common.errors import InputError
 from common.press_latency import COUNTS, Delay
 from common.registry import ENVIRONMENTS, ROBOTS
-from common.run.config import CameraConfig
+from common.run.conditions import CameraConfig
 from viewer.player import Played
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys

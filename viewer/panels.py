@@ -19,7 +19,7 @@ from actors.vision.layout import GAME_IN_PICTURE, UNIT_SQUARE
 from actors.vision.screen_detector import Detection
 from common.actions import Keys
 from common.errors import InputError
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 from viewer import overlay
 
 PANEL = (512, 384)

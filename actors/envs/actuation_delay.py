@@ -6,7 +6,7 @@ arm: on the way from one key to another, an arm holds neither.
 """
 
 from common.actions import Keys
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 
 
 class ActuationDelay:

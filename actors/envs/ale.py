@@ -16,8 +16,16 @@ from actors.envs.step_info import StepInfo
 from actors.robots.latency_model.model import LatencyModel
 from common.actions import KEYS_OF_ACTION, action_of_keys
 from common.run.clock import ClockConfig
-from common.run.conditions import NOTHING_DRAWN, PERFECT_CAMERA, Conditions, draw
-from common.run.config import CameraConfig, PlayConfig, RandomiseConfig, RunConfig
+from common.run.conditions import (
+    NOTHING_DRAWN,
+    PERFECT_CAMERA,
+    CameraConfig,
+    Conditions,
+    PlayConfig,
+    RandomiseConfig,
+    draw,
+)
+from common.run.config import RunConfig
 
 
 class AtariEnv(gymnasium.Env[Observation, np.int64]):

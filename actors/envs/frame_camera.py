@@ -17,7 +17,7 @@ from actors.vision.layout import GAME_IN_PICTURE
 from actors.vision.screen import FINER
 from actors.vision.stray_light import StrayLight, has_stray_light
 from common.protocol.step_fields import FRAME_SHAPE
-from common.run.config import CameraConfig
+from common.run.conditions import CameraConfig
 
 _ROWS, _COLUMNS = 84, 112
 """Pixels of the robot's camera that see the game, from its usual place."""

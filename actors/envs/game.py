@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from actors.envs.emulator import Emulator
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 
 DEFAULT_PLAY = PlayConfig()
 """The 2017 settings (README.md), the default of both environments."""

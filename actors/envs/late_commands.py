@@ -12,7 +12,7 @@ from numpy.random import Generator
 from actors.envs.actuation_delay import ActuationDelay
 from actors.robots.interface import Hands
 from common.actions import Keys
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 
 
 class LateCommands:

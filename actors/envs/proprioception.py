@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from common.actions import Keys
 from common.proprioception import ACTIONS, KEYS, vector_width
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 
 _FLAGS = np.array(
     [[bool(number & key) for key in KEYS] for number in range(2 ** len(KEYS))], np.float32

@@ -24,8 +24,16 @@ from common.actions import Keys
 from common.protocol.step_fields import FRAME_SHAPE
 from common.registry import ROBOTS
 from common.run.clock import ClockConfig
-from common.run.conditions import NOTHING_DRAWN, PERFECT_CAMERA, Conditions, draw
-from common.run.config import CameraConfig, PlayConfig, RandomiseConfig, RunConfig
+from common.run.conditions import (
+    NOTHING_DRAWN,
+    PERFECT_CAMERA,
+    CameraConfig,
+    Conditions,
+    PlayConfig,
+    RandomiseConfig,
+    draw,
+)
+from common.run.config import RunConfig
 
 _UNSEEN = Detection(np.zeros(FRAME_SHAPE, np.uint8), False, None)
 LOCKSTEP = ClockConfig()

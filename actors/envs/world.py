@@ -16,7 +16,7 @@ from actors.envs.proprioception import Proprioception
 from actors.robots.interface import Hands, Robot
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.proprioception import KEYS
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 
 _ACTION_OF_KEYS = tuple(action_of_keys(Keys(bits)) for bits in range(2 ** len(KEYS)))
 

@@ -21,7 +21,7 @@ from common.checked import Fraction, FromOne
 from common.errors import InputError, exit_on_input_error
 from common.press_latency import ms_of
 from common.process.command_line import parse
-from common.run.config import Latency
+from common.run.conditions import Latency
 from common.run.origin import origin_of, run_of
 
 COLUMNS = (

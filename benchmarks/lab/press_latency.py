@@ -25,7 +25,7 @@ from benchmarks.figures.plot_style import check_picture, save
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import FromOne
 from common.registry import ROBOTS
-from common.run.config import CameraConfig, PlayConfig
+from common.run.conditions import CameraConfig, PlayConfig
 
 _SCREEN = (210, 160)
 """Rows and columns of most games."""

@@ -23,7 +23,7 @@ from benchmarks.report import BenchmarkOptions, Report, Table, main, write
 from common.checked import Fraction, FromOne
 from common.errors import InputError
 from common.press_latency import ms_of
-from common.run.config import MAX_ADDED
+from common.run.conditions import MAX_ADDED
 
 Optics = Literal["nominal", "grain", "pose", "light", "late"]
 OPTICS: dict[Optics, dict[str, str]] = {

@@ -18,8 +18,14 @@ from actors.envs.observation import shrink
 from actors.robots.nao.robot import Nao
 from actors.vision.layout import GAME_IN_PICTURE
 from actors.vision.screen_detector import Detection, ScreenDetector
-from common.run.conditions import NOTHING_DRAWN, PERFECT_CAMERA, draw
-from common.run.config import CameraConfig, PlayConfig, RandomiseConfig
+from common.run.conditions import (
+    NOTHING_DRAWN,
+    PERFECT_CAMERA,
+    CameraConfig,
+    PlayConfig,
+    RandomiseConfig,
+    draw,
+)
 
 POSES = RandomiseConfig(head_pose=10.0, screen_distance=0.15)
 """Poses from which each case is looked at."""

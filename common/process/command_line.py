@@ -17,8 +17,7 @@ from tyro import _strings
 from common.checked import Invalid, build
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
-from common.run.conditions import all_ranges
-from common.run.config import RunConfig
+from common.run.config import RunConfig, all_ranges
 from common.run.presets import PRESETS
 from common.run.stored_config import RENAMED
 

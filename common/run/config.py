@@ -7,31 +7,22 @@ to every actor that asks, and refuses to resume a run under another one.
 import dataclasses
 import math
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-import tyro
 from annotated_types import Ge, Le, Lt
 
 from common.checked import Amount, Count, Fraction, FromOne
 from common.errors import InputError
 from common.pinned_file import path_of, pin
-from common.proprioception import COMMANDS, KEY_FRAMES
 from common.protocol.step_fields import FRAME_SHAPE, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.registry import ALGORITHMS, ENVIRONMENTS, ROBOTS
+from common.run.conditions import DRAWN, CameraConfig, PlayConfig, RandomiseConfig, check_ranges
 from common.run.stored_config import from_mapping
 
 MAX_CHUNK_STEPS = 1_024
-MAX_FRAME_STACK = 16
 MAX_SEED = 2**63
-MAX_WAIT = 50
 MAX_SHIFT = 20
-MAX_DELAY = 60
-MAX_ADDED = 36
-"""Emulator frames of added latency, 600 ms."""
-MAX_PICTURE_LATENCY = 3
-MAX_HISTORY = 60
-"""Commands in the vector observation, 4 s."""
 MAX_QUANTILES = 256
 
 _FRAME_BYTES = math.prod(FRAME_SHAPE) + 4
@@ -43,161 +34,6 @@ _HEAD_BYTES = 65_536
 
 PresetName = Literal["paper", "fast", "robot"]
 NetworkName = Literal["nature", "nips"]
-
-Latency = Annotated[int, Ge(0), Le(MAX_DELAY)]
-AddedLatency = Annotated[int, Ge(0), Le(MAX_ADDED)]
-Gain = Annotated[float, Ge(0.05), Le(2)]
-
-
-@dataclass(frozen=True)
-class PlayConfig:
-    """Game, observation and hands; the defaults are the 2017 settings."""
-
-    frame_stack: Annotated[int, Ge(2), Le(MAX_FRAME_STACK)] = 4
-    """Frames per state."""
-    frame_skip: FromOne = 4
-    """Emulator frames per agent step; 4 at 60 Hz are 66.7 ms."""
-    random_starts: Count = 30
-    """Maximum number of random actions at the start of a game."""
-    minimal_actions: bool = False
-    """Action set: the game's own actions (Pong: 6) instead of all 18."""
-    max_game_frames: Count = 108_000
-    """Emulator frames after which a game is truncated (108,000 are 30 minutes); 0 for no bound."""
-    sticky: Fraction = 0.0
-    """Repeat probability: share of emulator frames, 0 to 1, in which the console repeats the action
-    of the frame before, whatever is pressed (sticky actions, Machado et al. 2018; 0.25 in ALE's
-    v5)."""
-    read_keys: Literal["frame", "decision"] = "frame"
-    """Time at which the robot's controller is read: before every emulator frame, as a console does,
-    or once per agent step before the arms move, as in 2017."""
-    wait_bound: Annotated[int, Ge(1), Le(MAX_WAIT)] = 8
-    """Maximum number of agent steps to wait for the commanded keys, with --wait-action."""
-    vector: bool = False
-    """Proprioception beside the frames: last commands, pressed keys, and a robot's joints."""
-    vector_commands: Annotated[int, Ge(1), Le(MAX_HISTORY)] = COMMANDS
-    """Number of the last commands in --play.vector, one per agent step; a latency can be inferred
-    from them and the keys only if both reach as far back."""
-    vector_key_frames: Annotated[int, Ge(1), Le(4 * MAX_HISTORY)] = KEY_FRAMES
-    """Number of the last emulator frames whose pressed keys are in --play.vector."""
-    eye: Literal["camera", "emulator"] = "camera"
-    """Source of a robot's frames: its camera's picture, or the emulator's own."""
-    robot: Annotated[str, tyro.conf.arg(aliases=["--robot"])] = "nao"
-    """Robot of --env robot: 'nao', 'robotroller', a registered one, or FILE.npz: NAO with a latency
-    model in the place of its hands, in the format of Physical Atari. The bare emulator follows such
-    a model too. The run keeps the file's SHA-256, and each process needs the same file."""
-    hand: Literal["arm", "model"] = "arm"
-    """Actuator of a robot's keys: its arms, or a model with the next three latencies. The bare
-    emulator always has the model."""
-    command_latency: Latency = 0
-    """Command latency of the modelled hand, in agent steps."""
-    release_latency: Latency = 0
-    """Emulator frames until the modelled hand releases the keys of the previous command."""
-    press_latency: Latency = 0
-    """Emulator frames until the modelled hand presses the keys of the new command."""
-    actuation_latency: AddedLatency = 0
-    """Emulator frames of 16.7 ms by which every command reaches any hand later, arms and model;
-    36 are 600 ms."""
-    actuation_jitter: AddedLatency = 0
-    """Maximum of further emulator frames by which a command is late, drawn for each one; commands
-    keep their order."""
-    arm_speed: Annotated[float, Ge(0.25), Le(1.1)] = 1.0
-    """Maximum speed of the arms' joints, relative to the usual one, which is 0.9 of the published
-    speed."""
-    key_threshold: Annotated[float, Ge(0.5), Le(1.4)] = 1.0
-    """Depths at which a key counts as pressed and as released, relative to the usual ones."""
-
-    @property
-    def latency_model(self) -> str | None:
-        """The file that says what the hands do; None where it is a robot that does it."""
-        return self.robot if path_of(self.robot).suffix == ".npz" else None
-
-
-@dataclass(frozen=True)
-class CameraConfig:
-    """Light, camera and pose of the robot's eye; the defaults are a perfect camera at its usual
-    place."""
-
-    noise: Annotated[float, Ge(0), Le(255)] = 0.0
-    """Standard deviation of each pixel's noise, grey levels of 255."""
-    blur: Annotated[float, Ge(0), Le(20)] = 0.0
-    """Standard deviation of the blur, pixels."""
-    distortion: Annotated[float, Ge(0), Le(0.3)] = 0.0
-    """Radial lens distortion k₁, at half the picture's width."""
-    latency: Annotated[int, Ge(0), Le(MAX_PICTURE_LATENCY)] = 0
-    """Latency of the picture, agent steps."""
-    ambient: Annotated[float, Ge(0), Le(0.9)] = 0.0
-    """Ambient light on the screen, as a share of white."""
-    glare: Annotated[float, Ge(0), Le(0.9)] = 0.0
-    """Light of a lamp's soft reflection on the screen, at its middle, as a share of white."""
-    glare_x: Fraction = 0.5
-    """Place of the glare from the projected picture's left (0) to its right edge (1)."""
-    glare_y: Fraction = 0.5
-    """Place of the glare from the projected picture's upper (0) to its lower edge (1)."""
-    brightness: Gain = 1.0
-    """Factor of the brightness, as of another exposure."""
-    red: Gain = 1.0
-    """Factor of red."""
-    green: Gain = 1.0
-    """Factor of green."""
-    blue: Gain = 1.0
-    """Factor of blue."""
-    gamma: Annotated[float, Ge(0.3), Le(3)] = 1.0
-    """Exponent γ of the picture's tones after all gains: above 1 middle tones are darker."""
-    dropped: Fraction = 0.0
-    """Probability that a picture is lost and the one before is seen again."""
-    yaw: Annotated[float, Ge(-45), Le(45)] = 0.0
-    """Turn of the head to its left, degrees from its usual pose."""
-    pitch: Annotated[float, Ge(-45), Le(45)] = 0.0
-    """Turn of the head down, degrees from its usual pose."""
-    screen_distance: Annotated[float, Ge(0.5), Le(1.5)] = 1.0
-    """Distance of the screen, relative to the usual one."""
-    screen_tilt: Annotated[float, Ge(-30), Le(30)] = 0.0
-    """Tilt of the screen's upper edge away from the robot, degrees."""
-
-
-@dataclass(frozen=True)
-class RandomiseConfig:
-    """Conditions that are drawn anew for each game, each one uniformly, around the settings of
-    `play` and `camera`. All are off by default; --randomise.all sets those that are not given to
-    the ranges of docs/conditions.md. The tests of epochs draw too; --evaluate draws only what its
-    own flags say."""
-
-    latency: AddedLatency = 0
-    """Maximum of further actuation latency, emulator frames of 16.7 ms."""
-    jitter: AddedLatency = 0
-    """Maximum of further actuation jitter, emulator frames."""
-    arm_speed: Annotated[float, Ge(0), Le(0.75)] = 0.0
-    """Maximum relative loss of the arms' speed."""
-    key_threshold: Annotated[float, Ge(0), Le(0.4)] = 0.0
-    """Maximum relative change of the depths at which keys are pressed and released."""
-    sticky: Fraction = 0.0
-    """Maximum of further repeat probability."""
-    dropped: Fraction = 0.0
-    """Maximum of further probability that a picture is lost."""
-    picture_latency: Annotated[int, Ge(0), Le(MAX_PICTURE_LATENCY)] = 0
-    """Maximum of further latency of the picture, agent steps."""
-    noise: Annotated[float, Ge(0), Le(255)] = 0.0
-    """Maximum of further noise, grey levels of 255."""
-    blur: Annotated[float, Ge(0), Le(20)] = 0.0
-    """Maximum of further blur, pixels."""
-    exposure: Annotated[float, Ge(0), Le(0.9)] = 0.0
-    """Maximum relative change of the brightness."""
-    colour: Annotated[float, Ge(0), Le(0.9)] = 0.0
-    """Maximum relative change of each colour's gain."""
-    gamma: Annotated[float, Ge(1), Le(3)] = 1.0
-    """Maximum factor by which the gamma is multiplied or divided; its logarithm is uniform."""
-    ambient: Annotated[float, Ge(0), Le(0.9)] = 0.0
-    """Maximum of further ambient light, as a share of white."""
-    glare: Annotated[float, Ge(0), Le(0.9)] = 0.0
-    """Maximum of further glare, as a share of white, anywhere on the picture."""
-    distortion: Annotated[float, Ge(0), Le(0.3)] = 0.0
-    """Maximum of further radial lens distortion k₁."""
-    head_pose: Annotated[float, Ge(0), Le(45)] = 0.0
-    """Maximum change of the head's yaw and of its pitch, degrees."""
-    screen_distance: Annotated[float, Ge(0), Le(0.5)] = 0.0
-    """Maximum relative change of the screen's distance."""
-    screen_tilt: Annotated[float, Ge(0), Le(30)] = 0.0
-    """Maximum change of the screen's tilt, degrees."""
 
 
 @dataclass(frozen=True)
@@ -390,13 +226,11 @@ class RunConfig:
         Raises:
             InputError: with the field at fault and what to choose.
         """
-        # Late, because conditions are made of these classes.
-        from common.run.conditions import check_conditions
-
         from_mapping(RunConfig, dataclasses.asdict(self), "")
         environment = ENVIRONMENTS.find(self.env)
         environment.actions(self)  # knows the game, or refuses it
-        check_conditions(self)
+        self._check_meaningful()
+        check_ranges(self.play, self.camera, self.randomise)
         if environment.robot:
             ROBOTS.find(self.play.robot)
         play = self.play
@@ -440,3 +274,30 @@ class RunConfig:
                 f"wait for each other for ever: choose at least {least} "
                 "(chunk_steps × window, and train_period)."
             )
+
+    def _check_meaningful(self) -> None:
+        for name in _ignored(self.env):
+            group, field = name.split(".")
+            value = getattr(getattr(self, group), field)
+            usual = getattr(type(getattr(self, group))(), field)
+            if value != usual:
+                raise InputError(
+                    f"{name} is {value}, which means nothing in --env {self.env}: leave it at "
+                    f"{usual:g}."
+                )
+
+
+def all_ranges(env: str) -> RandomiseConfig:
+    """Returns the ranges of ``--randomise.all``: everything that means something in ``env``."""
+    ignored = _ignored(env)
+    published: dict[str, Any] = {
+        name: how.most for name, how in DRAWN.items() if f"randomise.{name}" not in ignored
+    }
+    return RandomiseConfig(**published)
+
+
+def _ignored(env: str) -> list[str]:
+    """Returns the settings that mean nothing in ``env``, and the ranges around them."""
+    fixed = ENVIRONMENTS.find(env).ignores
+    ranges = (name for name, how in DRAWN.items() if not set(how.settings).isdisjoint(fixed))
+    return [*fixed, *(f"randomise.{name}" for name in ranges)]

@@ -8,10 +8,10 @@ actors play the random steps before learning starts like all others.
 
 from dataclasses import replace
 
+from common.run.conditions import PlayConfig
 from common.run.config import (
     ExplorationConfig,
     LearningConfig,
-    PlayConfig,
     PresetName,
     ProtocolConfig,
     ReplayConfig,

@@ -20,7 +20,8 @@ from dataclasses import replace
 
 from common.metrics import METRICS, PRESS_MS, Values, number
 from common.registry import ENVIRONMENTS, ROBOTS
-from common.run.config import PlayConfig, RunConfig
+from common.run.conditions import PlayConfig
+from common.run.config import RunConfig
 from learner.telemetry.recent_latency import LEAST_MEASURED
 from learner.telemetry.snapshot import HealthCheck
 

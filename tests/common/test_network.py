@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn.functional import conv2d, linear, relu
 
 from common.network import QNetwork, as_pixels, build_network
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
 
 

@@ -8,7 +8,8 @@ import pytest
 from common import pinned_file
 from common.errors import InputError
 from common.pinned_file import path_of, pin, read
-from common.run.config import PlayConfig, RunConfig
+from common.run.conditions import PlayConfig
+from common.run.config import RunConfig
 from common.run.stored_config import from_mapping
 
 ABC = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"

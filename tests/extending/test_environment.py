@@ -10,7 +10,8 @@ import numpy as np
 from actors.envs.step_info import StepInfo
 from common.registry import ENVIRONMENTS, Environment
 from common.run.clock import ClockConfig
-from common.run.config import PlayConfig, RunConfig, StreamConfig
+from common.run.conditions import PlayConfig
+from common.run.config import RunConfig, StreamConfig
 from common.run.presets import PRESETS
 from tests.extending.whole_run import added, learned
 

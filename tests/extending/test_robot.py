@@ -14,8 +14,8 @@ from actors.robots.interface import Robot, ViewName
 from common.actions import Keys
 from common.registry import ROBOTS, RobotKind
 from common.run.clock import ClockConfig
-from common.run.conditions import Conditions
-from common.run.config import CameraConfig, PlayConfig, RunConfig, StreamConfig
+from common.run.conditions import CameraConfig, Conditions, PlayConfig
+from common.run.config import RunConfig, StreamConfig
 from common.run.presets import PRESETS
 from tests.extending.whole_run import added, learned
 

@@ -12,8 +12,8 @@ from common.errors import InputError
 from common.process.command_line import parse, parse_run
 from common.protocol.weights import encode_weights
 from common.run.clock import ClockConfig
-from common.run.conditions import all_ranges
-from common.run.config import RandomiseConfig, RunConfig
+from common.run.conditions import RandomiseConfig
+from common.run.config import RunConfig, all_ranges
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from learner.__main__ import first_network

@@ -11,7 +11,8 @@ import torch
 from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
-from common.run.config import RandomiseConfig, RunConfig
+from common.run.conditions import RandomiseConfig
+from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 from learner.publish import Options, main, publish

@@ -18,7 +18,8 @@ from common.network import build_network
 from common.process.command_line import parse
 from common.protocol.weights import encode_weights
 from common.run.clock import ClockConfig
-from common.run.config import PlayConfig, RandomiseConfig, RunConfig
+from common.run.conditions import PlayConfig, RandomiseConfig
+from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 from tests.actors.robots.latency_model.models import delay, saved

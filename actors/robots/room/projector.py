@@ -13,7 +13,7 @@ from actors.robots.room.camera import Camera, Rendering
 from actors.robots.room.sensor import Scene
 from actors.vision.layout import BORDER, GAME_IN_PICTURE, UNIT_SQUARE
 from actors.vision.stray_light import StrayLight, has_stray_light
-from common.run.config import CameraConfig
+from common.run.conditions import CameraConfig
 
 _FINER = 8
 """Samples per pixel and axis for the share of a pixel that the picture's outer edge covers."""

@@ -25,8 +25,7 @@ from actors.robots.room.silence import silenced
 from actors.robots.room.still_view import Movable, StillView
 from actors.robots.room.viewpoint import Viewpoint, Views
 from common.actions import Keys
-from common.run.conditions import PERFECT_CAMERA, Conditions
-from common.run.config import CameraConfig, PlayConfig
+from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
 
 PHYSICS_RATE = 240
 """Physics steps per second."""

@@ -13,7 +13,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.vision.lens import Lens, Window
-from common.run.config import CameraConfig
+from common.run.conditions import CameraConfig
 
 _GRAIN_FRAMES = 4
 """Noise drawn per game, in pictures. Each picture gets a random section of it, because drawing

@@ -15,7 +15,8 @@ from actors.envs.ale import AtariEnv
 from actors.envs.step_info import StepInfo
 from common.errors import InputError
 from common.games import GAMES
-from common.run.config import PlayConfig, RunConfig
+from common.run.conditions import PlayConfig
+from common.run.config import RunConfig
 
 
 def test_an_episode_is_what_bare_ale_shows() -> None:

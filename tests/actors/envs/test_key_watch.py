@@ -12,7 +12,7 @@ from actors.envs.key_watch import KeyWatch
 from actors.envs.robot import RobotEnv
 from common.actions import Keys
 from common.press_latency import COUNTS, MOST_FRAMES, Delay, ms_of, place_of
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 from tests.paths import ROOT
 
 NONE, UP, DOWN, FIRE = Keys.NONE, Keys.UP, Keys.DOWN, Keys.FIRE

@@ -13,7 +13,8 @@ from actors.envs.ale import AtariEnv
 from actors.envs.proprioception import Proprioception
 from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys
-from common.run.config import PlayConfig, RunConfig
+from common.run.conditions import PlayConfig
+from common.run.config import RunConfig
 
 PLAY = PlayConfig(vector=True, random_starts=0)
 

@@ -16,8 +16,8 @@ from actors.envs.frame_camera import FrameCamera
 from actors.envs.robot import RobotEnv
 from actors.loop import frames_and_vector
 from actors.vision.layout import GAME_IN_PICTURE
-from common.run.conditions import all_ranges, draw
-from common.run.config import CameraConfig, PlayConfig, RandomiseConfig, RunConfig
+from common.run.conditions import CameraConfig, PlayConfig, RandomiseConfig, draw
+from common.run.config import RunConfig, all_ranges
 
 PLAY = PlayConfig(random_starts=3, vector=True)
 

@@ -16,7 +16,7 @@ from actors.envs.observation import shrink
 from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys
 from common.errors import InputError
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 from tests.actors.envs.sticky_reference import StickyActions
 
 

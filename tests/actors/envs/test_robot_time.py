@@ -15,7 +15,7 @@ from actors.envs.robot import RobotEnv
 from actors.envs.world import AgentStep
 from common.actions import KEYS_OF_ACTION, Keys
 from common.run.clock import ClockConfig
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 
 WAITING = ClockConfig(wait_action=True)
 PLAY = PlayConfig(random_starts=0)

@@ -13,7 +13,8 @@ from benchmarks.lab.robustness import OPTICS, cell_flags
 from benchmarks.report import run
 from common.errors import InputError
 from common.process.command_line import parse_run
-from common.run.config import RandomiseConfig, RunConfig
+from common.run.conditions import RandomiseConfig
+from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.options import LearnerOptions
 from tests.paths import ROOT

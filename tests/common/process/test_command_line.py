@@ -10,8 +10,8 @@ from annotated_types import Ge, Lt
 from common.checked import Patience
 from common.errors import InputError
 from common.process.command_line import RunFlags, parse, parse_run, preset_of
-from common.run.conditions import all_ranges
-from common.run.config import RandomiseConfig, RunConfig
+from common.run.conditions import RandomiseConfig
+from common.run.config import RunConfig, all_ranges
 from common.run.presets import PRESETS
 
 

@@ -10,14 +10,8 @@ from hypothesis import strategies as st
 
 from common.checked import MAX_COUNT
 from common.errors import InputError
-from common.run.config import (
-    CameraConfig,
-    LearningConfig,
-    PlayConfig,
-    RandomiseConfig,
-    RunConfig,
-    StreamConfig,
-)
+from common.run.conditions import CameraConfig, PlayConfig, RandomiseConfig
+from common.run.config import LearningConfig, RunConfig, StreamConfig
 from common.run.presets import PRESETS
 from common.run.stored_config import RENAMED, differences, from_mapping, to_json
 

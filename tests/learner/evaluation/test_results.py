@@ -13,7 +13,7 @@ from rich.table import Table
 from actors.games import GamesOptions, games
 from common.press_latency import COUNTS, Delay, ms_of, place_of
 from common.run.clock import ClockConfig
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
 from learner.evaluation.results import summarise, table
 from learner.telemetry.sinks.summary import strict

@@ -7,7 +7,7 @@ import pytest
 
 from common.metrics import METRICS, Bound, Metric, Value, declare
 from common.press_latency import UNMEASURED, Delay, ms_of
-from common.run.config import PlayConfig, RandomiseConfig
+from common.run.conditions import PlayConfig, RandomiseConfig
 from common.run.presets import PRESETS
 from learner.telemetry.health_checks import judge, keys_can_follow
 from learner.telemetry.snapshot import HealthCheck

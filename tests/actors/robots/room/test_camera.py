@@ -8,8 +8,7 @@ import pytest
 from actors.robots.nao.robot import Nao
 from actors.robots.room.furniture import PICTURE_CORNERS, PICTURE_HEIGHT, PICTURE_WIDTH
 from common.actions import KEYS_OF_ACTION
-from common.run.conditions import PERFECT_CAMERA
-from common.run.config import CameraConfig
+from common.run.conditions import PERFECT_CAMERA, CameraConfig
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,7 @@ from actors.robots.room.camera import Camera
 from actors.robots.room.furniture import PICTURE_CORNERS, PICTURE_HEIGHT
 from actors.robots.room.sensor import Scene, Sensor
 from actors.vision.lens import Lens
-from common.run.conditions import PERFECT_CAMERA, Conditions
-from common.run.config import CameraConfig, PlayConfig
+from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
 
 SIZE = (320, 240)
 FAULTS = {

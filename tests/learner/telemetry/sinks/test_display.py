@@ -20,7 +20,7 @@ from rich.console import Console
 
 from common.metrics import Value
 from common.protocol.actor_stats import ActorStats
-from common.run.config import PlayConfig
+from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
 from learner.telemetry.health_checks import judge
 from learner.telemetry.sinks import formats
