@@ -35,7 +35,7 @@ class Actor:
         self._inserts = InsertClient(member)
         self._chunkers = [
             Chunker(
-                *(member.keys.run, member.name, member.incarnation, stream),
+                *(member.keys.run_id, member.name, member.incarnation, stream),
                 member.config.stream.chunk_steps,
             )
             for stream in range(len(envs))
@@ -46,7 +46,7 @@ class Actor:
         """Play until the run is over or ``stop`` is set; ``seeds`` has one for each environment.
 
         Raises:
-            InputError: the hub went away for longer than the patience.
+            InputError: the hub went away for longer than the patience, or serves another run.
         """
         try:
             self._obey(self._inserts.poll())
@@ -66,6 +66,7 @@ class Actor:
     def _obey(self, ack: Ack | None) -> None:
         """Follow what the replay said last."""
         if ack is not None:
+            self._member.check_run(ack.run_id)
             self._sync.follow(ack)
             if ack.finished:
                 self._member.stop.set()

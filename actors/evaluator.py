@@ -40,7 +40,7 @@ class Evaluator:
         """Test until the run is finished or ``stop`` is set.
 
         Raises:
-            InputError: the learner went away for longer than the patience.
+            InputError: the learner went away for longer than the patience, or trains another run.
         """
         heard, patience = time.monotonic(), self._member.patience
         try:
@@ -67,6 +67,7 @@ class Evaluator:
         name = self._member.name.encode()
         try:
             job = EvaluationJob.decode(self._jobs.request(name).result().payload)
+            self._member.check_run(job.run_id)
             if job.kind == "test":
                 load_weights(self._policy.network, job.weights)
             return job

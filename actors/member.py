@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from common.errors import InputError
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.transport.interface import Transport
@@ -26,6 +27,18 @@ class Member:
     incarnation: int = field(default_factory=time.time_ns)
     """Differs for each start of the process, and grows."""
     tell: Callable[[str], None] = lambda text: print(text, file=sys.stderr, flush=True)
+
+    def check_run(self, run_id: str) -> None:
+        """Refuse to take part in another run than the one that was joined.
+
+        Raises:
+            InputError: ``run_id``, which somebody told, is another one's.
+        """
+        if run_id != self.keys.run_id:
+            raise InputError(
+                f"the hub serves another run as {self.keys.run} now than {self.name} joined, and "
+                "refuses what is not of it: start this process again to join that run."
+            )
 
     def warn(self, sentence: str) -> None:
         """Tell people what happened."""

@@ -25,7 +25,7 @@ class Streams:
         blank = zero_steps(steps)
         self._pool = [
             Chunk(
-                run=run,
+                run_id=run,
                 actor=actors[0],
                 incarnation=1,
                 stream=0,

@@ -120,7 +120,7 @@ def send(
     )
     steps = config.stream.chunk_steps
     streams = Streams(
-        keys.run, actors=(options.name,), steps=steps, frame_stack=config.play.frame_stack
+        keys.run_id, actors=(options.name,), steps=steps, frame_stack=config.play.frame_stack
     )
 
     def action() -> int:

@@ -48,7 +48,7 @@ def build_learner(
     config = options.config
     checkpoint = Checkpoint(folder.checkpoint, algorithm, config.learning.algorithm)
     state = checkpoint.load() if options.resume and folder.checkpoint.exists() else None
-    keys = RunKeys(folder.name)
+    keys = RunKeys(folder.name, replay.run_id)
     clock = RunClock()
     phases = Phases(config, clock)
     registry = ActorRegistry(transport, keys)

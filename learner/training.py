@@ -18,6 +18,7 @@ from common.errors import InputError
 from common.metrics import Value
 from common.process.supervisor import Supervisor
 from common.protocol.weights import encode_weights
+from common.protocol.wire import encode_version
 from common.run.config import RunConfig
 from learner.algorithm.interface import Algorithm, Update
 from learner.checkpoint import Checkpoint
@@ -57,7 +58,7 @@ class Learner:
     draw: Callable[[int], Prefetcher]
     """Starts to draw minibatches for a learner that has made so many updates."""
     broadcast: Callable[[bytes, bytes], None]
-    """Sends weights, and their version, to the actors."""
+    """Sends weights, and their version and run, to the actors."""
     checkpoint: Checkpoint
     phases: Phases
     held_out: HeldOut
@@ -137,7 +138,8 @@ class Learner:
         """Broadcast the weights; their version is the number of updates that made them."""
         self._check_loss()
         self._published = self.phases.updates
-        self.broadcast(encode_weights(self.algorithm.online), str(self._published).encode())
+        version = encode_version(self._published, self.replay.run_id)
+        self.broadcast(encode_weights(self.algorithm.online), version)
         self._publish_schedule.restart()
 
     # ------------------------------------------------------------------ the loop

@@ -65,3 +65,5 @@ class Progress(Message):
     file_bytes: Count
     statistics: Annotated[Rows[ChunkStatistics], MaxLen(MAX_STATISTICS)]
     """From the index asked for, at most `MAX_STATISTICS`: ask again from the last one plus one."""
+    run_id: str = ""
+    """Identity of the run."""

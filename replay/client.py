@@ -47,6 +47,7 @@ class RemoteReplay:
     def __init__(
         self, transport: Transport, keys: RunKeys, config: RunConfig, ahead: int = AHEAD
     ) -> None:
+        self.run_id = keys.run_id
         self._frame_stack = config.play.frame_stack
         self._batch_size = config.learning.batch_size
         self._ahead = ahead
@@ -132,10 +133,16 @@ class RemoteReplay:
         """See `Replay.progress`.
 
         Raises:
-            InputError: `close` was called while the server was away.
+            InputError: `close` was called while the server was away, or it serves another run now.
         """
         request = ProgressRequest(since, finished).encode()
-        return Progress.decode(self._insist(self._progress, request))
+        found = Progress.decode(self._insist(self._progress, request))
+        if found.run_id != self.run_id:
+            raise InputError(
+                "the replay serves another run under this name now: give it back the run's folder "
+                "and start it with --resume, or begin another run."
+            )
+        return found
 
     def close(self) -> None:
         """Stop waiting for the server; the transport stays open."""

@@ -4,6 +4,7 @@ It adds the rate limiter, and the waiting for it, to the `Store`. A draw holds t
 choose ids; its frames are gathered while other threads draw and insert (see `Ring.read`).
 """
 
+import hashlib
 import logging
 import threading
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from common.errors import MessageError
 from common.protocol.ack import Ack
 from common.protocol.chunk import Chunk
 from common.run.config import RunConfig
+from common.run.stored_config import to_json
 from replay.batch import Batch, SharedBatch
 from replay.chunk_statistics import Progress
 from replay.footprint import footprint
@@ -44,6 +46,9 @@ class ReplayBuffer:
         self._limiter = RateLimiter.of(config)
         self._state = threading.Condition()
         self._store = Store(config, folder, self._state)
+        settings = hashlib.sha256(to_json(config).encode()).hexdigest()
+        self.run_id = f"{self._store.uuid}-{settings[:16]}"
+        """See `common.protocol.announcement.Announcement`."""
         # The sequence differs after each start, or a resumed run would draw the same places again.
         self._rng = np.random.default_rng([config.seed, self._store.index.accepted])
         self._closed = False
@@ -59,19 +64,21 @@ class ReplayBuffer:
         """
         begun = self._drawn // self._batch_size
         new = self._store.insert(chunk, staleness=max(begun - chunk.weights_version, 0))
-        return self._ack("stored" if new else "duplicate")
+        return self.ack("stored" if new else "duplicate")
 
     def refuse(self) -> None:
-        """Count a chunk that could not be decoded."""
+        """Count a chunk that could not be decoded, or is of another run."""
         self._store.count_refused()
 
-    def _ack(self, status: Literal["stored", "duplicate", "poll"]) -> Ack:
+    def ack(self, status: Literal["stored", "duplicate", "poll", "refused"]) -> Ack:
+        """Returns what an actor is told now."""
         return Ack(
             status,
             throttle=self._should_throttle(),
             finished=self._finished,
             agent_steps=self._store.index.agent_steps,
             weights_version=self.weights_version,
+            run_id=self.run_id,
         )
 
     def _should_throttle(self) -> bool:
@@ -83,7 +90,7 @@ class ReplayBuffer:
             self._state.wait_for(
                 lambda: self._closed or self._finished or not self._should_throttle(), timeout
             )
-            return self._ack("poll")
+            return self.ack("poll")
 
     def sample(self, drawn: int, timeout: float) -> Batch | None:
         """See `Replay.sample`."""
@@ -175,6 +182,7 @@ class ReplayBuffer:
                 private_bytes=private,
                 file_bytes=self._store.file_bytes,
                 statistics=index.statistics_since(since),
+                run_id=self.run_id,
             )
 
     def close(self) -> None:

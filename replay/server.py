@@ -39,8 +39,8 @@ class ReplayServer:
         self, transport: Transport, memory: ReplayBuffer, config: RunConfig, run: str
     ) -> None:
         self._memory = memory
-        self._keys = keys = RunKeys(run)
-        self._announcement = Announcement(run, config, config.action_count).encode()
+        self._keys = keys = RunKeys(run, memory.run_id)
+        self._announcement = Announcement(run, config, config.action_count, memory.run_id).encode()
         self._weights: Envelope | None = None
         self._polls: queue.SimpleQueue[tuple[float, Request] | None] = queue.SimpleQueue()
         self._poll_thread = threading.Thread(
@@ -80,13 +80,14 @@ class ReplayServer:
         actor = request.key.rsplit("/", 1)[-1]
         try:
             chunk = Chunk.decode(request.payload)
-            if (chunk.run, chunk.actor) != (self._keys.run, actor):
-                raise MessageError(
-                    f"a chunk of {chunk.run}/{chunk.actor} at the key of {self._keys.run}/{actor}"
-                )
+            if chunk.actor != actor:
+                raise MessageError(f"a chunk of {chunk.actor} at the key of {actor}")
         except MessageError:
             self._memory.refuse()
             raise
+        if chunk.run_id != self._keys.run_id:
+            self._memory.refuse()
+            return self._memory.ack("refused").encode()
         return self._memory.insert(chunk).encode()
 
     def _answer_polls(self) -> None:
@@ -125,7 +126,7 @@ class ReplayServer:
     def _keep_weights(self, message: Envelope) -> None:
         size = len(message.payload)
         try:
-            version = decode_version(message.attachment)
+            version = decode_version(message.attachment, self._keys.run_id)
             if size > MAX_MESSAGE_BYTES:
                 raise MessageError(f"more than {MAX_MESSAGE_BYTES} bytes")
         except MessageError as error:

@@ -9,6 +9,7 @@ RAM happens under the lock that readers share.
 """
 
 import threading
+import uuid
 from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
@@ -46,6 +47,8 @@ class Store:
         self._closed = False
         self._quarantined: set[int] = set()
         path = folder / "journal.jsonl"
+        self.uuid = uuid.uuid4().hex
+        """Tells this ring from every other; made with it."""
         self.index = self._read(path)
         prioritised = config.replay.sampler == "prioritised"
         self._columns = Columns(
@@ -88,7 +91,8 @@ class Store:
                     index.apply(entry)
                 except (KeyError, TypeError, ValueError):
                     raise damaged(path, f"in line {number}") from None
-            elif unequal := [
+                continue
+            if unequal := [
                 f"{name} {entry.get(name)} instead of {value}"
                 for name, value in self._header.items()
                 if entry.get(name) != value
@@ -97,6 +101,7 @@ class Store:
                     f"the replay in {path.parent} has {', '.join(unequal)}: resume it with the "
                     "settings it was made with, or name another run."
                 )
+            self.uuid = str(entry.get("uuid", self.uuid))  # former rings have none
         return index
 
     def _new_sampler(self) -> UniformSampler:
@@ -122,7 +127,7 @@ class Store:
         self.sampler.restore(alive[ring.is_complete(alive)])
 
     def _entries(self) -> Iterable[Entry]:
-        return chain([self._header], self.index.entries())
+        return chain([{**self._header, "uuid": self.uuid}], self.index.entries())
 
     def insert(self, chunk: Chunk, staleness: int) -> bool:
         """Store ``chunk``; False if it came before.

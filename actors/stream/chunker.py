@@ -33,8 +33,8 @@ class Chunker:
     its first state was stacked from, as far as they belong to the same episode.
     """
 
-    def __init__(self, run: str, actor: str, incarnation: int, stream: int, length: int) -> None:
-        self._identity = (run, actor, incarnation, stream)
+    def __init__(self, run_id: str, actor: str, incarnation: int, stream: int, length: int) -> None:
+        self._identity = (run_id, actor, incarnation, stream)
         self._length = length
         self._sequence = 0
         self._age = 0  # steps that the present episode had before the next one
@@ -62,11 +62,11 @@ class Chunker:
         if not self._steps:
             return None
         steps, self._steps = self._steps, []
-        run, actor, incarnation, stream = self._identity
+        run_id, actor, incarnation, stream = self._identity
         cut = [step for step in steps if step.truncated]
         frame, width = steps[0].s_tm1.shape, len(steps[0].x_tm1)
         chunk = Chunk(
-            run=run,
+            run_id=run_id,
             actor=actor,
             incarnation=incarnation,
             stream=stream,

@@ -101,7 +101,10 @@ class InsertClient:
             if isinstance(outcome, MessageError):
                 raise outcome
             self.last_ack = Ack.decode(outcome.payload)
-            self.acked += 1
+            if self.last_ack.status == "refused":
+                self.refused += 1
+            else:
+                self.acked += 1
         except MessageError as error:
             self.refused += 1
             malformed = "" if error is outcome else "a malformed reply: "

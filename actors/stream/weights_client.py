@@ -19,6 +19,7 @@ class WeightsClient:
 
     def __init__(self, transport: Transport, keys: RunKeys) -> None:
         self._lock = threading.Lock()
+        self._run_id = keys.run_id
         self._latest: tuple[int, bytes] | None = None
         self._requester = transport.requester(keys.latest_weights, _FETCH_TIMEOUT)
         self._subscription = transport.subscribe(keys.weights, self._receive)
@@ -40,7 +41,7 @@ class WeightsClient:
         if len(message.payload) > MAX_MESSAGE_BYTES:
             return
         try:
-            version = decode_version(message.attachment)
+            version = decode_version(message.attachment, self._run_id)
         except MessageError:
             return
         with self._lock:

@@ -11,8 +11,9 @@ from common.protocol.message import Message
 class Ack(Message):
     """The fate of a chunk, and what steers its actor."""
 
-    status: Literal["stored", "duplicate", "poll"]
-    """'poll' answers an empty insert, by which a throttled actor asks whether to go on."""
+    status: Literal["stored", "duplicate", "poll", "refused"]
+    """'poll' answers an empty insert, by which a throttled actor asks whether to go on; 'refused' a
+    chunk of another run than ``run_id``."""
     throttle: bool
     """Pause: the learner is behind."""
     finished: bool
@@ -21,3 +22,5 @@ class Ack(Message):
     """Agent steps of the run, over all actors; ε follows from it."""
     weights_version: Count
     """Newest weights there are."""
+    run_id: str = ""
+    """Identity of the replay's run."""

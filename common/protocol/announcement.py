@@ -13,11 +13,17 @@ from common.run.config import RunConfig
 
 @dataclass(frozen=True)
 class Announcement(Message):
-    """A run, its configuration, and the number of actions that its replay admits."""
+    """A run, its configuration and identity, and the number of actions that its replay admits."""
 
     run: str
     config: RunConfig
     actions: Annotated[int, Ge(1), Le(256)]
+    run_id: str
+    """Identity of the run: a UUID from its beginning, and a hash of its configuration.
+
+    Chunks, acknowledgements, weights and jobs carry it, so that nobody who joined one run takes
+    part in another that was begun under its name at its address.
+    """
 
     def check(self) -> None:
         """See `Message.check`.

@@ -36,7 +36,7 @@ class Chunk(StepFields, Message):
 
     LIMITS: ClassVar = {"T": (1, MAX_CHUNK_STEPS), "P": (0, MAX_VECTOR), "C": (0, MAX_CONTEXT)}
 
-    run: str
+    run_id: str
     actor: Name
     incarnation: Count
     """Differs for each start of the actor's process, so that its sequence numbers may restart."""

@@ -24,6 +24,8 @@ class EvaluationJob(Message):
     epsilon: Fraction = 0.0
     weights: bytes = b""
     """Unchecked weights."""
+    run_id: str = ""
+    """Identity of the learner's run."""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ class RunKeys:
     """Key expressions of one run, all under ``ale-robot/<run>``; ``'*'`` stands for any name."""
 
     run: str
+    run_id: str = ""
+    """Identity of the run that was joined (see `Announcement`): another one may take its name."""
 
     def __post_init__(self) -> None:
         self._root = root = f"{NAMESPACE}/{self.run}"

@@ -26,7 +26,7 @@ def find_run(
         check_name("run", name)
     began = time.monotonic()
     while True:
-        found: dict[str, RunConfig] = {}
+        found: dict[str, Announcement] = {}
         for answer in transport.gather(RunKeys(name or "*").config, _DEADLINE):
             try:
                 told = Announcement.decode(answer.payload)
@@ -35,14 +35,14 @@ def find_run(
                     f"the hub does not speak this version's language ({error}): "
                     "install the same version on both machines."
                 ) from None
-            found[told.run] = told.config
+            found[told.run] = told
         if len(found) > 1:
             raise InputError(
                 f"the hub serves several runs ({', '.join(sorted(found))}): name one with --run."
             )
         if found:
-            run, config = found.popitem()
-            return RunKeys(run), config
+            _, told = found.popitem()
+            return RunKeys(told.run, told.run_id), told.config
         if stopped():
             raise KeyboardInterrupt
         if time.monotonic() - began >= patience:

@@ -1,5 +1,7 @@
 """Lets evaluators in other processes ask the coordinator for jobs, and report."""
 
+from dataclasses import replace
+
 from common.protocol.evaluation import EvaluationReport
 from common.protocol.run_keys import RunKeys
 from common.transport.interface import Request, Transport
@@ -12,7 +14,8 @@ def serve_evaluators(
     """Answer evaluators until ``transport`` is closed."""
 
     def give_job(request: Request) -> bytes:
-        return coordinator.give_job(request.payload[:200].decode(errors="replace")).encode()
+        job = coordinator.give_job(request.payload[:200].decode(errors="replace"))
+        return replace(job, run_id=keys.run_id).encode()
 
     def take_report(request: Request) -> bytes:
         coordinator.take_report(EvaluationReport.decode(request.payload))

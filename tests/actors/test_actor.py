@@ -15,6 +15,7 @@ from actors.policy import Policy
 from actors.stream import insert_client as outbox_module
 from actors.stream import weights_client as weights_inbox
 from actors.stream.weights_client import WeightsClient
+from common.errors import InputError
 from common.network import QNetwork
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Chunk
@@ -68,6 +69,7 @@ class Stage:
         self.stop = threading.Event()
         self.policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
         self.stats: list[ActorStats] = []
+        self.failure: str | None = None
         self._client = client
         self._served: Envelope | None = None
         self._thread: threading.Thread | None = None
@@ -80,7 +82,14 @@ class Stage:
         member = Member("a", self._client, KEYS, CONFIG, 300.0, self.stop, 17, self.warnings.append)
         actor = Actor(member, envs, self.policy)
         seeds = list(range(len(envs)))
-        self._thread = threading.Thread(target=actor.run, args=(seeds,), daemon=True)
+
+        def work() -> None:
+            try:
+                actor.run(seeds)
+            except InputError as error:
+                self.failure = str(error)
+
+        self._thread = threading.Thread(target=work, daemon=True)
         self._thread.start()
 
     def has(self, chunks: int) -> None:
@@ -122,7 +131,7 @@ def test_everything_it_lived_through_is_stored_once_and_in_order(stage: Stage) -
     for stream, env in enumerate(envs):
         chunks = [chunk for chunk in stage.replay.chunks if chunk.stream == stream]
         assert [chunk.sequence for chunk in chunks] == list(range(len(chunks)))
-        assert all((c.run, c.actor, c.incarnation) == ("r", "a", 17) for c in chunks)
+        assert all((c.run_id, c.actor, c.incarnation) == ("", "a", 17) for c in chunks)
         frames = np.concatenate([chunk.frames for chunk in chunks])
         assert (frames == [moment.state[-1] for moment in env.moments]).all()
         actions = np.concatenate([chunk.actions for chunk in chunks])
@@ -304,3 +313,15 @@ def test_a_replay_that_falls_silent_is_told_at_the_end(
     assert last.made > last.acked
     missing = last.made - last.acked
     assert stage.warnings == [f"a: {missing} chunks were never acknowledged."]
+
+
+def test_an_actor_leaves_a_hub_that_serves_another_run_now(stage: Stage) -> None:
+    stage.start(NumberedEnv([GOES_ON]))
+    stage.has(2)
+    stage.replay.ack = replace(STORED, status="refused", run_id="another")
+    stage.ended()
+    assert stage.failure == (
+        "the hub serves another run as r now than a joined, and refuses what is not of it: start "
+        "this process again to join that run."
+    )
+    assert stage.farewell().refused >= 1

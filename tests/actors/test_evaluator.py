@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -253,3 +254,11 @@ def test_it_lives_and_says_so_until_it_leaves(stage: Stage, hub: Transport) -> N
     assert last.valid_share == 0.8
     assert last.match_share == 0.5
     wait_until(lambda: presence[1:] == [(KEYS.live("evaluator", "e"), False)], "it is gone")
+
+
+def test_an_evaluator_leaves_a_learner_that_trains_another_run_now(stage: Stage) -> None:
+    """Or it would play the old game with the new one's weights, if they fit."""
+    stage.start(NumberedEnv(TEN_STEPS_A_GAME))
+    stage.give(replace(task(25), run_id="another"))
+    stage.ended()
+    assert "serves another run as r now than e joined" in str(stage.failure)

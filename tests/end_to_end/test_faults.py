@@ -9,10 +9,8 @@ from pathlib import Path
 import pytest
 from safetensors import safe_open
 
-from common.protocol.run_keys import RunKeys
-from common.run.config import RunConfig
 from common.run.folder import write_atomically
-from common.run.presets import PRESETS
+from common.run.join import find_run
 from common.transport.zenoh_transport import connect
 from replay.chunk_statistics import Progress
 from replay.client import RemoteReplay
@@ -45,8 +43,7 @@ def test_three_actors_of_which_one_is_killed(stage: Stage) -> None:
 
 def _progress(stage: Stage) -> Progress:
     transport = connect(stage.endpoint, PATIENCE)
-    config: RunConfig = PRESETS["fast"]
-    remote = RemoteReplay(transport, RunKeys("r"), config)
+    remote = RemoteReplay(transport, *find_run(transport, "r", PATIENCE, lambda: False))
     too_late = threading.Timer(PATIENCE, remote.close)  # by itself it asks for ever
     too_late.start()
     try:

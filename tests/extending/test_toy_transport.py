@@ -143,12 +143,13 @@ class DirectPublisher:
 
 
 def test_replay_actor_and_learner_meet_on_a_transport_from_outside(tmp_path: Path) -> None:
-    transport, keys = DirectTransport(), RunKeys(RUN)
+    transport, keys = DirectTransport(), RunKeys(RUN, RUN)
     config = make_config(capacity=256, learning_starts=20, ratio_tolerance=64, chunk_steps=8)
     memory = ReplayBuffer(config, tmp_path)
+    memory.run_id = RUN
     with ReplayServer(transport, memory, config, RUN):
         assert find_run(transport, None, 0.0, lambda: True) == (keys, config)
-        transport.publisher(keys.weights).publish(b"weights", b"50")
+        transport.publisher(keys.weights).publish(b"weights", b"50 " + RUN.encode())
 
         weights = WeightsClient(transport, keys)
         weights.fetch()

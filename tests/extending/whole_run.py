@@ -16,7 +16,6 @@ from actors.envs import make_env
 from actors.member import Member
 from actors.policy import Policy
 from common.network import build_network
-from common.protocol.run_keys import RunKeys
 from common.registry import Registry
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
@@ -68,14 +67,14 @@ def learned(config: RunConfig, runs: Path, steps: int) -> tuple[dict[str, Any], 
             PlainDisplay(io.StringIO()),
             threading.Event(),
         )
-        _, announced = find_run(client, RUN, PATIENCE, lambda: False)
+        keys, announced = find_run(client, RUN, PATIENCE, lambda: False)
         assert announced == config
         actions = announced.action_count
         env = make_env(announced, training=True)
         stack.callback(env.close)
         assert env.action_space.n == actions
         policy = Policy(build_network(announced, actions), actions, np.random.default_rng(1))
-        member = Member("a", client, RunKeys(RUN), announced, PATIENCE, stop)
+        member = Member("a", client, keys, announced, PATIENCE, stop)
         actor = Actor(member, [env], policy)
         acting = threading.Thread(target=actor.run, args=([1],))
         acting.start()

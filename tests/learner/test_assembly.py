@@ -97,7 +97,7 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
     with place(tmp_path, actor, resume=False, steps_goal=None) as run:
         versions: list[int] = []
         run.client.subscribe(
-            RunKeys(RUN).weights, lambda told: versions.append(int(told.attachment))
+            RunKeys(RUN).weights, lambda told: versions.append(int(told.attachment.split()[0]))
         )
         run.play(5)
         run.learner.start()

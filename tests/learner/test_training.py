@@ -183,7 +183,7 @@ class World:
     # ---------------------------------------------------------------- the learner
 
     def broadcast(self, payload: bytes, version: bytes) -> None:
-        self.published.append((self.now, int(version), payload))
+        self.published.append((self.now, int(version.removesuffix(b" id")), payload))
 
     def save(self, state: dict[str, Any]) -> None:
         if self.full:
@@ -202,6 +202,7 @@ class World:
         clock = RunClock(lambda: self.now)
         parts: dict[str, Any] = {
             "replay": SimpleNamespace(
+                run_id="id",
                 progress=self.replay_progress,
                 update_priorities=lambda *told: self.priorities.append(told),
             ),

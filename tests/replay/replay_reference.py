@@ -94,6 +94,7 @@ class Actor:
     first_number: int = 0
     moments: list[Moment] = field(default_factory=list)
     sequence: int = 0
+    run_id: str = RUN
     _episode: list[int] = field(default_factory=list)
 
     def live(self, endings: list[int], rng: np.random.Generator) -> Chunk:
@@ -141,7 +142,7 @@ def chunk_of(actor: Actor, context: list[int], moments: list[Moment]) -> Chunk:
     newest = [moment.stack[-1] for moment in moments]
     finals = [moment.final for moment in moments if moment.ending == TRUNCATES]
     return Chunk(
-        run=RUN,
+        run_id=actor.run_id,
         actor=actor.name,
         incarnation=7,
         stream=0,

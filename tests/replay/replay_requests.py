@@ -7,7 +7,7 @@ from common.transport.interface import Transport
 from tests.patience import PATIENCE
 from tests.replay.replay_reference import RUN
 
-KEYS = RunKeys(RUN)
+KEYS = RunKeys(RUN, RUN)
 
 
 def ask(transport: Transport, key: str, payload: bytes) -> bytes:

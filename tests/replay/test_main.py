@@ -14,12 +14,13 @@ import pytest
 
 from benchmarks.child import free_endpoint
 from common.run.config import RunConfig
+from common.run.join import find_run
 from common.run.presets import PRESETS
 from common.transport.zenoh_transport import connect
 from replay.client import RemoteReplay
 from tests.patience import PATIENCE, wait_until
 from tests.replay.replay_reference import GOES_ON, RUN, TERMINATES, Actor
-from tests.replay.replay_requests import KEYS, insert
+from tests.replay.replay_requests import insert
 
 FLAGS = [
     *("--play.no-minimal-actions", "--replay.capacity", "400", "--replay.learning-starts", "50"),
@@ -74,9 +75,11 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
     transport = connect(endpoint, PATIENCE)
     actor, rng = Actor("a", 4), np.random.default_rng(0)
     chunks = [actor.live([GOES_ON] * 15 + [TERMINATES], rng) for _ in range(30)]  # the ring turns
+    keys, _ = find_run(transport, RUN, PATIENCE, lambda: False)
+    chunks = [replace(chunk, run_id=keys.run_id) for chunk in chunks]
     for chunk in chunks[:-1]:
         assert insert(transport, chunk).status == "stored"
-    remote = RemoteReplay(transport, KEYS, CONFIG)
+    remote = RemoteReplay(transport, keys, CONFIG)
     before = remote.progress(0)
     assert before.stored == 25 * 16
     started[0].process.send_signal(signal.SIGKILL)
@@ -141,9 +144,11 @@ def test_that_nobody_reads_what_it_says_is_no_reason_to_end(tmp_path: Path) -> N
         assert process.stdout is not None
         process.stdout.close()
         with connect(endpoint, PATIENCE) as transport:
-            inserts = transport.requester(KEYS.insert("a"), PATIENCE)
+            keys, _ = find_run(transport, RUN, PATIENCE, lambda: False)
+            inserts = transport.requester(keys.insert("a"), PATIENCE)
             wait_until(lambda: inserts.has_server, "the replay serves inserts")
-            chunk = Actor("a", 4).live([GOES_ON] * 15 + [TERMINATES], np.random.default_rng(0))
+            actor = Actor("a", 4, run_id=keys.run_id)
+            chunk = actor.live([GOES_ON] * 15 + [TERMINATES], np.random.default_rng(0))
             assert insert(transport, chunk).status == "stored"
         process.send_signal(signal.SIGTERM)
         _, errors = process.communicate(timeout=PATIENCE)

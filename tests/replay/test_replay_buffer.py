@@ -493,3 +493,20 @@ def test_chunks_that_do_not_fit_the_run_are_refused(tmp_path: Path, fault: str) 
     with pytest.raises(MessageError):
         memory.insert(chunk)
     assert memory.progress(0).refused == 1
+
+
+def test_a_run_has_one_identity_from_its_beginning_to_its_end(tmp_path: Path) -> None:
+    def run_id(folder: str, **settings: object) -> str:
+        memory = ReplayBuffer(make_config(**settings), tmp_path / folder)
+        memory.close()
+        return memory.run_id
+
+    first = run_id("one")
+    assert run_id("one") == first
+    assert len({first, run_id("two"), run_id("one", discount=0.5)}) == 3
+    # One that was begun before runs had an identity gets one that stays.
+    journal = tmp_path / "one" / "journal.jsonl"
+    journal.write_text(journal.read_text().replace("uuid", "unknown"))
+    fresh = run_id("one")
+    assert fresh != first
+    assert run_id("one") == fresh

@@ -12,6 +12,7 @@ import pytest
 
 from common.errors import InputError, MessageError
 from common.protocol.ack import Ack
+from common.protocol.run_keys import RunKeys
 from common.protocol.wire import pack
 from common.run.join import find_run
 from common.transport.interface import Envelope, Transport
@@ -55,6 +56,7 @@ def place(tmp_path: Path, hub: Transport, client: Transport) -> Iterator[Place]:
         window=2,
     )
     memory = ReplayBuffer(config, tmp_path)
+    memory.run_id = RUN
     remote = RemoteReplay(client, KEYS, config)
     place = Place(memory, ReplayServer(hub, memory, config, RUN), hub, client, remote)
     try:
@@ -75,7 +77,7 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
     actor, rng = Actor("a", 4), np.random.default_rng(0)
     chunk = actor.live([GOES_ON] * 20 + [TERMINATES], rng)
     assert place.remote.sample(0, 0.0) is None
-    assert insert(place.client, chunk) == Ack("stored", False, False, 21, 0)
+    assert insert(place.client, chunk) == Ack("stored", False, False, 21, 0, RUN)
     assert insert(place.client, chunk).status == "duplicate"
     batch = place.remote.sample(0, PATIENCE)
     assert batch is not None
@@ -101,9 +103,31 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
 
 def test_a_chunk_at_another_actors_key_is_refused(place: Place) -> None:
     chunk = Actor("a", 4).live([GOES_ON], np.random.default_rng(0))
-    with pytest.raises(MessageError, match="test/a at the key of test/b"):
+    with pytest.raises(MessageError, match="a chunk of a at the key of b"):
         ask(place.client, KEYS.insert("b"), chunk.encode())
     assert place.memory.progress(0).refused == 1
+
+
+def test_of_another_run_neither_chunks_nor_weights_nor_learners_are_taken(
+    place: Place, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A learner may be begun anew under the same name, at the same address, with another game."""
+    actor, rng = Actor("a", 4, run_id="other"), np.random.default_rng(0)
+    ack = insert(place.client, actor.live([GOES_ON], rng))
+    assert (ack.status, ack.run_id, ack.agent_steps) == ("refused", RUN, 0)
+    assert (place.memory.progress(0).refused, place.memory.progress(0).accepted) == (1, 0)
+    publisher = place.client.publisher(KEYS.weights)
+    publisher.publish(b"weights", b"7 other")
+    publisher.publish(b"weights", b"6 test")
+    for _ in until_late():
+        if place.memory.weights_version == 6:
+            break
+    assert caplog.messages == [
+        "weights of 7 bytes were passed over: weights of another run than test"
+    ]
+    learner = RemoteReplay(place.client, RunKeys(RUN, "other"), make_config())
+    with pytest.raises(InputError, match="serves another run under this name now"):
+        learner.progress(0)
 
 
 def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> None:
@@ -165,7 +189,7 @@ def test_the_newest_weights_wait_for_late_joiners(place: Place) -> None:
     publisher.publish(b"no counter holds it", b"9" * 20)  # once the end of the thread that read
     publisher.publish(b"odd", b"-1")
     for version in (50, 100):
-        publisher.publish(b"weights %d" % version, b"%d" % version)
+        publisher.publish(b"weights %d" % version, b"%d test" % version)
     for _ in until_late():
         ack = insert(place.client, actor.live([GOES_ON], rng))
         if ack.weights_version == 100:
@@ -173,7 +197,7 @@ def test_the_newest_weights_wait_for_late_joiners(place: Place) -> None:
     assert ack.weights_version == 100
     requester = place.client.requester(KEYS.latest_weights, PATIENCE)
     answer = requester.request(b"").result()
-    assert answer == Envelope(b"weights 100", b"100", KEYS.latest_weights)
+    assert answer == Envelope(b"weights 100", b"100 test", KEYS.latest_weights)
 
 
 def test_a_learner_waits_for_a_server_that_is_away(place: Place) -> None:
@@ -338,8 +362,8 @@ def test_weights_that_no_actor_would_take_are_passed_over(
 ) -> None:
     monkeypatch.setattr("replay.server.MAX_MESSAGE_BYTES", 10)
     voice = place.hub.publisher(KEYS.weights)
-    voice.publish(b"x" * 11, b"8")
-    voice.publish(b"x" * 10, b"7")
+    voice.publish(b"x" * 11, b"8 test")
+    voice.publish(b"x" * 10, b"7 test")
     for _ in until_late():
         if place.memory.weights_version == 7:
             break

@@ -149,7 +149,7 @@ def test_chunks_are_numbered_by_stream() -> None:
         assert [chunk.sequence for chunk in chunks] == [0, 1, 2]
         assert [len(chunk) for chunk in chunks] == [4, 4, 3]
         for chunk in chunks:
-            assert (chunk.run, chunk.actor, chunk.incarnation) == ("run", "actor", 7)
+            assert (chunk.run_id, chunk.actor, chunk.incarnation) == ("run", "actor", 7)
             assert chunk.stream == stream
 
 

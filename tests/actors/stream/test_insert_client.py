@@ -337,3 +337,14 @@ def test_a_poll_with_a_malformed_reply_is_no_answer(
     joined(polling)
     if failed:
         raise failed[0]
+
+
+def test_a_chunk_that_is_refused_for_its_run_counts_as_refused(
+    replay: PendingRequests, sender: Sender
+) -> None:
+    sender.outbox.post(b"chunk")
+    acknowledge(replay.next(), replace(STORED, status="refused", run_id="other"))
+    sender.settled()
+    assert sender.counts() == (1, 0, 0, 1)
+    assert sender.outbox.last_ack is not None
+    assert sender.outbox.last_ack.run_id == "other"

@@ -111,3 +111,5 @@ def test_other_runs_weights_do_not_arrive(
     hub.publisher(RunKeys("other").weights).publish(b"weights", b"1")
     broadcast.say()
     assert inbox.take() is None
+    broadcast.say((b"weights", b"1 another"))  # begun under this one's name
+    assert inbox.take() is None

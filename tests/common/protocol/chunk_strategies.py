@@ -41,7 +41,7 @@ def chunks(draw: st.DrawFn, most_steps: int = 12) -> Chunk:
 
     games = draw(st.lists(st.tuples(SCORES, st.integers(0, 2**31 - 1)), max_size=steps))
     return Chunk(
-        run=draw(NAMES),
+        run_id=draw(NAMES),
         actor=draw(NAMES),
         incarnation=draw(COUNTS),
         stream=draw(COUNTS),
@@ -65,7 +65,7 @@ def chunks(draw: st.DrawFn, most_steps: int = 12) -> Chunk:
 def example_chunk(**changes: Any) -> Chunk:
     """Three steps, of which the last is truncated; ``changes`` replace fields."""
     fields: dict[str, Any] = {
-        "run": "run",
+        "run_id": "run-id",
         "actor": "actor",
         "incarnation": 17,
         "stream": 0,

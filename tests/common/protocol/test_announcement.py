@@ -11,13 +11,13 @@ from common.protocol.wire import pack
 from common.run.presets import PRESETS
 
 FAST = PRESETS["fast"]
-GOOD = Announcement("one", FAST, 6)
+GOOD = Announcement("one", FAST, 6, "id")
 
 
 @pytest.mark.parametrize("name", list(PRESETS))
 def test_a_configuration_is_announced_whole(name: str) -> None:
     config = PRESETS[name]  # type: ignore[index]
-    told = Announcement("run-1", config, 6)
+    told = Announcement("run-1", config, 6, "id")
     assert Announcement.decode(told.encode()) == told
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from common.errors import MessageError
 from common.protocol import wire
-from common.protocol.wire import SCHEMA, decode_version, pack, unpack
+from common.protocol.wire import SCHEMA, decode_version, encode_version, pack, unpack
 
 SCALARS = (
     st.none()
@@ -152,7 +152,13 @@ def test_what_is_neither_plain_nor_an_array_is_not_sent(value: object) -> None:
 
 @pytest.mark.parametrize("version", [0, 7, 2**63 - 1])
 def test_a_version_is_read(version: int) -> None:
-    assert decode_version(b"%d" % version) == version
+    assert decode_version(encode_version(version, "id-1"), "id-1") == version
+
+
+def test_a_version_of_another_run_is_refused() -> None:
+    for other in ("id-2", "id", "", "id-1 "):
+        with pytest.raises(MessageError, match="weights of another run than id-1"):
+            decode_version(encode_version(7, other), "id-1")
 
 
 @pytest.mark.parametrize(
@@ -160,7 +166,7 @@ def test_a_version_is_read(version: int) -> None:
 )
 def test_a_version_that_no_counter_holds_is_refused(attachment: bytes) -> None:
     with pytest.raises(MessageError, match="not a version of weights"):
-        decode_version(attachment)
+        decode_version(attachment, "")
 
 
 @pytest.mark.parametrize("depth", [100, 990, 1_015])

@@ -21,7 +21,7 @@ def announce(hub: Transport, run: str, answer: bytes) -> Closeable:
 
 
 def announcement(run: str, config: RunConfig) -> bytes:
-    return Announcement(run, config, config.action_count).encode()
+    return Announcement(run, config, config.action_count, f"id-{run}").encode()
 
 
 def never() -> bool:
@@ -31,13 +31,13 @@ def never() -> bool:
 def test_a_run_is_found_by_its_name(hub: Transport, client: Transport) -> None:
     announce(hub, "one", announcement("one", FAST))
     announce(hub, "two", announcement("two", PAPER))
-    assert find_run(client, "one", PATIENCE, never) == (RunKeys("one"), FAST)
-    assert find_run(client, "two", PATIENCE, never) == (RunKeys("two"), PAPER)
+    assert find_run(client, "one", PATIENCE, never) == (RunKeys("one", "id-one"), FAST)
+    assert find_run(client, "two", PATIENCE, never) == (RunKeys("two", "id-two"), PAPER)
 
 
 def test_the_only_run_is_found_without_a_name(hub: Transport, client: Transport) -> None:
     announce(hub, "one", announcement("one", PAPER))
-    assert find_run(client, None, PATIENCE, never) == (RunKeys("one"), PAPER)
+    assert find_run(client, None, PATIENCE, never) == (RunKeys("one", "id-one"), PAPER)
 
 
 def test_of_several_runs_one_must_be_named(hub: Transport, client: Transport) -> None:
@@ -68,7 +68,7 @@ def test_a_run_that_starts_later_is_waited_for(hub: Transport, client: Transport
             announce(hub, "late", announcement("late", FAST))
         return False
 
-    assert find_run(client, None, PATIENCE, begins_after_two_looks)[0] == RunKeys("late")
+    assert find_run(client, None, PATIENCE, begins_after_two_looks)[0] == RunKeys("late", "id-late")
     assert asked >= 2
 
 
@@ -83,9 +83,9 @@ def test_a_hub_of_another_version_is_told(hub: Transport, client: Transport) -> 
         b"",
         b"garbage",
         pack({"run": "one"}),
-        pack({"run": "one", "config": {}, "actions": 6}),
-        pack({"run": 1, "config": FAST, "actions": 6}),
-        pack({"run": "one", "config": {**vars(FAST), "play": {}}, "actions": 6}),
+        pack({"run": "one", "config": {}, "actions": 6, "run_id": "id"}),
+        pack({"run": 1, "config": FAST, "actions": 6, "run_id": "id"}),
+        pack({"run": "one", "config": {**vars(FAST), "play": {}}, "actions": 6, "run_id": "id"}),
         good.replace(b"schema" + bytes([SCHEMA]), b"schema\x63"),
     ):
         assert answer != good
