@@ -123,7 +123,8 @@ def main() -> int:
     torch.set_num_threads(options.threads or free_cores(options))
     stop = threading.Event()
     on_signals(stop)
-    folder.claim("learner", config, begun=folder.checkpoint, resume=options.resume)
+    begun = folder.checkpoint if folder.checkpoint.exists() else folder.previous
+    folder.claim("learner", config, begun=begun, resume=options.resume)
     if options.initial is not None:
         write_atomically(folder.initial, encode_weights(network))
     elif not options.resume:

@@ -46,8 +46,12 @@ def build_learner(
         InputError: a file of the run is damaged.
     """
     config = options.config
-    checkpoint = Checkpoint(folder.checkpoint, algorithm, config.learning.algorithm)
-    state = checkpoint.load() if options.resume and folder.checkpoint.exists() else None
+    checkpoint = Checkpoint(
+        folder.checkpoint, folder.previous, algorithm, config.learning.algorithm
+    )
+    # A run that ended before its first checkpoint has no table either.
+    begun = any(path.exists() for path in (folder.checkpoint, folder.previous, folder.epochs))
+    state = checkpoint.load(display.line) if options.resume and begun else None
     keys = RunKeys(folder.name, replay.run_id)
     clock = RunClock()
     phases = Phases(config, clock)

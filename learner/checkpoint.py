@@ -6,7 +6,6 @@ noise of their own.
 """
 
 import json
-import os
 import shutil
 import threading
 import zlib
@@ -35,9 +34,9 @@ class Checkpoint:
         name: its name in the registry.
     """
 
-    def __init__(self, path: Path, algorithm: Algorithm, name: str) -> None:
+    def __init__(self, path: Path, previous: Path, algorithm: Algorithm, name: str) -> None:
         self.path = path
-        self.previous = path.with_name(f"{path.stem}.previous{path.suffix}")
+        self.previous = previous
         self._algorithm = algorithm
         self._name = name
 
@@ -51,40 +50,34 @@ class Checkpoint:
             name: value.detach().cpu().contiguous()
             for name, value in self._algorithm.state().items()
         }
-        metadata = {
-            "algorithm": self._name,
-            "state": json.dumps(state),
-            "crc32": str(_crc32(tensors)),
-        }
-        content = save(tensors, metadata)
-        if self.path.exists():
-            # A link first, so that there is a checkpoint at `path` at every moment.
-            kept = self.path.with_name(self.path.name + ".kept")
-            kept.unlink(missing_ok=True)
-            os.link(self.path, kept)
-            kept.replace(self.previous)
-        write_atomically(self.path, content)
+        metadata = {"algorithm": self._name, "state": json.dumps(state)}
+        metadata["checksum"] = str(_crc32(tensors, metadata["state"]))
+        write_atomically(self.path, save(tensors, metadata), self.previous)
 
-    def load(self) -> dict[str, Any]:
-        """Puts the state at ``path`` into the algorithm and returns the counters.
+    def load(self, say: Callable[[str], None]) -> dict[str, Any]:
+        """Puts the newest state that is whole into the algorithm and returns the counters.
+
+        Args:
+            say: takes a sentence for people.
 
         Raises:
-            InputError: the file is damaged, or of another algorithm, network or optimizer.
+            InputError: no file is whole, or it is of another algorithm, network or optimizer.
         """
         try:
-            with safe_open(self.path, "pt") as file:
-                metadata = file.metadata() or {}
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            if metadata["crc32"] != str(_crc32(tensors)):
-                raise ValueError("its checksum does not fit")
-            state: dict[str, Any] = json.loads(metadata["state"])
-        except (SafetensorError, OSError, LookupError, ValueError) as error:
-            advice = "start the run anew under another name"
-            if self.previous.exists():
-                advice = f"copy {self.previous.name} over it to go on from the one before"
-            raise InputError(
-                f"the checkpoint {self.path} is damaged ({error}): {advice}."
-            ) from None
+            metadata, tensors, state = _read(self.path)
+        except _DAMAGE as error:
+            try:
+                metadata, tensors, state = _read(self.previous)
+            except _DAMAGE:
+                raise InputError(
+                    f"the checkpoint {self.path} is damaged or missing ({error}), and there is "
+                    "none before it: start the run anew under another name."
+                ) from None
+            self.previous.replace(self.path)  # or the next one would keep the damaged one
+            say(
+                f"WARNING: the checkpoint {self.path} is damaged or missing ({error}): the run "
+                f"goes on from {self.previous.name}, the one before."
+            )
         # Former checkpoints do not name it.
         if (made_with := metadata.get("algorithm", self._name)) != self._name:
             raise InputError(
@@ -123,8 +116,28 @@ class Checkpoint:
         return shutil.disk_usage(self.path.parent).free
 
 
-def _crc32(tensors: dict[str, Tensor]) -> int:
-    checksum = 0
+_DAMAGE = (SafetensorError, OSError, LookupError, ValueError, RecursionError)
+"""What reading raises of a file that is not what was written, or not there."""
+
+
+def _read(path: Path) -> tuple[dict[str, str], dict[str, Tensor], dict[str, Any]]:
+    """Returns metadata, tensors and counters of a checkpoint that is whole."""
+    if path.exists() and not path.is_file():
+        raise ValueError("it is not a regular file")
+    with safe_open(path, "pt") as file:
+        metadata = file.metadata() or {}
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    if "checksum" in metadata:
+        whole = metadata["checksum"] == str(_crc32(tensors, metadata["state"]))
+    else:  # those of former versions left the counters out
+        whole = metadata["crc32"] == str(_crc32(tensors))
+    if not whole:
+        raise ValueError("its checksum does not fit")
+    return metadata, tensors, json.loads(metadata["state"])
+
+
+def _crc32(tensors: dict[str, Tensor], text: str = "") -> int:
+    checksum = zlib.crc32(text.encode())
     for name in sorted(tensors):
         checksum = zlib.crc32(tensors[name].numpy().tobytes(), zlib.crc32(name.encode(), checksum))
     return checksum

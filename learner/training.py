@@ -94,7 +94,8 @@ class Learner:
         self.clock.restore(float(state["seconds"]))
         self.phases.restore(state)
         self.algorithm.reseed(self.phases.updates)
-        self.evaluation.restore(state["tests"])
+        for epoch in self.evaluation.restore(state["tests"]):
+            self.telemetry.say(f"Epoch {epoch} stays untested: its snapshot is missing.")
         self.registry.restore(state["actors"])
 
     def start(self) -> None:

@@ -15,18 +15,35 @@ from common.run.config import RunConfig
 from common.run.stored_config import differences, from_mapping, to_json
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Replace ``path`` by ``content``: whoever reads sees the old or the new, never a half."""
-    fresh = path.with_name(path.name + ".tmp")
+def write_atomically(path: Path, content: bytes, former: Path | None = None) -> None:
+    """Replace ``path`` by ``content``: whoever reads sees the old or the new, never a half.
+
+    It is on the disk when this returns.
+
+    Args:
+        former: where to keep what was at ``path``; nothing changes there if writing fails.
+    """
+    fresh, kept = path.with_name(path.name + ".tmp"), path.with_name(path.name + ".kept")
+    fresh.unlink(missing_ok=True)  # of a process that was killed, or a link to somewhere else
     try:
-        with fresh.open("wb") as file:
+        with fresh.open("xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
+        if former is not None and path.exists():
+            # A link first, so that there is a file at `path` at every moment.
+            kept.unlink(missing_ok=True)
+            os.link(path, kept)
+            kept.replace(former)
     except OSError:
         fresh.unlink(missing_ok=True)  # half a file, on a disk that is full of it
         raise
     fresh.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # or a power failure brings the old name back
+    finally:
+        os.close(folder)
 
 
 Part = Literal["learner", "replay"]
@@ -43,7 +60,9 @@ class RunFolder:
         self.initial = path / "initial.safetensors"
         """The weights that it began with, where they were not fresh ones."""
         self.checkpoint = path / "checkpoint.safetensors"
-        """The learner's whole state; with ``.previous``, the one before."""
+        """The learner's whole state."""
+        self.previous = path / "checkpoint.previous.safetensors"
+        """The one before."""
         self.held_out = path / "held_out.safetensors"
         """The states on which the mean max-Q is measured."""
         self.snapshots = path / "snapshots"

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-from common.errors import InputError
 from common.run.folder import write_atomically
 
 
@@ -22,17 +21,9 @@ class Snapshots:
     def read(self, epoch: int) -> bytes:
         return self._file(epoch).read_bytes()
 
-    def require(self, epoch: int) -> None:
-        """Refuse to continue without the weights of an epoch.
-
-        Raises:
-            InputError: they are not there.
-        """
-        if not self._file(epoch).exists():
-            raise InputError(
-                f"{self._file(epoch)} is missing, which epoch {epoch}'s test needs: put it back, "
-                "or start a new run."
-            )
+    def has(self, epoch: int) -> bool:
+        """Whether the weights of an epoch are there."""
+        return self._file(epoch).is_file()
 
     def remove(self, epoch: int) -> None:
         self._file(epoch).unlink(missing_ok=True)

@@ -14,6 +14,7 @@ import pytest
 import torch
 from safetensors import safe_open
 
+from common.errors import InputError
 from common.network import build_network
 from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
@@ -126,3 +127,17 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
         assert after["seconds"] >= before["seconds"]
         assert json.loads(again.folder.summary.read_text())["agent_steps"] == 18 * 8
     assert again.folder.epochs.read_text().splitlines()[: len(rows)] == rows
+
+    again.folder.checkpoint.unlink()
+    with place(tmp_path, actor, resume=True, steps_goal=None) as last:
+        assert last.learner.phases.updates > 0
+        last.learner.start()
+    table = again.folder.epochs.read_bytes()
+    again.folder.checkpoint.unlink()
+    again.folder.previous.unlink()
+    with (
+        pytest.raises(InputError, match=r"is damaged or missing .* there is none before it"),
+        place(tmp_path, actor, resume=True, steps_goal=None),
+    ):
+        pass
+    assert again.folder.epochs.read_bytes() == table

@@ -1,11 +1,15 @@
 """Checkpoints: whole, atomic, refused when damaged, and written only where there is room."""
 
+import errno
+import os
+import re
 import shutil
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 import torch
@@ -18,7 +22,7 @@ from common.run.config import LearningConfig
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.interface import Algorithm
 from learner.algorithm.qr_dqn import qr_dqn
-from learner.checkpoint import Checkpoint
+from learner.checkpoint import Checkpoint, _crc32
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch
 
@@ -32,7 +36,19 @@ def _algorithm(seed: int, optimizer: Literal["adam", "rmsprop"] = "adam") -> Alg
 
 
 def checkpoint_of(folder: Path, algorithm: Algorithm, name: str = "dqn") -> Checkpoint:
-    return Checkpoint(folder / "checkpoint.safetensors", algorithm, name)
+    return Checkpoint(
+        folder / "checkpoint.safetensors",
+        folder / "checkpoint.previous.safetensors",
+        *(algorithm, name),
+    )
+
+
+def load(checkpoint: Checkpoint) -> dict[str, Any]:
+    """What it holds, where nothing needs to be said."""
+    said: list[str] = []
+    state = checkpoint.load(said.append)
+    assert said == []
+    return state
 
 
 @pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
@@ -45,7 +61,7 @@ def test_training_goes_on_as_if_it_had_never_stopped(
     checkpoint_of(tmp_path, steady).save({"updates": 3, "scores": [1.5, -2.0]})
     resumed = _algorithm(99, optimizer)
 
-    state = checkpoint_of(tmp_path, resumed).load()
+    state = load(checkpoint_of(tmp_path, resumed))
 
     assert state == {"updates": 3, "scores": [1.5, -2.0]}
     for seed in range(3, 6):
@@ -65,13 +81,13 @@ def test_the_one_before_is_kept(tmp_path: Path) -> None:
     checkpoint = checkpoint_of(tmp_path, _algorithm(0))
     for updates in (1, 2, 3):
         checkpoint.save({"updates": updates})
-    assert checkpoint.load() == {"updates": 3}
+    assert load(checkpoint) == {"updates": 3}
     assert {file.name for file in tmp_path.iterdir()} == {
         "checkpoint.safetensors",
         "checkpoint.previous.safetensors",
     }
     checkpoint.previous.replace(checkpoint.path)
-    assert checkpoint.load() == {"updates": 2}
+    assert load(checkpoint) == {"updates": 2}
 
 
 @pytest.mark.parametrize("spot", [0.001, 0.3, 0.6, 0.99])
@@ -84,23 +100,77 @@ def test_a_flipped_bit_is_noticed(tmp_path: Path, spot: float) -> None:
     content[int(len(content) * spot)] ^= 0x10
     checkpoint.path.write_bytes(content)
     with pytest.raises(InputError, match="damaged"):
-        checkpoint_of(tmp_path, _algorithm(1)).load()
+        load(checkpoint_of(tmp_path, _algorithm(1)))
 
 
-def test_a_truncated_file_is_noticed_and_the_way_out_is_named(tmp_path: Path) -> None:
+def test_counters_that_changed_on_the_disk_are_noticed(tmp_path: Path) -> None:
+    checkpoint = checkpoint_of(tmp_path, _algorithm(0))
+    checkpoint.save({"updates": 1_234})
+    content = checkpoint.path.read_bytes()
+    checkpoint.path.write_bytes(content.replace(b"1234", b"1235"))
+    with pytest.raises(InputError, match="checksum does not fit"):
+        load(checkpoint)
+
+
+def _cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def _into_a_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)  # who opens one waits for a writer for ever
+
+
+@pytest.mark.parametrize("spoil", [_cut, Path.unlink, _into_a_pipe])
+def test_the_one_before_takes_the_place_of_one_that_is_damaged_or_missing(
+    tmp_path: Path, spoil: Callable[[Path], None]
+) -> None:
     checkpoint = checkpoint_of(tmp_path, _algorithm(0))
     for updates in (1, 2):
         checkpoint.save({"updates": updates})
-    checkpoint.path.write_bytes(checkpoint.path.read_bytes()[:-100])
-    with pytest.raises(InputError, match=r"copy checkpoint\.previous\.safetensors over it"):
-        checkpoint.load()
+    spoil(checkpoint.path)
+    said: list[str] = []
+    assert checkpoint_of(tmp_path, _algorithm(1)).load(said.append) == {"updates": 1}
+    assert re.match(
+        f"WARNING: the checkpoint {checkpoint.path} is damaged or missing .*: the run goes on "
+        r"from checkpoint\.previous\.safetensors, the one before\.$",
+        said[0],
+    )
+    checkpoint.save({"updates": 3})  # and keeps the whole one, not the damaged one
+    checkpoint.path.unlink()
+    assert checkpoint.load(said.append) == {"updates": 1}
+    checkpoint.path.unlink()
+    with pytest.raises(InputError, match="and there is none before it"):
+        checkpoint.load(said.append)
+
+
+def test_a_checkpoint_that_cannot_be_written_leaves_both_as_they_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checkpoint = checkpoint_of(tmp_path, _algorithm(0))
+    for updates in (1, 2):
+        checkpoint.save({"updates": updates})
+
+    def fails(file: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("common.run.folder.os.fsync", fails)
+        with pytest.raises(OSError, match="No space"):
+            checkpoint.save({"updates": 3})
+    assert load(checkpoint) == {"updates": 2}
+    assert checkpoint.path.stat().st_ino != checkpoint.previous.stat().st_ino
+    assert {file.name for file in tmp_path.iterdir()} == {
+        "checkpoint.safetensors",
+        "checkpoint.previous.safetensors",
+    }
 
 
 def test_another_networks_checkpoint_is_refused(tmp_path: Path) -> None:
     checkpoint_of(tmp_path, _algorithm(0)).save({"updates": 1})
     other = double_dqn(QNetwork(18), LearningConfig(), CPU)
     with pytest.raises(InputError, match="is of another network or optimizer"):
-        checkpoint_of(tmp_path, other).load()
+        load(checkpoint_of(tmp_path, other))
 
 
 def test_another_algorithms_checkpoint_names_the_flag(tmp_path: Path) -> None:
@@ -109,7 +179,7 @@ def test_another_algorithms_checkpoint_names_the_flag(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"made with the algorithm qr_dqn: add --learning.algorithm qr_dqn\.$"
     ):
-        checkpoint_of(tmp_path, _algorithm(0)).load()
+        load(checkpoint_of(tmp_path, _algorithm(0)))
 
 
 def test_a_checkpoint_from_before_it_named_its_algorithm_is_read(tmp_path: Path) -> None:
@@ -118,9 +188,10 @@ def test_a_checkpoint_from_before_it_named_its_algorithm_is_read(tmp_path: Path)
     with safe_open(checkpoint.path, "pt") as file:
         metadata = file.metadata()
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    del metadata["algorithm"]
+    del metadata["algorithm"], metadata["checksum"]
+    metadata["crc32"] = str(_crc32(tensors))
     checkpoint.path.write_bytes(save(tensors, metadata))
-    assert checkpoint.load() == {"updates": 1}
+    assert load(checkpoint) == {"updates": 1}
 
 
 class Disk:
@@ -141,7 +212,7 @@ def checkpoint(tmp_path: Path) -> Checkpoint:
     """One of a MiB; two more must fit."""
     path = tmp_path / "checkpoint.safetensors"
     path.write_bytes(bytes(2**20))
-    return Checkpoint(path, SimpleNamespace(), "dqn")  # type: ignore[arg-type]
+    return checkpoint_of(tmp_path, SimpleNamespace())  # type: ignore[arg-type]
 
 
 class Stop(threading.Event):

@@ -221,7 +221,7 @@ class World:
                 add=self.add,
                 take_finished=self.take_finished,
                 state=lambda: [test.epoch for test in self.pending],
-                restore=lambda state: self.log.append(("tests", state)),
+                restore=lambda state: self.log.append(("tests", state)) or [9],
                 settle=lambda test, best: self.log.append(("settle", test.epoch, best)),
                 sweep=lambda: self.log.append("sweep"),
                 finish=lambda: self.log.append("evaluators may leave"),
@@ -359,6 +359,7 @@ def test_a_resumed_run_has_all_its_counters() -> None:
     assert second.published[0][1] == 90
     assert ("reseed", 90) in second.log
     assert ("tests", [1]) in second.log
+    assert second.said == ["Epoch 9 stays untested: its snapshot is missing."]
     assert ("actors", ["a"]) in second.log
     second.stop.set()
     learner.run()

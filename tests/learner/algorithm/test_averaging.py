@@ -70,9 +70,9 @@ def test_an_algorithm_publishes_the_mean_and_learns_without_it() -> None:
 def test_a_checkpoint_keeps_both_and_gives_away_the_mean(tmp_path: Path) -> None:
     path, algorithm = tmp_path / "checkpoint.safetensors", _algorithm(0.5)
     learn(algorithm, random_batch())
-    Checkpoint(path, algorithm, "dqn").save({})
+    Checkpoint(path, tmp_path / "previous", algorithm, "dqn").save({})
     resumed = _algorithm(0.5)
-    Checkpoint(path, resumed, "dqn").load()
+    Checkpoint(path, tmp_path / "previous", resumed, "dqn").load(print)
     for each in (algorithm, resumed):
         learn(each, random_batch(seed=1))
     assert encode_weights(resumed.online) == encode_weights(algorithm.online)
