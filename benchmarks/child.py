@@ -42,15 +42,29 @@ def end_as_by_ctrl_c() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
-def run_module(module: str, *arguments: str) -> None:
+def run_module(module: str, *arguments: str, quiet: bool = False) -> None:
     """Runs ``python -m module`` on this terminal, and waits until it has ended.
+
+    When this process is interrupted, the module is asked to end, and may still write a checkpoint.
+
+    Args:
+        quiet: whether only its errors are shown.
 
     Raises:
         InputError: it failed, and has said why.
     """
-    ended = subprocess.run([sys.executable, "-m", module, *arguments], check=False)
-    if ended.returncode:
-        raise InputError(f"python -m {module} ended with exit code {ended.returncode}, see above.")
+    output = subprocess.DEVNULL if quiet else None
+    process = subprocess.Popen([sys.executable, "-m", module, *arguments], stdout=output)
+    try:
+        process.wait()
+    except KeyboardInterrupt:
+        process.terminate()
+        process.wait()
+        raise
+    if process.returncode:
+        raise InputError(
+            f"python -m {module} ended with exit code {process.returncode}, see above."
+        )
 
 
 class Helper(Child):

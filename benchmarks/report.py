@@ -18,7 +18,7 @@ from rich.table import Table as RichTable
 
 from benchmarks.child import check_folder, end_as_by_ctrl_c
 from common.checked import FromOne
-from common.errors import exit_on_input_error
+from common.errors import InputError, exit_on_input_error
 from common.process.command_line import check_bounds
 from learner.telemetry.provenance import provenance
 
@@ -121,6 +121,28 @@ def write(file: Path, content: Row) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     whole = {**content, **provenance()}
     file.write_text(json.dumps(whole, indent=2) + "\n")
+
+
+def resumed(file: Path | None, about: Row, what: str) -> dict[str, Any]:
+    """Returns what an interrupted experiment left in ``file``; ``about`` where there is none yet.
+
+    Args:
+        about: what the experiment is, of JSON's types; part of its results.
+        what: names it, for a person.
+
+    Raises:
+        InputError: the results are of another experiment.
+    """
+    if file is None or not file.exists():
+        return dict(about)
+    try:
+        found: dict[str, Any] = json.loads(file.read_bytes())
+        same = all(found[name] == value for name, value in about.items())
+    except (ValueError, TypeError, KeyError):
+        same = False
+    if not same:
+        raise InputError(f"{file} holds no {what}: name another file.")
+    return found
 
 
 def cell(value: object) -> str:

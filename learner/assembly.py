@@ -57,7 +57,7 @@ def build_learner(
     phases = Phases(config, clock)
     registry = ActorRegistry(transport, keys)
     evaluation = EvaluationCoordinator(
-        Snapshots(folder.snapshots),
+        Snapshots(folder.snapshots, keep=options.keep_snapshots),
         config.protocol,
         evaluators=lambda: registry.alive("evaluator"),
         seconds=clock.seconds,

@@ -48,6 +48,9 @@ class LearnerOptions:
     steps: int | None = None
     """Agent steps, the warm-up included, after which the run ends by itself: at the first update
     after them. What the actors play until then counts too."""
+    keep_snapshots: bool = False
+    """Keep each epoch's weights in the run's snapshots/, 1 to 7 MB each, as epoch-0001.safetensors
+    and so on; epochs.csv tells their wall clock and steps."""
     local: bool = False
     """Local mode: start actors and evaluators on this machine, and end them with the learner."""
     actors: FromOne = 1

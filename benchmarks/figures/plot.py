@@ -4,9 +4,10 @@
 wall clock) take folders of runs, or their ``epochs.csv`` under any name, those of 2017 too; runs
 that are the same but for the seed become thin lines with their mean as a thick one.
 `--figure delay` takes tables of `python -m benchmarks.lab.ladder` or `python -m
-benchmarks.lab.actuation_latency`, `--figure robustness` files of `python -m
-benchmarks.lab.robustness --json`, `--figure histogram` files of `python -m learner --evaluate …
---json`, `--figure scaling` one of `python -m benchmarks.scaling --json`.
+benchmarks.lab.actuation_latency`, `--figure race` files of `python -m benchmarks.lab.race --json`,
+`--figure robustness` files of `python -m benchmarks.lab.robustness --json`, `--figure histogram`
+files of `python -m learner --evaluate … --json`, `--figure scaling` one of
+`python -m benchmarks.scaling --json`.
 """
 
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.figures.plot_delay import delay_figure, read_ladders
 from benchmarks.figures.plot_histogram import histogram_figure, read_evaluations
+from benchmarks.figures.plot_race import race_figure
 from benchmarks.figures.plot_robustness import read_grid, robustness_figure
 from benchmarks.figures.plot_runs import Phase, epochs_figure, progress_figure, read_groups
 from benchmarks.figures.plot_scaling import scaling_figure
@@ -33,9 +35,12 @@ class Options:
     """Folders of runs or their CSV files; of delay and histogram, the files of results."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("figure.png")
     """Picture to write: .png, .svg or .pdf."""
-    figure: Literal["epochs", "progress", "delay", "histogram", "robustness", "scaling"] = "epochs"
+    figure: Literal["epochs", "progress", "delay", "histogram", "race", "robustness", "scaling"] = (
+        "epochs"
+    )
     """Reward and mean max-Q by epoch; reward by steps and wall clock; score by delay of the keys
     (from ladder.csv or late_keys.csv); scores of the games of evaluations (from their JSON);
+    score by wall clock of training (from the JSON of races);
     score by added latency and optics (from the JSON of robustness);
     steps per second by number of actors (from scaling.json)."""
     phase: Phase = "test"
@@ -68,6 +73,8 @@ def draw(options: Options) -> Figure:
             return histogram_figure(
                 [each for path in options.paths for each in read_evaluations(path)]
             )
+        case "race":
+            return race_figure(options.paths)
         case "robustness":
             return robustness_figure([read_grid(path) for path in options.paths])
         case "scaling":

@@ -118,6 +118,7 @@ def draw_series(axes: Axes, series: Sequence[Series], *, means: bool = True) -> 
             for line in lines:
                 axes.plot(*line.T, color=colour, linewidth=_THIN, alpha=0.55 if means else 1.0)
             if not means:
+                axes.lines[-1].set_label(f"{name}, {len(lines)} seeds")
                 continue
             thick = mean_line(lines)
             name = f"{name}, mean of {len(lines)} seeds"

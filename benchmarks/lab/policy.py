@@ -30,9 +30,14 @@ def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
 
 
 def evaluate(
-    network: Path, games: int, epsilon: float = EPSILON, flags: Sequence[str] = ()
+    network: Path,
+    games: int,
+    epsilon: float = EPSILON,
+    flags: Sequence[str] = (),
+    *,
+    quiet: bool = False,
 ) -> dict[str, Any]:
-    """Returns what the evaluation wrote as JSON; its table goes to the terminal.
+    """Returns what the evaluation wrote as JSON; its table goes to the terminal unless ``quiet``.
 
     Args:
         flags: settings other than those under which the network was trained.
@@ -43,7 +48,7 @@ def evaluate(
     with scratch() as folder:
         found = folder / "evaluation.json"
         asked = ["--games", f"{games}", "--epsilon", f"{epsilon}", "--json", str(found)]
-        run_module("learner", "--evaluate", str(network), *asked, *flags)
+        run_module("learner", "--evaluate", str(network), *asked, *flags, quiet=quiet)
         content: dict[str, Any] = json.loads(found.read_bytes())
         return content
 

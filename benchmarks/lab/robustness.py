@@ -10,7 +10,6 @@ map, or as a curve where there is one optics only, as with
 """
 
 import hashlib
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,7 +18,7 @@ import tyro
 from annotated_types import Ge, Le, MinLen
 
 from benchmarks.lab.policy import EPSILON, evaluate
-from benchmarks.report import BenchmarkOptions, Report, Table, main, write
+from benchmarks.report import BenchmarkOptions, Report, Table, main, resumed, write
 from common.checked import Fraction, FromOne
 from common.errors import InputError
 from common.press_latency import ms_of
@@ -129,19 +128,8 @@ class _Grid:
             "games": options.games,
             "seed": options.seed,
         }
-        self._cells: list[dict[str, Any]] = []
-        if self._file is not None and self._file.exists():
-            try:
-                found = json.loads(self._file.read_bytes())
-                same = all(found[name] == value for name, value in self._about.items())
-                self._cells = list(found["cells"])
-            except (ValueError, TypeError, KeyError):
-                same = False
-            if not same:
-                raise InputError(
-                    f"{self._file} holds no grid of this network, games, ε, sticky and seed: "
-                    "name another file."
-                )
+        found = resumed(self._file, self._about, "grid of this network, games, ε, sticky and seed")
+        self._cells: list[dict[str, Any]] = found.get("cells", [])
 
     def find(self, optics: str, latency: int) -> dict[str, Any] | None:
         place = (optics, latency)

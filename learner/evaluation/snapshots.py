@@ -1,4 +1,4 @@
-"""Weights on disk: of each epoch that is still to be tested, and of the best test so far."""
+"""Weights on disk: of the best test so far, and of each epoch until it is tested or for good."""
 
 import json
 from pathlib import Path
@@ -8,30 +8,38 @@ from common.run.folder import write_atomically
 
 
 class Snapshots:
-    """The folder ``snapshots/`` of a run."""
+    """The folder ``snapshots/`` of a run.
 
-    def __init__(self, folder: Path) -> None:
+    Args:
+        keep: whether each epoch's weights stay.
+    """
+
+    def __init__(self, folder: Path, *, keep: bool = False) -> None:
         self._folder = folder
+        self._keep = keep
 
     def write(self, epoch: int, weights: bytes) -> None:
         """Keep the weights of an epoch until `remove` or `keep_as_best`."""
         self._folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(self._file(epoch), weights)
+        write_atomically(self.file(epoch), weights)
 
     def read(self, epoch: int) -> bytes:
-        return self._file(epoch).read_bytes()
+        return self.file(epoch).read_bytes()
 
     def has(self, epoch: int) -> bool:
         """Whether the weights of an epoch are there."""
-        return self._file(epoch).is_file()
+        return self.file(epoch).is_file()
 
     def remove(self, epoch: int) -> None:
-        self._file(epoch).unlink(missing_ok=True)
+        """Delete the weights of an epoch, unless all are kept."""
+        if not self._keep:
+            self.file(epoch).unlink(missing_ok=True)
 
     def keep_as_best(self, epoch: int, card: dict[str, Any]) -> None:
         """Let an epoch's weights be ``best.safetensors``, and ``card`` say what they are."""
-        self._file(epoch).replace(self._folder / "best.safetensors")
+        write_atomically(self._folder / "best.safetensors", self.read(epoch))
         write_atomically(self._folder / "best.json", json.dumps(card, indent=2).encode())
+        self.remove(epoch)
 
-    def _file(self, epoch: int) -> Path:
+    def file(self, epoch: int) -> Path:
         return self._folder / f"epoch-{epoch:04d}.safetensors"

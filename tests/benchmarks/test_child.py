@@ -1,10 +1,15 @@
 """Processes that a benchmark starts: helpers that answer, and modules that fail."""
 
+import signal
+import threading
+from pathlib import Path
+
 import pytest
 
 from benchmarks.child import Helper, run_module
 from benchmarks.hosted_run import HostedRun
 from common.errors import InputError
+from tests.patience import wait_until
 
 
 def test_a_helper_that_ends_is_told_by_its_name() -> None:
@@ -22,6 +27,35 @@ def test_a_helper_that_ends_is_told_by_its_name() -> None:
 def test_a_module_that_fails_is_told() -> None:
     with pytest.raises(InputError, match="ended with exit code 2"):
         run_module("json.tool", "--none")
+
+
+WAITS = """
+import pathlib, signal, sys
+def leave(*_):
+    pathlib.Path("left").touch()
+    sys.exit()
+signal.signal(signal.SIGTERM, leave)
+pathlib.Path("ready").touch()
+signal.pause()
+"""
+
+
+def test_a_module_is_asked_to_end_before_an_interrupt_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "waits.py").write_text(WAITS)
+    monkeypatch.chdir(tmp_path)
+    main = threading.main_thread().ident
+    assert main is not None
+
+    def interrupt() -> None:
+        wait_until((tmp_path / "ready").exists, "it works")
+        signal.pthread_kill(main, signal.SIGINT)
+
+    threading.Thread(target=interrupt).start()
+    with pytest.raises(KeyboardInterrupt):
+        run_module("waits")
+    assert (tmp_path / "left").exists()
 
 
 def test_a_run_that_cannot_be_hosted_says_why() -> None:

@@ -75,6 +75,8 @@ def test_curves_keep_the_names_that_they_always_had() -> None:
 
 def test_columns_of_gates_keep_their_names_and_their_order() -> None:
     known = [
+        "train_reward",
+        "games",
         "valid_frames",
         "following_frames",
         "pixel_deviation",

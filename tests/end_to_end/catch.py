@@ -9,6 +9,7 @@ two go left and two stay.
 
 import sys
 import threading
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -22,6 +23,9 @@ from actors.member import Member
 from actors.policy import Policy
 from common.network import build_network
 from common.process.lifeline import on_signals
+from common.registry import Environment
+from common.run.clock import ClockConfig
+from common.run.config import RunConfig
 from common.run.join import find_run
 from common.transport.zenoh_transport import connect
 
@@ -37,6 +41,10 @@ RANDOM_SCORE = -0.72
 
 
 class Catch(gymnasium.Env[NDArray[np.uint8], int]):
+    @classmethod
+    def of_run(cls, config: RunConfig, clock: ClockConfig, *, training: bool) -> "Catch":
+        return cls()
+
     def __init__(self) -> None:
         self.observation_space = gymnasium.spaces.Box(0, 255, (HISTORY, 84, 84), np.uint8)
         self.action_space = gymnasium.spaces.Discrete(len(MOVES))  # type: ignore[assignment]
@@ -74,6 +82,20 @@ class Catch(gymnasium.Env[NDArray[np.uint8], int]):
             "keys_match": True,
             "elapsed": 1,
         }
+
+
+CATCH = Environment("catch", "tests.end_to_end.catch:Catch.of_run", lambda config: len(MOVES))
+"""For `--env catch`, where an installed package's metadata name it; see `install`."""
+
+
+def install(folder: Path) -> None:
+    """Makes `CATCH` an entry point of what is installed in ``folder``."""
+    metadata = folder / "catch-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Name: catch\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(
+        "[ale_robot.environments]\ncatch = tests.end_to_end.catch:CATCH\n"
+    )
 
 
 def main(endpoint: str, name: str, role: str) -> None:

@@ -43,10 +43,12 @@ def added(registry: Registry[Any], entry: Any) -> Iterator[None]:
         del registry._entries[entry.name]
 
 
-def learned(config: RunConfig, runs: Path, steps: int) -> tuple[dict[str, Any], Policy]:
+def learned(
+    config: RunConfig, runs: Path, steps: int, *, run: str = RUN, keep_snapshots: bool = False
+) -> tuple[dict[str, Any], Policy]:
     """The summary of a run of so many steps, and the policy that acted in it."""
     config.check()
-    folder = RunFolder(runs, RUN)
+    folder = RunFolder(runs, run)
     folder.path.mkdir()
     device = Device(torch.device("cpu"), bfloat16=False)
     stop = threading.Event()
@@ -55,10 +57,10 @@ def learned(config: RunConfig, runs: Path, steps: int) -> tuple[dict[str, Any], 
         hub, client = (stack.enter_context(meeting.connect()) for _ in range(2))
         memory = ReplayBuffer(config, folder.replay)
         stack.callback(memory.close)
-        stack.enter_context(ReplayServer(hub, memory, config, RUN))
+        stack.enter_context(ReplayServer(hub, memory, config, run))
         network = build_network(config, config.action_count)
         learner = build_learner(
-            LearnerOptions(config, run=RUN, runs=runs, steps=steps),
+            LearnerOptions(config, run=run, runs=runs, steps=steps, keep_snapshots=keep_snapshots),
             folder,
             hub,
             memory,
@@ -67,7 +69,7 @@ def learned(config: RunConfig, runs: Path, steps: int) -> tuple[dict[str, Any], 
             PlainDisplay(io.StringIO()),
             threading.Event(),
         )
-        keys, announced = find_run(client, RUN, PATIENCE, lambda: False)
+        keys, announced = find_run(client, run, PATIENCE, lambda: False)
         assert announced == config
         actions = announced.action_count
         env = make_env(announced, training=True)

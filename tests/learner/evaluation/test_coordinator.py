@@ -9,7 +9,7 @@ from common.errors import MessageError
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
-from learner.evaluation.coordinator import NEWCOMER, EpochTest, EvaluationCoordinator
+from learner.evaluation.coordinator import MOST_WAITING, NEWCOMER, EpochTest, EvaluationCoordinator
 from learner.evaluation.snapshots import Snapshots
 
 PROTOCOL = replace(ProtocolConfig(), test_steps=100, test_epsilon=0.05)
@@ -18,11 +18,15 @@ PROTOCOL = replace(ProtocolConfig(), test_steps=100, test_epsilon=0.05)
 class Place:
     """A coordinator, who is present, and the time."""
 
-    def __init__(self, folder: Path, *present: str) -> None:
+    def __init__(self, folder: Path, *present: str, keep: bool = False) -> None:
         self.present = set(present)
         self.now = 1_000.0
         self.coordinator = EvaluationCoordinator(
-            Snapshots(folder), PROTOCOL, lambda: self.present, lambda: 12.5, lambda: self.now
+            Snapshots(folder, keep=keep),
+            PROTOCOL,
+            lambda: self.present,
+            lambda: 12.5,
+            lambda: self.now,
         )
 
     def ask(self, name: str) -> EvaluationJob:
@@ -188,6 +192,19 @@ def test_the_best_snapshot_is_kept_and_others_go(tmp_path: Path) -> None:
     assert '"epoch": 2' in card
     assert '"mean_score": 3.0' in card
     assert not list(tmp_path.glob("epoch-*"))
+
+
+def test_all_snapshots_are_kept_where_that_is_asked_for(tmp_path: Path) -> None:
+    place = Place(tmp_path, keep=True)
+    for epoch in range(1, MOST_WAITING + 3):
+        place.coordinator.add(epoch_test(epoch), f"weights of {epoch}".encode())
+    place.coordinator.sweep()
+    place.coordinator.settle(replace(epoch_test(1), scores=[3.0]), None)
+    place.coordinator.settle(replace(epoch_test(2), scores=[1.0]), 3.0)
+    kept = {path.name: path.read_bytes() for path in tmp_path.glob("*.safetensors")}
+    names = {f"epoch-{epoch:04d}.safetensors" for epoch in range(1, MOST_WAITING + 3)}
+    assert kept.keys() == {*names, "best.safetensors"}
+    assert kept["best.safetensors"] == kept["epoch-0001.safetensors"] == b"weights of 1"
 
 
 def test_a_pending_test_survives_a_restart(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from tests.learner.telemetry.snapshots import changed, snapshot
 VALUES: dict[str, Value] = {
     "run/seconds": 61.25,
     "run/agent_steps": 1_000,
+    "play/train_reward": -20.5,
+    "play/games": 7,
     "play/valid_frame_share": 0.25,
     "play/following_frame_share": 0.75,
     "learning/pixel_deviation": 0.5,
@@ -57,6 +59,8 @@ def test_a_row_tells_values_and_which_are_red(tmp_path: Path) -> None:
     assert first == {
         "seconds": "61.2",
         "agent_steps": "1000",
+        "train_reward": "-20.5",
+        "games": "7",
         "valid_frames": "0.25",
         "following_frames": "0.75",
         "pixel_deviation": "0.5",

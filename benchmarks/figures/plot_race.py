@@ -1,0 +1,67 @@
+"""The figure of races: scores of tests against the wall clock of training."""
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.figures.plot_style import (
+    INK,
+    Points,
+    Series,
+    draw_series,
+    label,
+    legend,
+    panels,
+)
+from benchmarks.lab.ladder import MILESTONES
+from common.errors import InputError
+
+
+def race_figure(paths: Sequence[Path]) -> Figure:
+    """Returns the races that `python -m benchmarks.lab.race` wrote at ``paths``: a colour for each
+    and one for its peer, a line for each seed.
+
+    Raises:
+        InputError: a file holds something else, or nothing was tested yet.
+    """
+    series = [each for path in paths for each in _read(path)]
+    figure, (axes,) = panels(1, width=8.0, height=4.6)
+    draw_series(axes, series, means=False)
+    axes.set_xlim(left=0)
+    for name, score in MILESTONES.items():
+        axes.axhline(score, color="#888888", linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+        text = f"{score:g}" if name == f"{score:g}" else f"{score:g} ({name})"
+        right = axes.get_yaxis_transform()
+        axes.text(1, score, text, transform=right, ha="right", va="bottom", fontsize=8, color=INK)
+    label(axes, "wall clock of training (minutes)", "mean score of a game")
+    legend(figure, axes)
+    return figure
+
+
+def _read(path: Path) -> list[Series]:
+    try:
+        found = json.loads(path.read_bytes())
+        lines = [
+            _line((test["seconds"], test["mean"]) for test in run["tests"] if "mean" in test)
+            for run in found["runs"]
+        ]
+        if not any(map(len, lines)):
+            raise ValueError("nothing was tested")
+        tests = f"tests of {found['games']} games at ε = {found['epsilon']:g}"
+        series = [Series(f"{found['title']}, {tests}", lines)]
+        if peer := found.get("peer"):
+            curve = _line((seconds, mean) for seconds, _, mean in peer["curve"])
+            series.append(Series(f"{peer['name']}, training games", [curve]))
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(
+            f"{path} holds no race ({error!r}): write it with "
+            "python -m benchmarks.lab.race --json FILE."
+        ) from None
+    return series
+
+
+def _line(points: Iterable[tuple[float, float]]) -> Points:
+    return np.array([(seconds / 60, mean) for seconds, mean in points]).reshape(-1, 2)

@@ -1,0 +1,230 @@
+"""`python -m benchmarks.lab.race --env ale --seeds 3 --json FILE`: how soon training plays well.
+
+One run after another trains from scratch for a number of agent steps that is fixed before; keep the
+machine quiet meanwhile. No evaluator disturbs them: each run keeps its weights every so often, and
+afterwards each of these plays whole games, and the last ones the three evaluations of --headline.
+The same command resumes what was interrupted, and the wall clock of a run is that of all its parts;
+only a learner ended by kill -9 forgets the time since its last checkpoint.
+
+`python -m benchmarks.figures.plot --figure race FILE …` draws the tests against the wall clock.
+"""
+
+import csv
+import json
+import re
+import shlex
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from benchmarks.lab.ladder import MILESTONES
+from benchmarks.lab.policy import EPSILON, evaluate, train
+from benchmarks.peer_dqn import Point, peer_curve
+from benchmarks.peers import is_installed
+from benchmarks.report import BenchmarkOptions, Report, Table, main, resumed, write
+from common.checked import FromOne
+from common.errors import InputError
+from common.run.config import PresetName, ProtocolConfig, RunConfig
+from common.run.folder import RunFolder
+from learner.evaluation.offline import EvaluationOptions
+from learner.evaluation.snapshots import Snapshots
+from learner.phases import RECENT_GAMES
+from learner.telemetry.sinks.epochs_csv import EpochTable
+
+_PEER = "stable-baselines3 DQN"
+_TEST_EPSILON = ProtocolConfig.test_epsilon
+_SAME = ("env", "game", "preset", "learner", "steps", "every", "games")
+"""Options in which all results of a file are alike."""
+_TOLD = ("preset", "agent_steps", "updates", "wall_seconds", "git_commit", "git_dirty", "machine")
+"""What is told of a run's ``summary.json``."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Options(BenchmarkOptions):
+    """Train from scratch, and tell when training games and tests first had a mean of 0, of a
+    human's 9.3 and of 18."""
+
+    env: str = "robot"
+    """The emulator alone, or the robot."""
+    game: str = "pong"
+    """Any game that ale-py bundles."""
+    preset: PresetName | None = None
+    """Preset of the runs; by default that of the environment."""
+    learner: str = ""
+    """More flags for `python -m learner`, as in --learner="--envs 4 --learning.n-step 5"."""
+    label: str = ""
+    """Words for these settings, for the figure's legend and the names of the runs."""
+    steps: FromOne = 500_000
+    """Agent steps of each run, the warm-up included."""
+    seeds: FromOne = 3
+    """Number of runs, each with a seed of its own."""
+    seed: FromOne = 1
+    """Seed of the first run; those of the others follow it."""
+    every: FromOne = 25_000
+    """Agent steps between the weights that are tested."""
+    games: FromOne = 5
+    """Games of the test of each of these weights, with 0.05 random actions."""
+    peer: bool = False
+    """Also train stable-baselines3's DQN, for as long as the longest run, with the warm-up and the
+    ε of ours, and tell its training games. It plays Pong by the emulator alone."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs."""
+
+    def check(self) -> None:
+        super().check()
+        if self.peer and (self.env, self.game) != ("ale", "pong"):
+            raise InputError("--peer plays Pong by the emulator alone: omit it, or add --env ale.")
+
+    def flags(self, seed: int) -> list[str]:
+        """Returns the flags of a run's learner, without those of its folder and its steps."""
+        preset = ["--preset", self.preset] if self.preset else []
+        game = ["--env", self.env, "--game", self.game, "--seed", f"{seed}", "--evaluators", "0"]
+        kept = ["--keep-snapshots", "--protocol.epoch-steps", f"{self.every}"]
+        return [*preset, *game, *kept, *shlex.split(self.learner)]
+
+    def folder(self, seed: int) -> RunFolder:
+        parts = ("race", self.env, self.game, self.preset or "", self.label, f"seed-{seed}")
+        return RunFolder(self.runs, re.sub(r"[^a-z0-9]+", "-", " ".join(parts).lower()))
+
+
+def measure(options: Options) -> Report:
+    about = {name: getattr(options, name) for name in _SAME} | {"epsilon": _TEST_EPSILON}
+    found = resumed(options.json, about, "race of this budget and these flags")
+    runs: list[dict[str, Any]] = found.setdefault("runs", [])
+    notes: list[str] = []
+
+    def save() -> None:
+        if options.json is not None:
+            write(options.json, found)
+
+    known = {run["seed"] for run in runs}
+    seeds = range(options.seed, options.seed + options.seeds)
+    for seed in _told("training", [seed for seed in seeds if seed not in known]):
+        runs.append(_train(options, seed))
+        words = options.label or f"preset {runs[0]['preset']} {options.learner}".strip()
+        found["title"] = f"{words} ({options.env})"
+        save()
+    if options.peer and not is_installed("stable_baselines3"):
+        notes.append(f"{_PEER} is not installed, so not raced: pip install 'ale-robot[bench]'.")
+    elif options.peer and "peer" not in found:
+        found["peer"] = _train_peer(options, max(run["wall_seconds"] for run in runs))
+        save()
+    tests = [(run, test) for run in runs for test in run["tests"] if "mean" not in test]
+    last = [(run, None) for run in runs if "headline" not in run]
+    for run, test in _told("test", [*tests, *last]):
+        _test(options, run, test)
+        save()
+    return Report(_tables(found), found, notes)
+
+
+def _told(what: str, work: Sequence[T]) -> Iterator[T]:
+    """Yields the parts of ``work``, and says of each how much is left."""
+    began = time.monotonic()
+    for done, part in enumerate(work):
+        minutes = (time.monotonic() - began) / max(done, 1) * (len(work) - done) / 60
+        left = f", about {minutes:.0f} min left" if done else ""
+        print(f"{what} {done + 1} of {len(work)}{left}", flush=True)
+        yield part
+
+
+def _train(options: Options, seed: int) -> dict[str, Any]:
+    folder, flags = options.folder(seed), options.flags(seed)
+    interrupted = folder.checkpoint.exists()
+    train(folder, options.steps, flags)
+    summary = json.loads(folder.summary.read_text())
+    if summary["agent_steps"] < options.steps:
+        raise InputError(
+            f"{folder.name} was stopped after {summary['agent_steps']:,} of {options.steps:,} "
+            "agent steps: give the same command again to resume it."
+        )
+    command = ["python", "-m", "learner", "--local", "--steps", f"{options.steps}", *flags]
+    warm_up = summary["config"]["replay"]["learning_starts"]
+    with folder.gates.open() as file:
+        training = [
+            (float(row["seconds"]), int(row["agent_steps"]), float(row["train_reward"]))
+            for row in csv.DictReader(file)
+            if float(row["games"]) >= RECENT_GAMES
+        ]
+    return {
+        "seed": seed,
+        "command": shlex.join(command),
+        "interrupted": interrupted,
+        **{name: summary[name] for name in _TOLD},
+        "steps_per_second": summary["agent_steps"] / summary["wall_seconds"],
+        "updates_per_second": summary["updates"] / summary["wall_seconds"],
+        "training": _reached(training),
+        "tests": [
+            {
+                "epoch": row.epoch,
+                "seconds": row.total_time,
+                "agent_steps": row.total_train_steps + warm_up,
+            }
+            for row in EpochTable(folder.epochs).rows()
+            if row.phase == "train"
+        ],
+    }
+
+
+def _train_peer(options: Options, seconds: float) -> dict[str, Any]:
+    print(f"training of {_PEER}, {seconds / 60:.0f} min", flush=True)
+    config = options.folder(options.seed).stored_config() or RunConfig()
+    curve = peer_curve(config, seconds, RECENT_GAMES)
+    return {"name": _PEER, "curve": curve, "training": _reached(curve)}
+
+
+def _test(options: Options, run: dict[str, Any], test: dict[str, Any] | None) -> None:
+    """Plays the weights of a test of ``run``, or for the headline its last."""
+    folder = options.folder(run["seed"])
+    if test is None:
+        games = EvaluationOptions.games
+        found = evaluate(folder.checkpoint, games, EPSILON, ["--headline"], quiet=True)
+        run["headline"] = found["rows"]
+        return
+    network = Snapshots(folder.snapshots).file(test["epoch"])
+    found = evaluate(network, options.games, _TEST_EPSILON, quiet=True)
+    test |= {name: found[name] for name in ("sticky", "mean", "deviation", "scores")}
+    tested = [(t["seconds"], t["agent_steps"], t["mean"]) for t in run["tests"] if "mean" in t]
+    run["test"] = _reached(tested)
+
+
+def _reached(points: Sequence[Point]) -> dict[str, Any]:
+    """Returns when each milestone was first reached; None for never."""
+    first = {m: next((p for p in points if p[2] >= m), None) for m in MILESTONES.values()}
+    return {f"{m:g}": p and {"seconds": p[0], "agent_steps": p[1]} for m, p in first.items()}
+
+
+def _tables(found: dict[str, Any]) -> list[Table]:
+    runs, peers = found["runs"], [found["peer"]] if "peer" in found else []
+    recent, test = f"last {RECENT_GAMES} of training", f"test, {found['games']}"
+    first = [
+        {"run": run.get("name", f"seed {run.get('seed')}"), "games": games}
+        | {
+            f"≥ {score}": at and f"{at['seconds'] / 60:.1f} min, {at['agent_steps']:,}"
+            for score, at in run[key].items()
+        }
+        for games, key, those in ((recent, "training", [*runs, *peers]), (test, "test", runs))
+        for run in those
+    ]
+    last = [
+        {"seed": run["seed"], "minutes": run["wall_seconds"] / 60}
+        | {f"{name}/s": run[f"{name}_per_second"] for name in ("steps", "updates")}
+        | {
+            f"ε {row['epsilon']:g}, sticky {row['sticky']:g}": (
+                f"{row['mean']:.1f} ± {row['deviation']:.1f}"
+            )
+            for row in run["headline"]
+        }
+        for run in runs
+    ]
+    title = f"{found['title']}, {found['game']}"
+    return [
+        Table(f"{title}: first wall clock and agent step of a mean", first),
+        Table(f"{title}: the last weights after {found['steps']:,} steps", last),
+    ]
+
+
+if __name__ == "__main__":
+    main("lab.race", Options, measure)

@@ -1,0 +1,286 @@
+"""`benchmarks.lab.race`: training, tests of kept weights, and when a score was first reached."""
+
+import io
+import json
+import shlex
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from rich.console import Console
+
+from actors.games import GamesOptions, games
+from benchmarks import report
+from benchmarks.figures.plot import Options as Drawing
+from benchmarks.figures.plot import draw
+from benchmarks.lab import race
+from benchmarks.report import run
+from common.errors import InputError
+from common.process.command_line import parse_run
+from common.registry import ENVIRONMENTS
+from common.run.clock import ClockConfig
+from common.run.config import RunConfig
+from common.run.folder import RunFolder
+from learner.evaluation import offline
+from learner.evaluation.offline import EvaluationOptions
+from learner.options import LearnerOptions
+from learner.telemetry.sinks.epochs_csv import EpochTable
+from tests.end_to_end import catch
+from tests.end_to_end.conftest import Stage
+from tests.epoch_rows import epoch_row
+from tests.extending.whole_run import added, learned
+
+MACHINE = {"cpu": "one", "cores": 2}
+TRAINING = [
+    (10.0, 400, 40, 19.0),
+    (20.0, 800, 50, -3.0),
+    (30.0, 1_200, 60, 9.3),
+    (40.0, 1_600, 70, 0.0),
+]
+"""Seconds, agent steps, games, mean score: the first is of too few games."""
+TESTS = {1: -20.0, 2: 4.0, 3: 18.0}
+
+
+class Lab:
+    """Trainings and evaluations that only write down what they were asked for."""
+
+    def __init__(self) -> None:
+        self.trained: list[str] = []
+        self.played: list[tuple[str, int, float]] = []
+        self.left = 10**6
+        self.steps = 2_100
+
+    def train(self, folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
+        self.trained.append(folder.name)
+        assert steps == 2_000
+        options = parse_run(LearnerOptions, "learner", flags, lambda _: None)[0]
+        assert (options.keep_snapshots, options.evaluators, options.envs) == (True, 0, 4)
+        assert options.config.protocol.epoch_steps == 500
+        folder.path.mkdir(parents=True, exist_ok=True)
+        folder.checkpoint.touch()
+        summary = {
+            **{"preset": options.config.preset, "agent_steps": self.steps, "updates": 300},
+            **{"wall_seconds": 42.0, "git_commit": "c0ffee", "git_dirty": False},
+            **{"machine": MACHINE, "config": {"replay": {"learning_starts": 100}}},
+        }
+        folder.summary.write_text(json.dumps(summary))
+        lines = ["seconds,agent_steps,games,train_reward", "1.0,0,0,"]
+        lines += [",".join(map(str, row)) for row in TRAINING]
+        folder.gates.write_text("\n".join(lines) + "\n")
+        folder.epochs.unlink(missing_ok=True)
+        table = EpochTable(folder.epochs)
+        table.append(epoch_row([1.0], phase="random"))
+        for epoch in TESTS:
+            times = {"total_train_steps": 500 * epoch, "total_time": 12.0 * epoch}
+            table.append(epoch_row([1.0], epoch=epoch, phase="train", **times))
+
+    def evaluate(
+        self, network: Path, games: int, epsilon: float, flags: Sequence[str] = (), *, quiet: bool
+    ) -> dict[str, Any]:
+        if not self.left:
+            raise KeyboardInterrupt
+        self.left -= 1
+        self.played.append((network.name, games, epsilon))
+        row = {"epsilon": epsilon, "sticky": 0.0, "deviation": 1.0, "scores": []}
+        if flags:
+            assert list(flags) == ["--headline"]
+            return {"rows": [{**row, "mean": 20.0}, {**row, "sticky": 0.25, "mean": 5.0}]}
+        return {**row, "mean": TESTS[int(network.stem[-4:])]}
+
+
+@pytest.fixture
+def lab(monkeypatch: pytest.MonkeyPatch) -> Lab:
+    lab = Lab()
+    monkeypatch.setattr(race, "evaluate", lab.evaluate)
+    monkeypatch.setattr(race, "train", lab.train)
+    monkeypatch.setattr(report, "provenance", lambda: {"machine": MACHINE})
+    return lab
+
+
+def raced(folder: Path, *flags: str) -> dict[str, Any]:
+    file = folder / "race.json"
+    given = ["--env", "ale", "--steps", "2000", "--every", "500", "--learner=--envs 4"]
+    arguments = [*given, "--runs", str(folder), "--json", str(file), *flags]
+    run("lab.race", race.Options, race.measure, arguments)
+    content: dict[str, Any] = json.loads(file.read_bytes())
+    return content
+
+
+def test_a_race_tells_when_each_score_was_first_reached(
+    lab: Lab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = raced(tmp_path, "--seeds", "2", "--seed", "3", "--label", "Four envs")
+    assert lab.trained == [f"race-ale-pong-four-envs-seed-{seed}" for seed in (3, 4)]
+    assert lab.played[:3] == [(f"epoch-000{epoch}.safetensors", 5, 0.05) for epoch in (1, 2, 3)]
+    assert lab.played[-1] == ("checkpoint.safetensors", 30, 0.001)
+    assert (content["title"], content["games"]) == ("Four envs (ale)", 5)
+    first, second = content["runs"]
+    assert (first["seed"], second["seed"]) == (3, 4)
+    assert first["training"] == {
+        "0": {"seconds": 30.0, "agent_steps": 1_200},
+        "9.3": {"seconds": 30.0, "agent_steps": 1_200},
+        "18": None,
+    }
+    assert first["test"] == {  # the warm-up's 100 steps are agent steps too
+        "0": {"seconds": 24.0, "agent_steps": 1_100},
+        "9.3": {"seconds": 36.0, "agent_steps": 1_600},
+        "18": {"seconds": 36.0, "agent_steps": 1_600},
+    }
+    assert (first["steps_per_second"], first["updates_per_second"]) == (2_100 / 42, 300 / 42)
+    assert (first["machine"], first["git_commit"]) == (MACHINE, "c0ffee")
+    assert first["command"].startswith("python -m learner --local --steps 2000 --env ale")
+    said = " ".join(capsys.readouterr().out.split())
+    for words in ("training 2 of 2, about 0 min left", "0.6 min, 1,600", "20.0 ± 1.0"):
+        assert words in said
+
+
+def test_an_interrupted_race_goes_on(lab: Lab, tmp_path: Path) -> None:
+    lab.left = 2
+    with pytest.raises(KeyboardInterrupt):
+        raced(tmp_path, "--seeds", "1")
+    lab.left = 2 + 4  # the rest of the first, and all of the second
+    content = raced(tmp_path, "--seeds", "2")
+    assert len(lab.trained) == len(set(lab.trained)) == 2
+    assert len(lab.played) == 2 * 4
+    assert [each["mean"] for each in content["runs"][1]["tests"]] == list(TESTS.values())
+    before = (tmp_path / "race.json").read_bytes()
+    with pytest.raises(InputError, match="holds no race of this budget"):
+        raced(tmp_path, "--games", "6")
+    assert (tmp_path / "race.json").read_bytes() == before
+
+
+def test_a_training_that_was_stopped_is_resumed(lab: Lab, tmp_path: Path) -> None:
+    lab.steps = 1_999
+    with pytest.raises(InputError, match="stopped after 1,999 of 2,000 agent steps"):
+        raced(tmp_path, "--seeds", "1")
+    lab.steps = 2_000
+    (seed,) = raced(tmp_path, "--seeds", "1")["runs"]
+    assert (len(lab.trained), seed["interrupted"]) == (2, True)
+
+
+def test_a_peer_runs_as_long_beside_it(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def curve(config: object, seconds: float, recent: int) -> list[race.Point]:
+        assert (seconds, recent) == (42.0, 50)
+        return [(10.0, 900, -20.0), (40.0, 4_000, 1.0)]
+
+    monkeypatch.setattr(race, "peer_curve", curve)
+    monkeypatch.setattr(race, "is_installed", lambda package: package == "stable_baselines3")
+    peer = raced(tmp_path, "--seeds", "1", "--peer")["peer"]
+    assert peer["training"]["0"] == {"seconds": 40.0, "agent_steps": 4_000}
+    axes = draw(Drawing((tmp_path / "race.json",), figure="race")).axes[0]
+    lines = {line.get_label(): line.get_xydata().tolist() for line in axes.get_lines()}
+    ours = "preset fast --envs 4 (ale), tests of 5 games at ε = 0.05"
+    assert lines[ours] == [[0.2, -20.0], [0.4, 4.0], [0.6, 18.0]]
+    assert lines["stable-baselines3 DQN, training games"] == [[10 / 60, -20.0], [40 / 60, 1.0]]
+    assert [text.get_text() for text in axes.texts] == ["0", "9.3 (human)", "18"]
+
+
+def test_a_peer_that_is_not_there_is_told(
+    lab: Lab,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(race, "is_installed", lambda package: False)
+    assert "peer" not in raced(tmp_path, "--seeds", "1", "--peer")
+    assert "stable-baselines3 DQN is not installed" in capsys.readouterr().out
+    with pytest.raises(InputError, match="--peer plays Pong by the emulator alone"):
+        raced(tmp_path, "--game", "breakout", "--peer")
+
+
+QUICK = " ".join(
+    [
+        "--stream.chunk-steps 16 --stream.window 2 --protocol.held-out-states 16",
+        "--replay.learning-starts 64 --replay.capacity 5000 --replay.ratio-tolerance 64",
+        "--learning.batch-size 4 --learning.train-period 8 --learning.network nips",
+    ]
+)
+
+
+@pytest.fixture
+def one_thread() -> Iterator[None]:
+    """On a busy machine two threads of PyTorch wait for each other."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.mark.usefixtures("one_thread")
+def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Trains, keeps weights and plays games of Catch; only the processes are not there."""
+
+    def parsed(*flags: str) -> LearnerOptions:
+        return parse_run(LearnerOptions, "learner", flags, lambda _: None)[0]
+
+    def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
+        given = parsed(*flags)
+        named = {"run": folder.name, "keep_snapshots": given.keep_snapshots}
+        learned(given.config, tmp_path, steps, **named)
+
+    def play(
+        given: EvaluationOptions, config: RunConfig, flags: Sequence[str], stop: threading.Event
+    ) -> Iterator[dict[str, Any]]:
+        assert given.evaluate is not None
+        yield from games(
+            config,
+            GamesOptions(given.evaluate, "", 800, given.games, epsilon=given.epsilon),
+            stop,
+        )
+
+    def evaluate(
+        network: Path, games: int, epsilon: float, flags: Sequence[str] = (), *, quiet: bool
+    ) -> Any:
+        given = EvaluationOptions(network, bool(flags), games, epsilon=epsilon)
+        config = parsed("--env", "catch", *shlex.split(QUICK)).config
+        nobody = Console(file=io.StringIO())
+        return offline.evaluate(given, config, config, ClockConfig(), threading.Event(), nobody)
+
+    monkeypatch.setattr(race, "train", train)
+    monkeypatch.setattr(offline, "play", play)
+    monkeypatch.setattr(race, "evaluate", evaluate)
+    file = tmp_path / "race.json"
+    given = ["--env", "catch", "--steps", "400", "--every", "150", "--games", "5", "--seeds", "1"]
+    more = ["--preset", "fast", f"--learner={QUICK}", "--runs", str(tmp_path), "--json", str(file)]
+    with added(ENVIRONMENTS, catch.CATCH):
+        run("lab.race", race.Options, race.measure, [*given, *more])
+    _check(json.loads(file.read_bytes()))
+    assert draw(Drawing((file,), figure="race")).axes[0].get_ylabel() == "mean score of a game"
+
+
+@pytest.mark.slow
+def test_a_race_of_real_processes(stage: Stage) -> None:
+    catch.install(stage.folder)
+    given = ["--env", "catch", "--steps", "400", "--every", "150", "--games", "5", "--seeds", "1"]
+    file = stage.folder / "race.json"
+    more = [f"--learner=--threads 1 {QUICK}", "--json", str(file)]
+    stage.start("-m", "benchmarks.lab.race", *given, *more).ends()
+    _check(json.loads(file.read_bytes()))
+
+
+def _check(content: dict[str, Any]) -> None:
+    """What a race of Catch has to tell."""
+    (seed,) = content["runs"]
+    tests = seed["tests"]
+    assert content["epsilon"] == 0.05
+    assert [test["epoch"] for test in tests] == list(range(1, len(tests) + 1))
+    assert len(tests) >= 2
+    assert all(len(test["scores"]) == 5 for test in tests)
+    times = [test["seconds"] for test in tests]
+    assert times == sorted(set(times))
+    assert times[-1] <= seed["wall_seconds"]
+    steps = [test["agent_steps"] for test in tests]
+    assert steps == sorted(set(steps))
+    assert steps[0] >= 214
+    assert steps[-1] <= seed["agent_steps"]
+    assert seed["updates"] > 0
+    assert set(seed["training"]) == set(seed["test"]) == {"0", "9.3", "18"}
+    assert seed["test"]["9.3"] is None
+    measures = [(row["epsilon"], row["sticky"]) for row in seed["headline"]]
+    assert measures == [(0.001, 0), (0.05, 0), (0.001, 0.25)]
+    assert all(-1 <= row["mean"] <= 1 and row["games"] == 30 for row in seed["headline"])
