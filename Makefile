@@ -10,7 +10,7 @@ ACTORS ?= 1
 ARGS ?=
 RESULTS := benchmarks/results
 
-.PHONY: help setup train test test-slow test-lowest check bench lock clean
+.PHONY: help setup train test test-slow test-lowest check bench wheel lock clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ —/'
@@ -18,6 +18,8 @@ help:  ## this list
 setup: $(VENV)/.installed  ## make .venv from requirements.lock (nothing to do when it is up to date)
 
 $(VENV)/.installed: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' || \
+		{ echo "error: Python 3.11 or 3.12 is needed: install it, or name it by PYTHON=PATH." >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
@@ -45,6 +47,10 @@ bench: setup  ## measure all speeds on this machine, half an hour; the tables of
 	$(BIN)/python -m benchmarks all
 	$(BIN)/python -m benchmarks.figures.plot --figure scaling $(RESULTS)/scaling.json -o docs/scaling.png
 	$(BIN)/python -m benchmarks.figures.results_page
+
+wheel: setup  ## build the wheel that pip installs anywhere, in dist/
+	rm -rf build
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation -w dist .
 
 check: setup  ## ruff and mypy
 	$(BIN)/ruff check .

@@ -38,7 +38,7 @@ class GamesOptions:
 
     weights: Path
     """Network that plays."""
-    config: str
+    settings: str
     """Configuration of the run to play under, as JSON."""
     ending: int
     """Agent steps of a game's end that are hashed by themselves."""
@@ -94,7 +94,7 @@ def main() -> int:
         leave_with_parent(stop)
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    config = from_mapping(RunConfig, json.loads(options.config))
+    config = from_mapping(RunConfig, json.loads(options.settings))
     for result in games(config, options, stop):
         print(json.dumps(result), flush=True)
     return 0

@@ -31,12 +31,6 @@ def scratch(place: Path | None = None) -> Iterator[Path]:
         yield Path(name)
 
 
-def check_folder(folder: Path) -> None:
-    """Refuses a folder that is not there. Raises InputError."""
-    if not folder.is_dir():
-        raise InputError(f"there is no folder {folder}: make it, or name another.")
-
-
 def end_as_by_ctrl_c() -> None:
     """Let SIGTERM unwind this process, so that nothing it started is left behind."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)

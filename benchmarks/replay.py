@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.child import check_folder, scratch
+from benchmarks.child import scratch
 from benchmarks.pace import per_second
 from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
 from benchmarks.synthetic import Streams
 from common.checked import FromOne
 from common.errors import InputError
 from common.run.config import ReplayConfig, RunConfig
+from common.run.folder import check_folder
 from common.run.presets import PRESETS
 from replay.batch import Batch
 from replay.footprint import footprint

@@ -16,10 +16,11 @@ from annotated_types import Gt, MinLen
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from benchmarks.child import check_folder, end_as_by_ctrl_c
+from benchmarks.child import end_as_by_ctrl_c
 from common.checked import FromOne
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import check_bounds
+from common.run.folder import check_folder
 from learner.telemetry.provenance import provenance
 
 Numbers = Annotated[tuple[FromOne, ...], MinLen(1)]

@@ -14,7 +14,7 @@ from pydantic import AllowInfNan
 from common.checked import Count, FromOne, Patience
 from common.errors import InputError
 from common.metrics import Value
-from common.process.command_line import RunFlags
+from common.process.command_line import RunFlags, WeightsFile, started_by
 from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
@@ -42,8 +42,8 @@ class LearnerOptions:
     """Folder that holds the runs."""
     resume: bool = False
     """Resume the run of that name, under its own settings."""
-    initial: Path | None = None
-    """Network to begin with, such as policies/ale_pong.safetensors, instead of a fresh one;
+    initial: WeightsFile | None = None
+    """Network to begin with, such as ale_pong or a FILE, instead of a fresh one;
     --exploration.start then says how much of its play is random at first."""
     steps: int | None = None
     """Agent steps, the warm-up included, after which the run ends by itself: at the first update
@@ -167,4 +167,4 @@ def resume_command(arguments: Sequence[str], run: str, *, done: bool) -> str:
     flags = {argument.partition("=")[0] for argument in told}
     more = [] if "--run" in flags else ["--run", run]
     more += [] if "--resume" in flags else ["--resume"]
-    return shlex.join(["python", "-m", "learner", *told, *more])
+    return shlex.join([*started_by("learner").split(), *told, *more])

@@ -17,6 +17,7 @@ ARROWS = {
     "learner": {"common", "replay"},
     "actors": {"common"},
     "viewer": {"common", "actors"},
+    "ale_robot": {"common", "learner", "actors", "viewer"},
     "benchmarks": {"common", "replay", "learner", "actors", "viewer"},
 }
 """By package, the others that it may import."""

@@ -18,13 +18,22 @@ from common.process.lifeline import on_signals
 from viewer.check import Check
 from viewer.draws import Draws
 from viewer.human import Human
+from viewer.policies import Policies
 from viewer.show import Play
+from viewer.watch import Watch
 
-COMMANDS: Any = Check | Play | Human | Draws
+COMMANDS: dict[str, Any] = {
+    kind.__name__.lower(): kind for kind in (Watch, Play, Human, Check, Draws, Policies)
+}
 
 
 def main() -> int:
-    command = parse(COMMANDS, "viewer", sys.argv[1:])
+    name, *arguments = sys.argv[1:] or ["--help"]
+    if (kind := COMMANDS.get(name)) is None:
+        every: Any = Watch | Play | Human | Check | Draws | Policies
+        command = parse(every, "viewer", [name, *arguments])
+    else:
+        command = parse(kind, f"viewer {name}", arguments)
     stop = threading.Event()
     on_signals(stop)
     torch.set_num_threads(1)

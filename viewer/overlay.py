@@ -49,13 +49,17 @@ def caption(picture: NDArray[np.uint8], text: str, colour: Colour = WHITE) -> No
 
 
 def outline(
-    picture: NDArray[np.uint8], corners: NDArray[np.float32], scale: float, colour: Colour
+    picture: NDArray[np.uint8],
+    corners: NDArray[np.float32],
+    scale: float,
+    colour: Colour,
+    thickness: int = 2,
 ) -> None:
     """Draw a quadrilateral, to a sixteenth of a pixel; ``corners float32 [4, 2]`` are in pixels of
     what ``picture`` shows ``scale`` times as large."""
     # Corners count pixel centres.
     fine = np.round(((corners + 0.5) * scale - 0.5) * 16).astype(np.int32)
-    cv2.polylines(picture, [fine], True, colour, 2, cv2.LINE_AA, 4)
+    cv2.polylines(picture, [fine], True, colour, thickness, cv2.LINE_AA, 4)
 
 
 def controller_keys(

@@ -79,7 +79,13 @@ class ShownPolicy(Policy):
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
         """As `Policy.act`, for one environment."""
         if self.epsilon < 1.0:
-            with torch.inference_mode():
-                values = self.network(torch.from_numpy(frames), torch.from_numpy(vectors))
-            self.values = values[0].numpy()
+            self.values = self.values_of(frames, vectors)
         return super().act(frames, vectors)
+
+    def values_of(
+        self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Returns the values of the first state's actions, ``float32 [actions]``."""
+        with torch.inference_mode():
+            values = self.network(torch.from_numpy(frames), torch.from_numpy(vectors))
+        return np.asarray(values[0], np.float32)

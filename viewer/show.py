@@ -12,6 +12,7 @@ from actors.envs import make_env
 from actors.loop import play
 from common.checked import Amount, Fraction, FromOne
 from common.errors import InputError
+from common.process.command_line import WeightsFile
 from common.run.clock import ClockConfig
 from viewer.movie import open_movie
 from viewer.panels import Panels
@@ -31,8 +32,8 @@ class Play(Played):
     A network plays under the settings of its run, except for those given here.
     """
 
-    weights: File = None
-    """Network that plays, such as runs/NAME/snapshots/best.safetensors."""
+    weights: WeightsFile | None = None
+    """Network that plays, such as robot_pong or runs/NAME/snapshots/best.safetensors."""
     epsilon: Fraction = 0.001
     """Share of random actions of the network's play; evaluations had 0.05 in 2017."""
     games: FromOne = 1

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.figures.plot_style import Series, draw_random, draw_series, label, legend, panels
 from benchmarks.lab.ladder import FLAGS
 from benchmarks.lab.policy import present_names
 from common.errors import InputError
 from common.press_latency import ms_of
+from learner.figures.plot_style import Series, draw_random, draw_series, label, legend, panels
 
 _FRAME_MS = ms_of(1)
 _AGENT_STEP_FRAMES = 4

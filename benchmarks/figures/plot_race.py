@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.figures.plot_style import (
+from benchmarks.lab.ladder import MILESTONES
+from common.errors import InputError
+from learner.figures.plot_style import (
     INK,
     Points,
     Series,
@@ -16,8 +18,6 @@ from benchmarks.figures.plot_style import (
     legend,
     panels,
 )
-from benchmarks.lab.ladder import MILESTONES
-from common.errors import InputError
 
 
 def race_figure(paths: Sequence[Path]) -> Figure:

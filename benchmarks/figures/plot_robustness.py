@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.pyplot import subplots
 
-from benchmarks.figures.plot_style import INK, Series, draw_series, label, legend, panels
 from common.errors import InputError
+from learner.figures.plot_style import INK, Series, draw_series, label, legend, panels
 
 _WORST, _BEST = -21.0, 21.0
 """Scores of Pong between which the colours go; other games have the colours of their own range."""

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.figures.plot_style import Series, draw_series, label, legend, panels
 from common.errors import InputError
+from learner.figures.plot_style import Series, draw_series, label, legend, panels
 
 _LINES = {
     "training, evaluator idle": "train_steps_per_second",

@@ -15,13 +15,13 @@ from typing import Annotated, Any
 import tyro
 from annotated_types import MinLen
 
-from benchmarks.child import check_folder
 from benchmarks.lab.policy import EPSILON, evaluate, press_latency
 from common.checked import Fraction, FromOne
 from common.errors import InputError, exit_on_input_error
 from common.press_latency import ms_of
 from common.process.command_line import parse
 from common.run.conditions import Latency
+from common.run.folder import check_folder
 from common.run.origin import origin_of, run_of
 
 COLUMNS = (

@@ -21,11 +21,11 @@ from actors.robots.latency import (
     changes,
     short_name,
 )
-from benchmarks.figures.plot_style import check_picture, save
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import FromOne
 from common.registry import ROBOTS
 from common.run.conditions import CameraConfig, PlayConfig
+from learner.figures.plot_style import check_picture, save
 
 _SCREEN = (210, 160)
 """Rows and columns of most games."""

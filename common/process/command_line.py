@@ -5,10 +5,17 @@ that would really be used.
 """
 
 import argparse
+import contextlib
 import dataclasses
 import inspect
+import io
+import json
 import re
-from collections.abc import Callable, Sequence
+import sys
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import dropwhile, takewhile
+from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeVar, get_type_hints
 
 import tyro
@@ -18,11 +25,24 @@ from common.checked import Invalid, build
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig, all_ranges
+from common.run.origin import find_weights
 from common.run.presets import PRESETS
-from common.run.stored_config import RENAMED
+from common.run.stored_config import RENAMED, from_mapping
 
 RunFlags = Annotated[RunConfig, tyro.conf.arg(name="")]
 """A `RunConfig` field whose flags carry no prefix: ``--game``, ``--learning.n-step``."""
+
+WeightsFile = Annotated[
+    Path,
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="FILE",
+        instance_from_str=lambda given: find_weights(given[0]),
+        is_instance=lambda value: isinstance(value, Path),
+        str_from_instance=lambda value: [str(value)],
+    ),
+]
+"""A network by its file, or a published one by its name."""
 
 ALL_RANGES = "--randomise.all"
 """Flag of the published ranges of everything that is drawn for each game."""
@@ -79,6 +99,7 @@ def parse_run(
     Raises:
         InputError: no such preset, or settings that cannot work.
     """
+    arguments = with_file(arguments)
     flags = [argument for argument in arguments if argument != ALL_RANGES]
     preset = preset_of(flags)
     options = parse(kind, program, flags, config=preset)
@@ -92,18 +113,91 @@ def parse_run(
     return pinned, found
 
 
+def started_by(module: str) -> str:
+    """Returns the command that started this program, without its flags: `ale-robot` leaves its own
+    in the place of a file's name."""
+    return sys.argv[0] if sys.argv[0].startswith("ale-robot ") else f"python -m {module}"
+
+
 def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any) -> T:
     """A ``kind`` filled from the command line, its other fields from ``defaults``.
 
     Raises:
-        SystemExit: code 2 and a message for flags that are not known; 0 after ``--help``.
-        InputError: a flag is beyond the bounds beside its field.
+        SystemExit: code 0 after ``--help``.
+        InputError: a flag is not known, lacks its value, or is beyond the bounds beside its field.
     """
+    arguments = with_file(arguments)
     _refuse_former_names(arguments)
     given: dict[str, Any] = {"default": kind(**defaults)} if defaults else {}
-    parsed: T = tyro.cli(kind, prog=f"python -m {program}", args=list(arguments), **given)
+    command = started_by(program)
+    with contextlib.redirect_stderr(io.StringIO()) as told:
+        try:
+            parsed: T = tyro.cli(kind, prog=command, args=list(arguments), **given)
+        except SystemExit as left:
+            if not left.code:
+                raise
+            raise InputError(_sentence(told.getvalue(), command)) from None
     check_bounds(parsed)
     return parsed
+
+
+def _sentence(box: str, command: str) -> str:
+    """Returns what tyro says in a box as one sentence."""
+    # Without UTF-8 it has no border, and its rules are of "-".
+    _, *lines = (line.strip("│╭╮╰╯─ ") for line in box.strip().splitlines())
+    body = dropwhile(_is_rule, lines)
+    first = " ".join(takewhile(lambda line: not _is_rule(line), body))
+    if "Unrecognized" not in box:
+        first = first[:1].lower() + first[1:].rstrip(".")
+        return f"{first}: `{command} --help` explains the flags."
+    unknown = first.removeprefix("Unrecognized options: ").partition(",")[0]
+    alike = [line.split()[0].strip(",") for line in lines if line.startswith("--")]
+    hint = f"did you mean {alike[0]}?" if alike else f"`{command} --help` lists the flags."
+    return f"there is no flag {unknown}: {hint}"
+
+
+def _is_rule(line: str) -> bool:
+    return not line.strip("-")
+
+
+def with_file(arguments: Sequence[str]) -> list[str]:
+    """Returns ``arguments`` with the flags that a ``--config FILE`` stands for before all others,
+    which therefore win.
+
+    The file is TOML whose tables are groups of flags, the ``config.json`` of a run, or the card of
+    a policy.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    first.add_argument("--config", type=Path)
+    try:
+        known, rest = first.parse_known_args(list(arguments))
+    except argparse.ArgumentError:
+        raise InputError("--config names a file of settings: add it, as --config FILE.") from None
+    if known.config is None:
+        return list(arguments)
+    try:
+        text = known.config.read_text()
+        told = json.loads(text) if known.config.suffix == ".json" else tomllib.loads(text)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--config {known.config} cannot be read: {error}.") from None
+    if known.config.suffix == ".json":
+        stored = told.get("config", told) if isinstance(told, dict) else told
+        told = dataclasses.asdict(from_mapping(RunConfig, stored, str(known.config), fill=True))
+    return [*_flags_of(told), *rest]
+
+
+def _flags_of(table: Mapping[str, Any], group: str = "") -> Iterator[str]:
+    for name, value in table.items():
+        flag = f"{group}{name.replace('_', '-')}"
+        if isinstance(value, dict):
+            yield from _flags_of(value, f"{flag}.")
+        elif isinstance(value, bool):
+            yield f"--{group}{'' if value else 'no-'}{flag.removeprefix(group)}"
+        elif value is not None:
+            yield from (f"--{flag}", str(value))
 
 
 def check_bounds(options: Any) -> None:

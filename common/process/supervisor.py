@@ -192,6 +192,7 @@ class Supervisor:
 
 
 def _environment() -> dict[str, str]:
-    """This process' environment, with this checkout first on the module path."""
+    """This process' environment, with this checkout first on the module path, before a working
+    directory that may have folders called as its packages."""
     paths = filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"}

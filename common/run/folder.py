@@ -15,6 +15,12 @@ from common.run.config import RunConfig
 from common.run.stored_config import differences, from_mapping, to_json
 
 
+def check_folder(folder: Path) -> None:
+    """Refuses a folder that is not there. Raises InputError."""
+    if not folder.is_dir():
+        raise InputError(f"there is no folder {folder}: make it, or name another.")
+
+
 def write_atomically(path: Path, content: bytes, former: Path | None = None) -> None:
     """Replace ``path`` by ``content``: whoever reads sees the old or the new, never a half.
 

@@ -1,4 +1,4 @@
-"""Where a network on disk comes from: the settings under which it was trained."""
+"""Where a network on disk lies, and where it comes from: the settings of its training."""
 
 import json
 from collections.abc import Callable
@@ -12,6 +12,18 @@ from common.registry import ALGORITHMS
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.stored_config import from_mapping
+
+SHIPPED = Path(__file__).resolve().parents[2] / "ale_robot" / "policies"
+"""Folder of the published policies and their cards."""
+
+
+def find_weights(name: str | Path) -> Path:
+    """Returns the file called ``name``; where there is none, the published policy of that name,
+    as robot_pong or policies/robot_pong.safetensors."""
+    path = Path(name)
+    shipped = SHIPPED / f"{path.stem}.safetensors"
+    published = path.parent in (Path(), Path("policies")) and shipped.is_file()
+    return shipped if published and not path.exists() else path
 
 
 def origin_of(weights: Path) -> RunConfig | None:

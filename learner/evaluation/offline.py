@@ -20,7 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from common.checked import Count, Fraction, FromOne
 from common.errors import InputError
-from common.process.command_line import check_bounds
+from common.process.command_line import WeightsFile, check_bounds
 from common.process.supervisor import Child
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
@@ -39,9 +39,9 @@ _POLL = 0.5
 class EvaluationOptions:
     """Test a network by whole games instead of training one."""
 
-    evaluate: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Network to test, such as runs/NAME/snapshots/best.safetensors. It plays under its run's
-    settings, except for those given here: another --env, a --play.actuation-latency, a
+    evaluate: WeightsFile | None = None
+    """Network to test, such as robot_pong or runs/NAME/snapshots/best.safetensors. It plays under
+    its run's settings, except for those given here: another --env, a --play.actuation-latency, a
     --camera.noise, a --seed. No conditions are drawn, even if the run drew some, except for those
     of a --randomise flag. --sync, --wait-action and --speed apply too."""
     headline: bool = False
@@ -158,7 +158,7 @@ def play(
     count = min(options.processes or len(os.sched_getaffinity(0)), options.games)
     arguments = {
         "--weights": options.evaluate,
-        "--config": to_json(config),
+        "--settings": to_json(config),
         "--epsilon": options.epsilon,
         "--steps": -(-options.test_steps // count),
         "--ending": ENDING,

@@ -57,9 +57,9 @@ def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
 
 
 def test_commands() -> None:
-    found = parse(COMMANDS, "viewer", ["play", "--weights", "w", "--viewer", "rerun", "--no-sync"])
+    found = parse(COMMANDS["play"], "viewer", ["--weights", "w", "--viewer", "rerun", "--no-sync"])
     assert found == Play(weights=Path("w"), viewer="rerun", clock=ClockConfig(sync=False))
-    assert parse(COMMANDS, "viewer", ["check", "-o", "p.png"]) == Check(output=Path("p.png"))
+    assert parse(COMMANDS["check"], "viewer", ["-o", "p.png"]) == Check(output=Path("p.png"))
 
 
 @pytest.mark.parametrize(

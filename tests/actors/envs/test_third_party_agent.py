@@ -40,7 +40,7 @@ def test_dqn_trains_on_the_robot() -> None:
     from stable_baselines3 import DQN
     from stable_baselines3.common.env_checker import check_env
 
-    env = Record(gymnasium.make("actors.envs:ALERobot/Pong-v0"))
+    env = Record(gymnasium.make("ale_robot:ALERobot/Pong-v0"))
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")

@@ -13,14 +13,15 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from benchmarks.figures.plot import Options, draw
+from benchmarks.figures.plot import FIGURES
 from benchmarks.figures.plot_delay import read_ladders
-from benchmarks.figures.plot_style import RANDOM, mean_line
 from benchmarks.lab import actuation_latency as late_keys
 from benchmarks.lab.ladder import COLUMNS, Rung, add_row
 from benchmarks.lab.ladder import Options as LadderOptions
 from common.errors import InputError
 from common.run.presets import PRESETS
+from learner.figures.plot import Options
+from learner.figures.plot_style import RANDOM, mean_line
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from tests.epoch_rows import epoch_row
 from tests.paths import ROOT
@@ -32,6 +33,10 @@ ROW = epoch_row()
 def nothing_stays_open() -> Iterator[None]:
     yield
     plt.close("all")
+
+
+def draw(options: Options) -> Figure:
+    return FIGURES[options.figure](options)
 
 
 def table(path: Path, rewards: Sequence[float], random: float = -20.5, hour: float = 1.0) -> Path:
@@ -418,4 +423,4 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
         ("histogram", evaluation(tmp_path / "none.json", []), "has no scores"),
     ):
         with pytest.raises(InputError, match=words):
-            draw(Options((path,), figure=figure))  # type: ignore[arg-type]
+            draw(Options((path,), figure=figure))

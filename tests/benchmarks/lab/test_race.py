@@ -14,8 +14,7 @@ from rich.console import Console
 
 from actors.games import GamesOptions, games
 from benchmarks import report
-from benchmarks.figures.plot import Options as Drawing
-from benchmarks.figures.plot import draw
+from benchmarks.figures.plot import FIGURES
 from benchmarks.lab import race
 from benchmarks.report import run
 from common.errors import InputError
@@ -26,6 +25,7 @@ from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from learner.evaluation import offline
 from learner.evaluation.offline import EvaluationOptions
+from learner.figures.plot import Options as Drawing
 from learner.options import LearnerOptions
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from tests.end_to_end import catch
@@ -172,7 +172,7 @@ def test_a_peer_runs_as_long_beside_it(
     monkeypatch.setattr(race, "is_installed", lambda package: package == "stable_baselines3")
     peer = raced(tmp_path, "--seeds", "1", "--peer")["peer"]
     assert peer["training"]["0"] == {"seconds": 40.0, "agent_steps": 4_000}
-    axes = draw(Drawing((tmp_path / "race.json",), figure="race")).axes[0]
+    axes = FIGURES["race"](Drawing((tmp_path / "race.json",))).axes[0]
     lines = {line.get_label(): line.get_xydata().tolist() for line in axes.get_lines()}
     ours = "preset fast --envs 4 (ale), tests of 5 games at ε = 0.05"
     assert lines[ours] == [[0.2, -20.0], [0.4, 4.0], [0.6, 18.0]]
@@ -250,7 +250,7 @@ def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     with added(ENVIRONMENTS, catch.CATCH):
         run("lab.race", race.Options, race.measure, [*given, *more])
     _check(json.loads(file.read_bytes()))
-    assert draw(Drawing((file,), figure="race")).axes[0].get_ylabel() == "mean score of a game"
+    assert FIGURES["race"](Drawing((file,))).axes[0].get_ylabel() == "mean score of a game"
 
 
 @pytest.mark.slow

@@ -9,10 +9,12 @@ from annotated_types import Ge, Lt
 
 from common.checked import Patience
 from common.errors import InputError
-from common.process.command_line import RunFlags, parse, parse_run, preset_of
+from common.process.command_line import RunFlags, WeightsFile, parse, parse_run, preset_of
 from common.run.conditions import RandomiseConfig
 from common.run.config import RunConfig, all_ranges
+from common.run.origin import SHIPPED
 from common.run.presets import PRESETS
+from common.run.stored_config import to_json
 
 
 @dataclass(frozen=True)
@@ -142,25 +144,6 @@ def test_settings_that_cannot_work_are_told() -> None:
         parsed("--replay.capacity", "5")
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["--gmae", "pong"],
-        ["--learning.target", "triple"],
-        ["--seed", "one"],
-        ["--seed"],
-        ["pong"],
-    ],
-)
-def test_what_is_not_understood_exits_with_2(
-    arguments: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as caught:
-        parsed(*arguments)
-    assert caught.value.code == 2
-    assert capsys.readouterr().err
-
-
 def test_plain_options_need_no_preset() -> None:
     @dataclass(frozen=True)
     class Plain:
@@ -234,3 +217,80 @@ def test_the_lines_of_a_help_text_are_joined(
 def test_a_flag_by_its_former_name_says_the_present_one(flags: list[str], present: str) -> None:
     with pytest.raises(InputError, match=rf"is called {present} now"):
         parse(Options, "program", flags)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--gmae", "pong"], r"^there is no flag --gmae: did you mean --game\?$"),
+        (["--zzz=1"], r"^there is no flag --zzz.*: `python -m program --help` lists the flags\.$"),
+        (["--seed"], r"^missing value for argument '--seed'.*--help` explains the flags\.$"),
+        (["--learning.target", "triple"], r"^invalid choice 'triple'[^│]*--help` explains"),
+    ],
+)
+def test_what_is_not_understood_is_told_in_a_sentence(arguments: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        parsed(*arguments)
+
+
+def test_settings_of_a_file_go_over_the_preset_and_below_the_flags(tmp_path: Path) -> None:
+    file = tmp_path / "run.toml"
+    file.write_text(
+        'env = "ale"\nrun = "x"\n[play]\nminimal_actions = false\n[learning]\nn-step = 1'
+    )
+    options = parsed("--config", str(file), "--learning.n-step", "2")
+    fast = PRESETS["fast"]
+    expected = replace(
+        fast,
+        play=replace(fast.play, minimal_actions=False),
+        learning=replace(fast.learning, n_step=2),
+    )
+    assert options == Options(expected, "x")
+
+
+def test_settings_of_a_stored_run_or_a_card_are_taken_whole(tmp_path: Path) -> None:
+    stored = replace(PRESETS["paper"], game="breakout", seed=7)
+    file = tmp_path / "config.json"
+    file.write_text(to_json(stored))
+    assert parsed(f"--config={file}").config == stored
+    assert parsed("--seed", "8", "--config", str(file)).config == replace(stored, seed=8)
+    card = tmp_path / "card.json"
+    card.write_text(f'{{"run": "r", "config": {to_json(stored)}}}')
+    assert parsed("--config", str(card)).config == stored
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("run.toml", "seed = ", r"run\.toml cannot be read: "),
+        ("run.toml", "sede = 3", "there is no flag --sede: did you mean"),
+        ("config.json", "[]", "should be a table"),
+        ("none.toml", None, "cannot be read: .*No such file"),
+    ],
+)
+def test_a_file_of_settings_that_cannot_be_used_is_told(
+    tmp_path: Path, name: str, content: str | None, words: str
+) -> None:
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=words):
+        parsed("--config", str(tmp_path / name))
+    with pytest.raises(InputError, match="--config names a file"):
+        parsed("--config")
+
+
+def test_a_network_is_a_file_or_a_published_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @dataclass(frozen=True)
+    class Shown:
+        weights: WeightsFile | None = None
+
+    monkeypatch.chdir(tmp_path)
+    for name in ("robot_pong", "policies/robot_pong.safetensors", "robot_pong.safetensors"):
+        assert parse(Shown, "program", ["--weights", name]).weights == SHIPPED / (
+            "robot_pong.safetensors"
+        )
+    (tmp_path / "robot_pong").touch()
+    for name in ("robot_pong", "runs/robot_pong", "other"):
+        assert parse(Shown, "program", ["--weights", name]).weights == Path(name)

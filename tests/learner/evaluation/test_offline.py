@@ -119,7 +119,7 @@ GAME = {
 TELLS_ITS_CHANCES = f"""
 import json, sys
 told = dict(zip(sys.argv[3::2], sys.argv[4::2]))
-sticky = json.loads(told["--config"])["play"]["sticky"]
+sticky = json.loads(told["--settings"])["play"]["sticky"]
 epsilon = float(told["--epsilon"])
 for game in range(int(told["--games"])):
     print(json.dumps({{**{GAME!r}, "score": 1_000 * epsilon + 100 * sticky}}), flush=True)

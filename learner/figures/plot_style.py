@@ -15,8 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmarks.child import check_folder
 from common.errors import InputError
+from common.run.folder import check_folder
 
 _SUFFIXES = (".png", ".svg", ".pdf")
 RANDOM = "#c1121f"

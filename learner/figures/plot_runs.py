@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from benchmarks.figures.plot_style import (
+from common.errors import InputError
+from learner.figures.plot_style import (
     Points,
     Series,
     draw_random,
@@ -20,7 +21,6 @@ from benchmarks.figures.plot_style import (
     legend,
     panels,
 )
-from common.errors import InputError
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 
 Phase = Literal["test", "train"]

@@ -11,8 +11,8 @@ from matplotlib.pyplot import subplots
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from benchmarks.figures.plot_style import INK, dress, label
 from common.errors import InputError
+from learner.figures.plot_style import INK, dress, label
 
 _MOST_SINGLE = 60
 """Widest range of scores in which each whole score has a bar of its own."""

@@ -1,0 +1,45 @@
+"""ALE-Robot's public face: Gymnasium environments, trained policies, evaluations.
+
+Importing it registers ``ALERobot/<Game>-v0``, the robot, and ``ALERobot/<Game>-Emulator-v0``, the
+emulator alone, with Gymnasium::
+
+    import ale_robot, gymnasium
+
+    env = gymnasium.make("ALERobot/Pong-v0")
+    policy = ale_robot.load_policy("robot_pong")  # plays in policy.make_env()
+    ale_robot.evaluate("robot_pong", games=5)["mean"]
+"""
+
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ale_robot.policy import TrainedPolicy, evaluate, load_policy
+
+__all__ = ["TrainedPolicy", "__version__", "env_id", "evaluate", "load_policy"]
+
+for _name in ("actors", "common", "learner", "replay", "viewer"):
+    _found = find_spec(_name)
+    _file = Path((_found and _found.origin) or _name).resolve()
+    if _file.parent.parent != Path(__file__).resolve().parents[1]:
+        raise ImportError(
+            f"{_file.parent} hides the package {_name} of ale-robot: run it in another folder."
+        )
+
+from actors.envs import env_id  # noqa: E402
+
+try:
+    __version__ = version("ale-robot")
+except PackageNotFoundError:  # a checkout that is not installed
+    __version__ = "unknown"
+
+
+def __getattr__(name: str) -> Any:
+    """Loads what needs PyTorch when it is asked for."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from ale_robot import policy
+
+    return getattr(policy, name)

@@ -1,0 +1,53 @@
+"""`ale-robot COMMAND`: one command for what the programs of each package do."""
+
+import os
+import sys
+from importlib import import_module
+from itertools import takewhile
+
+from ale_robot import __version__
+from ale_robot.commands import COMMANDS, overview
+from common.errors import InputError, exit_on_input_error
+from common.process.lifeline import leave_at_interrupt
+
+
+def run() -> int | None:
+    """Hands the command line over to the program that it is for; returns its exit status."""
+    name, *arguments = sys.argv[1:] or ["--help"]
+    if name == "--version":
+        print(f"ale-robot {__version__}")
+        return 0
+    if name in ("-h", "--help", "--help-all"):
+        print(overview(everything=name == "--help-all"))
+        return 0
+    if (command := COMMANDS.get(name)) is None:
+        known = ", ".join(COMMANDS)
+        raise InputError(f"there is no command {name!r}: choose one of {known}.")
+    if {"-h", "--help"} & {*arguments}:
+        print(command.help(name))
+        return 0
+    given = command.arguments
+    if "--help-all" in arguments:
+        given, arguments = tuple(takewhile(str.isalpha, given)), ["--help"]
+    sys.argv = [f"ale-robot {name}", *given, *arguments]
+    try:
+        program = import_module(command.module)
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"`ale-robot {name}` needs the package {error.name}, which is not installed: "
+            f"pip install {error.name}."
+        ) from None
+    status: int | None = program.main()
+    return status
+
+
+def main() -> None:
+    """Runs the command and exits with its status."""
+    leave_at_interrupt()
+    # Programs that this one starts import the same packages, whatever lies where it is called.
+    os.environ["PYTHONSAFEPATH"] = "1"
+    exit_on_input_error(run)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,210 @@
+"""The commands of `ale-robot`: the program behind each, and what its short help says.
+
+`--help` shows this text at once; `--help-all` loads the program, whose own help has every flag.
+"""
+
+import textwrap
+from dataclasses import dataclass
+
+from common.games import GAMES
+
+
+@dataclass(frozen=True)
+class Command:
+    """A program's ``main`` in ``module``, called with ``arguments`` before the user's."""
+
+    module: str
+    arguments: tuple[str, ...]
+    summary: str
+    text: str
+    """Examples, and the flags that are used most."""
+
+    def help(self, name: str) -> str:
+        """Returns at most one screen of 24 lines and 80 columns."""
+        return f"{self.summary}\n{self.text.rstrip()}\n\nAll flags: ale-robot {name} --help-all"
+
+
+COMMANDS = {
+    "watch": Command(
+        "viewer.__main__",
+        ("watch",),
+        "Watch a trained robot play in this terminal.",
+        """
+  ale-robot watch                                  the shipped robot at Pong
+  ale-robot watch --weights runs/NAME/snapshots/best.safetensors
+  ale-robot watch --env ale --weights ale_pong     the emulator, without a robot
+
+  --weights NAME|FILE  network that plays: robot_pong, ale_pong or a file
+  --game GAME          game, such as breakout
+  --epsilon SHARE      share of random actions, 0 to 1
+  --games N            number of whole games; 0, the default, plays until q
+  --seed N             seed of the games
+""",
+    ),
+    "train": Command(
+        "learner.__main__",
+        ("--local",),
+        "Train a robot on this machine until Ctrl-C.",
+        """
+  ale-robot train --run first                      NAO learns Pong
+  ale-robot train --run first --resume             go on
+  ale-robot train --env ale --game breakout        the emulator, without a robot
+  ale-robot train --config run.toml --seed 2       a file of flags; flags win
+
+  --run NAME           name of the run, a folder below runs/
+  --env robot|ale      camera and hands, or the emulator alone
+  --game GAME          game: pong, breakout, …; all 104: ale-robot --help-all
+  --preset NAME        settings to start from: robot, fast or paper
+  --actors N           number of robots that play at a time
+  --steps N            agent steps after which it ends; 500,000 take an hour
+  --seed N             seed of weights, minibatches and games
+  --initial NAME|FILE  network to begin with, instead of a fresh one
+  --play.vector        commands, keys and joints too, beside the camera's frames
+  --no-sync            robots in real time
+  --device cuda        hardware of the learner: auto, cpu or cuda
+  --no-local           replay and learner only; actors join from elsewhere
+""",
+    ),
+    "join": Command(
+        "actors.__main__",
+        (),
+        "Join a run as an actor, from another terminal or machine.",
+        """
+  ale-robot join                                   a run on this machine
+  ale-robot join --connect tcp/HOST:7447           a run elsewhere
+  ale-robot join --evaluator                       play the tests of epochs
+
+  --connect ADDRESS    address of the run's learner or replay
+  --certificates DIR   certificates, where the address begins with tls/
+  --run NAME           name of the run, where an address serves several
+  --envs N             number of environments in this process
+  --no-sync            play in real time
+  --patience SECONDS   time to wait for the run; inf for ever
+""",
+    ),
+    "replay": Command(
+        "replay.__main__",
+        (),
+        "Serve the replay of a run as a process of its own.",
+        """
+  ale-robot replay --run pong
+  ale-robot train --no-local --run pong --connect tcp/127.0.0.1:7447
+
+  --run NAME           name of the run
+  --listen ADDRESS     address where learner and actors find it
+  --resume             go on with what is stored
+""",
+    ),
+    "play": Command(
+        "viewer.__main__",
+        ("play",),
+        "Play whole games, and print their scores.",
+        """
+  ale-robot play --weights robot_pong --games 5
+  ale-robot play --viewer rerun                    needs pip install rerun-sdk
+
+  --weights NAME|FILE  network that plays; random actions without
+  --env, --game, --robot, --seed    what is played
+  --epsilon SHARE      share of random actions, 0 to 1
+  --games N            number of games
+  --no-sync            real time
+""",
+    ),
+    "human": Command(
+        "viewer.__main__",
+        ("human",),
+        "Play yourself, through the robot's hands: arrow keys, space, q.",
+        """
+  ale-robot human --game breakout
+  ale-robot human --robot robotroller
+
+  --game GAME          game, such as breakout
+  --robot NAME         robot: nao or robotroller
+""",
+    ),
+    "check": Command(
+        "viewer.__main__",
+        ("check",),
+        "Check a robot's sight and touch, and write a picture.",
+        """
+  ale-robot check -o check.png                     exit code 1 if a check is red
+
+  --env, --game, --robot, --seed    what is checked
+  -o FILE.png          picture
+""",
+    ),
+    "film": Command(
+        "viewer.__main__",
+        ("play", "--weights", "robot_pong", "--video", "film.mp4"),
+        "Film a game: room, camera, hands and network.",
+        """
+  ale-robot film                                   writes film.mp4
+  ale-robot film --weights runs/NAME/snapshots/best.safetensors --video best.mp4
+  ale-robot film --seconds 20 --video short.gif
+
+  --weights NAME|FILE  network that plays
+  --video FILE         film: .mp4, or .gif of at most 120 s
+  --seconds S          seconds of play; 0 for a whole game
+""",
+    ),
+    "evaluate": Command(
+        "learner.__main__",
+        ("--evaluate",),
+        "Test a network by whole games, in several processes.",
+        """
+  ale-robot evaluate robot_pong
+  ale-robot evaluate runs/NAME/snapshots/best.safetensors --headline --json FILE
+  ale-robot evaluate robot_pong --camera.noise 8   in another world
+
+  --games N            number of games
+  --headline           also with 5 % random actions, and with sticky actions
+  --epsilon SHARE      share of random actions, 0 to 1
+  --processes N        games played at a time
+  --json FILE          file of the results
+  --no-sync            real time
+""",
+    ),
+    "plot": Command(
+        "learner.figures.plot",
+        (),
+        "Draw runs: reward and mean max-Q by epoch.",
+        """
+  ale-robot plot runs/A runs/B -o figure.png
+  ale-robot plot runs/A --figure progress --phase train -o figure.png
+  ale-robot plot evaluation.json --figure histogram -o figure.png
+
+  --figure NAME        epochs, progress (by steps and time) or histogram
+  --phase NAME         test or train
+  -o FILE              picture: .png, .svg or .pdf
+""",
+    ),
+    "policies": Command(
+        "viewer.__main__",
+        ("policies",),
+        "List the trained policies that are shipped, and their scores.",
+        """
+  ale-robot policies
+  ale-robot watch --weights ale_pong               watch one
+""",
+    ),
+}
+
+
+def overview(*, everything: bool) -> str:
+    """Returns what the commands are; with ``everything``, the games too."""
+    lines = [
+        "A simulated robot learns Atari games through its camera and its hands.",
+        "",
+        "  ale-robot watch      see the shipped robot play",
+        "  ale-robot train      train one on this machine until Ctrl-C",
+        "",
+        *(f"  {name:<10} {command.summary}" for name, command in COMMANDS.items()),
+        "",
+        "  ale-robot COMMAND --help        examples, and the flags that are used most",
+        "  ale-robot COMMAND --help-all    every flag",
+        "  ale-robot --version",
+    ]
+    if everything:
+        games = textwrap.fill(", ".join(GAMES), 78, initial_indent="  ", subsequent_indent="  ")
+        return "\n".join([*lines, "", f"The {len(GAMES)} games of --game:", games])
+    return "\n".join([*lines, f"  ale-robot --help-all            the {len(GAMES)} games too"])

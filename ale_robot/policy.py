@@ -1,0 +1,95 @@
+"""Trained policies: loaded with the settings under which they were trained, played, measured."""
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from actors.envs import make_env
+from actors.envs.observation import Observation
+from actors.loop import frames_and_vector
+from common.errors import InputError
+from common.run.clock import ClockConfig
+from common.run.origin import find_weights, origin_of
+from learner.evaluation import offline
+from viewer.player import Played, ShownPolicy
+
+
+class TrainedPolicy:
+    """A network, greedy but for a share of random actions, and the settings it was trained under.
+
+    Raises:
+        InputError: there is no such network, or it cannot be read.
+    """
+
+    def __init__(self, weights: str | Path, *, epsilon: float = 0.0, seed: int = 1) -> None:
+        self.weights = find_weights(weights)
+        self.config = Played().config(self.weights)
+        self._policy = ShownPolicy.of_file(self.config, self.weights, epsilon, seed)
+
+    def make_env(self) -> gymnasium.Env[Any, Any]:
+        """Returns the environment in which it was trained, with whole games as episodes."""
+        return make_env(self.config, training=False)
+
+    def act(self, observation: Observation) -> int:
+        """Returns the index of an action, for an observation of `make_env`."""
+        return int(self._policy.act(*self._batch(observation))[0])
+
+    def q_values(self, observation: Observation) -> NDArray[np.float32]:
+        """Returns the value of each action, ``float32 [actions]``."""
+        return self._policy.values_of(*self._batch(observation))
+
+    @staticmethod
+    def _batch(observation: Observation) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        frames, vector = frames_and_vector(observation)
+        return frames[None], vector[None]
+
+
+def load_policy(weights: str | Path, *, epsilon: float = 0.0, seed: int = 1) -> TrainedPolicy:
+    """Returns the policy in a file, or a shipped one by its name, as "robot_pong".
+
+    Raises:
+        InputError: there is none, or it cannot be read.
+    """
+    return TrainedPolicy(weights, epsilon=epsilon, seed=seed)
+
+
+def evaluate(
+    weights: str | Path,
+    *,
+    games: int = 30,
+    epsilon: float = 0.001,
+    seed: int = 1,
+    processes: int = 0,
+) -> dict[str, Any]:
+    """Plays whole games in several processes, as ``ale-robot evaluate`` does.
+
+    Args:
+        processes: games played at a time; 0 for as many as there are cores.
+
+    Returns:
+        what ``ale-robot evaluate --json`` writes: "mean", "deviation", "iqm", "scores", …
+
+    Raises:
+        InputError: there is no such network, or nobody knows what it was trained for.
+    """
+    file = find_weights(weights)
+    if (trained := origin_of(file)) is None:
+        raise InputError(f"{file} has neither a card nor a run: keep it in its run's folder.")
+    options = offline.EvaluationOptions(file, games=games, epsilon=epsilon, processes=processes)
+    options.check()
+    found = offline.evaluate(
+        options,
+        replace(trained.fixed, seed=seed),
+        trained,
+        ClockConfig(),
+        threading.Event(),
+        Console(quiet=True),
+    )
+    assert found is not None  # nobody stops it
+    return found

@@ -1,0 +1,97 @@
+"""`ale-robot`: which program each command is, and what its help says."""
+
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import ale_robot.__main__ as command_line
+from ale_robot.commands import COMMANDS, Command, overview
+from common.errors import InputError
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int | None:
+    monkeypatch.setattr(sys, "argv", ["ale-robot", *arguments])
+    return command_line.run()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_short_help_fits_a_screen(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, name, "--games", "3", "--help") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 23
+    assert max(map(len, lines)) <= 80
+    assert lines[-1] == f"All flags: ale-robot {name} --help-all"
+    assert any(line.startswith(f"  ale-robot {name}") for line in lines)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_flag_of_the_short_help_is_one_of_the_program(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if name == "plot":
+        pytest.importorskip("matplotlib")
+    listed = [line for line in COMMANDS[name].text.splitlines() if line.startswith("  -")]
+    told = set(re.findall(r"(?<!\S)--?[a-z][\w.-]*", "\n".join(listed)))
+    with pytest.raises(SystemExit) as left:
+        run(monkeypatch, name, "--help-all")
+    assert left.value.code == 0
+    known = set(re.findall(r"(?<![\w-])--?[a-z][\w.-]*", capsys.readouterr().out))
+    assert told - {"--help-all"} <= known
+
+
+def test_a_command_is_its_program_with_its_flags_before_the_users(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    called = []
+    program = SimpleNamespace(main=lambda: called.append([*sys.argv]) or 3)
+    monkeypatch.setitem(sys.modules, "learner.__main__", program)  # type: ignore[arg-type]
+    assert run(monkeypatch, "train", "--seed", "2") == 3
+    assert run(monkeypatch, "evaluate", "robot_pong") == 3
+    assert called == [
+        ["ale-robot train", "--local", "--seed", "2"],
+        ["ale-robot evaluate", "--evaluate", "robot_pong"],
+    ]
+
+
+def test_what_is_no_command_is_told_with_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="no command 'wach': choose one of watch, train"):
+        run(monkeypatch, "wach")
+
+
+def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(COMMANDS, "plot", Command("nobodys", (), "", ""))
+    with pytest.raises(InputError, match=r"needs the package nobodys.*: pip install nobodys"):
+        run(monkeypatch, "plot", "a")
+
+
+def test_the_overview_fits_a_screen_and_names_the_games_on_request(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch) == run(monkeypatch, "--help") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 2 * 23
+    assert max(map(len, lines)) <= 80
+    assert "space_invaders" not in overview(everything=False)
+    assert "space_invaders" in overview(everything=True)
+
+
+def test_the_version_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "--version") == 0
+    assert re.fullmatch(r"ale-robot \S+\n", capsys.readouterr().out)
+
+
+def test_the_shipped_policies_are_listed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run(monkeypatch, "policies") == 0
+    said = capsys.readouterr().out
+    assert re.search(r"robot_pong +pong \(robot\) +frames, vector +20\.70 ± 0\.65", said)

@@ -1,0 +1,53 @@
+"""What a program that imports `ale_robot` finds."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+import ale_robot
+from common.errors import InputError
+from tests.paths import ROOT
+
+
+def test_the_environments_are_registered_and_their_names_told() -> None:
+    assert ale_robot.env_id("space_invaders", robot=True) == "ALERobot/SpaceInvaders-v0"
+    assert "ALERobot/Pong-Emulator-v0" in gymnasium.registry
+    assert ale_robot.__version__
+
+
+def test_a_shipped_policy_plays_in_its_own_environment() -> None:
+    policy = ale_robot.load_policy("ale_pong")
+    env = policy.make_env()
+    observation, _ = env.reset(seed=1)
+    values = policy.q_values(observation)
+    assert values.shape == (6,)
+    assert policy.act(observation) == int(np.argmax(values))
+    assert all(ale_robot.load_policy("ale_pong", epsilon=1.0).act(observation) < 6 for _ in "ab")
+
+
+def test_what_is_no_policy_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        ale_robot.load_policy("nobody")
+    alone = tmp_path / "alone.safetensors"
+    alone.write_bytes((ROOT / "policies" / "ale_pong.safetensors").read_bytes())
+    with pytest.raises(InputError, match="neither a card nor a run"):
+        ale_robot.evaluate(alone)
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = ale_robot.nothing
+
+
+def test_a_package_that_something_hides_is_told(tmp_path: Path) -> None:
+    (tmp_path / "common").mkdir()
+    (tmp_path / "common" / "__init__.py").touch()
+    program = f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(ROOT)!r}]; import ale_robot"
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert ended.stderr.splitlines()[-1] == (
+        f"ImportError: {tmp_path}/common hides the package common of ale-robot: run it in another "
+        "folder."
+    )

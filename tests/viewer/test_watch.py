@@ -1,0 +1,107 @@
+"""What `ale-robot watch` shows, at every size of terminal."""
+
+import re
+import threading
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from actors.envs.ale import AtariEnv
+from actors.envs.robot import RobotEnv
+from actors.envs.step_info import StepInfo
+from common.errors import InputError
+from common.run.config import PlayConfig
+from common.run.presets import PRESETS
+from tests.viewer.person import Person
+from viewer.watch import LEAST_SIZE, Watch, WatchScreen
+
+PLAY = PlayConfig(random_starts=0, minimal_actions=True)
+VALUES = np.array([0.0, 0.5, 1.0, 0.25, 0.75, 0.1], np.float32)
+
+
+class Step:
+    """A step that chose the third action."""
+
+    a_tm1 = 2
+    s_t = np.full((4, 84, 84), 200, np.uint8)
+    info = StepInfo(False, 7.0, 41)
+
+
+def drawn(env: Any, size: tuple[int, int], values: Any = VALUES) -> tuple[str, WatchScreen]:
+    config = replace(PRESETS["robot"], play=PLAY)
+    screen = WatchScreen(env, config, "robot_pong")
+    step: Any = Step()
+    return screen.draw(size, step, values, [20.0, 21.0]), screen
+
+
+def texts(written: str) -> dict[tuple[int, int], str]:
+    """What was written as text, by row and column, without colours."""
+    found = {}
+    for row, column, text in re.findall(r"\x1b\[(\d+);(\d+)H([^▀]*?)\x1b\[K", written):
+        found[int(row), int(column)] = re.sub(r"\x1b\[[0-9;]*m", "", text)
+    return found
+
+
+@pytest.fixture(scope="module")
+def robot() -> Any:
+    env = RobotEnv("pong", play=PLAY)
+    env.reset(seed=1)
+    env.step(2)
+    yield env
+    env.close()
+
+
+@pytest.mark.parametrize("size", [LEAST_SIZE, (80, 24), (120, 40), (200, 50)])
+def test_everything_is_there_and_within_the_terminal(robot: Any, size: tuple[int, int]) -> None:
+    written, _ = drawn(robot, size)
+    found = texts(written)
+    assert all(row <= size[1] and column + len(text) <= size[0] + 1
+               for (row, column), text in found.items())  # fmt: skip
+    told = "\n".join(found.values())
+    for words in ("score 7   step 41", "screen found", "commanded", "pressed", "Q-values"):
+        assert words in told
+    assert re.search(r"···→· +1\.000 █+$", told, re.MULTILINE)
+    assert re.search(r"^····· +0\.000 ?$", told, re.MULTILINE) or size == LEAST_SIZE
+    assert "robot_pong plays pong (robot), 2 games over; q leaves" in told
+    # Yellow around the screen that was found, magenta around the game in it.
+    assert re.search(r"38;2;2[0-9]{2};(1[0-9]|[0-9])?[0-9];2[0-9]{2}", written)
+
+
+def test_what_does_not_change_is_not_written_again(robot: Any) -> None:
+    first, screen = drawn(robot, (80, 24))
+    step: Any = Step()
+    assert len(screen.draw((80, 24), step, VALUES, [])) < len(first) / 5
+
+
+def test_where_there_is_no_room_the_best_actions_are_shown(robot: Any) -> None:
+    values = np.arange(18, dtype=np.float32)
+    config = replace(PRESETS["robot"], play=replace(PLAY, minimal_actions=False))
+    step: Any = Step()
+    told = texts(WatchScreen(robot, config, "r").draw(LEAST_SIZE, step, values, [])).values()
+    numbers = [float(text.split()[1]) for text in told if re.search(r"\d\.000", text)]
+    assert numbers == sorted(values)[-len(numbers) :]
+    assert 0 < len(numbers) < 18
+
+
+def test_of_an_emulator_its_screen_and_the_input_are_shown() -> None:
+    env = AtariEnv("pong", play=PLAY)
+    env.reset(seed=1)
+    written, _ = drawn(env, (80, 24), None)
+    assert "screen found" not in written
+    assert "random play" in written
+    assert "38;2;200;200;200" in written
+
+
+def test_without_a_terminal_it_is_refused() -> None:
+    with pytest.raises(InputError, match="run it in one, or make a film"):
+        Watch(env="ale").run(threading.Event())
+
+
+def test_a_person_watches_and_leaves() -> None:
+    person = Person("watch", "--env", "ale")
+    person.sees(r"ale_pong plays pong \(ale\)")
+    person.types(b"q")
+    assert person.leaves() == 0
+    assert person.has_the_terminal_back()

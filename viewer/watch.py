@@ -1,0 +1,216 @@
+"""`ale-robot watch`: a trained network at play, in the terminal.
+
+On the left what the camera sees, with the screen and the game found in it; on the right the hands
+at the controller, the score, the keys and the value of each action.
+"""
+
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.envs import make_env
+from actors.envs.ale import AtariEnv
+from actors.envs.robot import RobotEnv
+from actors.loop import Step, play
+from common.actions import KEYS_OF_ACTION
+from common.checked import Count, Fraction
+from common.errors import InputError
+from common.process.command_line import WeightsFile
+from common.run.config import RunConfig
+from common.run.origin import find_weights
+from viewer import overlay
+from viewer.human import keys_text
+from viewer.panels import border_of
+from viewer.player import Played, ShownPolicy
+from viewer.terminal.half_blocks import HalfBlocks
+from viewer.terminal.held_keys import HeldKeys
+from viewer.terminal.terminal import Terminal
+
+LEAST_SIZE = (60, 20)
+_HANDS = (160, 120)
+"""Width and height of the picture of the hands: small, as the terminal's cells are large."""
+_ASPECT = 4 / 3
+_WHOLE = 120
+"""Width from which the whole camera picture is shown; in a smaller one the game's ball would
+vanish, so it is cut to `_MARGIN` times the height of the screen."""
+_MARGIN = 1.4
+_BOLD, _DIM, _GOOD, _BAD, _CHOSEN, _PLAIN = (
+    f"\x1b[{code}m" for code in ("1", "2", "32", "1;31", "33", "0")
+)
+
+
+@dataclass(frozen=True)
+class Watch(Played):
+    """Watch a trained network play in this terminal, until q.
+
+    It plays under the settings of its run, except for those given here.
+    """
+
+    weights: WeightsFile | None = None
+    """Network that plays, such as robot_pong or runs/NAME/snapshots/best.safetensors; by default
+    the published one of --env."""
+    epsilon: Fraction = 0.001
+    """Share of random actions."""
+    games: Count = 0
+    """Number of whole games; 0 to play until q."""
+
+    def run(self, stop: threading.Event) -> int:
+        """Play until there are enough games, or the person leaves; returns the exit status.
+
+        Raises:
+            InputError: there is no terminal, or it is too small; the network cannot be used.
+        """
+        weights = self.weights or find_weights(f"{self.env or RunConfig.env}_pong")
+        config = self.config(weights)
+        if not (sys.stdin.isatty() and sys.stdout.isatty()):
+            raise InputError("there is no terminal to draw into: run it in one, or make a film.")
+        policy = ShownPolicy.of_file(config, weights, self.epsilon, config.seed)
+        keys, scores = HeldKeys(), list[float]()
+        with closing(make_env(config, training=False)) as env, Terminal() as terminal:
+            if not isinstance(env, RobotEnv | AtariEnv):
+                raise InputError("only robots and emulators are shown: choose another --env.")
+            if any(have < least for have, least in zip(terminal.size, LEAST_SIZE, strict=True)):
+                raise InputError(
+                    f"the terminal has {terminal.size[0]} × {terminal.size[1]} characters: make it "
+                    f"{LEAST_SIZE[0]} × {LEAST_SIZE[1]} or larger."
+                )
+            screen = WatchScreen(env, config, weights.stem)
+            period, due = config.play.frame_skip / 60, time.monotonic()
+            for step in play([env], policy, [config.seed]):
+                terminal.write(screen.draw(terminal.size, step, policy.values, scores))
+                # A picture that is late is not made up for.
+                due = max(due + period * step.info.elapsed, time.monotonic())
+                stop.wait(due - time.monotonic())
+                keys.feed(terminal.keys(), time.monotonic())
+                if step.info.game_over:
+                    scores.append(step.info.game_score)
+                if stop.is_set() or keys.wants_out or 0 < self.games <= len(scores):
+                    break
+        for number, score in enumerate(scores, 1):
+            print(f"game {number}: score {score:g}")
+        return 0
+
+
+class WatchScreen:
+    """Lays out what is watched for a terminal of any size from `LEAST_SIZE` on."""
+
+    def __init__(self, env: RobotEnv | AtariEnv, config: RunConfig, name: str) -> None:
+        self._env = env
+        self._name = name
+        self._title = f"{config.game.replace('_', ' ')} ({config.env})"
+        minimal = env.emulator.minimal_actions
+        self._actions = minimal if config.play.minimal_actions else tuple(range(18))
+        self._size = (0, 0)
+        self._blocks = HalfBlocks(1, 1)
+
+    def draw(
+        self,
+        size: tuple[int, int],
+        step: Step,
+        values: NDArray[np.float32] | None,
+        scores: Sequence[float],
+    ) -> str:
+        """Returns what to write into a terminal of ``size`` columns and rows after ``step``.
+
+        Args:
+            values: Q-values by which its action was chosen, ``float32 [actions]``; None at random
+                play.
+            scores: of the games that ended.
+        """
+        columns, rows = size
+        text = ""
+        if size != self._size:
+            self._size, self._blocks = size, HalfBlocks(columns, rows - 1)
+            text = "\x1b[0m\x1b[2J"
+        side = columns // 3
+        left = _fitting(columns - side - 1, 2 * (rows - 1))
+        right = _fitting(side, rows)
+        canvas = np.zeros((2 * (rows - 1), columns, 3), np.uint8)
+        canvas[: left[1], : left[0]] = self._seen(left)
+        canvas[: right[1], columns - right[0] :] = self._hands(right, step)
+        text += self._blocks.draw(canvas)
+        free = rows - 1 - (right[1] + 1) // 2
+        lines = self._lines(step, values, scores, side, free)
+        for number, line in enumerate(lines[:free], rows - free):
+            text += f"\x1b[{number};{columns - side + 1}H{line}{_PLAIN}\x1b[K"
+        last = f"{self._name} plays {self._title}, {len(scores)} games over; q leaves"
+        return f"{text}\x1b[{rows};1H{_DIM}{last[: columns - 1]}{_PLAIN}\x1b[K"
+
+    def _seen(self, size: tuple[int, int]) -> NDArray[np.uint8]:
+        """What the camera sees with what was found in it; of an emulator alone its screen."""
+        env = self._env
+        if not isinstance(env, RobotEnv):
+            return _scaled(env.emulator.screen_rgb(), size)
+        found = env.detection.corners
+        if found is None:
+            return _scaled(env.seen, size)
+        border = border_of(found)
+        height, width = env.seen.shape[:2]
+        corner, high = np.zeros(2, np.float32), float(height)
+        if size[0] < _WHOLE:
+            high = min(_MARGIN * float(np.ptp(border[:, 1])), height)
+            corner = border.mean(axis=0) - np.array([width / height, 1]) * high / 2
+            corner = corner.round().clip(0, (width, height) - high * np.array([width / height, 1]))
+        left, top = corner.astype(int)
+        part = env.seen[top : top + round(high), left : left + round(high * width / height)]
+        picture = _scaled(part, size)
+        for corners, colour in ((border, overlay.YELLOW), (found, overlay.MAGENTA)):
+            place = np.asarray(corners - (left, top), np.float32)
+            overlay.outline(picture, place, size[0] / part.shape[1], colour, thickness=1)
+        return picture
+
+    def _hands(self, size: tuple[int, int], step: Step) -> NDArray[np.uint8]:
+        """The hands at the controller; of an emulator alone the network's input."""
+        env = self._env
+        if isinstance(env, RobotEnv):
+            return _scaled(env.robot.view(env.emulator.screen_rgb(), *_HANDS, "hands"), size)
+        return _scaled(cv2.cvtColor(step.s_t[-1], cv2.COLOR_GRAY2RGB), size)
+
+    def _lines(
+        self,
+        step: Step,
+        values: NDArray[np.float32] | None,
+        scores: Sequence[float],
+        width: int,
+        rows: int,
+    ) -> list[str]:
+        """The texts beside the picture, in at most ``width`` columns each."""
+        env = self._env
+        before = f"   games before {' '.join(f'{score:g}' for score in scores[-5:])}"
+        lines = [f"{_BOLD}score {step.info.game_score:g}{_PLAIN}   step {step.info.game_steps}"]
+        lines[0] += before if scores and width > 50 else ""
+        if isinstance(env, RobotEnv):
+            seen = (_GOOD, "screen found") if env.detection.valid else (_BAD, "screen NOT found")
+            lines += ["".join(seen), f"commanded {keys_text(env.wanted)}"]
+            lines += [f"pressed   {keys_text(env.pressed)}"]
+        if values is None:
+            return [*lines, f"{_DIM}random play"]
+        lines.append(f"{_DIM}Q-values")
+        # Where there is no room for all, those of the best.
+        best = np.argsort(-values, kind="stable")[: max(rows - len(lines), 1)]
+        least, span = float(values.min()), float(np.ptp(values)) or 1.0
+        for index in sorted(best.tolist()):
+            value = float(values[index])
+            bar = "█" * round((value - least) / span * (width - 16))
+            colour = _CHOSEN if index == step.a_tm1 else ""
+            lines.append(
+                f"{colour}{keys_text(KEYS_OF_ACTION[self._actions[index]])} {value:7.3f} {bar}"
+            )
+        return lines
+
+
+def _fitting(columns: int, pixel_rows: int) -> tuple[int, int]:
+    """Returns width and height of the largest picture there, in half blocks."""
+    width = min(columns, round(pixel_rows * _ASPECT))
+    return width, round(width / _ASPECT)
+
+
+def _scaled(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    return np.array(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
