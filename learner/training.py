@@ -125,6 +125,7 @@ class Learner:
 
     def _checkpoint(self) -> None:
         self._check_loss()
+        self.replay.sync()  # or a power failure would leave a checkpoint that knows of more steps
         self.checkpoint.save(
             {
                 **self.phases.state(),

@@ -3,6 +3,7 @@
 Everything here can be written as journal entries and be read back from them, in order.
 """
 
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterator
 from itertools import takewhile
@@ -115,11 +116,14 @@ class ChunkIndex:
         self.tail = tail
         return gone
 
+    def drop(self, key: ChunkKey) -> None:
+        """Strike a chunk whose rows are damaged."""
+        self.stored -= self.chunks.pop(key).steps
+
     def statistics_since(self, index: int) -> tuple[ChunkStatistics, ...]:
         """The oldest `MAX_STATISTICS` statistics from ``index`` on that are still kept."""
-        if not self.statistics:
-            return ()
-        begin = max(index - self.statistics[0].index, 0)
+        # Numbers are missing where a journal was damaged.
+        begin = bisect_left(self.statistics, index, key=lambda each: each.index)
         end = min(begin + MAX_STATISTICS, len(self.statistics))
         return tuple(self.statistics[at] for at in range(begin, end))
 

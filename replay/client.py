@@ -9,6 +9,7 @@ from concurrent.futures import Future, wait
 import numpy as np
 from numpy.typing import NDArray
 
+from common.checked import MAX_COUNT
 from common.errors import InputError, MessageError
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
@@ -143,6 +144,10 @@ class RemoteReplay:
                 "and start it with --resume, or begin another run."
             )
         return found
+
+    def sync(self) -> None:
+        """See `Replay.sync`."""
+        _answer(self._progress.request(ProgressRequest(MAX_COUNT, None, durable=True).encode()))
 
     def close(self) -> None:
         """Stop waiting for the server; the transport stays open."""

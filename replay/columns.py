@@ -84,7 +84,8 @@ class Columns:
                 path = self._path(name)
                 if not path.exists():
                     created.append(path)
-                self._files[name] = file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+                how = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW
+                self._files[name] = file = os.open(path, how, 0o644)
                 if name == "frames":
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 os.ftruncate(file, size)
@@ -125,6 +126,12 @@ class Columns:
             while len(rest):
                 done = os.pwrite(self._files[name], rest, offset)
                 rest, offset = rest[done:], offset + done
+
+    def sync(self) -> None:
+        """Have all rows on the disk when this returns; others may write meanwhile."""
+        for name, file in self._files.items():
+            if name != "priorities":
+                os.fdatasync(file)
 
     @property
     def file_bytes(self) -> int:

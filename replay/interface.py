@@ -49,5 +49,8 @@ class Replay(Protocol):
         holds until it is told otherwise. None asks only.
         """
 
+    def sync(self) -> None:
+        """Have all that was acknowledged before on the replay's disk, if it can be reached."""
+
     def close(self) -> None:
         """Close the replay; waiting calls return."""

@@ -56,3 +56,5 @@ class ProgressRequest(Message):
 
     since: Count
     finished: bool | None
+    durable: bool = False
+    """See `replay.interface.Replay.sync`."""

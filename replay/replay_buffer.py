@@ -185,6 +185,10 @@ class ReplayBuffer:
                 run_id=self.run_id,
             )
 
+    def sync(self) -> None:
+        """See `Replay.sync`."""
+        self._store.sync()
+
     def close(self) -> None:
         """Release waiting calls and close the files, which keep what was stored."""
         with self._state:

@@ -14,6 +14,7 @@ Two links per slot make every walk a fixed number of array look-ups, without a c
   newest step of a stream, -1 until the next chunk comes.
 """
 
+import zlib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,6 +47,8 @@ class Placement(NamedTuple):
     finals: int
     previous: int
     """Id of the step before, whose frames it shares; -1 if it shares none."""
+    crc: int = -1
+    """CRC-32 of its rows, column by column; -1 in a journal written before there was one."""
 
     @property
     def first(self) -> int:
@@ -87,14 +90,15 @@ class Ring:
         self._n_step = n_step
         self._clip_rewards = clip_rewards
         self._watkins_cut = watkins_cut
-        self._previous = np.zeros(columns.capacity, np.int64)
+        self._previous = np.full(columns.capacity, -1, np.int64)
         self._next = np.full(columns.capacity, -1, np.int64)
         self._discounts = discount ** np.arange(256, dtype=np.float64)
         """γ to the power of the agent steps that a step took."""
 
-    def write(self, placement: Placement, chunk: Chunk) -> None:
-        """Put the chunk's data into its slots, which no id alive has."""
-        columns, base, first = self._columns, placement.base, placement.first
+    def write(self, placement: Placement, chunk: Chunk) -> Placement:
+        """Put the chunk's data into its slots, which no id alive has; returns the placement with
+        their checksum."""
+        columns = self._columns
         flags = np.full(placement.steps, STEP, np.uint8)
         columns_of = {"flags": flags}
         for name, field in STEP_FIELDS.items():
@@ -103,17 +107,36 @@ class Ring:
                 flags[values] |= field.array.bit
             elif isinstance(field.array, Column):
                 columns_of[name] = values
-        if placement.context:
-            columns.write("frames", base, chunk.context)
+        crc = 0
         for name, values in columns_of.items():
             finals = getattr(chunk, f"final_{name}", None)
-            if finals is not None:
-                columns.write(name, first, values)
-                columns.write(name, placement.last + 1, finals)
-            else:
-                full = np.zeros((placement.end - base, *values.shape[1:]), values.dtype)
+            if finals is None:
+                full = np.zeros((placement.end - placement.base, *values.shape[1:]), values.dtype)
                 full[placement.context : placement.context + placement.steps] = values
-                columns.write(name, base, full)
+                parts = [full]
+            else:
+                context = chunk.context if name == "frames" and placement.context else values[:0]
+                parts = [context, values, finals]
+            row = self._begin(name, placement)
+            for part in parts:
+                columns.write(name, row, part)
+                row += len(part)
+                crc = zlib.crc32(np.ascontiguousarray(part).reshape(-1).view(np.uint8).data, crc)
+        return placement._replace(crc=crc)
+
+    def is_whole(self, placement: Placement) -> bool:
+        """Whether the rows of a chunk are those that were written."""
+        crc = 0
+        for name in ("flags", *(name for name in STEP_FIELDS if name in self._rows)):
+            ids = np.arange(self._begin(name, placement), placement.end)
+            rows = self._rows[name].take(ids % self._capacity, axis=0)
+            crc = zlib.crc32(rows.reshape(-1).view(np.uint8).data, crc)
+        return placement.crc in (crc, -1)
+
+    def _begin(self, name: str, placement: Placement) -> int:
+        """Id of the first row that a chunk has in a column: only frames have a context there."""
+        shared = name != "frames" and f"final_{name}" in Chunk.__dataclass_fields__
+        return placement.first if shared else placement.base
 
     def link(self, placement: Placement) -> None:
         """Set the links within a written chunk, and back to the step it continues."""
@@ -135,6 +158,10 @@ class Ring:
         previous[last + 1 :] = ids[truncated]
         self._previous[slots] = previous
         self._next[slots] = following
+
+    def cut(self, placement: Placement) -> None:
+        """Say that the frames before a linked chunk, which it shared, are lost."""
+        self._previous[placement.base % self._capacity] = -1
 
     def join(self, last: int, first: int) -> None:
         """Say that step ``first`` follows step ``last``, which waited for it."""

@@ -116,6 +116,8 @@ class ReplayServer:
 
     def _progress(self, request: Request) -> bytes:
         asked = ProgressRequest.decode(request.payload)
+        if asked.durable:
+            self._memory.sync()
         return self._memory.progress(asked.since, finished=asked.finished).encode()
 
     def _weights_asked(self, _: Request) -> Envelope:

@@ -8,6 +8,7 @@ One insert passes at a time, and writes files without disturbing anyone; only wh
 RAM happens under the lock that readers share.
 """
 
+import logging
 import threading
 import uuid
 from collections.abc import Iterable
@@ -28,7 +29,10 @@ from replay.ring import Placement, Ring
 from replay.samplers import PrioritisedSampler, UniformSampler
 from replay.sum_tree import padded
 
-FORMAT = 1
+FORMAT = 2
+_READ_FORMATS = (1, FORMAT)
+"""Format 1 had no checksums."""
+_log = logging.getLogger(__name__)
 _SPARE_LINES = 1_000
 
 
@@ -83,25 +87,39 @@ class Store:
 
     def _read(self, path: Path) -> ChunkIndex:
         index, entries = ChunkIndex(), read_journal(path)
-        if path.exists() and not entries:
+        if not path.exists():
+            return index
+        header, *rest = entries or [None]
+        if header is None:
             raise damaged(path, "in line 1")
-        for number, entry in enumerate(entries, start=1):
-            if number > 1:
-                try:
-                    index.apply(entry)
-                except (KeyError, TypeError, ValueError):
-                    raise damaged(path, f"in line {number}") from None
-                continue
-            if unequal := [
-                f"{name} {entry.get(name)} instead of {value}"
-                for name, value in self._header.items()
-                if entry.get(name) != value
-            ]:
-                raise InputError(
-                    f"the replay in {path.parent} has {', '.join(unequal)}: resume it with the "
-                    "settings it was made with, or name another run."
-                )
-            self.uuid = str(entry.get("uuid", self.uuid))  # former rings have none
+        if header.get("format") in _READ_FORMATS:
+            header["format"] = FORMAT
+        if unequal := [
+            f"{name} {header.get(name)} instead of {value}"
+            for name, value in self._header.items()
+            if header.get(name) != value
+        ]:
+            raise InputError(
+                f"the replay in {path.parent} has {', '.join(unequal)}: resume it with the "
+                "settings it was made with, or name another run."
+            )
+        self.uuid = str(header.get("uuid", self.uuid))  # former rings have none
+        lost = []
+        for number, entry in enumerate(rest, start=2):
+            try:
+                index.apply(entry or {})
+            except (KeyError, TypeError, ValueError):
+                if number == 2:  # all counters are there
+                    raise damaged(path, "in line 2") from None
+                lost.append(number)
+        if lost:
+            _log.warning(
+                "%d of %d lines of %s are damaged, the first is line %d: their chunks are lost, "
+                "the rest is used",
+                *(len(lost), len(entries), path, lost[0]),
+            )
+        # Where the line is lost that says so.
+        index.evict(max(index.tail, index.head - self._config.replay.capacity))
         return index
 
     def _new_sampler(self) -> UniformSampler:
@@ -116,11 +134,21 @@ class Store:
         )
 
     def _rebuild(self) -> None:
-        """Links and sampleable steps from the index and the files."""
+        """Links and sampleable steps from the index and the files, as far as these are whole."""
         ring, index = self.ring, self.index
+        kept = len(index.chunks)
+        for key in [key for key, place in index.chunks.items() if not ring.is_whole(place)]:
+            index.drop(key)
+        if lost := kept - len(index.chunks):
+            _log.warning(
+                "%d of %d chunks in %s are damaged: they are not drawn, the rest is used",
+                *(lost, kept, self._columns.folder),
+            )
         ring.tail, ring.head = index.tail, index.head
-        for place in index.chunks.values():
+        for key, place in index.chunks.items():
             ring.link(place)
+            if place.previous >= 0 and key.beside(-1) not in index.chunks:
+                ring.cut(place)
         for key, place in index.chunks.items():
             self._join(place, index.chunks.get(key.beside(1)))
         alive = np.arange(ring.tail, ring.head)
@@ -147,19 +175,22 @@ class Store:
                 raise OSError("the replay is closed")
             if self.index.has_received(key):
                 self.index.duplicates += 1
-                self._journal.append(self.index.counts_entry())
+                self._append(self.index.counts_entry())
                 return False
-            place = self._place(key, chunk)
-            self.ring.write(place, chunk)
+            place = self.ring.write(self._place(key, chunk), chunk)
             statistics = self._statistics(chunk, staleness)
-            self._journal.append(chunk_entry(key, place, statistics))
+            self._append(chunk_entry(key, place, statistics))
             with self._state:
                 self._accept(key, place, statistics)
                 self._state.notify_all()
-            if self._journal.lines > 2 * self._compacted_lines + _SPARE_LINES:
-                self._journal.rewrite(self._entries())
-                self._compacted_lines = self._journal.lines
             return True
+
+    def _append(self, entry: Entry) -> None:
+        """Journal ``entry``, in a journal that does not grow without end."""
+        if self._journal.lines > 2 * self._compacted_lines + _SPARE_LINES:
+            self._journal.rewrite(self._entries())
+            self._compacted_lines = self._journal.lines
+        self._journal.append(entry)
 
     def quarantine(self, ids: NDArray[np.int64]) -> tuple[list[int], list[str]]:
         """Let steps ``ids`` not be drawn again; returns those there are, and who sent them.
@@ -180,7 +211,14 @@ class Store:
         with self._writer:
             self.index.refused += 1
             if not self._closed:
-                self._journal.append(self.index.counts_entry())
+                self._append(self.index.counts_entry())
+
+    def sync(self) -> None:
+        """Have all that was acknowledged before on the disk when this returns."""
+        self._columns.sync()
+        with self._writer:
+            if not self._closed:
+                self._journal.sync()
 
     @property
     def file_bytes(self) -> int:
@@ -234,7 +272,7 @@ class Store:
             return
         # First of all: the slots below are about to be overwritten, and a successor of this
         # process must not take them for what they were.
-        self._journal.append(tail_entry(tail))
+        self._append(tail_entry(tail))
         with self._state:
             touched = set(range(ring.tail, tail))
             ring.tail = tail

@@ -2,18 +2,50 @@
 
 import contextlib
 import logging
+import math
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, InvalidStateError
 from functools import partial
 
-from common.errors import MessageError
+from common.errors import DamagedMessage, MessageError
 from common.process.threads import guarded
 from common.transport.interface import Answer, Envelope, Request, Requester, Unanswered
 
+_FIRST_PAUSE = 0.1
+_LONGEST_PAUSE = 5.0
+"""Seconds from one sending of a request to the next, twice as many after each."""
 LONGEST_ANSWER = 10.0
 """Seconds that closing a service waits for the request that is being answered."""
+LONGEST_REASON = 500
+"""Characters of a refusal, which may repeat some of what is refused."""
+_REPEAT = 10.0
+"""Seconds after which the same line is logged again."""
+_MOST_LINES = 1_000
 _log = logging.getLogger(__name__)
+
+
+class _Seldom(logging.Filter):
+    """Passes each warning at most once in `_REPEAT` seconds, however often clients ask again."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._said: dict[str, float] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        line, now = record.getMessage(), time.monotonic()
+        if record.levelno > logging.WARNING:
+            return True
+        if now - self._said.get(line, -math.inf) < _REPEAT:
+            return False
+        if len(self._said) >= _MOST_LINES:
+            self._said.clear()
+        self._said[line] = now
+        return True
+
+
+_log.addFilter(_Seldom())
 
 
 def answer_request(request: Request, answer: Answer) -> None:
@@ -23,7 +55,10 @@ def answer_request(request: Request, answer: Answer) -> None:
         if found is not None:
             request.reply(found)
     except MessageError as error:
-        request.refuse(str(error))
+        request.refuse(str(error)[:LONGEST_REASON])
+    except (OSError, DamagedMessage) as error:
+        _log.warning("a request at %s found no answer: %s", request.key, error)
+        request.drop()
     except Exception:
         _log.exception("a request at %s found no answer", request.key)
         request.drop()
@@ -66,13 +101,17 @@ class _Pending:
     def __init__(self, payload: bytes) -> None:
         self.payload = payload
         self.lost = False
+        self.tries = 0
+        self.again = 0.0
+        """Monotonic seconds from which it may be sent again."""
 
 
 class Window:
     """Requests of which none is lost: each is sent again until it is answered or refused.
 
-    They are sent again by whoever calls `send` or `wait`, and only while a server is known: without
-    one they would end again at once. The server must recognise a request that it has had.
+    They are sent again, ever more seldom, by whoever calls `send` or `wait`, and only while a
+    server is known: without one they would end again at once. The server must recognise a request
+    that it has had.
 
     Args:
         settled: takes each answer or refusal, once, on a thread of the transport.
@@ -106,7 +145,8 @@ class Window:
             return self._changed.wait_for(lambda: len(self._pending) <= most, seconds)
 
     def _send_lost(self) -> None:
-        lost = [pending for pending in self._pending if pending.lost]
+        now = time.monotonic()
+        lost = [each for each in self._pending if each.lost and each.again <= now]
         if lost and self._requester.has_server:
             for pending in lost:
                 self.sent_again += 1
@@ -114,6 +154,8 @@ class Window:
 
     def _send(self, pending: _Pending) -> None:
         pending.lost = False
+        pending.again = time.monotonic() + min(_FIRST_PAUSE * 2**pending.tries, _LONGEST_PAUSE)
+        pending.tries = min(pending.tries + 1, 30)
         future = self._requester.request(pending.payload)
         future.add_done_callback(guarded("window", partial(self._end, pending)))
 

@@ -70,6 +70,7 @@ class World:
     """Steps that the replay has lost."""
     told_finished: list[bool] = field(default_factory=list)
     loss: Callable[[int], float] = lambda _: 0.5
+    log_syncs: bool = False
     spoils: bool = True
     """Whether a loss that is not finite spoils the network's weights."""
     updates: int = 0
@@ -190,6 +191,7 @@ class World:
             raise OSError(errno.ENOSPC, "No space left on device")
         self.checkpoints.append(state)
         assert self.credited == [*range(self.first, state["books"]["facts_seen"])]
+        assert not self.log_syncs or self.log[-1] == "sync"
         self.log.append(("checkpoint", state["updates"]))
 
     def room(self) -> None:
@@ -203,6 +205,7 @@ class World:
         parts: dict[str, Any] = {
             "replay": SimpleNamespace(
                 run_id="id",
+                sync=lambda: self.log.append("sync") if self.log_syncs else None,
                 progress=self.replay_progress,
                 update_priorities=lambda *told: self.priorities.append(told),
             ),
@@ -335,6 +338,13 @@ def test_checkpoints_come_by_updates_at_each_epochs_end_and_at_the_stop() -> Non
     made = [state["updates"] for state in world.checkpoints]
     assert made == [0, 25, 25, 50, 75, 75, 82]
     assert [row.weight_updates for row in world.rows] == [25, 75]
+
+
+def test_the_replay_is_on_the_disk_before_a_checkpoint_that_knows_of_it() -> None:
+    world = World(log_syncs=True)
+    world.stops_at(60)
+    run(world)
+    assert len(world.checkpoints) > 2
 
 
 def test_a_resumed_run_has_all_its_counters() -> None:

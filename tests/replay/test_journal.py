@@ -2,8 +2,13 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import InputError
-from replay.journal import Journal, read_journal
+from replay.journal import Entry, Journal
+from replay.journal import read_journal as read
+
+
+def read_journal(path: Path) -> list[Entry | None]:
+    """The entries without their checksums."""
+    return [entry and {k: v for k, v in entry.items() if k != "crc"} for entry in read(path)]
 
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:
@@ -27,12 +32,27 @@ def test_a_torn_last_line_was_never_written(tmp_path: Path, cut: int) -> None:
     assert read_journal(path) == [{"kind": "a"}]
 
 
-@pytest.mark.parametrize("junk", [b"{]", b"7", b"\xff\x00", b""])
-def test_a_damaged_line_in_the_middle_is_named(tmp_path: Path, junk: bytes) -> None:
+@pytest.mark.parametrize("junk", [b"{]", b"7", b"\xff\x00", b"", b"[" * 100_000])
+def test_a_damaged_line_of_a_former_journal_is_passed_over(tmp_path: Path, junk: bytes) -> None:
     path = tmp_path / "journal.jsonl"
     path.write_bytes(b'{"kind":"a"}\n' + junk + b'\n{"kind":"b"}\n')
-    with pytest.raises(InputError, match="line 2"):
-        read_journal(path)
+    assert read_journal(path) == [{"kind": "a"}, None, {"kind": "b"}]
+
+
+def test_every_flipped_bit_is_noticed_and_costs_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    entries = [{"kind": "ring", "n": 1}, {"kind": "tail", "tail": 64}, {"kind": "tail", "tail": 9}]
+    Journal(path, entries).close()
+    whole = path.read_bytes()
+    begin, end = (whole.index(b"\n", at) for at in (0, whole.index(b"\n") + 1))
+    for place in range(begin + 1, end):
+        for bit in range(8):
+            spoiled = bytearray(whole)
+            spoiled[place] ^= 1 << bit
+            path.write_bytes(spoiled)
+            first, *spoiled_ones, last = read_journal(path)
+            assert (first, last) == (entries[0], entries[2])
+            assert spoiled_ones in ([None], [None, None])  # cut in two by a new line
 
 
 def test_rewriting_replaces_all_and_appending_goes_on(tmp_path: Path) -> None:

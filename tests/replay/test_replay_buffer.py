@@ -1,4 +1,5 @@
 import copy
+import json
 import threading
 from pathlib import Path
 
@@ -440,13 +441,114 @@ def test_a_ring_without_its_frames_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lines", "number"), [("", 1), ('{"ki', 1), ("[]\n", 1), ('HEADER\n{"kind":"odd"}\n', 2)]
 )
-def test_a_damaged_journal_is_refused(tmp_path: Path, lines: str, number: int) -> None:
+def test_a_journal_without_its_first_lines_is_refused(
+    tmp_path: Path, lines: str, number: int
+) -> None:
     long_run(make_config(), tmp_path, 2).close()
     journal = tmp_path / "journal.jsonl"
     header = journal.read_text().splitlines()[0]
     journal.write_text(lines.replace("HEADER", header))
     with pytest.raises(InputError, match=f"damaged in line {number}"):
         ReplayBuffer(make_config(), tmp_path)
+
+
+def flip(path: Path, place: int) -> None:
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("column", ["frames", "rewards", "flags", "vectors", "elapsed"])
+def test_damaged_rows_are_reported_and_the_rest_is_used(
+    tmp_path: Path, column: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    config = make_config(VectorConfig, capacity=200, batch_size=2_000)
+    actor, rng = Actor("0", 4, 3), np.random.default_rng(0)
+    memory = ReplayBuffer(config, tmp_path)
+    endings = [[*[GOES_ON] * 9, end] for end in (TERMINATES, TRUNCATES, GOES_ON, GOES_ON, GOES_ON)]
+    for each in endings:
+        memory.insert(actor.live(each, rng))
+    expected = memory.progress(0)
+    memory.close()
+    size = (tmp_path / f"{column}.bin").stat().st_size // 200
+    # Ids 0 to 9, 10 to 20 with a final frame, 21 to 30, 31 to 40, 41 to 50.
+    flip(tmp_path / f"{column}.bin", 35 * size)
+
+    memory = ReplayBuffer(config, tmp_path)
+    assert caplog.messages == [
+        f"1 of 5 chunks in {tmp_path} are damaged: they are not drawn, the rest is used"
+    ]
+    batch = memory.sample(0, 0.0)
+    assert batch is not None
+    check_batch(batch, [actor], config)
+    # Of the chunk before, returns of three steps reach in; of the one after, stacks of four.
+    assert set(batch.ids.tolist()) == {*range(20), *range(21, 28), *range(44, 48)}
+    after = memory.progress(0)
+    assert (after.agent_steps, after.accepted) == (expected.agent_steps, expected.accepted)
+    assert after.stored == expected.stored - 10
+    memory.close()
+
+
+def test_damaged_lines_are_reported_and_the_rest_is_used(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    config = make_config(capacity=40, batch_size=2_000)
+    actor, rng = Actor("0", 4), np.random.default_rng(0)
+    memory = ReplayBuffer(config, tmp_path)
+    chunks = [actor.live([*[GOES_ON] * 9, TERMINATES], rng) for _ in range(6)]
+    for chunk in chunks:
+        memory.insert(chunk)
+    memory.close()
+    journal = tmp_path / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    kinds = [json.loads(line)["kind"] for line in lines]
+    assert kinds == ["ring", "state", "counts", *["chunk"] * 4, "tail", "chunk", "tail", "chunk"]
+    # The second chunk, and that the first two are gone: their slots have others' rows now.
+    for lost in (4, 7, 9):
+        lines[lost] = lines[lost].replace(b"kind", b"kine")
+    journal.write_bytes(b"".join(lines))
+
+    memory = ReplayBuffer(config, tmp_path)
+    assert caplog.messages[0].startswith(f"3 of 11 lines of {journal} are damaged, the first is ")
+    batch = memory.sample(0, 0.0)
+    assert batch is not None
+    check_batch(batch, [actor], config)
+    assert set(batch.ids.tolist()) == set(range(20, 60))
+    assert [each.index for each in memory.progress(0).statistics] == [0, 2, 3, 4, 5]
+    assert [each.index for each in memory.progress(2).statistics] == [2, 3, 4, 5]
+    assert memory.insert(chunks[5]).status == "duplicate"
+    memory.close()
+
+
+def test_a_replay_of_a_former_version_is_read_and_gets_checksums(tmp_path: Path) -> None:
+    memory = long_run(make_config(), tmp_path, 3)
+    before = memory.progress(0)
+    memory.close()
+    journal = tmp_path / "journal.jsonl"
+    former = []
+    for line in journal.read_text().splitlines():
+        entry = json.loads(line)
+        del entry["crc"]
+        entry.pop("uuid", None)
+        if "placement" in entry:
+            entry["placement"] = entry["placement"][:5]
+        former.append(json.dumps(entry | ({"format": 1} if "format" in entry else {})))
+    journal.write_text("\n".join(former) + "\n")
+    memory = ReplayBuffer(make_config(), tmp_path)
+    after = memory.progress(0)
+    assert (after.statistics, after.samplable) == (before.statistics, before.samplable)
+    memory.close()
+    header = json.loads(journal.read_text().splitlines()[0])
+    assert (header["format"], memory.run_id[:32]) == (2, header["uuid"])
+
+
+def test_refusals_do_not_grow_the_journal(tmp_path: Path) -> None:
+    memory = long_run(make_config(), tmp_path, 2)
+    for _ in range(3_000):
+        memory.refuse()
+    assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") < 1_100
+    assert memory.progress(0).refused == 3_000
+    memory.close()
 
 
 def test_two_processes_cannot_share_a_ring(tmp_path: Path) -> None:
@@ -504,9 +606,3 @@ def test_a_run_has_one_identity_from_its_beginning_to_its_end(tmp_path: Path) ->
     first = run_id("one")
     assert run_id("one") == first
     assert len({first, run_id("two"), run_id("one", discount=0.5)}) == 3
-    # One that was begun before runs had an identity gets one that stays.
-    journal = tmp_path / "one" / "journal.jsonl"
-    journal.write_text(journal.read_text().replace("uuid", "unknown"))
-    fresh = run_id("one")
-    assert fresh != first
-    assert run_id("one") == fresh

@@ -38,7 +38,8 @@ def make_ring(
 def put(ring: Ring, chunk: Chunk, previous: int = -1) -> Placement:
     context = 0 if previous >= 0 else len(chunk.context)
     place = Placement(ring.head, context, len(chunk), len(chunk.final_frames), previous)
-    ring.write(place, chunk)
+    place = ring.write(place, chunk)
+    assert ring.is_whole(place)
     ring.link(place)
     ring.head = place.end
     if previous >= 0:
