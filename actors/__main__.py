@@ -38,7 +38,7 @@ from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import check_name
 from common.run.clock import ClockConfig
 from common.run.config import MAX_SEED, RunConfig
-from common.run.join import find_run
+from common.run.join import find_run, patiently
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.zenoh_transport import connect
 
@@ -131,13 +131,14 @@ def main() -> int:
     # One core each: parallelism is between processes, and threads would fight over cores.
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
+    stopped = patiently(stop, options.connect)
     with (
         end_with_any_thread(stop),
         connect(
-            options.connect, options.patience, stop.is_set, certificates=options.certificates
+            options.connect, options.patience, stopped, certificates=options.certificates
         ) as transport,
     ):
-        keys, config = find_run(transport, options.run, options.patience, stop.is_set)
+        keys, config = find_run(transport, options.run, options.patience, stopped)
         options.check_against(config)
         member = Member(name, transport, keys, config, options.patience, stop)
         entropy = (

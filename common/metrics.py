@@ -150,6 +150,7 @@ declare(
     Metric("run/speed", "ratio", "plain",
            "Game seconds per second where the world does not wait, in local mode", summary="speed"),
     Metric("run/device", "none", "text", "Hardware of the updates", summary="device"),
+    Metric("run/join", "none", "text", "Command that starts an actor, where the learner does not"),
     Metric("run/phase", "none", "text", "Warm-up, training, or finishing"),
     Metric("run/seconds", "seconds", "duration",
            "Wall-clock time of work on this run, that before a resume included",

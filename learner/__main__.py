@@ -20,7 +20,7 @@ from common.process.lifeline import on_signals
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights, load_weights_file
 from common.run.folder import RunFolder, write_atomically
-from common.run.join import find_run
+from common.run.join import find_run, patiently
 from common.run.origin import check_fit, origin_of
 from common.run.stored_config import differences
 from common.transport.endpoint import from_here
@@ -35,6 +35,7 @@ from learner.local_launcher import launch
 from learner.options import (
     LearnerOptions,
     free_cores,
+    join_command,
     resume_command,
     run_name,
     stored_config,
@@ -67,14 +68,15 @@ def remote_replay(
     options: LearnerOptions, endpoint: str, folder: RunFolder, stop: threading.Event
 ) -> Iterator[tuple[Transport, Replay, str]]:
     """Hub and replay of another process, which must serve this run."""
+    stopped = patiently(stop, endpoint)
     with connect(
         endpoint,
         options.patience,
-        stop.is_set,
+        stopped,
         role="learner",
         certificates=options.certificates,
     ) as transport:
-        keys, config = find_run(transport, folder.name, options.patience, stop.is_set)
+        keys, config = find_run(transport, folder.name, options.patience, stopped)
         if unequal := differences(config, options.config):
             raise InputError(
                 f"the replay at {endpoint} serves {folder.name} with another configuration "
@@ -151,7 +153,8 @@ def main() -> int:
             stack.callback(children.close)
         display.line(
             f"run {folder.name} in {folder.path}: {config.game} ({config.env}), preset "
-            f"{config.preset}, on {device.name}; actors find it at {endpoint}."
+            f"{config.preset}, on {device.name}; actors find it at {endpoint}"
+            f"{f' ({command})' if (command := join_command(options)) else ''}."
         )
         learner.run(children)
     again = resume_command(sys.argv[1:], folder.name, done=learner.done)

@@ -14,7 +14,7 @@ from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
 from learner.health_guard import HealthGuard
-from learner.options import LearnerOptions, clock_figures
+from learner.options import LearnerOptions, clock_figures, join_command
 from learner.phases import Phases
 from learner.prefetch import Prefetcher, to_device
 from learner.telemetry.actor_registry import ActorRegistry
@@ -68,6 +68,7 @@ def build_learner(
         "run/device": device.name,
         "run/initial": folder.initial.exists(),
         "run/steps_goal": options.steps,
+        "run/join": join_command(options),
     }
     sinks = (
         display,

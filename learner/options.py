@@ -21,7 +21,7 @@ from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
-from common.transport.endpoint import DEFAULT_ENDPOINT
+from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.offline import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
@@ -138,6 +138,20 @@ def stored_config(options: LearnerOptions) -> RunConfig | None:
 def clock_figures(options: LearnerOptions) -> dict[str, Value]:
     """Returns how time passes, for the run's records; nothing where actors start elsewhere."""
     return {f"run/{name}": value for name, value in vars(options.clock).items() if options.local}
+
+
+def join_command(options: LearnerOptions) -> str | None:
+    """Returns the command that starts an actor of this run; None where local mode starts them."""
+    if options.local:
+        return None
+    address = from_here(options.connect or options.listen)
+    words = [
+        *("ale-robot", "join"),
+        *([] if address == DEFAULT_ENDPOINT else ["--connect", address]),
+    ]
+    if options.certificates is not None:
+        words += ["--certificates", str(options.certificates)]
+    return shlex.join(words)
 
 
 def free_cores(options: LearnerOptions) -> int:

@@ -1,5 +1,7 @@
 """Joining a run: which one a hub serves, and under which configuration."""
 
+import sys
+import threading
 import time
 from collections.abc import Callable
 
@@ -11,6 +13,27 @@ from common.transport.interface import Transport
 
 _DEADLINE = 2.0
 _PAUSE = 0.2
+_TELL_EVERY = 10.0
+
+
+def patiently(
+    stop: threading.Event,
+    endpoint: str,
+    say: Callable[[str], None] = lambda text: print(text, file=sys.stderr, flush=True),
+    now: Callable[[], float] = time.monotonic,
+) -> Callable[[], bool]:
+    """Returns whether ``stop`` is set, for those who wait for a run and ask after each attempt;
+    at the first and then every 10 s it says that they wait."""
+    due = now()
+
+    def stopped() -> bool:
+        nonlocal due
+        if now() >= due and not stop.is_set():
+            due = now() + _TELL_EVERY
+            say(f"waiting for a run at {endpoint}; Ctrl-C ends it.")
+        return stop.is_set()
+
+    return stopped
 
 
 def find_run(

@@ -17,7 +17,13 @@ from common.run.config import RunConfig, all_ranges
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from learner.__main__ import first_network
-from learner.options import LearnerOptions, clock_figures, resume_command, stored_config
+from learner.options import (
+    LearnerOptions,
+    clock_figures,
+    join_command,
+    resume_command,
+    stored_config,
+)
 
 
 def learner(*arguments: str) -> LearnerOptions:
@@ -207,3 +213,21 @@ def test_a_network_that_does_not_fit_says_what_it_is_for(
     asked = learner("--env", "ale", "--initial", str(there.initial))
     with pytest.raises(InputError, match=rf"{there.initial}, which plays pong .*: {advice}"):
         first_network(asked, RunFolder(tmp_path, "here"))
+
+
+@pytest.mark.parametrize(
+    ("flags", "command"),
+    [
+        ((), "ale-robot join"),
+        (("--listen", "tcp/0.0.0.0:1"), "ale-robot join --connect tcp/127.0.0.1:1"),
+        (
+            ("--connect", "tls/h:1", "--certificates", "a b"),
+            "ale-robot join --connect tls/h:1 --certificates 'a b'",
+        ),
+        (("--local",), None),
+    ],
+)
+def test_the_command_that_starts_an_actor_is_told(
+    flags: tuple[str, ...], command: str | None
+) -> None:
+    assert join_command(learner(*flags)) == command

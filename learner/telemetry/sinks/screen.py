@@ -20,7 +20,7 @@ from learner.telemetry.sinks import formats
 from learner.telemetry.sinks.formats import figure, fill, troubles
 from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
 
-_WIDEST = 132
+_WIDEST = 200
 _ECHO = 2
 """Columns left free: a terminal writes ^C behind the last line, which must not wrap."""
 _ACCENT, _GOOD, _BAD, _LABEL, _LINE = "cyan", "green", "bold red", "dim", "dim"
@@ -56,7 +56,7 @@ def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType
     spare = max(rows - (_LARGE if large else _ROWS), 0)
     wanted = max(len(snapshot.present), len(snapshot.checks)) - _LIST_ROWS
     more_rows = min(max(wanted, 0), spare)
-    taller = min(4, spare - more_rows) if large else 0
+    taller = (spare - more_rows) * 2 // 3 if large else 0
     gap = [Text()] if large else []
     yield _header(snapshot.values)
     yield from gap
@@ -199,14 +199,21 @@ def _actors_and_checks(snapshot: Snapshot, width: int, rows: int) -> Table:
     grid.add_row(
         _titled(
             f"Actors {alive}/{present}{wrong}" if wrong else f"Actors, {alive} of {present} alive",
-            _actors(snapshot.present, rows, roomy=width >= _ROOMY),
+            _actors(snapshot.present, rows, roomy=width >= _ROOMY, values=snapshot.values),
         ),
         _titled(f"Checks, {snapshot.verdict}", _checks(snapshot.checks, rows)),
     )
     return grid
 
 
-def _actors(actors: Sequence[ActorView], rows: int, roomy: bool) -> Table:
+def _actors(actors: Sequence[ActorView], rows: int, roomy: bool, values: Values) -> Table:
+    if not actors:
+        grid = _grid(Column(ratio=1))
+        join = values.get("run/join")
+        grid.add_row(_text(f"start one: {join}" if join else "none yet", _ACCENT))
+        for _ in range(rows - 1):
+            grid.add_row("")
+        return grid
     right = [Column(justify="right") for _ in range(5 if roomy else 2)]
     grid = _grid(Column(width=1), Column(ratio=1, min_width=8), *right, gap=2 if roomy else 1)
     # The lost ones first: they must not be among those for which there is no room.

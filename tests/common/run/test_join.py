@@ -1,5 +1,7 @@
 """Finding a run at a hub."""
 
+import threading
+
 import pytest
 
 from common.errors import InputError
@@ -7,7 +9,7 @@ from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import SCHEMA, pack
 from common.run.config import RunConfig
-from common.run.join import find_run
+from common.run.join import find_run, patiently
 from common.run.presets import PRESETS
 from common.transport.interface import Closeable, Transport
 from tests.patience import PATIENCE
@@ -98,3 +100,20 @@ def test_a_hub_of_another_version_is_told(hub: Transport, client: Transport) -> 
 def test_a_name_that_is_no_key_is_told(client: Transport) -> None:
     with pytest.raises(InputError, match="'a//b' cannot be used"):
         find_run(client, "a//b", 0.0, never)
+
+
+def test_whoever_waits_says_so_at_once_and_every_ten_seconds() -> None:
+    said: list[str] = []
+    times = iter((0.0, 0.0, 0.0, 5.0, 10.0, 10.0, 19.9, 20.0, 20.0))
+    stop = threading.Event()
+    stopped = patiently(stop, "tcp/hub:7447", said.append, lambda: next(times))
+    told = []
+    for _ in range(5):
+        assert not stopped()
+        told.append(len(said))
+    assert told == [1, 1, 2, 2, 3]
+    assert said[0] == "waiting for a run at tcp/hub:7447; Ctrl-C ends it."
+    stop.set()
+    times = iter((30.0,))
+    assert stopped()
+    assert len(said) == 3

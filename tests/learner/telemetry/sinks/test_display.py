@@ -136,6 +136,13 @@ def test_screen_stays_within_the_terminal(status: Snapshot, width: int, height: 
         assert max(map(cell_len, lines)) <= width
 
 
+def test_a_run_without_actors_tells_how_to_start_one() -> None:
+    empty = changed(EMPTY, {"run/join": "ale-robot join --connect tcp/h:1"}, actors=())
+    assert "start one: ale-robot join --connect tcp/h:1" in "\n".join(drawn(empty, 120, 40))
+    assert "none yet" in "\n".join(drawn(EMPTY))  # local mode starts them
+    assert "start one" not in "\n".join(drawn(STATUS))
+
+
 def test_what_went_wrong_with_time_is_shown() -> None:
     assert "late" not in "\n".join(drawn(STATUS, 132, 40))
     late, waited, well = (
