@@ -110,6 +110,7 @@ def _from_table(kind: Any, fill: bool, *, inner: bool = True) -> Any:
     return Annotated[table, AfterValidator(lambda found: kind(**found))]
 
 
+_MOST_NAMES, _LONGEST_NAME = 20, 40  # in a sentence: a stranger may have chosen them
 _UNEQUAL = ("missing", "extra_forbidden")
 _WRONG = {
     "greater_than_equal": ": choose {ge} or more",
@@ -142,7 +143,8 @@ def _sentence(refusal: _Refusal, where: str) -> str:
 
     if unequal := [each["loc"] for each in errors if each["type"] in _UNEQUAL]:
         *group, _ = unequal[0]
-        listed = ", ".join(sorted(str(name) for *of, name in unequal if of == group))
+        names = sorted(str(name)[:_LONGEST_NAME] for *of, name in unequal if of == group)
+        listed = ", ".join(names[:_MOST_NAMES]) + ("" if len(names) <= _MOST_NAMES else " …")
         place = dotted(*group)
         return f"{place + ' has ' if place else ''}a missing or unknown field: {listed}"
     kind, loc, ctx = (errors[0].get(part) for part in ("type", "loc", "ctx"))

@@ -20,7 +20,7 @@ class DamagedMessage(Exception):
 def exit_on_input_error(main: Callable[[], int | None]) -> None:
     """Run ``main`` and exit with its status.
 
-    An `InputError`, and a full disk anywhere, becomes one line on stderr and exit code 2.
+    An `InputError`, and whatever the system refuses, becomes one line on stderr and exit code 2.
     """
     try:
         status = main()
@@ -28,10 +28,11 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
         print(f"error: {error}", file=sys.stderr)
         status = 2
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise
+        what = f"{error.filename or 'the system'}: {error.strerror or error}: mend that"
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            what = "the disk is full: free some space"
         print(
-            "error: the disk is full: free some space, then run the command again; "
+            f"error: {what}, then run the command again; "
             "--resume continues a run from its last checkpoint.",
             file=sys.stderr,
         )

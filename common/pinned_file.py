@@ -10,6 +10,7 @@ from pathlib import Path
 
 from common.checked import MAX_TEXT
 from common.errors import InputError
+from common.regular_file import read_file
 
 MAX_BYTES = 2**26
 """Bytes of such a file, at most."""
@@ -47,8 +48,7 @@ def read(name: str) -> bytes:
     """
     path, (_, _, wanted) = path_of(name), name.partition(_MARK)
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
+        content = read_file(path, MAX_BYTES + 1)
     except OSError as error:
         advice = "copy it there from where the run began" if wanted else "name a file that is there"
         raise InputError(f"{path} cannot be read ({error.strerror}): {advice}.") from None

@@ -5,12 +5,14 @@ import threading
 import time
 from collections import deque
 from concurrent.futures import Future, wait
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.checked import MAX_COUNT
 from common.errors import InputError, MessageError
+from common.protocol.message import Message
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.transport.interface import Envelope, Requester, Transport, Unanswered
@@ -33,6 +35,7 @@ DEADLINE = 5.0
 """Seconds for an answer, before the server counts as away."""
 _PAUSE = 0.2
 _log = logging.getLogger(__name__)
+_Answer = TypeVar("_Answer", bound=Message)
 
 
 class RemoteReplay:
@@ -71,7 +74,7 @@ class RemoteReplay:
         and after an answer without a batch, one at a time is asked for, with the true number.
 
         Raises:
-            MessageError: the server refuses the question, or answers with something else.
+            InputError: the server refuses the question, or answers with something else.
         """
         ends = time.monotonic() + timeout
         with self._drawing:
@@ -81,11 +84,11 @@ class RemoteReplay:
                 if not wait([self._draws[0]], left).done:
                     return None
                 answer = _answer(self._draws.popleft())
-                batch = SharedBatch.decode(answer) if answer else None
+                batch = _decoded(SharedBatch, answer) if answer else None
                 self._going_well = batch is not None
                 if batch is not None:
                     if batch.stacks.shape[2] != self._frame_stack:
-                        raise MessageError(f"states of {batch.stacks.shape[2]} frames")
+                        raise _misfit(f"it gave states of {batch.stacks.shape[2]} frames")
                     return batch.whole()
                 if answer is None:
                     self._closed.wait(min(_PAUSE, left))
@@ -108,7 +111,7 @@ class RemoteReplay:
         given new ones.
 
         Raises:
-            MessageError: the server refused an earlier message.
+            InputError: the server refused an earlier message.
         """
         with self._advising:
             while self._advice and self._advice[0].done():
@@ -123,11 +126,11 @@ class RemoteReplay:
         """See `Replay.held_out`.
 
         Raises:
-            InputError: `close` was called while the server was away.
-            MessageError: so many states do not fit a message.
+            InputError: `close` was called while the server was away, or so many states do not fit
+                a message.
         """
         request = HeldOutRequest(count, newest).encode()
-        held = HeldOutStates.decode(self._insist(self._held_out, request))
+        held = _decoded(HeldOutStates, self._insist(self._held_out, request))
         return held.frames, held.vectors
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
@@ -137,7 +140,7 @@ class RemoteReplay:
             InputError: `close` was called while the server was away, or it serves another run now.
         """
         request = ProgressRequest(since, finished).encode()
-        found = Progress.decode(self._insist(self._progress, request))
+        found = _decoded(Progress, self._insist(self._progress, request))
         if found.run_id != self.run_id:
             raise InputError(
                 "the replay serves another run under this name now: give it back the run's folder "
@@ -172,11 +175,25 @@ def _answer(future: Future[Envelope]) -> bytes | None:
     """The answer, once it is there; None if there is no server, or none that answers in time.
 
     Raises:
-        MessageError: the server refused.
+        InputError: the server refused.
     """
     try:
         return future.result().payload
     except Unanswered:
         return None
     except MessageError as error:
-        raise MessageError(f"the replay refused a request: {error}") from None
+        raise _misfit(f"it refused a request: {error}") from None
+
+
+def _decoded(kind: type[_Answer], answer: bytes) -> _Answer:
+    try:
+        return kind.decode(answer)
+    except MessageError as error:
+        raise _misfit(str(error)) from None
+
+
+def _misfit(why: str) -> InputError:
+    return InputError(
+        f"the replay and this learner do not understand each other ({why}): start both from the "
+        "same version, with the same settings."
+    )

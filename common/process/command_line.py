@@ -24,6 +24,7 @@ from tyro import _strings
 from common.checked import Invalid, build
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
+from common.regular_file import read_file
 from common.run.config import RunConfig, all_ranges
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
@@ -179,9 +180,9 @@ def with_file(arguments: Sequence[str]) -> list[str]:
     if known.config is None:
         return list(arguments)
     try:
-        text = known.config.read_text()
+        text = read_file(known.config).decode()
         told = json.loads(text) if known.config.suffix == ".json" else tomllib.loads(text)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"--config {known.config} cannot be read: {error}.") from None
     if known.config.suffix == ".json":
         stored = told.get("config", told) if isinstance(told, dict) else told

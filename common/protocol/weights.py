@@ -8,6 +8,7 @@ from safetensors.torch import load, save
 from torch import nn
 
 from common.errors import InputError, MessageError
+from common.regular_file import read_file
 
 
 def encode_weights(network: nn.Module, dtype: torch.dtype = torch.float32) -> bytes:
@@ -71,7 +72,7 @@ def load_weights_file(network: nn.Module, file: Path, what: str) -> None:
         InputError: the file cannot be read, or does not fit.
     """
     try:
-        load_weights(network, file.read_bytes())
+        load_weights(network, read_file(file))
     except OSError as error:
         raise InputError(f"{file} cannot be read: {error.strerror}.") from None
     except NotSafetensors as error:

@@ -52,6 +52,11 @@ def write_atomically(path: Path, content: bytes, former: Path | None = None) -> 
         os.close(folder)
 
 
+def no_links(path: str, flags: int) -> int:
+    """Opens a file, but not where a link leads; for `open`."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o644)
+
+
 Part = Literal["learner", "replay"]
 
 
@@ -126,7 +131,7 @@ class RunFolder:
         try:
             self._made |= not self.path.exists()
             self.path.mkdir(parents=True, exist_ok=True)
-            lock = self._lock(part).open("w")
+            lock = os.fdopen(no_links(str(self._lock(part)), os.O_WRONLY | os.O_CREAT), "w")
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(f"another {part} is at work in {self.path}.") from None

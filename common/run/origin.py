@@ -37,7 +37,7 @@ def origin_of(weights: Path) -> RunConfig | None:
     if card.is_file():
         try:
             told = json.loads(card.read_bytes())
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(f"{card} is not JSON ({error}): get it anew.") from None
         if isinstance(told, dict) and "config" in told:
             return from_mapping(RunConfig, told["config"], f"{card}: config", fill=True)

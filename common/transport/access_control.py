@@ -7,6 +7,7 @@ nobody is told: to a denied query there is no answer, and a denied publication i
 from typing import Any
 
 from common.protocol.run_keys import RunKeys
+from common.protocol.wire import MAX_MESSAGE_BYTES
 
 _ANY = RunKeys("*")
 _WORKERS = ("actor", "evaluator")
@@ -33,6 +34,37 @@ _ALLOWED: dict[str, dict[str, list[str]]] = {
     },
 }
 """By role and Zenoh's name of a message, the keys to which it may be sent."""
+
+
+_KIB = 1024
+_MOST_BYTES: dict[int, list[str]] = {
+    64 * _KIB: [
+        *(_ANY.config, _ANY.latest_weights, _ANY.task),
+        *(_ANY.sample, _ANY.held_out, _ANY.progress, _ANY.stats("*", "*")),
+    ],
+    4 * _KIB**2: [_ANY.report, _ANY.priorities],
+    32 * _KIB**2: [_ANY.insert("*")],
+}
+"""What may come in at most, by key: twice the longest that anybody sends. All else is bounded by
+`MAX_MESSAGE_BYTES`."""
+
+
+def size_limits() -> dict[str, Any]:
+    """Zenoh's settings by which a hub drops what is too long before it takes memory."""
+    return {
+        # What Zenoh itself adds to a message, and its other messages, are small.
+        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES + 64 * _KIB,
+        "low_pass_filter": [
+            {
+                "id": f"at-most-{most}",
+                "flows": ["ingress"],
+                "messages": ["put", "query"],
+                "key_exprs": keys,
+                "size_limit": most,
+            }
+            for most, keys in _MOST_BYTES.items()
+        ],
+    }
 
 
 def access_control() -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Addresses of a hub, such as ``tcp/127.0.0.1:7447``."""
 
+import ipaddress
 import re
 
 from common.errors import InputError
@@ -18,6 +19,14 @@ def check_endpoint(endpoint: str) -> tuple[str, int]:
     if match is None or not 0 < int(match[2]) < 65_536:
         raise InputError(f"{endpoint!r} is no address: write it as {DEFAULT_ENDPOINT}.")
     return match[1].strip("[]"), int(match[2])
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches ``host``."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def from_here(endpoint: str) -> str:

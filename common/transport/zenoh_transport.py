@@ -7,6 +7,7 @@ that begin with ``tls/`` everybody shows a certificate, and may do what its role
 """
 
 import json
+import logging
 import socket
 import threading
 import time
@@ -20,9 +21,9 @@ from zenoh.handlers import Callback, FifoChannel
 
 from common.errors import InputError, MessageError
 from common.process.threads import guarded
-from common.transport.access_control import access_control
+from common.transport.access_control import access_control, size_limits
 from common.transport.credentials import Role, check_certificates
-from common.transport.endpoint import check_endpoint
+from common.transport.endpoint import check_endpoint, is_loopback
 from common.transport.interface import (
     Answer,
     Closeable,
@@ -35,6 +36,7 @@ from common.transport.requests import LONGEST_ANSWER, PendingRequests, answer_re
 
 LEASE_MS = 3_000
 """Silence after which the other side counts as gone."""
+_log = logging.getLogger(__name__)
 _QUEUE = 4_096
 """Requests that may wait at a key: far more than the actors' windows together, because a full queue
 blocks Zenoh's own receiving threads."""
@@ -280,6 +282,12 @@ def open_hub(endpoint: str, certificates: Path | None = None) -> ZenohTransport:
     """
     credentials = check_certificates(endpoint, certificates, "hub")
     host, port = check_endpoint(endpoint)
+    if credentials is None and not is_loopback(host):
+        _log.warning(
+            "whoever reaches %s can send chunks and weights: use a tls/ address "
+            "(deploy/README.md), or a network whose machines you trust",
+            endpoint,
+        )
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         with socket.socket(family, socket.SOCK_STREAM) as probe:
@@ -290,7 +298,7 @@ def open_hub(endpoint: str, certificates: Path | None = None) -> ZenohTransport:
             f"cannot listen at {endpoint} ({error.strerror}): "
             "another learner or replay may be running there; choose another with --listen."
         ) from None
-    settings: dict[str, Any] = {"listen/endpoints": [endpoint]}
+    settings: dict[str, Any] = {"listen/endpoints": [endpoint], **size_limits()}
     if credentials is not None:
         settings |= {**credentials.settings("hub"), "access_control": access_control()}
     try:

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save
+from safetensors.torch import load, save
 
 from common.errors import InputError
+from common.regular_file import read_file
 from common.run.folder import write_atomically
 from learner.algorithm.interface import Algorithm
 from replay.interface import Replay
@@ -40,7 +41,7 @@ class HeldOut:
         """Standard deviation of max-Q over the recent states."""
         if path.exists():
             try:
-                found = load_file(path)
+                found = load(read_file(path))
                 self._states = found["frames"], found["vectors"]
             except (SafetensorError, OSError, KeyError) as error:
                 raise InputError(

@@ -191,3 +191,10 @@ def test_a_share_ends_at_1() -> None:
     assert build(Values[Fraction], [0.0, 1.0]) == (0.0, 1.0)
     with pytest.raises(Invalid, match="choose at most 1"):
         build(Values[Fraction], [1.01])
+
+
+def test_a_sentence_is_short_whatever_a_stranger_sent() -> None:
+    strange = {f"{number:05}" + "x" * 1_000: 1 for number in range(1_000)}
+    with pytest.raises(Invalid) as refused:
+        build(Table, strange | table())
+    assert len(str(refused.value)) < 1_000

@@ -49,6 +49,28 @@ def test_a_full_disk_is_one_line(number: int, capsys: pytest.CaptureFixture[str]
     assert told.err.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (PermissionError(errno.EACCES, "Permission denied", "/r"), "/r: Permission denied"),
+        (OSError(errno.EIO, "Input/output error"), "the system: Input/output error"),
+        (OSError("odd"), "the system: odd"),
+    ],
+)
+def test_what_the_system_refuses_is_one_line(
+    error: OSError, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def main() -> int:
+        raise error
+
+    with pytest.raises(SystemExit) as caught:
+        exit_on_input_error(main)
+    assert caught.value.code == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"error: {sentence}: mend that, then run the command again; ")
+    assert told.count("\n") == 1
+
+
 def test_other_errors_are_bugs_and_keep_their_traceback() -> None:
     def main() -> int:
         raise MessageError("not caught")

@@ -1,5 +1,6 @@
 """Files that settings name with the hash of their content."""
 
+import os
 from dataclasses import asdict
 from pathlib import Path
 
@@ -77,3 +78,10 @@ def test_a_path_that_no_process_could_read_from_the_settings(file: Path) -> None
         else:
             with pytest.raises(InputError, match="is too long by 1 characters"):
                 pin(path)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / "hand.npz"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match=r"hand\.npz cannot be read \(it is not a regular file\)"):
+        pin(str(pipe))

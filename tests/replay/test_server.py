@@ -295,7 +295,7 @@ def test_refused_priorities_are_told_at_a_later_call(place: Place) -> None:
             place.remote.update_priorities(ids, ones)
 
     place.remote.update_priorities(ids, -ones)
-    with pytest.raises(MessageError, match="not be negative"):
+    with pytest.raises(InputError, match=r"not be negative\): start both from the same version"):
         later()
     later_on = place.remote.progress(0)
     place.remote.update_priorities(ids, ones)

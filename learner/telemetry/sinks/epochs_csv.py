@@ -18,7 +18,7 @@ from pydantic import AllowInfNan
 
 from common.checked import Count, Invalid, build
 from common.errors import InputError
-from common.run.folder import write_atomically
+from common.run.folder import no_links, write_atomically
 from learner.telemetry.sinks.formats import csv_line
 
 EpochPhase = Literal["random", "train", "test"]
@@ -92,7 +92,7 @@ class EpochTable:
         """Add ``row``; it is on the disk when this returns."""
         if not self._path.exists():
             write_atomically(self._path, _HEADER.encode())
-        with self._path.open("a", encoding="utf-8") as file:
+        with open(self._path, "a", encoding="utf-8", opener=no_links) as file:
             file.write(csv_line(map(_cell, dataclasses.astuple(row))))
             file.flush()
             os.fsync(file.fileno())

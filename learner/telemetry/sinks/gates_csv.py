@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from common.metrics import METRICS, number
-from common.run.folder import write_atomically
+from common.run.folder import no_links, write_atomically
 from learner.telemetry.sinks.formats import csv_line
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
@@ -53,7 +53,7 @@ class GatesCsvSink(Sink):
         row["seconds"] = f"{number(values, 'run/seconds') or 0:.1f}"
         row["agent_steps"] = str(values["run/agent_steps"])
         row["red"] = "; ".join(check.name for check in snapshot.failed)
-        with self._path.open("a", encoding="utf-8") as file:
+        with open(self._path, "a", encoding="utf-8", opener=no_links) as file:
             file.write(self._line(row))
 
     def _line(self, row: dict[str, Any]) -> str:

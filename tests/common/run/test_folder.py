@@ -227,3 +227,16 @@ def test_a_folder_in_which_something_began_or_that_was_there_stays(tmp_path: Pat
     with again.removed_if_unused():
         pass
     assert again.path.exists()
+
+
+def test_no_link_is_followed_to_a_file_elsewhere(tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.write_text("precious")
+    (tmp_path / "config.json.tmp").symlink_to(elsewhere)
+    write_atomically(tmp_path / "config.json", b"new")
+    assert (tmp_path / "config.json").read_bytes() == b"new"
+    (tmp_path / "r").mkdir()
+    (tmp_path / "r" / ".learner.lock").symlink_to(elsewhere)
+    with pytest.raises(InputError, match="cannot be written: Too many levels of symbolic links"):
+        claim(tmp_path)
+    assert elsewhere.read_text() == "precious"

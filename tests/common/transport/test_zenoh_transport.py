@@ -5,9 +5,11 @@ import socket
 import pytest
 
 from common.errors import InputError
-from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint
+from common.protocol.run_keys import RunKeys
+from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, is_loopback
+from common.transport.interface import Unanswered
 from common.transport.zenoh_transport import ZenohTransport, connect, open_hub
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, wait_until
 
 
 @pytest.mark.parametrize(
@@ -89,3 +91,47 @@ def test_a_hub_that_starts_later_is_waited_for(endpoint: str) -> None:
     finally:
         client.close()
         hubs[0].close()
+
+
+def test_what_is_longer_than_anybody_sends_is_dropped_at_the_hub(
+    zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport
+) -> None:
+    """Else a queue of them takes the hub's memory before any is looked at."""
+    keys, heard = RunKeys("r"), []
+    zenoh_hub.subscribe(keys.stats("*", "*"), lambda told: heard.append(len(told.payload)))
+    zenoh_hub.serve(keys.insert("*"), lambda request: b"%d" % len(request.payload))
+    zenoh_hub.serve(keys.task, lambda request: b"%d" % len(request.payload))
+    stats = zenoh_client.publisher(keys.stats("actor", "a"))
+
+    def told() -> bool:
+        stats.publish(b"x" * 70_000)
+        stats.publish(b"x" * 60_000)
+        return bool(heard)
+
+    wait_until(told, "a heartbeat is heard")
+    assert set(heard) == {60_000}
+    insert, task = (zenoh_client.requester(key, 1.0) for key in (keys.insert("a"), keys.task))
+    wait_until(lambda: insert.has_server and task.has_server, "both are served")
+    chunk = insert.request(b"x" * 30 * 2**20)
+    assert isinstance(task.request(b"x" * 70_000).exception(), Unanswered)
+    assert isinstance(insert.request(b"x" * 33 * 2**20).exception(), Unanswered)
+    assert chunk.exception() is not None or chunk.result().payload == b"%d" % (30 * 2**20)
+
+
+@pytest.mark.parametrize(
+    ("host", "only_here"),
+    [("127.0.0.1", True), ("127.8.8.8", True), ("::1", True), ("localhost", True),
+     ("0.0.0.0", False), ("::", False), ("192.0.2.1", False), ("example.org", False)],
+)  # fmt: skip
+def test_who_reaches_an_address_is_known(host: str, only_here: bool) -> None:
+    assert is_loopback(host) is only_here
+
+
+def test_a_hub_that_is_open_to_others_says_so(
+    caplog: pytest.LogCaptureFixture, endpoint: str
+) -> None:
+    with open_hub(endpoint):
+        assert not caplog.messages
+    everywhere = endpoint.replace("127.0.0.1", "0.0.0.0")
+    with open_hub(everywhere):
+        assert caplog.messages[0].startswith(f"whoever reaches {everywhere} can send chunks")

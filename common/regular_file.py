@@ -1,0 +1,19 @@
+"""Reads a file that somebody named: a regular one, at most so long."""
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+
+def read_file(path: Path, most: int = -1) -> bytes:
+    """Returns up to ``most`` bytes of ``path``, or all.
+
+    Raises:
+        OSError: it cannot be read, or is a pipe or a device, which might be waited for for ever.
+    """
+    file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with os.fdopen(file, "rb") as opened:
+        if not stat.S_ISREG(os.fstat(file).st_mode):
+            raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+        return opened.read(most)
