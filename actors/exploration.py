@@ -35,7 +35,7 @@ class Exploration:
     def __init__(
         self, config: ExplorationConfig, actions: int, envs: int, rng: np.random.Generator
     ) -> None:
-        self._lasting = config.ez_greedy
+        self._ez_greedy = config.ez_greedy
         self._actions = actions
         self._rng = rng
         self._powers = np.ones(envs)
@@ -54,7 +54,7 @@ class Exploration:
         """A random action, or `GREEDY`, for the next agent step of each environment, ``[E]``."""
         shares = self.shares(epsilon)
         envs = len(shares)
-        if not self._lasting:
+        if not self._ez_greedy:
             chosen = self._rng.integers(self._actions, size=envs)
             chosen[self._rng.random(envs) >= shares] = GREEDY
             return chosen

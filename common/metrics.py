@@ -97,8 +97,6 @@ class Metric:
     """The health check that judges it."""
     trouble: str = ""
     """Word for it behind the number of actors, where it appears once it is above 0."""
-    counter: bool = False
-    """It only grows while the run goes on."""
 
 
 METRICS: dict[str, Metric] = {}
@@ -154,13 +152,13 @@ declare(
     Metric("run/phase", "none", "text", "Warm-up, training, or finishing"),
     Metric("run/seconds", "seconds", "duration",
            "Wall-clock time of work on this run, that before a resume included",
-           summary="wall_seconds", counter=True),
+           summary="wall_seconds"),
     Metric("run/seconds_left", "seconds", "duration", "Time to the end of the present phase"),
     Metric("run/agent_steps", "steps", "count", "Agent steps of all actors, warm-up included",
-           line="{run/agent_steps} steps", summary="agent_steps", counter=True),
+           line="{run/agent_steps} steps", summary="agent_steps"),
     Metric("run/steps_goal", "steps", "count", "Agent steps after which the run ends by itself"),
     Metric("run/epoch", "epochs", "count", "Epoch that is trained; 0 during the warm-up",
-           summary="epoch", counter=True),
+           summary="epoch"),
     Metric("run/phase_steps", "steps", "count", "Agent steps in the present phase"),
     Metric("run/phase_length", "steps", "count", "Agent steps of the present phase when complete"),
     Metric("run/train_steps_per_second", "per second", ".1",
@@ -182,7 +180,7 @@ declare(
     Metric("play/random_reward", "points", ".2", "Mean score of the random policy",
            "random policy", ("Reward", 3), summary="random_reward"),
     Metric("play/games", "games", "count", "Training games that ended after the warm-up",
-           "games", ("Reward", 4), curve=True, gate="games", summary="games", counter=True),
+           "games", ("Reward", 4), curve=True, gate="games", summary="games"),
     Metric("play/best_test_reward", "points", ".2", "Best mean score of a test",
            "best test", ("Reward", 7), summary="best_test_reward"),
     Metric("play/valid_frame_share", "ratio", ".3",
@@ -221,7 +219,7 @@ declare(
     Metric("learning/loss", "none", "significant", "Mean loss of the recent updates",
            "loss", ("Learning", 3), line="loss {learning/loss}", curve=True, summary="loss"),
     Metric("learning/updates", "updates", "count", "Updates of the network",
-           "updates", ("Learning", 4), curve=True, summary="updates", counter=True),
+           "updates", ("Learning", 4), curve=True, summary="updates"),
     Metric("learning/updates_per_second", "per second", ".1", "Updates per second, of late",
            "updates/s", ("Learning", 5), line="{learning/updates_per_second} updates/s",
            curve=True, summary="updates_per_second"),
@@ -238,7 +236,6 @@ declare(
            robot=True, gate="press_p99_ms", bound=PRESS_MS),
     Metric("stream/chunks_refused", "chunks", "count", "Chunks that the replay refused",
            "refused", ("Stream", 8), curve=True, gate="refused_chunks", summary="chunks.refused",
-           counter=True,
            bound=Bound("refused chunks", "=", 0,
                        "actors send what the replay cannot take; their logs say what",
                        stops=False)),
@@ -277,13 +274,13 @@ declare(
            "Updates that made the newest published weights", "weights no.", ("Learning", 7),
            curve=True, summary="weights_version"),
     Metric("stream/chunks_acked", "chunks", "count", "Chunks that the replay accepted",
-           "chunks acked", ("Stream", 4), curve=True, summary="chunks.acked", counter=True),
+           "chunks acked", ("Stream", 4), curve=True, summary="chunks.acked"),
     Metric("stream/chunks_duplicate", "chunks", "count",
            "Chunks that came again and were not stored again", "duplicate", ("Stream", 6),
-           curve=True, summary="chunks.duplicate", counter=True),
+           curve=True, summary="chunks.duplicate"),
     Metric("stream/chunks_excess", "chunks", "count",
            "Chunks stored beyond those that their actors made, so stored more than once",
-           curve=True, summary="chunks.excess", counter=True,
+           curve=True, summary="chunks.excess",
            bound=Bound("excess chunks", "=", 0,
                        "the replay stored chunks more than once, which are drawn too often",
                        stops=False, quiet=True)),

@@ -37,7 +37,7 @@ def ms_of(frames: int) -> float:
 
 
 @dataclass(frozen=True)
-class Delay:
+class KeyLatency:
     """How long the hands took to reach one goal, in ms of game time."""
 
     measured: int = 0
@@ -52,7 +52,7 @@ class Delay:
     """Share of the commands that were given up."""
 
     @classmethod
-    def of(cls, counts: Sequence[int], goal: Goal) -> "Delay":
+    def of(cls, counts: Sequence[int], goal: Goal) -> "KeyLatency":
         """Sum up ``counts``, `COUNTS` of them or none."""
         # Python's integers, because sums of what processes tell may not fit numpy's.
         outcomes = np.array(counts or [0] * COUNTS, object).reshape(2, 2, MOST_FRAMES)
@@ -69,7 +69,7 @@ class Delay:
         )
 
 
-UNMEASURED = Delay()
+UNMEASURED = KeyLatency()
 
 
 def _percentile(reached: NDArray[np.object_], measured: int, percent: int) -> float:

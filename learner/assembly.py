@@ -62,7 +62,7 @@ def build_learner(
         evaluators=lambda: registry.alive("evaluator"),
         seconds=clock.seconds,
     )
-    facts = {
+    constants = {
         **clock_figures(options),
         "run/run": keys.run,
         "run/device": device.name,
@@ -77,7 +77,7 @@ def build_learner(
         SummarySink(folder.summary, config, provenance()),
     )
     epochs = EpochTable(folder.epochs)
-    telemetry = Telemetry(config, facts, phases, registry, epochs, sinks, clock.now)
+    telemetry = Telemetry(config, constants, phases, registry, epochs, sinks, clock.now)
     telemetry.start(state)
     learner = Learner(
         config=config,

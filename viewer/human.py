@@ -23,7 +23,7 @@ from actors.vision.layout import ASPECT, UNIT_SQUARE
 from actors.vision.screen_detector import ScreenDetector
 from common.actions import Keys, action_of_keys
 from common.errors import InputError
-from common.press_latency import COUNTS, Delay
+from common.press_latency import COUNTS, KeyLatency
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.conditions import CameraConfig
 from viewer.player import Played
@@ -129,7 +129,7 @@ class _Seat:
         """Half of the commands, and 99 %, had their keys pressed within these times."""
         for place in self._world.key_watch.take():
             self._key_times[place] += 1
-        press = Delay.of(self._key_times, "press")
+        press = KeyLatency.of(self._key_times, "press")
         if press.p50 is None:
             return "latency –"
         return f"latency {press.p50:.0f} ms (p99 {press.p99:.0f})"

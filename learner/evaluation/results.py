@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.table import Table
 
-from common.press_latency import Delay
+from common.press_latency import KeyLatency
 from common.run.clock import ClockConfig
 from learner.evaluation.scores import Scores
 from learner.telemetry.sinks import formats as figures
@@ -44,8 +44,8 @@ def summarise(games: Sequence[Mapping[str, Any]], clock: ClockConfig) -> dict[st
         "speed": None if clock.sync else clock.speed,
         "deadlines_kept_share": None if clock.sync else 1 - total("missed_deadlines") / decisions,
         "late_frames": total("late_frames"),
-        "press_ms": asdict(Delay.of(key_times, "press")),
-        "release_ms": asdict(Delay.of(key_times, "release")),
+        "press_ms": asdict(KeyLatency.of(key_times, "press")),
+        "release_ms": asdict(KeyLatency.of(key_times, "release")),
         "press_match_share": total("matched") / steps,
         "valid_frame_share": total("valid") / steps,
         "scores": [game["score"] for game in games],
@@ -73,7 +73,7 @@ def table(content: Mapping[str, Any]) -> Table:
 
 def _hands(row: Mapping[str, Any]) -> str:
     """Half and nearly all of the commands are obeyed within so long."""
-    release, press = (Delay(**row[name]) for name in ("release_ms", "press_ms"))
+    release, press = (KeyLatency(**row[name]) for name in ("release_ms", "press_ms"))
     return ", ".join(
         f"{name} {figures.written('ms', found.p50)}/{figures.written('ms', found.p99)}"
         for name, found in (("release", release), ("press", press))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from operator import sub
 
 from common.metrics import Value
-from common.press_latency import Delay
+from common.press_latency import KeyLatency
 
 WINDOW = 60.0
 """Seconds that count as of late."""
@@ -40,7 +40,7 @@ class RecentLatency:
         recent = tuple(map(sub, counts, before)) if before else counts
         values: dict[str, Value] = {}
         for goal in ("press", "release"):
-            whole, late = Delay.of(counts, goal), Delay.of(recent, goal)
+            whole, late = KeyLatency.of(counts, goal), KeyLatency.of(recent, goal)
             late = late if late.measured >= LEAST_MEASURED else whole
             for name, value in dataclasses.asdict(whole).items():
                 values[f"run/{goal}_{name}"] = value

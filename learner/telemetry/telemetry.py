@@ -30,7 +30,7 @@ class Telemetry:
     """All that a run tells people and leaves for its readers, but for checkpoints and snapshots.
 
     Args:
-        facts: figures that stay as they are, such as the run's name.
+        constants: figures that stay as they are, such as the run's name.
         epochs: takes a row for each phase.
         sinks: take the figures, each as often as it wants.
         now: monotonic seconds.
@@ -39,7 +39,7 @@ class Telemetry:
     def __init__(
         self,
         config: RunConfig,
-        facts: Values,
+        constants: Values,
         phases: Phases,
         registry: ActorRegistry,
         epochs: EpochTable,
@@ -47,14 +47,14 @@ class Telemetry:
         now: Callable[[], float],
     ) -> None:
         self._config = config
-        self._facts = {
+        self._constants = {
             "run/preset": config.preset,
             "run/env": config.env,
             "run/game": config.game,
             "run/seed": config.seed,
             "stream/samples_per_insert_goal": config.samples_per_insert,
             "stream/capacity": config.replay.capacity,
-            **facts,
+            **constants,
         }
         self._phases = phases
         self._registry = registry
@@ -134,7 +134,7 @@ class Telemetry:
         actors = self._registry.actors()
         updates, train_steps = number(loop, "learning/updates") or 0, self._phases.train_steps
         values: dict[str, Value] = {
-            **self._facts,
+            **self._constants,
             **self._phases.values(finishing=loop["run/phase"] == "finishing"),
             **self._means.values(),
             **self._registry.values(),

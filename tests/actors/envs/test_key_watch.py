@@ -11,7 +11,7 @@ from actors.envs.actuation_delay import ActuationDelay
 from actors.envs.key_watch import KeyWatch
 from actors.envs.robot import RobotEnv
 from common.actions import Keys
-from common.press_latency import COUNTS, MOST_FRAMES, Delay, ms_of, place_of
+from common.press_latency import COUNTS, MOST_FRAMES, KeyLatency, ms_of, place_of
 from common.run.conditions import PlayConfig
 from tests.paths import ROOT
 
@@ -123,7 +123,7 @@ def test_a_modelled_hand_takes_the_frames_that_it_is_told_and_presses_in_the_nex
     ]
 
 
-def delays(env: RobotEnv, steps: int, seed: int) -> tuple[Delay, Delay]:
+def delays(env: RobotEnv, steps: int, seed: int) -> tuple[KeyLatency, KeyLatency]:
     """Release and press of random play."""
     env.reset(seed=seed)
     rng = np.random.default_rng(seed)
@@ -135,7 +135,7 @@ def delays(env: RobotEnv, steps: int, seed: int) -> tuple[Delay, Delay]:
         if terminated or truncated:
             env.reset()
     env.close()
-    return Delay.of(counts, "release"), Delay.of(counts, "press")
+    return KeyLatency.of(counts, "release"), KeyLatency.of(counts, "press")
 
 
 @pytest.mark.parametrize("read_keys", ["frame", "decision"])

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from actors.games import GamesOptions, games
-from common.press_latency import COUNTS, Delay, ms_of, place_of
+from common.press_latency import COUNTS, KeyLatency, ms_of, place_of
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
@@ -63,8 +63,8 @@ def test_the_hands_of_all_games_are_summed_up() -> None:
     first = {place_of("release", True, 1): 1, place_of("press", True, 3): 60}
     second = {place_of("release", True, 2): 1, place_of("press", True, 4): 40}
     content, shown = summed_up([game(first), game(second)])
-    assert content["press_ms"] == asdict(Delay(100, 50.0, ms_of(4), ms_of(4), 0.0))
-    assert content["release_ms"] == asdict(Delay(2, ms_of(1), ms_of(2), ms_of(2), 0.0))
+    assert content["press_ms"] == asdict(KeyLatency(100, 50.0, ms_of(4), ms_of(4), 0.0))
+    assert content["release_ms"] == asdict(KeyLatency(2, ms_of(1), ms_of(2), ms_of(2), 0.0))
     assert row(shown, "command to keys, p50/p99 ms") == "release 17/33, press 50/67"
 
 
@@ -169,7 +169,7 @@ def test_each_game_tells_what_its_own_hands_took() -> None:
     config = replace(PRESETS["robot"], play=LATE_KEYS)
     options = GamesOptions(
         weights=None,  # type: ignore[arg-type]
-        config="",
+        settings="",
         ending=20,
         games=2,
         epsilon=1.0,

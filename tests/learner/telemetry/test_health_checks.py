@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from common.metrics import METRICS, Bound, Metric, Value, declare
-from common.press_latency import UNMEASURED, Delay, ms_of
+from common.press_latency import UNMEASURED, KeyLatency, ms_of
 from common.run.conditions import PlayConfig, RandomiseConfig
 from common.run.presets import PRESETS
 from learner.telemetry.health_checks import judge, keys_can_follow
@@ -128,25 +128,25 @@ def test_only_checks_that_are_never_red_in_good_health_end_a_run() -> None:
     }
 
 
-def told(press: Delay) -> dict[str, Value]:
+def told(press: KeyLatency) -> dict[str, Value]:
     return {f"hands/press_{name}": value for name, value in asdict(press).items()}
 
 
 @pytest.mark.parametrize(
     ("press", "passed"),
     [
-        (Delay(100, 50.0, ms_of(8), 500.0), True),  # two decisions
-        (Delay(100, 50.0, ms_of(9), 500.0), False),
-        (Delay(99, 50.0, ms_of(9), 500.0), None),  # the slowest of too few
-        (Delay(99, 50.0, 50.0, 50.0), None),
-        (Delay(5_000, math.inf, math.inf, 500.0), False),  # broken hands
-        (Delay(5_000, 50.0, math.inf, ms_of(8)), False),  # more than two decisions
-        (Delay(5_000, 50.0, math.inf, ms_of(7)), None),  # nobody waited for the eighth frame
+        (KeyLatency(100, 50.0, ms_of(8), 500.0), True),  # two decisions
+        (KeyLatency(100, 50.0, ms_of(9), 500.0), False),
+        (KeyLatency(99, 50.0, ms_of(9), 500.0), None),  # the slowest of too few
+        (KeyLatency(99, 50.0, 50.0, 50.0), None),
+        (KeyLatency(5_000, math.inf, math.inf, 500.0), False),  # broken hands
+        (KeyLatency(5_000, 50.0, math.inf, ms_of(8)), False),  # more than two decisions
+        (KeyLatency(5_000, 50.0, math.inf, ms_of(7)), None),  # nobody waited for the eighth frame
         (UNMEASURED, None),
     ],
 )
 def test_the_slowest_hundredth_of_presses_has_two_decisions(
-    press: Delay, passed: bool | None
+    press: KeyLatency, passed: bool | None
 ) -> None:
     check = judged(told(press))["press p99 ms"]
     assert (check.value, check.passed, check.bound) == (press.p99, passed, "≤ 133.3")
@@ -164,7 +164,7 @@ def test_the_slowest_hundredth_of_presses_has_two_decisions(
     ],
 )
 def test_real_hands_are_always_judged_by_their_own_time(play: PlayConfig, judges: bool) -> None:
-    slow = Delay(1_000, 200.0, 250.0, 500.0)
+    slow = KeyLatency(1_000, 200.0, 250.0, 500.0)
     check = judged(told(slow), play)["press p99 ms"]
     assert (check.value, check.passed) == (250.0, False if judges else None)
 
