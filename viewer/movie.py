@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -18,7 +19,7 @@ def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
     """Returns a film at ``rate`` pictures a second, complete once its context is left.
 
     Raises:
-        InputError: neither .mp4 nor .gif; the file cannot be written; a GIF without Pillow.
+        InputError: neither .mp4 nor .gif; the file cannot be written; PyAV or Pillow is missing.
     """
     kind = {".mp4": _mp4, ".gif": _gif}.get(path.suffix.lower())
     if kind is None:
@@ -33,22 +34,32 @@ def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
 
 @contextmanager
 def _mp4(path: Path, rate: float) -> Iterator[Add]:
-    """MPEG-4 by the codec that comes with OpenCV; opened at the first picture, for its size."""
-    writer = cv2.VideoWriter()
-
-    def add(picture: NDArray[np.uint8]) -> None:
-        if not writer.isOpened():
-            size = picture.shape[1::-1]
-            if not writer.open(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, size):
-                raise InputError(
-                    f"OpenCV cannot write {path}: its build has no MPEG-4; use a .gif name."
-                )
-        writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-
+    """H.264 with its index first, as every browser plays it."""
     try:
-        yield add
-    finally:
-        writer.release()
+        import av
+    except ImportError:
+        raise InputError(
+            "an .mp4 needs PyAV: pip install av, or use a name that ends in .gif."
+        ) from None
+    with av.open(str(path), "w", options={"movflags": "+faststart"}) as film:
+        stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1_000))
+        stream.pix_fmt = "yuv420p"
+        # Text and lines stay sharp; a film of 20 s takes about a megabyte.
+        stream.options = {"crf": "20", "preset": "veryfast"}
+        begun = False
+
+        def add(picture: NDArray[np.uint8]) -> None:
+            nonlocal begun
+            if not begun:
+                begun = True
+                stream.height, stream.width = picture.shape[:2]
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+
+        try:
+            yield add
+        finally:
+            if begun:
+                film.mux(stream.encode())
 
 
 @contextmanager

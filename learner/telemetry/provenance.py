@@ -14,6 +14,7 @@ from typing import Any
 PACKAGES = (
     "ale-robot",
     "ale-py",
+    "av",
     "eclipse-zenoh",
     "gymnasium",
     "msgpack",

@@ -1,5 +1,6 @@
 """Films that can be read again."""
 
+import contextlib
 import sys
 from pathlib import Path
 
@@ -20,6 +21,7 @@ def film(path: Path) -> None:
 
 
 def test_an_mp4(tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
     path = tmp_path / "new folder" / "film.mp4"
     film(path)
     video = cv2.VideoCapture(str(path))
@@ -30,6 +32,28 @@ def test_an_mp4(tmp_path: Path) -> None:
         assert picture.shape == (96, 128, 3)
         np.testing.assert_allclose(picture.mean(axis=(0, 1))[::-1], colour, atol=12)
     assert not video.read()[0]
+    with av.open(str(path)) as made:  # as browsers demand it
+        assert made.streams.video[0].codec_context.name == "h264"
+        assert made.streams.video[0].codec_context.pix_fmt == "yuv420p"
+    content = path.read_bytes()
+    assert content.index(b"moov") < content.index(b"mdat")
+
+
+def test_a_film_that_ends_by_an_error_has_what_was_taken(tmp_path: Path) -> None:
+    pytest.importorskip("av")
+    path = tmp_path / "film.mp4"
+    with contextlib.suppress(KeyboardInterrupt), open_movie(path, 15.0) as add:
+        add(np.zeros((96, 128, 3), np.uint8))
+        raise KeyboardInterrupt
+    assert cv2.VideoCapture(str(path)).read()[0]
+    with pytest.raises(ValueError, match="nothing was taken"), open_movie(path, 15.0):
+        raise ValueError("nothing was taken")
+
+
+def test_an_mp4_without_pyav(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(InputError, match="pip install av"), open_movie(tmp_path / "f.mp4", 15.0):
+        pass
 
 
 def test_a_gif(tmp_path: Path) -> None:

@@ -221,6 +221,7 @@ def test_play_prints_scores_and_records_every_agent_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     weights = in_run(tmp_path, SHORT, 6)
+    pytest.importorskip("av")
     video = tmp_path / "film.mp4"
     arguments = ("play", "--weights", str(weights), "--video", str(video), "--games", "2")
     assert command(monkeypatch, *arguments) == 0
@@ -242,6 +243,7 @@ def test_a_film_in_real_time_lasts_as_long_as_its_game(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     weights = in_run(tmp_path, SHORT, 6)
+    pytest.importorskip("av")
     video = tmp_path / "film.mp4"
     arguments = ("play", "--weights", str(weights), "--video", str(video), "--no-sync")
     assert command(monkeypatch, *arguments) == 0
