@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from annotated_types import MaxLen
+from annotated_types import Ge, Lt, MaxLen
 
 from common.checked import Count, Fraction, Name, Rows
 from common.protocol.chunk import Game
@@ -34,7 +34,7 @@ class EvaluationReport(Message):
 
     evaluator: Name
     epoch: Count
-    steps: Count
+    steps: Annotated[int, Ge(0), Lt(2**31)]
     games: Annotated[Rows[Game], MaxLen(MAX_GAMES)]
     done: bool
     """The job is done."""

@@ -42,7 +42,7 @@ def test_a_task_survives_the_wire(task: EvaluationJob) -> None:
         EvaluationReport,
         st.from_regex(NAME, fullmatch=True),
         COUNTS,
-        COUNTS,
+        st.integers(0, 2**31 - 1),
         st.lists(GAMES, max_size=5).map(tuple),
         st.booleans(),
     )
@@ -77,6 +77,7 @@ def test_a_wrong_task_is_refused(name: str, value: Any) -> None:
         ("evaluator", "x" * 201),
         ("epoch", None),
         ("steps", -1),
+        ("steps", 2**31),
         ("games", None),
         ("games", "text"),
         ("done", 1),
