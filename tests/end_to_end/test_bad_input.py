@@ -11,7 +11,8 @@ from tests.end_to_end.conftest import SMALL, Stage
 
 
 def _sentence(output: str) -> str:
-    (line,) = output.strip().splitlines()
+    *before, line = output.strip().splitlines()
+    assert all(each.startswith("waiting for a run at ") for each in before)
     assert line.startswith("error: ")
     assert line[-1] in ".?"
     return line
@@ -69,6 +70,7 @@ def test_resuming_with_other_settings_or_damaged_files(stage: Stage) -> None:
     assert "learning.n_step 5 → 7" in other
     fresh = _sentence(stage.learner("--env", "ale", *SMALL).ends(2))
     assert "--resume" in fresh
+    (stage.run / "checkpoint.previous.safetensors").unlink()  # to which it would fall back
     whole = checkpoint.read_bytes()
     checkpoint.write_bytes(whole[: len(whole) // 2])
     assert "damaged" in _sentence(stage.learner("--resume").ends(2))
