@@ -12,9 +12,10 @@ PATIENCE = 600.0
 
 def wait_until(condition: Callable[[], Any], what: str) -> Any:
     """The condition's first true value; fails when it never comes."""
-    deadline = time.monotonic() + PATIENCE
+    deadline, pause = time.monotonic() + PATIENCE, 0.001
     while not (value := condition()):
         if time.monotonic() > deadline:
             pytest.fail(f"waited {PATIENCE:.0f} s in vain until {what}")
-        time.sleep(0.005)
+        time.sleep(pause)
+        pause = min(1.2 * pause, 0.05)  # who waits for long need not look often
     return value

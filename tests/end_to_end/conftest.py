@@ -3,8 +3,6 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +10,7 @@ from typing import Any
 import pytest
 
 from benchmarks.child import free_endpoint
-from tests.paths import ROOT
+from tests.end_to_end.forked import FORKS, become
 from tests.patience import PATIENCE, wait_until
 
 SMALL = (
@@ -30,21 +28,16 @@ SMALL = (
 
 
 class Program:
-    """A process of the project under test, with what it printed."""
+    """A process of the project under test, with what it printed.
+
+    It is forked, see `forked`; what it starts by itself is started as usual.
+    """
 
     def __init__(self, folder: Path, name: str, *arguments: str) -> None:
         self.log = folder / f"{name}.log"
-        with self.log.open("wb") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, *arguments],
-                cwd=folder,
-                # A package that the test puts into its folder is installed.
-                env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{folder}"},
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
+        self.log.touch()
+        self.process = FORKS.Process(target=become, args=(folder, self.log, arguments))
+        self.process.start()
 
     @property
     def output(self) -> str:
@@ -56,22 +49,22 @@ class Program:
         def said() -> bool:
             if self.output.count(text) >= times:
                 return True
-            assert self.process.poll() is None, f"it ended without {text!r}:\n{self.output}"
+            assert self.process.is_alive(), f"it ended without {text!r}:\n{self.output}"
             return False
 
         wait_until(said, f"{text!r} is said; so far:\n{self.output}")
 
     def ends(self, status: int = 0) -> str:
         """Wait for its end with this status; returns what it printed."""
-        try:
-            found = self.process.wait(PATIENCE)
-        except subprocess.TimeoutExpired:
+        self.process.join(PATIENCE)
+        if self.process.exitcode is None:
             pytest.fail(f"it does not end:\n{self.output}")
-        assert found == status, self.output
+        assert self.process.exitcode == status, self.output
         return self.output
 
     def send(self, number: signal.Signals) -> None:
-        self.process.send_signal(number)
+        assert self.process.pid is not None
+        os.kill(self.process.pid, number)
 
 
 class Stage:
@@ -113,7 +106,8 @@ class Stage:
         return [dict(zip(header.split(","), line.split(","), strict=True)) for line in lines]
 
     def strays(self) -> dict[int, str]:
-        """Command lines of processes that mention this test's address, by their numbers."""
+        """Command lines that mention this test's address, by their processes' numbers: whatever was
+        started by the programs."""
         found = {}
         for entry in Path("/proc").iterdir():
             if entry.name.isdigit():
@@ -127,9 +121,8 @@ class Stage:
 
     def close(self) -> None:
         for program in self.programs:
-            if program.process.poll() is None:
-                program.process.kill()
-                program.process.wait()
+            program.process.kill()
+            program.process.join()
 
 
 @pytest.fixture

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.end_to_end.conftest import ROOT, SMALL, Stage
+from tests.end_to_end.conftest import SMALL, Stage
+from tests.paths import ROOT
 
 
 @pytest.fixture

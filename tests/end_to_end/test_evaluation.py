@@ -1,8 +1,6 @@
 """`python -m learner --evaluate`: whole games by a network on disk, in several processes."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +11,8 @@ from common.network import build_network
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
+from tests.end_to_end.conftest import Stage
 from tests.paths import ROOT
-from tests.patience import PATIENCE
 
 
 @pytest.fixture
@@ -28,21 +26,20 @@ def run(tmp_path: Path) -> Path:
     return folder.path
 
 
-def _evaluate(*arguments: object) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "learner", "--evaluate", *map(str, arguments)]
-    return subprocess.run(
-        command, capture_output=True, text=True, timeout=PATIENCE, stdin=subprocess.DEVNULL
-    )
+def _evaluate(stage: Stage, *arguments: object, status: int = 0) -> str:
+    """What the command prints."""
+    return stage.start("-m", "learner", "--evaluate", *map(str, arguments)).ends(status)
 
 
-def test_games_are_played_to_their_ends_and_summed_up(run: Path, tmp_path: Path) -> None:
+def test_games_are_played_to_their_ends_and_summed_up(
+    run: Path, tmp_path: Path, stage: Stage
+) -> None:
     weights = run / "snapshots" / "best.safetensors"
 
     def played(name: str) -> dict[str, Any]:
         told = ("--play.sticky", 0.25, "--json", tmp_path / name)
-        ended = _evaluate(weights, "--games", 3, "--processes", 2, *told)
-        assert ended.returncode == 0, ended.stderr
-        assert "interquartile mean" in ended.stdout
+        printed = _evaluate(stage, weights, "--games", 3, "--processes", 2, *told)
+        assert "interquartile mean" in printed
         content: dict[str, Any] = json.loads((tmp_path / name).read_text())
         return content
 
@@ -65,15 +62,14 @@ def test_games_are_played_to_their_ends_and_summed_up(run: Path, tmp_path: Path)
 
 
 def test_without_chance_every_game_is_the_same_one_and_sticky_actions_change_that(
-    tmp_path: Path,
+    tmp_path: Path, stage: Stage
 ) -> None:
     policy = ROOT / "policies" / "ale_pong.safetensors"
     still = ("--play.random-starts", 0, "--play.max-game-frames", 1_200, "--epsilon", 0)
 
     def played(*flags: object) -> dict[str, Any]:
         file = tmp_path / "found.json"
-        ended = _evaluate(policy, *still, "--games", 4, "--processes", 2, "--json", file, *flags)
-        assert ended.returncode == 0, ended.stderr
+        _evaluate(stage, policy, *still, "--games", 4, "--processes", 2, "--json", file, *flags)
         content: dict[str, Any] = json.loads(file.read_text())
         return content
 
@@ -84,13 +80,14 @@ def test_without_chance_every_game_is_the_same_one_and_sticky_actions_change_tha
     assert "play.sticky 0.0 → 0.25" in sticky["changed"]
 
 
-def test_settings_other_than_the_runs_are_played_under_and_told(run: Path, tmp_path: Path) -> None:
+def test_settings_other_than_the_runs_are_played_under_and_told(
+    run: Path, tmp_path: Path, stage: Stage
+) -> None:
     weights = run / "snapshots" / "best.safetensors"
     short = ("--play.max-game-frames", 400, "--play.random-starts", 0)
     late = ("--play.command-latency", 1, "--play.press-latency", 3)
     random = ("--games", 2, "--epsilon", 1)  # a fresh network may press nothing at all
-    ended = _evaluate(weights, *random, *short, *late, "--json", tmp_path / "late.json")
-    assert ended.returncode == 0, ended.stderr
+    printed = _evaluate(stage, weights, *random, *short, *late, "--json", tmp_path / "late.json")
     content = json.loads((tmp_path / "late.json").read_text())
     assert content["steps_of_games"] == [100, 100]
     changes = [
@@ -100,28 +97,26 @@ def test_settings_other_than_the_runs_are_played_under_and_told(run: Path, tmp_p
         "play.press_latency 0 → 3",
     ]
     assert content["changed"] == changes
-    told = " ".join(ended.stdout.split())
+    told = " ".join(printed.split())
     assert all(f"other than trained │ {change}" in told for change in changes)
     # An agent step's keys are those of the command before: the same for one in six.
     assert 0 < content["press_match_share"] < 0.5
 
 
-def test_what_does_not_fit_other_settings_is_told(run: Path) -> None:
+def test_what_does_not_fit_other_settings_is_told(run: Path, stage: Stage) -> None:
     for flag, words in (
         ("--play.no-minimal-actions", "add --play.minimal-actions."),
         ("--play.vector", "trained with 0 numbers of proprioception"),
     ):
-        ended = _evaluate(run / "snapshots" / "best.safetensors", flag)
-        assert ended.returncode == 2
-        assert words in ended.stderr
+        assert words in _evaluate(stage, run / "snapshots" / "best.safetensors", flag, status=2)
 
 
-def test_what_is_no_network_is_told(run: Path, tmp_path: Path) -> None:
+def test_what_is_no_network_is_told(run: Path, tmp_path: Path, stage: Stage) -> None:
     for weights, why in (
         (tmp_path / "nothing", "is not a file: name a network to evaluate"),
         (run / "config.json", "not safetensors"),
     ):
-        ended = _evaluate(weights)
-        assert ended.returncode == 2
-        assert why in ended.stderr
-        assert ended.stderr.count("\n") == 1
+        printed = _evaluate(stage, weights, status=2)
+        assert why in printed
+        assert printed.strip().startswith("error: ")
+        assert printed.strip().count("\n") == 0

@@ -14,8 +14,9 @@ from common.run.join import find_run
 from common.transport.zenoh_transport import connect
 from replay.chunk_statistics import Progress
 from replay.client import RemoteReplay
-from tests.end_to_end.conftest import ROOT, SMALL, Program, Stage
+from tests.end_to_end.conftest import SMALL, Program, Stage
 from tests.end_to_end.link import Link
+from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
 
 
@@ -71,7 +72,7 @@ def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stag
     before = _progress(stage)
 
     replay.send(signal.SIGKILL)
-    replay.process.wait()
+    replay.process.join()
     _replay(stage, "--resume")
 
     after = _progress(stage)
@@ -100,7 +101,7 @@ def test_a_learner_that_is_killed_goes_on_where_it_was(stage: Stage) -> None:
     before = _progress(stage)
 
     learner.send(signal.SIGKILL)
-    learner.process.wait()
+    learner.process.join()
     again = stage.learner("--resume", "--steps", str(before.agent_steps + 500))
 
     again.ends()

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.end_to_end.conftest import ROOT, Stage
+from tests.end_to_end.conftest import Stage
+from tests.paths import ROOT
 
 GAMES = 5
 MOST_WORSE = 3.0
