@@ -22,7 +22,7 @@ from viewer.draws import Draws, sheet, told
 
 
 def test_all_ranges_are_drawn_but_for_what_is_given() -> None:
-    found = parse(COMMANDS, "viewer", ["draws", "--randomise.noise", "0", "--count", "3"])
+    found = parse(COMMANDS["draws"], "viewer", ["--randomise.noise", "0", "--count", "3"])
     assert isinstance(found, Draws)
     assert found.count == 3
     assert found.randomise.noise == 0
