@@ -128,9 +128,10 @@ def ask(transport: Transport, key: str, payload: bytes) -> bytes | str | None:
 
 
 def test_a_request_is_answered(place: Place, client: Transport) -> None:
-    place.hub.serve(KEY, lambda request: request.key.encode() + b": " + request.payload)
+    key = "ale-robot/r/insert/a"  # where large requests are let in
+    place.hub.serve(key, lambda request: request.key.encode() + b": " + request.payload)
     for payload in (b"who?", b"", bytes(range(256)) * 40_000):
-        assert ask(client, KEY, payload) == KEY.encode() + b": " + payload
+        assert ask(client, key, payload) == key.encode() + b": " + payload
 
 
 def test_an_answer_has_an_attachment_and_the_servers_key(place: Place, client: Transport) -> None:
