@@ -1,8 +1,11 @@
 """Errors for people: one sentence that says what is wrong and what to do."""
 
 import errno
+import signal
 import sys
 from collections.abc import Callable
+
+from common.process.output import has_reader, silence
 
 
 class InputError(Exception):
@@ -21,13 +24,22 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
     """Run ``main`` and exit with its status.
 
     An `InputError`, and whatever the system refuses, becomes one line on stderr and exit code 2.
+    A program whose output nobody reads any more, as before ``| head``, ends in silence.
     """
+    status: int | str | None
     try:
-        status = main()
+        try:
+            status = main()
+        except SystemExit as end:  # as after --help
+            status = end.code
+        sys.stdout.flush()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         status = 2
     except OSError as error:
+        if isinstance(error, BrokenPipeError) and not has_reader(sys.stdout):
+            silence(sys.stdout)
+            sys.exit(128 + signal.SIGPIPE)
         what = f"{error.filename or 'the system'}: {error.strerror or error}: mend that"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             what = "the disk is full: free some space"

@@ -1,7 +1,18 @@
 """Standard output that nobody can read: its reader has gone, or the disk is full."""
 
 import os
+import select
 from typing import TextIO
+
+
+def has_reader(stream: TextIO) -> bool:
+    """Returns False where ``stream`` is a pipe or socket whose other end is closed."""
+    poll = select.poll()
+    try:
+        poll.register(stream, 0)
+    except (OSError, ValueError):
+        return True  # in memory, or closed
+    return not poll.poll(0)
 
 
 def silence(stream: TextIO) -> None:

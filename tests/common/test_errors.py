@@ -2,6 +2,8 @@
 
 import errno
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -77,3 +79,40 @@ def test_other_errors_are_bugs_and_keep_their_traceback() -> None:
 
     with pytest.raises(MessageError, match="not caught"):
         exit_on_input_error(main)
+
+
+PRINTS = """
+import sys
+from common.errors import exit_on_input_error
+
+def main():
+    sys.stdin.read()
+    print("a line")
+    {end}
+
+exit_on_input_error(main)
+"""
+
+
+@pytest.mark.parametrize("end", ["", "sys.exit(0)", "sys.stdout.flush()"])
+def test_output_that_nobody_reads_ends_a_program_in_silence(end: str) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", PRINTS.format(end=end)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    _, errors = process.communicate()
+    assert (process.returncode, errors) == (141, b"")
+
+
+def test_a_broken_pipe_that_is_not_the_output_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    def main() -> None:
+        raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
+
+    with pytest.raises(SystemExit) as caught:
+        exit_on_input_error(main)
+    assert caught.value.code == 2
+    assert "Broken pipe" in capsys.readouterr().err
