@@ -1,6 +1,7 @@
 """Processes that a benchmark starts: helpers that answer, and modules that fail."""
 
 import signal
+import subprocess
 import threading
 from pathlib import Path
 
@@ -30,13 +31,11 @@ def test_a_module_that_fails_is_told() -> None:
 
 
 WAITS = """
-import pathlib, signal, sys
-def leave(*_):
-    pathlib.Path("left").touch()
-    sys.exit()
-signal.signal(signal.SIGTERM, leave)
+import pathlib, signal
+signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])
 pathlib.Path("ready").touch()
-signal.pause()
+signal.sigwait([signal.SIGTERM])
+pathlib.Path("left").touch()
 """
 
 
@@ -45,10 +44,19 @@ def test_a_module_is_asked_to_end_before_an_interrupt_goes_on(
 ) -> None:
     (tmp_path / "waits.py").write_text(WAITS)
     monkeypatch.chdir(tmp_path)
+    waiting = threading.Event()
+    wait = subprocess.Popen.wait
+
+    def tell_and_wait(process: subprocess.Popen[bytes]) -> int:
+        waiting.set()
+        return wait(process)
+
+    monkeypatch.setattr(subprocess.Popen, "wait", tell_and_wait)
     main = threading.main_thread().ident
     assert main is not None
 
     def interrupt() -> None:
+        waiting.wait()  # an interrupt before would be one of the test itself
         wait_until((tmp_path / "ready").exists, "it works")
         signal.pthread_kill(main, signal.SIGINT)
 
