@@ -17,7 +17,7 @@ class MessageError(ValueError):
 
 
 class DamagedMessage(Exception):
-    """A message whose checksum does not fit; its sender should send it again."""
+    """A message whose checksum does not match; its sender should send it again."""
 
 
 def exit_on_input_error(main: Callable[[], int | None]) -> None:

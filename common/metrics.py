@@ -220,6 +220,11 @@ declare(
            "loss", ("Learning", 3), line="loss {learning/loss}", curve=True, summary="loss"),
     Metric("learning/updates", "updates", "count", "Updates of the network",
            "updates", ("Learning", 4), curve=True, summary="updates"),
+    Metric("learning/skipped", "updates", "count",
+           "Updates since the start that changed nothing, for their loss was not finite",
+           summary="skipped_updates",
+           bound=Bound("skipped updates", "=", 0, "losses are not finite: see the log for whose "
+                       "steps are at fault", stops=False, quiet=True)),
     Metric("learning/updates_per_second", "per second", ".1", "Updates per second, of late",
            "updates/s", ("Learning", 5), line="{learning/updates_per_second} updates/s",
            curve=True, summary="updates_per_second"),

@@ -37,6 +37,7 @@ class Checkpoint:
     def __init__(self, path: Path, previous: Path, algorithm: Algorithm, name: str) -> None:
         self.path = path
         self.previous = previous
+        self.damaged = path.with_suffix(".damaged")
         self._algorithm = algorithm
         self._name = name
 
@@ -73,6 +74,8 @@ class Checkpoint:
                     f"the checkpoint {self.path} is damaged or missing ({error}), and there is "
                     "none before it: start the run anew under another name."
                 ) from None
+            if self.path.exists():
+                self.path.replace(self.damaged)
             self.previous.replace(self.path)  # or the next one would keep the damaged one
             say(
                 f"WARNING: the checkpoint {self.path} is damaged or missing ({error}): the run "
@@ -116,7 +119,7 @@ class Checkpoint:
         return shutil.disk_usage(self.path.parent).free
 
 
-_DAMAGE = (SafetensorError, OSError, LookupError, ValueError, RecursionError)
+_DAMAGE = (SafetensorError, FileNotFoundError, LookupError, ValueError, RecursionError)
 """What reading raises of a file that is not what was written, or not there."""
 
 
@@ -132,7 +135,7 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Tensor], dict[str, Any]
     else:  # those of former versions left the counters out
         whole = metadata["crc32"] == str(_crc32(tensors))
     if not whole:
-        raise ValueError("its checksum does not fit")
+        raise ValueError("its checksum does not match")
     return metadata, tensors, json.loads(metadata["state"])
 
 

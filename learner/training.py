@@ -36,7 +36,9 @@ from replay.interface import Replay
 
 _TICK = 0.1
 _MOST_SKIPPED = 10
-"""Minibatches in a row whose loss is not finite: then the network is at fault, not they."""
+_RECENTLY = 100
+"""So many of the recent updates whose loss is not finite: then the network is at fault, not the
+minibatches."""
 _LOOK_SECONDS = 0.25
 _MEASURE_SECONDS = 30.0
 _PUBLISH_SECONDS = 10.0
@@ -75,10 +77,10 @@ class Learner:
         """Why the guard ended the run before its goal."""
         self._children: Supervisor | None = None
         self._batches: Prefetcher
-        self._unchecked: list[tuple[NDArray[np.int64], Update]] = []
-        """Ids and results of the updates since the losses were last looked at."""
-        self._skipped = 0
-        """Minibatches in a row, up to the newest one, whose loss was not finite."""
+        self._unchecked: list[tuple[int, NDArray[np.int64], Update]] = []
+        """Number, ids and result of each update since the losses were last looked at."""
+        self._skipped: list[int] = []
+        """Numbers of the updates, of this process, whose loss was not finite."""
         self._spoiled = False
         """Whether a loss that was not finite has spoiled the weights."""
         self._replay_progress: Progress
@@ -190,12 +192,12 @@ class Learner:
         """One gradient step, and what is due by the number of updates."""
         result = self.algorithm.update(batch.prepared)
         self.phases.add(result.loss)
-        self._unchecked.append((batch.ids, result))
         self.telemetry.update(batch.prepared.batch, result)
         updates, schedule = self.phases.updates, self.config.learning
+        self._unchecked.append((updates, batch.ids, result))
         if self.config.replay.sampler == "prioritised":
             self._check_loss()
-            if not self._skipped:
+            if self._skipped[-1:] != [updates]:
                 self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())
         if updates % schedule.publish_period == 0:
             self._publish()
@@ -205,7 +207,7 @@ class Learner:
     def _check_loss(self) -> None:
         """Called before anything of the network is kept or told: it may have diverged."""
         if self._has_diverged():
-            first = self.phases.updates - self._skipped + 1
+            first = self._recently_skipped()[0]
             raise InputError(
                 f"the loss became non-finite at update {first}: start another run "
                 "with a smaller --learning.learning-rate, from this one's last good network by "
@@ -218,17 +220,20 @@ class Learner:
         All losses since the last call are looked at together, for each look waits for the device.
         """
         seen, self._unchecked = self._unchecked, []
-        losses = torch.stack([result.loss for _, result in seen]).tolist() if seen else []
-        for (ids, result), loss in zip(seen, losses, strict=True):
+        losses = torch.stack([result.loss for *_, result in seen]).tolist() if seen else []
+        for (update, ids, result), loss in zip(seen, losses, strict=True):
             if math.isfinite(loss):
-                self._skipped = 0
                 continue
-            self._skipped += 1
+            self._skipped.append(update)
             if all(bool(each.isfinite().all()) for each in self.algorithm.online.parameters()):
                 self._quarantine(ids, result.priorities.float().cpu().numpy())
             else:
                 self._spoiled = True
-        return self._spoiled or self._skipped >= _MOST_SKIPPED
+        return self._spoiled or len(self._recently_skipped()) >= _MOST_SKIPPED
+
+    def _recently_skipped(self) -> list[int]:
+        oldest = self.phases.updates - _RECENTLY
+        return [each for each in self._skipped[-_MOST_SKIPPED:] if each > oldest]
 
     def _quarantine(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """Have the steps that are at fault for a loss never drawn again."""
@@ -307,6 +312,7 @@ class Learner:
             "run/phase": "finishing" if self._finished else phase,
             "run/seconds": self.clock.seconds(),
             "learning/updates": self.phases.updates,
+            "learning/skipped": len(self._skipped),
             "learning/mean_max_q": mean,
             "learning/held_out_std": deviation,
             "learning/recent_max_q_std": self.held_out.recent_std,

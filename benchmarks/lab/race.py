@@ -10,6 +10,7 @@ only a learner ended by kill -9 forgets the time since its last checkpoint.
 """
 
 import csv
+import hashlib
 import json
 import re
 import shlex
@@ -86,7 +87,8 @@ class Options(BenchmarkOptions):
         return [*preset, *game, *kept, *shlex.split(self.learner)]
 
     def folder(self, seed: int) -> RunFolder:
-        parts = ("race", self.env, self.game, self.preset or "", self.label, f"seed-{seed}")
+        alike = hashlib.sha256(repr([getattr(self, name) for name in _SAME]).encode())
+        parts = ("race", self.env, self.game, self.label, alike.hexdigest()[:8], f"seed-{seed}")
         return RunFolder(self.runs, re.sub(r"[^a-z0-9]+", "-", " ".join(parts).lower()))
 
 

@@ -187,6 +187,8 @@ def with_file(arguments: Sequence[str]) -> list[str]:
     if known.config.suffix == ".json":
         stored = told.get("config", told) if isinstance(told, dict) else told
         told = dataclasses.asdict(from_mapping(RunConfig, stored, str(known.config), fill=True))
+    elif "config" in told:
+        raise InputError(f"{known.config} names a file of settings itself: remove config from it.")
     return [*_flags_of(told), *rest]
 
 

@@ -18,10 +18,9 @@ from common.errors import DamagedMessage, MessageError
 from common.protocol.message import Array, Message
 from common.protocol.step_fields import FRAME_SHAPE, StepFields
 from common.run.conditions import MAX_FRAME_STACK
-from common.run.config import MAX_CHUNK_STEPS
+from common.run.config import MAX_CHUNK_STEPS, MAX_VECTOR
 
 MAX_CONTEXT = MAX_FRAME_STACK - 1
-MAX_VECTOR = 1_024
 _CRC_BYTES = 4
 
 
@@ -67,7 +66,7 @@ class Chunk(StepFields, Message):
         """See `Message.decode`.
 
         Raises:
-            DamagedMessage: the checksum does not fit.
+            DamagedMessage: the checksum does not match.
         """
         body = payload[:-_CRC_BYTES]
         if with_checksum(body) != payload:

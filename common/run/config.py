@@ -21,6 +21,7 @@ from common.run.conditions import DRAWN, CameraConfig, PlayConfig, RandomiseConf
 from common.run.stored_config import from_mapping
 
 MAX_CHUNK_STEPS = 1_024
+MAX_VECTOR = 1_024
 MAX_SEED = 2**63
 MAX_SHIFT = 20
 MAX_QUANTILES = 256
@@ -242,6 +243,12 @@ class RunConfig:
             )
         ALGORITHMS.find(self.learning.algorithm)
         learning, replay, stream = self.learning, self.replay, self.stream
+        if self.vector_width > MAX_VECTOR:
+            raise InputError(
+                f"the vector observation has {self.vector_width} numbers: lower "
+                "play.vector_commands or play.vector_key_frames, until it has at most "
+                f"{MAX_VECTOR}."
+            )
         # They travel in one message, and a transition has two states.
         state_bytes = self.play.frame_stack * _FRAME_BYTES + 4 * self.vector_width
         drawn_bytes = sum(field.step_bytes(self.vector_width) for field in drawn_fields().values())

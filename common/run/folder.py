@@ -88,6 +88,7 @@ class RunFolder:
         """Output of local mode's actors."""
         self._locks: list[IO[str]] = []
         self._made = False
+        self._claimed: set[Part] = set()
 
     def stored_config(self) -> RunConfig | None:
         """The configuration the run was started with; None for a new run."""
@@ -138,6 +139,7 @@ class RunFolder:
         except OSError as error:
             raise InputError(f"{self.path} cannot be written: {error.strerror}.") from None
         self._locks.append(lock)  # held until the process ends, however it ends
+        self._claimed.add(part)
         if stored != config:
             write_atomically(self.config_file, to_json(config).encode())
 
@@ -148,7 +150,7 @@ class RunFolder:
         try:
             yield
         finally:
-            at_first = {self.config_file, self.initial, *map(self._lock, get_args(Part))}
+            at_first = {self.config_file, self.initial, *map(self._lock, self._claimed)}
             if self._made and at_first.issuperset(self.path.iterdir()):
                 shutil.rmtree(self.path)
 

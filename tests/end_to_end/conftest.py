@@ -47,9 +47,10 @@ class Program:
         """Wait until it has printed ``text``, so many times."""
 
         def said() -> bool:
+            is_alive = self.process.is_alive()  # first, for its last words may be those
             if self.output.count(text) >= times:
                 return True
-            assert self.process.is_alive(), f"it ended without {text!r}:\n{self.output}"
+            assert is_alive, f"it ended without {text!r}:\n{self.output}"
             return False
 
         wait_until(said, f"{text!r} is said; so far:\n{self.output}")

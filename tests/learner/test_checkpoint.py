@@ -108,7 +108,7 @@ def test_counters_that_changed_on_the_disk_are_noticed(tmp_path: Path) -> None:
     checkpoint.save({"updates": 1_234})
     content = checkpoint.path.read_bytes()
     checkpoint.path.write_bytes(content.replace(b"1234", b"1235"))
-    with pytest.raises(InputError, match="checksum does not fit"):
+    with pytest.raises(InputError, match="checksum does not match"):
         load(checkpoint)
 
 
@@ -136,6 +136,7 @@ def test_the_one_before_takes_the_place_of_one_that_is_damaged_or_missing(
         r"from checkpoint\.previous\.safetensors, the one before\.$",
         said[0],
     )
+    assert checkpoint.damaged.exists() == (spoil is not Path.unlink)
     checkpoint.save({"updates": 3})  # and keeps the whole one, not the damaged one
     checkpoint.path.unlink()
     assert checkpoint.load(said.append) == {"updates": 1}
@@ -256,3 +257,20 @@ def test_a_stop_ends_the_wait(checkpoint: Checkpoint, monkeypatch: pytest.Monkey
     checkpoint.wait_for_room(said.append, stop)
     assert stop.waits == 3
     assert len(said) == 1
+
+
+def test_what_the_system_refuses_is_no_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checkpoint = checkpoint_of(tmp_path, _algorithm(0))
+    for updates in (1, 2):
+        checkpoint.save({"updates": updates})
+
+    def refuse(*_: Any) -> None:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    with monkeypatch.context() as patched:
+        patched.setattr("learner.checkpoint.safe_open", refuse)
+        with pytest.raises(OSError, match="Too many open files"):
+            checkpoint.load(print)
+    assert checkpoint.load(print) == {"updates": 2}

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import shlex
 import threading
 from collections.abc import Iterator, Sequence
@@ -113,7 +114,12 @@ def test_a_race_tells_when_each_score_was_first_reached(
     lab: Lab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content = raced(tmp_path, "--seeds", "2", "--seed", "3", "--label", "Four envs")
-    assert lab.trained == [f"race-ale-pong-four-envs-seed-{seed}" for seed in (3, 4)]
+    names = [
+        re.fullmatch(r"race-ale-pong-four-envs-([0-9a-f]{8})-seed-([34])", name)
+        for name in lab.trained
+    ]
+    assert [name and name[2] for name in names] == ["3", "4"]
+    assert len({name and name[1] for name in names}) == 1
     assert lab.played[:3] == [(f"epoch-000{epoch}.safetensors", 5, 0.05) for epoch in (1, 2, 3)]
     assert lab.played[-1] == ("checkpoint.safetensors", 30, 0.001)
     assert (content["title"], content["games"]) == ("Four envs (ale)", 5)

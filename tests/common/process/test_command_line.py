@@ -263,6 +263,7 @@ def test_settings_of_a_stored_run_or_a_card_are_taken_whole(tmp_path: Path) -> N
     ("name", "content", "words"),
     [
         ("run.toml", "seed = ", r"run\.toml cannot be read: "),
+        ("run.toml", "config = 'b.toml'", "remove config from it"),
         ("run.toml", "sede = 3", "there is no flag --sede: did you mean"),
         ("config.json", "[]", "should be a table"),
         ("none.toml", None, "cannot be read: .*No such file"),

@@ -100,6 +100,15 @@ def test_ranges(field: str, least: int, most: int) -> None:
             changed(field, value, few).check()
 
 
+def test_a_vector_fits_into_a_chunk() -> None:
+    widest = changed("play.vector", True, replace(PRESETS["robot"]))
+    for field, number in (("play.vector_commands", 30), ("play.vector_key_frames", 60)):
+        widest = changed(field, number, widest)
+    widest.check()
+    with pytest.raises(InputError, match=r"^the vector observation has 1396 numbers: lower"):
+        changed("play.vector_commands", 60, widest).check()
+
+
 @pytest.mark.parametrize("drawn", [{}, {"before": Column(84, 84, drawn=True)}])
 def test_states_that_travel_together_fit_a_message(
     drawn: dict[str, Column], monkeypatch: pytest.MonkeyPatch

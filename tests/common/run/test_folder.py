@@ -217,6 +217,13 @@ def test_a_start_that_fails_leaves_no_folder(tmp_path: Path) -> None:
     assert not folder.path.exists()
 
 
+def test_a_start_that_fails_leaves_another_parts_folder(tmp_path: Path) -> None:
+    replay = claim(tmp_path, "replay")
+    with replay.removed_if_unused():
+        claim(tmp_path, "learner")
+    assert replay.config_file.exists()
+
+
 def test_a_folder_in_which_something_began_or_that_was_there_stays(tmp_path: Path) -> None:
     there = claim(tmp_path)
     with there.removed_if_unused():

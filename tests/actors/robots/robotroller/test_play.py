@@ -70,6 +70,6 @@ def test_a_policy_that_feels_naos_joints_cannot_play_on_it(
 ) -> None:
     weights = ROOT / "policies" / "robot_pong.safetensors"
     with pytest.raises(
-        InputError, match=r"with the vector of the robot nao .* of the robot robotroller \(134 num"
+        InputError, match=r"with 144 numbers of proprioception, .* 134: add --robot nao\.$"
     ):
         command(monkeypatch, "play", "--weights", str(weights), "--robot", "robotroller")
