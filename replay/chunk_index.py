@@ -71,6 +71,8 @@ class ChunkIndex:
         self.refused = 0
         self.tail = 0
         """Ids below it are evicted."""
+        self.head = 0
+        """Id that the next chunk starts from; never falls, so that no id is used twice."""
         self.statistics: deque[ChunkStatistics] = deque(maxlen=_KEPT_STATISTICS)
         self.chunks: dict[ChunkKey, Placement] = {}
         """Those in the ring, oldest first."""
@@ -93,20 +95,18 @@ class ChunkIndex:
                 wanted, at = wanted - some, at.beside(direction)
         return found
 
-    @property
-    def head(self) -> int:
-        """Id that the next chunk starts from."""
-        newest = next(reversed(self.chunks.values()), None)
-        return self.tail if newest is None else newest.end
-
     def accept(self, key: ChunkKey, place: Placement, statistics: ChunkStatistics) -> None:
         """Count a chunk that is written."""
         self._received.setdefault(key[:3], Received()).add(key.sequence)
-        self.chunks[key] = place
-        self.stored += place.steps
+        self._hold(key, place)
         self.accepted = statistics.index + 1
         self.agent_steps = statistics.agent_steps
         self.statistics.append(statistics)
+
+    def _hold(self, key: ChunkKey, place: Placement) -> None:
+        self.chunks[key] = place
+        self.stored += place.steps
+        self.head = max(self.head, place.end)
 
     def evict(self, tail: int) -> list[ChunkKey]:
         """Strike the chunks that lie below ``tail``."""
@@ -114,6 +114,7 @@ class ChunkIndex:
         gone = [key for key, _ in below]
         self.stored -= sum(self.chunks.pop(key).steps for key in gone)
         self.tail = tail
+        self.head = max(self.head, tail)
         return gone
 
     def drop(self, key: ChunkKey) -> None:
@@ -134,6 +135,7 @@ class ChunkIndex:
             "agent_steps": self.agent_steps,
             "accepted": self.accepted,
             "tail": self.tail,
+            "head": self.head,
             "received": [
                 [*stream, received.highest, received.gaps]
                 for stream, received in self._received.items()
@@ -160,6 +162,7 @@ class ChunkIndex:
             self.agent_steps = entry["agent_steps"]
             self.accepted = entry["accepted"]
             self.tail = entry["tail"]
+            self.head = entry.get("head", self.tail)  # former journals have none
             for actor, incarnation, stream, highest, gaps in entry["received"]:
                 self._received[actor, incarnation, stream] = Received(highest, gaps)
         elif kind == "counts":
@@ -168,9 +171,7 @@ class ChunkIndex:
         elif kind == "facts":
             self.statistics.append(build(ChunkStatistics, entry["facts"]))
         elif kind == "held":
-            key, place = _chunk(entry)
-            self.chunks[key] = place
-            self.stored += place.steps
+            self._hold(*_chunk(entry))
         elif kind == "chunk":
             self.accept(*_chunk(entry), build(ChunkStatistics, entry["facts"]))
         elif kind == "tail":

@@ -59,10 +59,17 @@ class Journal:
     """The file, open for appending."""
 
     def __init__(self, path: Path, entries: Iterable[Entry]) -> None:
-        """Replace the file by ``entries``."""
+        """Replace the file by ``entries``.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
         self._path = path
         self._file = -1
-        self.rewrite(entries)
+        try:
+            self.rewrite(entries)
+        except OSError as error:
+            raise InputError(f"{path} cannot be written: {error.strerror}.") from None
 
     def append(self, entry: Entry) -> None:
         """Write one line, whole or not at all."""
@@ -80,12 +87,9 @@ class Journal:
     def rewrite(self, entries: Iterable[Entry]) -> None:
         """Replace the file by ``entries``, atomically."""
         lines = [_line(entry) for entry in entries]
-        try:
-            write_atomically(self._path, b"".join(lines))
-            self.close()
-            self._file = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
-        except OSError as error:
-            raise InputError(f"{self._path} cannot be written: {error.strerror}.") from None
+        write_atomically(self._path, b"".join(lines))
+        self.close()
+        self._file = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
         self._size = os.fstat(self._file).st_size
         self.lines = len(lines)
 

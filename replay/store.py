@@ -265,9 +265,10 @@ class Store:
         least = ring.head + count - self._config.replay.capacity
         tail = ring.tail
         for place in index.chunks.values():
-            if tail >= least:
+            if place.base >= least:
                 break
             tail = place.end
+        tail = max(tail, least)  # damaged chunks have left ids without any
         if tail == ring.tail:
             return
         # First of all: the slots below are about to be overwritten, and a successor of this

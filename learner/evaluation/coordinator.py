@@ -108,9 +108,15 @@ class EvaluationCoordinator:
             return self._finished.pop(0) if self._finished else None
 
     def settle(self, test: EpochTest, best_before: float | None) -> None:
-        """Drop the snapshot of a test that is recorded, unless it is the best so far."""
+        """Drop the snapshot of a test that is recorded, unless it is the best so far.
+
+        Args:
+            best_before: the table's; it may lack the test of the best snapshot, after a resume
+                from the checkpoint before the last one.
+        """
         mean = sum(test.scores) / len(test.scores) if test.scores else None
-        if mean is None or (best_before is not None and mean <= best_before):
+        before = [each for each in (best_before, self._snapshots.best_score()) if each is not None]
+        if mean is None or mean <= max(before, default=-math.inf):
             self._snapshots.remove(test.epoch)
             return
         card = {

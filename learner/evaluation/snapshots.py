@@ -41,5 +41,12 @@ class Snapshots:
         write_atomically(self._folder / "best.json", json.dumps(card, indent=2).encode())
         self.remove(epoch)
 
+    def best_score(self) -> float | None:
+        """The mean score of ``best.safetensors``; None if there is none, or no card that says."""
+        try:
+            return float(json.loads((self._folder / "best.json").read_bytes())["mean_score"])
+        except (OSError, ValueError, TypeError, KeyError):
+            return None
+
     def file(self, epoch: int) -> Path:
         return self._folder / f"epoch-{epoch:04d}.safetensors"

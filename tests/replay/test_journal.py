@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from common.errors import InputError
 from replay.journal import Entry, Journal
 from replay.journal import read_journal as read
 
@@ -85,3 +86,22 @@ def test_a_line_that_finds_no_space_leaves_no_trace(
             journal.append({"kind": "lost"})
     journal.append({"n": 1})
     assert read_journal(path) == [{"n": 0}, {"n": 1}]
+
+
+def test_a_rewrite_that_finds_no_space_leaves_the_journal_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path, [{"n": 0}, {"n": 1}])
+
+    def full(file: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("common.run.folder.os.fsync", full)
+        with pytest.raises(OSError, match="No space"):
+            journal.rewrite([{"n": 1}])
+        with pytest.raises(InputError, match="cannot be written: No space"):
+            Journal(tmp_path / "other.jsonl", [])
+    journal.append({"n": 2})
+    assert read_journal(path) == [{"n": 0}, {"n": 1}, {"n": 2}]

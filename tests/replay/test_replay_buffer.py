@@ -489,6 +489,31 @@ def test_damaged_rows_are_reported_and_the_rest_is_used(
     memory.close()
 
 
+@pytest.mark.parametrize("whole", [0, 1, 3])
+def test_ids_of_damaged_chunks_are_not_used_again(tmp_path: Path, whole: int) -> None:
+    config = make_config(capacity=40, batch_size=2_000, sampler="prioritised")
+    actor, rng = Actor("0", 4), np.random.default_rng(0)
+    endings = [*[GOES_ON] * 9, TERMINATES]
+    memory = ReplayBuffer(config, tmp_path)
+    for _ in range(4):
+        memory.insert(actor.live(endings, rng))
+    memory.close()
+    for chunk in range(whole, 4):
+        flip(tmp_path / "frames.bin", (10 * chunk + 5) * 7_056)
+    ReplayBuffer(config, tmp_path).close()
+    memory = ReplayBuffer(config, tmp_path)  # and the restart after knows, too
+
+    for inserted in range(1, 8):
+        memory.insert(actor.live(endings, rng))
+        memory.update_priorities(np.arange(10 * whole, 40), np.full(40 - 10 * whole, np.nan))
+        batch = memory.sample(0, 0.0)
+        assert batch is not None
+        check_batch(batch, [actor], config)
+        newest = range(max(40, 10 * inserted), 40 + 10 * inserted)
+        assert set(batch.ids.tolist()) == {*range(10 * inserted, 10 * whole), *newest}
+    memory.close()
+
+
 def test_damaged_lines_are_reported_and_the_rest_is_used(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -194,6 +194,25 @@ def test_the_best_snapshot_is_kept_and_others_go(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("epoch-*"))
 
 
+def test_the_best_snapshot_stays_where_the_table_has_lost_its_test(tmp_path: Path) -> None:
+    tests: list[tuple[int, float, float | None]] = [
+        (1, 18.0, None),
+        (2, 5.0, None),  # a resumed table, without the first
+        (3, 19.0, 5.0),
+        (4, 18.5, 5.0),
+    ]
+    for epoch, score, before in tests:
+        coordinator = Place(tmp_path).coordinator
+        coordinator.add(epoch_test(epoch), f"weights of {epoch}".encode())
+        coordinator.settle(replace(epoch_test(epoch), scores=[score]), before)
+        expected = b"weights of 1" if epoch < 3 else b"weights of 3"
+        assert (tmp_path / "best.safetensors").read_bytes() == expected
+    (tmp_path / "best.json").write_text("{")
+    coordinator.add(epoch_test(5), b"weights of 5")
+    coordinator.settle(replace(epoch_test(5), scores=[1.0]), None)
+    assert (tmp_path / "best.safetensors").read_bytes() == b"weights of 5"
+
+
 def test_all_snapshots_are_kept_where_that_is_asked_for(tmp_path: Path) -> None:
     place = Place(tmp_path, keep=True)
     for epoch in range(1, MOST_WAITING + 3):
