@@ -172,10 +172,12 @@ def resume_command(arguments: Sequence[str], run: str, *, done: bool) -> str:
     """
     told: list[str] = []
     omitted = {"--initial", *(["--steps"] if done else [])}
+    # `ale-robot train` adds --local before all others.
+    without = {"--force", *(["--local"] if "--no-local" in arguments else [])}
     skip = False
     for argument in arguments:
         name, equals, _ = argument.partition("=")
-        if not skip and name not in {*omitted, "--force"}:
+        if not skip and name not in omitted | without:
             told.append(argument)
         skip = name in omitted and not equals
     flags = {argument.partition("=")[0] for argument in told}

@@ -22,7 +22,7 @@ from common.errors import InputError
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
-from common.run.origin import origin_of
+from common.run.origin import check_is_file, origin_of
 from common.run.presets import PRESETS
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 
@@ -68,8 +68,7 @@ class Options(BenchmarkOptions):
 
 
 def measure(options: Options) -> Report:
-    if not options.network.is_file():
-        raise InputError(f"{options.network} is not a file: name a network.")
+    check_is_file(options.network)
     trained = origin_of(options.network)
     if trained is None:
         raise InputError(

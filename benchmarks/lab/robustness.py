@@ -20,9 +20,9 @@ from annotated_types import Ge, Le, MinLen
 from benchmarks.lab.policy import EPSILON, evaluate
 from benchmarks.report import BenchmarkOptions, Report, Table, main, resumed, write
 from common.checked import Fraction, FromOne
-from common.errors import InputError
 from common.press_latency import ms_of
 from common.run.conditions import MAX_ADDED
+from common.run.origin import check_is_file
 
 Optics = Literal["nominal", "grain", "pose", "light", "late"]
 OPTICS: dict[Optics, dict[str, str]] = {
@@ -116,8 +116,7 @@ class _Grid:
 
     def __init__(self, options: Options) -> None:
         """Raises InputError if there is no such network, or the file holds another grid."""
-        if not options.network.is_file():
-            raise InputError(f"{options.network} is not a file: name a network.")
+        check_is_file(options.network)
         self._file = options.json
         self._about = {
             "title": f"robustness of {options.network.stem}",

@@ -26,6 +26,15 @@ def find_weights(name: str | Path) -> Path:
     return shipped if published and not path.exists() else path
 
 
+def check_is_file(network: Path) -> None:
+    """Raises InputError if there is no such file of weights."""
+    if not network.is_file():
+        published = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.safetensors")))
+        raise InputError(
+            f"{network} is not a file: name a network's file, or a published policy: {published}."
+        )
+
+
 def origin_of(weights: Path) -> RunConfig | None:
     """The settings in the card of a published policy; or those of the run whose folder ``weights``
     lies in, or in whose snapshots; None where neither is found.

@@ -25,7 +25,7 @@ from common.process.supervisor import Child
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.folder import write_atomically
-from common.run.origin import check_fit
+from common.run.origin import check_fit, check_is_file
 from common.run.stored_config import differences, to_json
 from learner.evaluation.measures import HEADLINE, Measure
 from learner.evaluation.results import ENDING, summarise, table
@@ -65,8 +65,8 @@ class EvaluationOptions:
             InputError: an option is out of bounds or has no effect; it names the flag.
         """
         check_bounds(self)
-        if self.evaluate is not None and not self.evaluate.is_file():
-            raise InputError(f"{self.evaluate} is not a file: name a network to evaluate.")
+        if self.evaluate is not None:
+            check_is_file(self.evaluate)
         if self.headline and self.evaluate is None:
             raise InputError("--headline is for --evaluate: name a network to evaluate by it.")
         if self.headline and self.epsilon != EvaluationOptions.epsilon:

@@ -113,7 +113,10 @@ def test_what_does_not_fit_other_settings_is_told(run: Path, stage: Stage) -> No
 
 def test_what_is_no_network_is_told(run: Path, tmp_path: Path, stage: Stage) -> None:
     for weights, why in (
-        (tmp_path / "nothing", "is not a file: name a network to evaluate"),
+        (
+            tmp_path / "nothing",
+            "is not a file: name a network's file, or a published policy: ale_pong, ",
+        ),
         (run / "config.json", "not safetensors"),
     ):
         printed = _evaluate(stage, weights, status=2)

@@ -169,6 +169,7 @@ def test_an_evaluation_draws_only_what_it_is_told_to(tmp_path: Path) -> None:
         ("--steps=9 --run r --resume", True, "--run r --resume"),
         ("--run r --initial a.safetensors --force", False, "--run r --resume"),
         ("--initial=a.safetensors --connect tcp/h:1", False, "--connect tcp/h:1 --run r --resume"),
+        ("--local --no-local --run r", False, "--no-local --run r --resume"),
         ("--run r --learner 'a b'", False, "--run r --learner 'a b' --resume"),
     ],
 )
