@@ -42,7 +42,7 @@ Patience = Annotated[float, Ge(0), AllowInfNan(True)]
 """Seconds; inf to wait for ever."""
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 Name = Annotated[str, StringConstraints(pattern=NAME)]
-"""Of a run or a process: a part of key expressions and of paths."""
+"""Name of a run or a process, which becomes part of key expressions and of paths."""
 Score = Annotated[float, Ge(-MAX_SIZE), Le(MAX_SIZE)]
 
 T = TypeVar("T")

@@ -215,7 +215,7 @@ class Learner:
             )
 
     def _has_diverged(self) -> bool:
-        """Whether the network is of no use any more; a few minibatches that are not are skipped.
+        """Whether the network has diverged; a few minibatches without a finite loss are skipped.
 
         All losses since the last call are looked at together, for each look waits for the device.
         """

@@ -34,7 +34,7 @@ class Options:
     """Figure: 'epochs', reward and mean max-Q by epoch; 'progress', reward by steps and wall clock;
     or 'histogram', scores of the games of evaluations (from their JSON)."""
     phase: Phase = "test"
-    """Whose rewards epochs and progress show: each epoch's test, or its training with its ε."""
+    """Rewards that epochs and progress show: each epoch's test, or its training with its ε."""
 
     def check(self) -> None:
         """Refuse what cannot be drawn.

@@ -38,7 +38,7 @@ class Run:
     settings: str | None
     """All but the seed; None for a table alone, whose settings nobody knows."""
     phase: Phase
-    """Whose rewards are drawn."""
+    """Phase of each epoch whose rewards are drawn."""
 
     @property
     def random(self) -> float | None:
