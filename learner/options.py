@@ -172,8 +172,9 @@ def resume_command(arguments: Sequence[str], run: str, *, done: bool) -> str:
     """
     told: list[str] = []
     omitted = {"--initial", *(["--steps"] if done else [])}
-    # `ale-robot train` adds --local before all others.
-    without = {"--force", *(["--local"] if "--no-local" in arguments else [])}
+    command = started_by("learner")
+    added = command.startswith("ale-robot ") or "--no-local" in arguments  # `train` adds --local
+    without = {"--force", *(["--local"] if added else [])}
     skip = False
     for argument in arguments:
         name, equals, _ = argument.partition("=")
@@ -183,4 +184,4 @@ def resume_command(arguments: Sequence[str], run: str, *, done: bool) -> str:
     flags = {argument.partition("=")[0] for argument in told}
     more = [] if "--run" in flags else ["--run", run]
     more += [] if "--resume" in flags else ["--resume"]
-    return shlex.join([*started_by("learner").split(), *told, *more])
+    return shlex.join([*command.split(), *told, *more])

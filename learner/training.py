@@ -5,6 +5,7 @@
 
 import math
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -79,10 +80,11 @@ class Learner:
         self._batches: Prefetcher
         self._unchecked: list[tuple[int, NDArray[np.int64], Update]] = []
         """Number, ids and result of each update since the losses were last looked at."""
-        self._skipped: list[int] = []
-        """Numbers of the updates, of this process, whose loss was not finite."""
-        self._spoiled = False
-        """Whether a loss that was not finite has spoiled the weights."""
+        self._skipped = 0
+        """Updates, of this process, whose loss was not finite."""
+        self._last_skipped: deque[int] = deque(maxlen=_MOST_SKIPPED)
+        self._diverged_at: int | None = None
+        """Number of the first update that is the network's fault."""
         self._replay_progress: Progress
         self._published = 0
         self._look_schedule = Every(_LOOK_SECONDS, self.clock.now)
@@ -197,7 +199,7 @@ class Learner:
         self._unchecked.append((updates, batch.ids, result))
         if self.config.replay.sampler == "prioritised":
             self._check_loss()
-            if self._skipped[-1:] != [updates]:
+            if updates not in self._last_skipped:
                 self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())
         if updates % schedule.publish_period == 0:
             self._publish()
@@ -207,9 +209,8 @@ class Learner:
     def _check_loss(self) -> None:
         """Called before anything of the network is kept or told: it may have diverged."""
         if self._has_diverged():
-            first = self._recently_skipped()[0]
             raise InputError(
-                f"the loss became non-finite at update {first}: start another run "
+                f"the loss became non-finite at update {self._diverged_at}: start another run "
                 "with a smaller --learning.learning-rate, from this one's last good network by "
                 f"--initial {self.checkpoint.path}."
             )
@@ -224,16 +225,17 @@ class Learner:
         for (update, ids, result), loss in zip(seen, losses, strict=True):
             if math.isfinite(loss):
                 continue
-            self._skipped.append(update)
+            self._skipped += 1
+            self._last_skipped.append(update)
             if all(bool(each.isfinite().all()) for each in self.algorithm.online.parameters()):
                 self._quarantine(ids, result.priorities.float().cpu().numpy())
+                first = self._last_skipped[0]
+                often = len(self._last_skipped) == _MOST_SKIPPED and update - first < _RECENTLY
             else:
-                self._spoiled = True
-        return self._spoiled or len(self._recently_skipped()) >= _MOST_SKIPPED
-
-    def _recently_skipped(self) -> list[int]:
-        oldest = self.phases.updates - _RECENTLY
-        return [each for each in self._skipped[-_MOST_SKIPPED:] if each > oldest]
+                first, often = update, True
+            if often and self._diverged_at is None:
+                self._diverged_at = first
+        return self._diverged_at is not None
 
     def _quarantine(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """Have the steps that are at fault for a loss never drawn again."""
@@ -312,7 +314,7 @@ class Learner:
             "run/phase": "finishing" if self._finished else phase,
             "run/seconds": self.clock.seconds(),
             "learning/updates": self.phases.updates,
-            "learning/skipped": len(self._skipped),
+            "learning/skipped": self._skipped,
             "learning/mean_max_q": mean,
             "learning/held_out_std": deviation,
             "learning/recent_max_q_std": self.held_out.recent_std,

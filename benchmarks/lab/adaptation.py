@@ -19,10 +19,11 @@ from benchmarks.lab.policy import EPSILON, evaluate, train
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import Fraction, FromOne
 from common.errors import InputError
+from common.process.command_line import WeightsFile
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
-from common.run.origin import check_is_file, origin_of
+from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 
@@ -47,7 +48,7 @@ _OF_NETWORK = ("algorithm", "quantiles", "network", "scale_pixels", "vector_scal
 class Options(BenchmarkOptions):
     """Train a policy for a while in another world than its own, and play it before and after."""
 
-    network: tyro.conf.Positional[Path]
+    network: tyro.conf.Positional[WeightsFile]
     """A published policy, or a checkpoint in its run's folder."""
     to: str
     """Settings of the other world, as in --to="--camera.noise 8 --play.sticky 0.25"."""
@@ -68,7 +69,6 @@ class Options(BenchmarkOptions):
 
 
 def measure(options: Options) -> Report:
-    check_is_file(options.network)
     trained = origin_of(options.network)
     if trained is None:
         raise InputError(

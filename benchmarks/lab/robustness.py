@@ -11,7 +11,6 @@ map, or as a curve where there is one optics only, as with
 
 import hashlib
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
@@ -21,8 +20,8 @@ from benchmarks.lab.policy import EPSILON, evaluate
 from benchmarks.report import BenchmarkOptions, Report, Table, main, resumed, write
 from common.checked import Fraction, FromOne
 from common.press_latency import ms_of
+from common.process.command_line import WeightsFile
 from common.run.conditions import MAX_ADDED
-from common.run.origin import check_is_file
 
 Optics = Literal["nominal", "grain", "pose", "light", "late"]
 OPTICS: dict[Optics, dict[str, str]] = {
@@ -56,7 +55,7 @@ _KEPT = (
 class Options(BenchmarkOptions):
     """Play whole games by a trained network under added latencies and faults of the eye."""
 
-    network: tyro.conf.Positional[Path]
+    network: tyro.conf.Positional[WeightsFile]
     """A published policy, or a checkpoint in its run's folder."""
     latencies: Annotated[tuple[Annotated[int, Ge(0), Le(MAX_ADDED)], ...], MinLen(1)] = (
         *(0, 2, 4, 8, 12),
@@ -115,8 +114,7 @@ class _Grid:
     """The cells that were played so far, in a file if there is one."""
 
     def __init__(self, options: Options) -> None:
-        """Raises InputError if there is no such network, or the file holds another grid."""
-        check_is_file(options.network)
+        """Raises InputError if the file holds another grid."""
         self._file = options.json
         self._about = {
             "title": f"robustness of {options.network.stem}",

@@ -18,21 +18,25 @@ SHIPPED = Path(__file__).resolve().parents[2] / "ale_robot" / "policies"
 
 
 def find_weights(name: str | Path) -> Path:
-    """Returns the file called ``name``; where there is none, the published policy of that name,
-    as robot_pong or policies/robot_pong.safetensors."""
+    """Returns the file called ``name``; the newest network of the run in that folder; or the
+    published policy of that name, as robot_pong or policies/robot_pong.safetensors.
+
+    Raises:
+        InputError: there is none.
+    """
     path = Path(name)
     shipped = SHIPPED / f"{path.stem}.safetensors"
-    published = path.parent in (Path(), Path("policies")) and shipped.is_file()
-    return shipped if published and not path.exists() else path
-
-
-def check_is_file(network: Path) -> None:
-    """Raises InputError if there is no such file of weights."""
-    if not network.is_file():
+    if path.is_dir() and (path / "config.json").is_file():
+        path = RunFolder(path.parent, path.name).checkpoint
+    elif not path.exists() and path.parent in (Path(), Path("policies")) and shipped.is_file():
+        path = shipped
+    if not path.is_file():
         published = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.safetensors")))
         raise InputError(
-            f"{network} is not a file: name a network's file, or a published policy: {published}."
+            f"{path} is not a file: name a network's file, a run's folder, or a published policy: "
+            f"{published}."
         )
+    return path
 
 
 def origin_of(weights: Path) -> RunConfig | None:

@@ -20,12 +20,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from common.checked import Count, Fraction, FromOne
 from common.errors import InputError
+from common.network import build_network
 from common.process.command_line import WeightsFile, check_bounds
 from common.process.supervisor import Child
+from common.protocol.weights import load_weights_file
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.folder import write_atomically
-from common.run.origin import check_fit, check_is_file
+from common.run.origin import check_fit, find_weights
 from common.run.stored_config import differences, to_json
 from learner.evaluation.measures import HEADLINE, Measure
 from learner.evaluation.results import ENDING, summarise, table
@@ -66,7 +68,7 @@ class EvaluationOptions:
         """
         check_bounds(self)
         if self.evaluate is not None:
-            check_is_file(self.evaluate)
+            find_weights(self.evaluate)
         if self.headline and self.evaluate is None:
             raise InputError("--headline is for --evaluate: name a network to evaluate by it.")
         if self.headline and self.epsilon != EvaluationOptions.epsilon:
@@ -109,6 +111,7 @@ def evaluate(
     console = console or Console(highlight=False)
     assert options.evaluate is not None
     check_fit(options.evaluate, trained, config)
+    load_weights_file(build_network(config, config.action_count), options.evaluate, "this game")
     measures = options.measures(config, trained)
     rows, played = [], 0
     columns = (TextColumn("games"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

@@ -86,6 +86,16 @@ def _alike(row: Mapping[str, Any]) -> str:
     return "none" if row["same_ending"] == 1 else f"{row['same_ending']}"
 
 
+def _mean(row: Mapping[str, Any]) -> str:
+    """One game has a score, but no spread."""
+    spread = f" ± {row['deviation']:.2f}" if row["games"] > 1 else ""
+    return f"{row['mean']:.2f}{spread}"
+
+
+def _interval(row: Mapping[str, Any]) -> str:
+    return f"{row['iqm_low']:.2f} to {row['iqm_high']:.2f}" if row["games"] > 1 else ""
+
+
 def _every_game(row: Mapping[str, Any]) -> str:
     return " ".join(f"{score:g}" for score in row["scores"])
 
@@ -110,9 +120,9 @@ _LINES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
     ("games", lambda row: f"{row['games']}"),
     ("distinct games", lambda row: f"{row['distinct_games']}"),
     (f"alike in their last {ENDING} steps", _alike),
-    ("mean ± deviation", lambda row: f"{row['mean']:.2f} ± {row['deviation']:.2f}"),
+    ("mean ± deviation", _mean),
     ("interquartile mean", lambda row: f"{row['iqm']:.2f}"),
-    ("its 95 % interval", lambda row: f"{row['iqm_low']:.2f} to {row['iqm_high']:.2f}"),
+    ("its 95 % interval", _interval),
     ("median", lambda row: f"{row['median']:g}"),
     ("least, most", lambda row: f"{row['least']:g}, {row['most']:g}"),
     ("agent steps", lambda row: f"{row['steps']:,}"),

@@ -140,9 +140,8 @@ def test_an_interrupted_training_goes_on_with_its_own_weights(
 def test_a_network_of_unknown_settings_is_refused(tmp_path: Path) -> None:
     network = tmp_path / "alone.safetensors"
     network.write_bytes((POLICIES / "ale_pong.safetensors").read_bytes())
-    for path, words in ((network, "neither a card nor"), (tmp_path / "no", "is not a file")):
-        with pytest.raises(InputError, match=words):
-            adaptation.measure(adaptation.Options(network=path, to="--env robot"))
+    with pytest.raises(InputError, match="neither a card nor"):
+        adaptation.measure(adaptation.Options(network=network, to="--env robot"))
 
 
 @pytest.mark.slow

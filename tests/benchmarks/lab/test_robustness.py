@@ -120,12 +120,6 @@ def test_a_file_of_another_grid_is_refused(
             grid(file, *one)
 
 
-def test_a_network_that_is_not_there_is_told(tmp_path: Path) -> None:
-    options = robustness.Options(network=tmp_path / "none")
-    with pytest.raises(InputError, match="is not a file: name a network"):
-        robustness.measure(options)
-
-
 def test_a_cell_is_played_for_real() -> None:
     flags = [*cell_flags(2, "late", 0.25), "--play.max-game-frames", "80"]
     told = evaluate(POLICY, 1, 1.0, flags)

@@ -293,5 +293,17 @@ def test_a_network_is_a_file_or_a_published_one(
             "robot_pong.safetensors"
         )
     (tmp_path / "robot_pong").touch()
-    for name in ("robot_pong", "runs/robot_pong", "other"):
-        assert parse(Shown, "program", ["--weights", name]).weights == Path(name)
+    assert parse(Shown, "program", ["--weights", "robot_pong"]).weights == Path("robot_pong")
+    run = tmp_path / "runs" / "r1"
+    run.mkdir(parents=True)
+    with pytest.raises(InputError, match=r"^runs/r1 is not a file: .* policy: ale_pong, robot_"):
+        parse(Shown, "program", ["--weights", "runs/r1"])
+    (run / "config.json").touch()
+    with pytest.raises(InputError, match=r"^runs/r1/checkpoint\.safetensors is not a file: "):
+        parse(Shown, "program", ["--weights", "runs/r1"])
+    (run / "checkpoint.safetensors").touch()
+    newest = Path("runs/r1/checkpoint.safetensors")
+    assert parse(Shown, "program", ["--weights", "runs/r1"]).weights == newest
+    for name in ("other", "runs/robot_pong"):
+        with pytest.raises(InputError, match=f"^{name} is not a file"):
+            parse(Shown, "program", ["--weights", name])
