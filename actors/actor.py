@@ -68,7 +68,8 @@ class Actor:
         if ack is not None:
             self._member.check_run(ack.run_id)
             self._sync.follow(ack)
-            if ack.finished:
+            if ack.finished and not self._member.stop.is_set():
+                self._member.warn("the run is finished.")
                 self._member.stop.set()
 
     def _pause_while_throttled(self) -> None:

@@ -47,6 +47,7 @@ class Evaluator:
             while not self._member.stop.is_set():
                 job = self._ask()
                 if job is not None and job.kind == "finished":
+                    self._member.warn("the run is finished.")
                     return
                 if job is not None and job.kind == "test":
                     self._play(job, seed)

@@ -7,7 +7,7 @@ if __name__ == "__main__":
 
 import sys
 import threading
-from typing import Any
+from typing import Any, get_args
 
 import cv2
 import torch
@@ -22,16 +22,14 @@ from viewer.policies import Policies
 from viewer.show import Play
 from viewer.watch import Watch
 
-COMMANDS: dict[str, Any] = {
-    kind.__name__.lower(): kind for kind in (Watch, Play, Human, Check, Draws, Policies)
-}
+EVERY: Any = Watch | Play | Human | Check | Draws | Policies
+COMMANDS: dict[str, Any] = {kind.__name__.lower(): kind for kind in get_args(EVERY)}
 
 
 def main() -> int:
     name, *arguments = sys.argv[1:] or ["--help"]
     if (kind := COMMANDS.get(name)) is None:
-        every: Any = Watch | Play | Human | Check | Draws | Policies
-        command = parse(every, "viewer", [name, *arguments])
+        command = parse(EVERY, "viewer", [name, *arguments])
     else:
         command = parse(kind, f"viewer {name}", arguments)
     stop = threading.Event()

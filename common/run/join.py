@@ -71,6 +71,6 @@ def find_run(
         if time.monotonic() - began >= patience:
             raise InputError(
                 f"the hub serves no run{f' called {name!r}' if name else ''}: "
-                "start `python -m learner` there."
+                "start a learner there."
             )
         time.sleep(_PAUSE)

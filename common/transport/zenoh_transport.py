@@ -348,7 +348,7 @@ def connect(
             waited = time.monotonic() - began
             if waited >= patience:
                 raise InputError(
-                    f"no hub answered at {endpoint} in {waited:.0f} s: start `python -m learner` "
+                    f"no hub answered at {endpoint} in {waited:.0f} s: start a learner "
                     "there, or name its address with --connect."
                     + ("" if credentials is None else _NOT_TRUSTED)
                 ) from None

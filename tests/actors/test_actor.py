@@ -140,7 +140,7 @@ def test_everything_it_lived_through_is_stored_once_and_in_order(stage: Stage) -
     assert last.steps == sum(len(env.moments) for env in envs)
     assert last.made == last.acked == len(stage.replay.chunks)
     assert (last.retried, last.refused, last.role, last.incarnation) == (0, 0, "actor", 17)
-    assert stage.warnings == []
+    assert stage.warnings == ["a: the run is finished."]
 
 
 def test_a_wish_to_stop_in_the_middle_of_a_chunk_loses_no_step(stage: Stage) -> None:
@@ -194,6 +194,7 @@ def test_a_finished_run_ends_it_even_in_a_pause(stage: Stage) -> None:
     stage.replay.ack = replace(STORED, throttle=True, finished=True)
     stage.ended()
     assert stage.farewell().leaving
+    assert stage.warnings.count("a: the run is finished.") == 1
 
 
 def test_a_run_that_is_over_is_left_after_one_step(stage: Stage) -> None:

@@ -200,8 +200,9 @@ def test_a_task_that_is_none_is_told_and_not_played(
     stage.give(FINISHED)
     stage.ended()
     assert env.moments == []
-    assert len(stage.warnings) == 1
-    assert sentence in stage.warnings[0]
+    told, finished = stage.warnings
+    assert sentence in told
+    assert finished == "e: the run is finished."
 
 
 def test_a_learner_that_was_away_for_a_moment_is_asked_again(stage: Stage) -> None:

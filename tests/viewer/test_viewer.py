@@ -56,9 +56,12 @@ def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return main()
 
 
-def test_commands() -> None:
-    found = parse(COMMANDS["play"], "viewer", ["--weights", "w", "--viewer", "rerun", "--no-sync"])
-    assert found == Play(weights=Path("w"), viewer="rerun", clock=ClockConfig(sync=False))
+def test_commands(tmp_path: Path) -> None:
+    weights = tmp_path / "w"
+    weights.touch()
+    arguments = ["--weights", str(weights), "--viewer", "rerun", "--no-sync"]
+    found = parse(COMMANDS["play"], "viewer", arguments)
+    assert found == Play(weights=weights, viewer="rerun", clock=ClockConfig(sync=False))
     assert parse(COMMANDS["check"], "viewer", ["-o", "p.png"]) == Check(output=Path("p.png"))
 
 

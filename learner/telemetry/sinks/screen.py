@@ -220,8 +220,11 @@ def _actors(actors: Sequence[ActorView], rows: int, roomy: bool, values: Values)
     order = sorted(actors, key=lambda a: (a.alive, a.stats.role, len(a.stats.name), a.stats.name))
     shown = order if len(order) <= rows else order[: rows - 1]
     for actor in shown:
-        stats, style = actor.stats, "" if actor.alive else _BAD
-        rate = f"{formats.decimal(stats.steps_per_second, 1)}/s" if actor.alive else "lost"
+        stats = actor.stats
+        style = "" if actor.alive else _LABEL if stats.leaving else _BAD
+        rate = f"{formats.decimal(stats.steps_per_second, 1)}/s"
+        if not actor.alive:
+            rate = "left" if stats.leaving else "lost"
         cells = [_text(f"{stats.steps:,}"), _text(rate)]
         if roomy:
             wrong = troubles({key: getattr(stats, name) for name, key in TOTALS.items()})
@@ -230,7 +233,7 @@ def _actors(actors: Sequence[ActorView], rows: int, roomy: bool, values: Values)
                 _text(f"{stats.retried:,} retried{wrong}", _LABEL),
                 _text(f"silent {actor.silent_for:.0f} s", _LABEL),
             ]
-        mark = Text("●", _GOOD) if actor.alive else Text("○", _BAD)
+        mark = Text("●", _GOOD) if actor.alive else Text("○", style)
         for cell in cells:
             cell.stylize(style)
         grid.add_row(mark, _text(stats.name, style), *cells)

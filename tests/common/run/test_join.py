@@ -50,7 +50,7 @@ def test_of_several_runs_one_must_be_named(hub: Transport, client: Transport) ->
 
 
 def test_no_run_is_told_after_the_patience(client: Transport) -> None:
-    with pytest.raises(InputError, match=r"^the hub serves no run: start `python -m learner`"):
+    with pytest.raises(InputError, match=r"^the hub serves no run: start a learner there"):
         find_run(client, None, 0.0, never)
 
 

@@ -309,6 +309,14 @@ class Fragile(io.StringIO):
         return super().write(text)
 
 
+def test_who_said_goodbye_has_left_and_is_not_lost() -> None:
+    gone = replace(actors(1)[0], alive=False)
+    left = replace(gone, stats=replace(gone.stats, leaving=True))
+    for actor, word in ((gone, "lost"), (left, "left")):
+        text = "\n".join(drawn(replace(STATUS, actors=(actor,))))
+        assert re.search(rf"○ actor-0 +312,456 +{word} ", text)
+
+
 @pytest.mark.parametrize("error", [BrokenPipeError(), OSError(5, "Input/output error")])
 def test_lost_reader_of_a_pipe_does_not_stop_the_learner(error: OSError) -> None:
     stream = Fragile()
