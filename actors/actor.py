@@ -7,13 +7,14 @@ from typing import Any
 import gymnasium
 
 from actors.counters import ActorCounters
-from actors.loop import play
+from actors.loop import Step, play
 from actors.member import Member
 from actors.policy import Policy
 from actors.policy_sync import PolicySync
 from actors.stream.chunker import Chunker
 from actors.stream.heartbeat import Heartbeat
 from actors.stream.insert_client import InsertClient
+from actors.stream.live_views import LiveViews
 from common.protocol.ack import Ack
 from common.protocol.actor_stats import ActorStats
 
@@ -40,6 +41,7 @@ class Actor:
             )
             for stream in range(len(envs))
         ]
+        self._views = LiveViews(member, "actor", envs, policy)
         self._heartbeat = Heartbeat(member, "actor", self._stats)
 
     def run(self, seeds: Sequence[int]) -> None:
@@ -52,12 +54,13 @@ class Actor:
             self._obey(self._inserts.poll())
             for step in play(self._envs, self._policy, seeds):
                 self._counters.count(step)
+                self._views.show(step)
                 self._sync.take_weights()
                 chunk = self._chunkers[step.stream].add(step)
                 if chunk is not None:
                     self._inserts.send(chunk.encode())
                     self._obey(self._inserts.last_ack)
-                    self._pause_while_throttled()
+                    self._pause_while_throttled(step)
                 if self._member.stop.is_set():
                     break
         finally:
@@ -72,7 +75,7 @@ class Actor:
                 self._member.warn("the run is finished.")
                 self._member.stop.set()
 
-    def _pause_while_throttled(self) -> None:
+    def _pause_while_throttled(self, step: Step) -> None:
         began = time.monotonic()
         ack = self._inserts.last_ack
         while ack is not None and ack.throttle and not self._member.stop.is_set():
@@ -80,6 +83,7 @@ class Actor:
             self._obey(answer)
             ack = answer or ack
             self._sync.take_weights()
+            self._views.show(step)
         self._counters.held_seconds += time.monotonic() - began
 
     def _leave(self) -> None:

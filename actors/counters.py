@@ -1,12 +1,15 @@
 """Counts the steps of an actor process and what became of them."""
 
+import socket
 import time
 from dataclasses import replace
 from typing import Any
 
 from actors.loop import Step
 from actors.policy import Policy
+from common.checked import MAX_TEXT
 from common.press_latency import COUNTS
+from common.process.footprint import footprint
 from common.protocol.actor_stats import ActorStats, Role
 
 
@@ -14,11 +17,13 @@ class ActorCounters:
     """Counters of one process; `stats` grows with each step."""
 
     def __init__(self, name: str = "", role: Role = "actor", incarnation: int = 0) -> None:
-        self.stats = ActorStats(name, role, incarnation)
+        self.stats = ActorStats(name, role, incarnation, machine=socket.gethostname()[:MAX_TEXT])
         self.held_seconds = 0.0
         self.key_times = [0] * COUNTS
         """How long the hands took, see `common.press_latency`."""
-        self._looked = (time.monotonic(), 0, 0.0)
+        self._began = time.monotonic()
+        self._looked = (self._began, 0, 0.0)
+        self._worked = (self._began, time.process_time())
 
     def count(self, step: Step) -> None:
         """Add one step of an environment."""
@@ -43,6 +48,9 @@ class ActorCounters:
         return replace(
             self.stats,
             leaving=leaving,
+            seconds=time.monotonic() - self._began,
+            busy_cores=self._busy_cores(),
+            memory_bytes=footprint().private,
             steps_per_second=rate,
             held_share=held,
             epsilon=policy.random_share,
@@ -59,3 +67,9 @@ class ActorCounters:
         seconds = max(now - then, 1e-6)
         share = min((self.held_seconds - held) / seconds, 1.0)
         return (self.stats.steps - steps) / seconds, share
+
+    def _busy_cores(self) -> float:
+        """Seconds of processor time per second since the last call."""
+        (then, before), (now, busy) = self._worked, (time.monotonic(), time.process_time())
+        self._worked = (now, busy)
+        return (busy - before) / max(now - then, 1e-6)

@@ -10,6 +10,7 @@ from actors.loop import play
 from actors.member import Member
 from actors.policy import Policy
 from actors.stream.heartbeat import Heartbeat
+from actors.stream.live_views import LiveViews
 from common.errors import InputError, MessageError
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
@@ -34,6 +35,7 @@ class Evaluator:
         self._counters = ActorCounters(member.name, "evaluator", member.incarnation)
         self._jobs = member.transport.requester(member.keys.task, _TIMEOUT)
         self._reports = member.transport.requester(member.keys.report, _TIMEOUT)
+        self._views = LiveViews(member, "evaluator", [env], policy)
         self._heartbeat = Heartbeat(member, "evaluator", self._stats)
 
     def run(self, seed: int) -> None:
@@ -86,6 +88,7 @@ class Evaluator:
         reported = games = 0
         for steps, step in enumerate(play([self._env], self._policy, [seed]), start=1):
             self._counters.count(step)
+            self._views.show(step)
             ended = step.info.game_over
             games += ended
             done = steps >= job.steps and games > 0

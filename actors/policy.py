@@ -64,9 +64,15 @@ class Policy:
         self.explored = chosen != GREEDY
         greedy = np.flatnonzero(~self.explored)
         if greedy.size:
-            with torch.inference_mode():
-                values = self.network(
-                    torch.from_numpy(frames[greedy]), torch.from_numpy(vectors[greedy])
-                )
-            chosen[greedy] = values.argmax(dim=1).numpy()
+            chosen[greedy] = self.q_values(frames[greedy], vectors[greedy]).argmax(axis=1)
         return chosen
+
+    def q_values(
+        self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Returns the Q-values of all actions, ``[E, A]``, in states as those of `act`."""
+        with torch.inference_mode():
+            values: NDArray[np.float32] = self.network(
+                torch.from_numpy(frames), torch.from_numpy(vectors)
+            ).numpy()
+        return values

@@ -20,11 +20,11 @@ from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
 from benchmarks.synthetic import Streams
 from common.checked import FromOne
 from common.errors import InputError
+from common.process.footprint import footprint
 from common.run.config import ReplayConfig, RunConfig
 from common.run.folder import check_folder
 from common.run.presets import PRESETS
 from replay.batch import Batch
-from replay.footprint import footprint
 from replay.replay_buffer import ReplayBuffer
 
 BATCH = 32

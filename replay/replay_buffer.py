@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import MessageError
+from common.process.footprint import footprint
 from common.protocol.ack import Ack
 from common.protocol.chunk import Chunk
 from common.run.config import RunConfig
 from common.run.stored_config import to_json
 from replay.batch import Batch, SharedBatch
 from replay.chunk_statistics import Progress
-from replay.footprint import footprint
 from replay.limiter import RateLimiter
 from replay.store import Store
 

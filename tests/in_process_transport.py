@@ -123,9 +123,9 @@ class InProcessTransport:
         """See `Transport.requester`."""
         return self._keep(_Requester(self, key, deadline))
 
-    def gather(self, key: str, deadline: float) -> list[Envelope]:
+    def gather(self, key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
         """See `Transport.gather`."""
-        ended, _ = wait(self.ask(key, b""), deadline)
+        ended, _ = wait(self.ask(key, payload), deadline)
         return [each.result() for each in ended if each.exception() is None]
 
     def publisher(self, key: str) -> "_Publisher":

@@ -20,9 +20,10 @@ from actors.envs import make_env
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
 from actors.robots.latency import AGENT_STEP_MS, MOST_STRAYS, Change, Latency, changes
+from actors.vision.layout import border_of
 from common.metrics import KEYS_AS_COMMANDED, PIXEL_DEVIATION, VALID_FRAMES, Bound
 from common.registry import ROBOTS
-from viewer.panels import Panels, border_of
+from viewer.panels import Panels
 from viewer.picture import write_picture
 from viewer.player import File, Played, ShownPolicy
 

@@ -15,13 +15,13 @@ from actors.envs import make_env
 from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import frames_and_vector
+from actors.vision.layout import border_of
 from common.checked import FromOne
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
 from common.run.conditions import Conditions, RandomiseConfig
 from common.run.config import RunConfig, all_ranges
 from viewer import overlay
-from viewer.panels import border_of
 from viewer.picture import write_picture
 from viewer.player import Played
 

@@ -15,7 +15,7 @@ from actors.envs.robot import RobotEnv
 from actors.loop import Step
 from actors.robots.nao.own_nao import OwnNao
 from actors.robots.nao.robot import Nao
-from actors.vision.layout import GAME_IN_PICTURE, UNIT_SQUARE
+from actors.vision.layout import border_of
 from actors.vision.screen_detector import Detection
 from common.actions import Keys
 from common.errors import InputError
@@ -92,12 +92,6 @@ class Panels:
         """Close what shows another NAO; the environment stays open."""
         if self._own_nao is not None:
             self._own_nao.close()
-
-
-def border_of(corners: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Corners of the whole projected picture from those of the game in it, ``float32 [4, 2]``."""
-    homography = cv2.getPerspectiveTransform(GAME_IN_PICTURE, corners)
-    return np.asarray(cv2.perspectiveTransform(UNIT_SQUARE[None], homography)[0], np.float32)
 
 
 def camera_panel(seen: NDArray[np.uint8], detection: Detection) -> NDArray[np.uint8]:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import torch
 import tyro
 from annotated_types import Ge, Lt
 from numpy.typing import NDArray
@@ -86,6 +85,4 @@ class ShownPolicy(Policy):
         self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         """Returns the values of the first state's actions, ``float32 [actions]``."""
-        with torch.inference_mode():
-            values = self.network(torch.from_numpy(frames), torch.from_numpy(vectors))
-        return np.asarray(values[0], np.float32)
+        return np.asarray(self.q_values(frames, vectors)[0])

@@ -19,6 +19,7 @@ from actors.envs import make_env
 from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
+from actors.vision.layout import border_of
 from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
 from common.errors import InputError
@@ -27,7 +28,6 @@ from common.run.config import RunConfig
 from common.run.origin import find_weights
 from viewer import overlay
 from viewer.human import keys_text
-from viewer.panels import border_of
 from viewer.player import Played, ShownPolicy
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys

@@ -14,7 +14,7 @@ from actors.envs.observation import FrameStack, Observation, observation_space, 
 from actors.envs.proprioception import Proprioception
 from actors.envs.step_info import StepInfo
 from actors.robots.latency_model.model import LatencyModel
-from common.actions import KEYS_OF_ACTION, action_of_keys
+from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.run.clock import ClockConfig
 from common.run.conditions import (
     NOTHING_DRAWN,
@@ -80,6 +80,8 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
         self.observation_space = observation_space(play)
         self._sense = Proprioception(play) if play.vector else None
+        self.wanted = self.pressed = Keys.NONE
+        """The keys of the last action; and those that the game was given last."""
 
     @classmethod
     def of_run(cls, config: RunConfig, clock: ClockConfig, *, training: bool) -> Self:
@@ -140,6 +142,7 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         if self._sense is not None:
             for keys in pressed[-self._sense.key_frames :]:
                 self._sense.feel(keys)
+        self.wanted, self.pressed = wanted, pressed[-1]
         terminated, truncated = self._game.end_agent_step()
         self._frames.push(self._frame(1))
         info = StepInfo(*self._game.standing, keys_match=pressed[-1] == wanted)

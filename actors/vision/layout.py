@@ -3,6 +3,7 @@
 The projector and the screen detector share these values.
 """
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,3 +23,9 @@ GAME_IN_PICTURE: NDArray[np.float32] = (
     np.array([[BORDER, BORDER], [_FAR, BORDER], [_FAR, _FAR], [BORDER, _FAR]], np.float32) / _SPAN
 )
 """Corners of the game in the projected picture, ordered as `UNIT_SQUARE`, ``float32 [4, 2]``."""
+
+
+def border_of(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Corners of the whole projected picture from those of the game in it, ``float32 [4, 2]``."""
+    homography = cv2.getPerspectiveTransform(GAME_IN_PICTURE, corners)
+    return np.asarray(cv2.perspectiveTransform(UNIT_SQUARE[None], homography)[0], np.float32)

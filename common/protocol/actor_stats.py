@@ -72,6 +72,14 @@ class ActorStats(Message):
     key_times: Values[Count] = ()
     """How long the hands took, as counts (see `common.press_latency`); none where nobody has
     told."""
+    machine: str = ""
+    """Name of the host that it runs on."""
+    seconds: Amount = 0.0
+    """Time since its start."""
+    busy_cores: Amount = 0.0
+    """Seconds of processor time per second, of late."""
+    memory_bytes: Count = 0
+    """Its memory, without file pages."""
 # fmt: on
 
     @property

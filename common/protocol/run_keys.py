@@ -65,3 +65,7 @@ class RunKeys:
     def stats(self, role: str, name: str) -> str:
         """Published: a process' own counters, about once a second."""
         return f"{self._root}/stats/{role}/{name}"
+
+    def view(self, role: str, name: str) -> str:
+        """Query for what a process' environments show now (`LiveView`), while somebody looks."""
+        return f"{self._root}/view/{role}/{name}"

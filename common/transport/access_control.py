@@ -6,6 +6,7 @@ nobody is told: to a denied query there is no answer, and a denied publication i
 
 from typing import Any
 
+from common.protocol.live_view import MAX_VIEW_BYTES
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
 
@@ -23,9 +24,14 @@ _ALLOWED: dict[str, dict[str, list[str]]] = {
         "put": [_ANY.stats(role, "*") for role in _WORKERS],
         "liveliness_token": [_ANY.live(role, "*") for role in _WORKERS],
         "declare_subscriber": [_ANY.weights],
+        "declare_queryable": [_ANY.view(role, "*") for role in _WORKERS],
+        "reply": [_ANY.view(role, "*") for role in _WORKERS],
     },
     "learner": {
-        "query": [_ANY.config, _ANY.sample, _ANY.priorities, _ANY.held_out, _ANY.progress],
+        "query": [
+            *(_ANY.config, _ANY.sample, _ANY.priorities, _ANY.held_out, _ANY.progress),
+            _ANY.view("*", "*"),
+        ],
         "put": [_ANY.weights],
         "declare_subscriber": [_ANY.stats("*", "*")],
         "declare_liveliness_subscriber": [_ANY.live("*", "*")],
@@ -37,16 +43,22 @@ _ALLOWED: dict[str, dict[str, list[str]]] = {
 
 
 _KIB = 1024
-_MOST_BYTES: dict[int, list[str]] = {
-    64 * _KIB: [
-        *(_ANY.config, _ANY.latest_weights, _ANY.task),
-        *(_ANY.sample, _ANY.held_out, _ANY.progress, _ANY.stats("*", "*")),
-    ],
-    4 * _KIB**2: [_ANY.report, _ANY.priorities],
-    32 * _KIB**2: [_ANY.insert("*")],
-}
-"""What may come in at most, by key: twice the longest that anybody sends. All else is bounded by
-`MAX_MESSAGE_BYTES`."""
+_TO_HUB = ["put", "query"]
+_MOST_BYTES: list[tuple[list[str], int, list[str]]] = [
+    (
+        _TO_HUB,
+        64 * _KIB,
+        [
+            *(_ANY.config, _ANY.latest_weights, _ANY.task, _ANY.view("*", "*")),
+            *(_ANY.sample, _ANY.held_out, _ANY.progress, _ANY.stats("*", "*")),
+        ],
+    ),
+    (["reply"], 2 * MAX_VIEW_BYTES, [_ANY.view("*", "*")]),
+    (_TO_HUB, 4 * _KIB**2, [_ANY.report, _ANY.priorities]),
+    (_TO_HUB, 32 * _KIB**2, [_ANY.insert("*")]),
+]
+"""What may come in at most, by message and key: twice the longest that anybody sends. All else is
+bounded by `MAX_MESSAGE_BYTES`."""
 
 
 def size_limits() -> dict[str, Any]:
@@ -58,11 +70,11 @@ def size_limits() -> dict[str, Any]:
             {
                 "id": f"at-most-{most}",
                 "flows": ["ingress"],
-                "messages": ["put", "query"],
+                "messages": messages,
                 "key_exprs": keys,
                 "size_limit": most,
             }
-            for most, keys in _MOST_BYTES.items()
+            for messages, most, keys in _MOST_BYTES
         ],
     }
 

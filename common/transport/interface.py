@@ -99,11 +99,12 @@ class Transport(Closeable, Protocol):
     def requester(self, key: str, deadline: float) -> Requester:
         """Return a sender of requests to ``key`` that waits ``deadline`` seconds for an answer."""
 
-    def gather(self, key: str, deadline: float) -> list[Envelope]:
+    def gather(self, key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
         """Return all servers' answers at ``key``, which may hold ``*``; refusals are left out.
 
         Args:
             deadline: seconds to wait for servers that do not answer.
+            payload: what each of them is asked.
         """
 
     def publisher(self, key: str) -> Publisher:

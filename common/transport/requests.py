@@ -163,8 +163,8 @@ class Window:
         outcome = future.exception() or future.result()
         with self._changed:
             if isinstance(outcome, Envelope | MessageError):
+                self._settled(outcome)  # first: whoever finds none pending has all their answers
                 self._pending.remove(pending)
-                self._settled(outcome)
             else:
                 pending.lost = True
             self._changed.notify_all()

@@ -79,9 +79,9 @@ class ZenohTransport:
         """See `Transport.requester`."""
         return self._keep(_Requester(self.session, key, deadline))
 
-    def gather(self, key: str, deadline: float) -> list[Envelope]:
+    def gather(self, key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
         """See `Transport.gather`."""
-        replies = self.session.get(key, timeout=deadline)
+        replies = self.session.get(key, timeout=deadline, payload=payload or None)
         return [_envelope(reply.ok) for reply in replies if reply.ok is not None]
 
     def publisher(self, key: str) -> Publisher:

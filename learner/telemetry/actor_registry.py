@@ -213,7 +213,7 @@ class ActorRegistry:
                 stats = process.stats if process else ActorStats(name, cast(Role, role))
                 silent = now - known.heard
                 if not known.alive:
-                    stats = replace(stats, steps_per_second=0.0, held_share=0.0)
+                    stats = replace(stats, steps_per_second=0.0, held_share=0.0, busy_cores=0.0)
                 left = (
                     not known.alive and (process is None or stats.leaving) and silent > LEFT_SHOWN
                 )

@@ -1,5 +1,6 @@
 """The counters, on a clock that the test turns."""
 
+import socket
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,9 +23,13 @@ def step(*, valid: bool = True, match: bool = True, **info: Any) -> Step:
 class Clock:
     def __init__(self) -> None:
         self.now = 100.0
+        self.worked = 7.0
 
     def monotonic(self) -> float:
         return self.now
+
+    def process_time(self) -> float:
+        return self.worked
 
 
 @pytest.fixture
@@ -70,6 +75,19 @@ def test_what_the_hands_took_is_counted_by_its_place() -> None:
     told = found.told(policy, False, made=5)  # type: ignore[arg-type]
     assert told.key_times == tuple(found.key_times)
     assert (told.epsilon, told.weights_version, told.made, told.steps) == (0.5, 3, 5, 4)
+
+
+def test_what_the_process_takes_of_its_machine_is_told(clock: Clock) -> None:
+    found = ActorCounters("a")
+    policy = SimpleNamespace(random_share=0.5, weights_version=3)
+    clock.now, clock.worked = 102.0, 10.0
+    first = found.told(policy, False)  # type: ignore[arg-type]
+    clock.now, clock.worked = 106.0, 11.0
+    second = found.told(policy, False)  # type: ignore[arg-type]
+    assert (first.seconds, first.busy_cores) == (2.0, 1.5)
+    assert (second.seconds, second.busy_cores) == (6.0, 0.25)
+    assert second.memory_bytes > 10_000_000
+    assert second.machine == socket.gethostname()
 
 
 def test_rates_are_since_the_last_look(clock: Clock) -> None:

@@ -9,6 +9,7 @@ from queue import SimpleQueue
 import pytest
 
 from common.errors import InputError
+from common.protocol.live_view import MAX_VIEW_BYTES
 from common.protocol.run_keys import RunKeys
 from common.transport.credentials import Role, check_certificates
 from common.transport.interface import Envelope, Transport
@@ -56,8 +57,10 @@ def join(hub: Transport, address: str, certificates: Path) -> Iterator[Callable[
         transport.close()
 
 
-def ask(transport: Transport, key: str) -> list[bytes]:
-    return [answer.payload for answer in transport.gather(key, PATIENCE)]
+def ask(
+    transport: Transport, key: str, payload: bytes = b"", deadline: float = PATIENCE
+) -> list[bytes]:
+    return [answer.payload for answer in transport.gather(key, deadline, payload)]
 
 
 QUERIES = {
@@ -70,6 +73,7 @@ QUERIES = {
     "priorities": KEYS.priorities,
     "held_out": KEYS.held_out,
     "progress": KEYS.progress,
+    "view": KEYS.view("actor", "a"),
 }
 
 
@@ -77,7 +81,7 @@ QUERIES = {
     ("role", "allowed"),
     [
         ("actor", {"config", "insert", "latest_weights", "task", "report"}),
-        ("learner", {"config", "sample", "priorities", "held_out", "progress"}),
+        ("learner", {"config", "sample", "priorities", "held_out", "progress", "view"}),
     ],
 )
 def test_each_role_is_answered_what_it_may_ask(
@@ -151,6 +155,20 @@ def test_an_actor_cannot_answer_for_the_hub(
     hub.serve(KEYS.latest_weights, lambda _: b"truly the hub's")
     assert ask(rogue, KEYS.latest_weights) == [b"truly the hub's"]  # so all before has arrived
     assert ask(join("actor"), KEYS.config) == []
+
+
+def test_a_learner_sees_what_an_actor_shows(
+    hub: Transport, join: Callable[[Role], Transport]
+) -> None:
+    """Through the hub; what is longer than a view is dropped there."""
+    learner, actor = join("learner"), join("actor")
+    for name, length in (("a", MAX_VIEW_BYTES), ("b", 2 * MAX_VIEW_BYTES + 1)):
+        actor.serve(KEYS.view("actor", name), lambda request, n=length: request.payload + bytes(n))
+    wait_until(
+        lambda: ask(learner, KEYS.view("actor", "a"), b"?") == [b"?" + bytes(MAX_VIEW_BYTES)],
+        "the view has come",
+    )
+    assert ask(learner, KEYS.view("actor", "b"), b"?", 0.2) == []
 
 
 def test_a_learner_is_heard_by_name(hub: Transport, join: Callable[[Role], Transport]) -> None:

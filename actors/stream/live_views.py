@@ -1,0 +1,135 @@
+"""Shows an actor's play to those who ask, at no cost while nobody does."""
+
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.envs.ale import AtariEnv
+from actors.envs.robot import RobotEnv
+from actors.loop import Step
+from actors.member import Member
+from actors.policy import Policy
+from actors.vision.layout import border_of
+from common.actions import Keys
+from common.errors import MessageError
+from common.protocol.actor_stats import Role
+from common.protocol.live_view import (
+    MAX_PICTURE_BYTES,
+    MAX_SIDE,
+    LiveView,
+    Viewpoint,
+    ViewRequest,
+)
+from common.transport.interface import Request
+
+_MOST_WAITING = 8
+_PERIOD = 0.1
+"""Least seconds between two looks, however many ask."""
+_ROOM = (480, 360)
+"""Width and height of the robot from outside."""
+
+
+class LiveViews:
+    """Answers requests for pictures between two steps, when the environments stand still."""
+
+    def __init__(
+        self,
+        member: Member,
+        role: Role,
+        envs: Sequence[gymnasium.Env[Any, Any]],
+        policy: Policy,
+    ) -> None:
+        self._envs = envs
+        self._policy = policy
+        play = member.config.play
+        self._minimal_actions = play.minimal_actions
+        self._waiting: deque[tuple[Request, ViewRequest]] = deque()
+        self._looked = 0.0
+        member.transport.serve(member.keys.view(role, member.name), self._take)
+
+    def show(self, step: Step) -> None:
+        """Answer those who wait to see the environment of ``step``, the last that was played."""
+        if not self._waiting or time.monotonic() - self._looked < _PERIOD:
+            return
+        for _ in range(len(self._waiting)):
+            request, asked = self._waiting.popleft()
+            if asked.stream == step.stream:
+                request.reply(self._view(step, asked.viewpoint).encode())
+                self._looked = time.monotonic()
+            else:
+                self._waiting.append((request, asked))
+
+    def _take(self, request: Request) -> None:
+        asked = ViewRequest.decode(request.payload)
+        if asked.stream >= len(self._envs):
+            raise MessageError(f"there are {len(self._envs)} environments here")
+        if len(self._waiting) >= _MOST_WAITING:
+            raise MessageError("too many are waiting")
+        self._waiting.append((request, asked))
+
+    def _view(self, step: Step, viewpoint: Viewpoint) -> LiveView:
+        env = self._envs[step.stream]
+        picture = room = border = game = None
+        wanted = pressed = Keys.NONE
+        actions: tuple[int, ...] = ()
+        if isinstance(env, RobotEnv | AtariEnv):
+            wanted, pressed = env.wanted, env.pressed
+            actions = env.emulator.minimal_actions if self._minimal_actions else tuple(range(18))
+        if isinstance(env, AtariEnv):
+            picture = env.emulator.screen_rgb()
+        elif isinstance(env, RobotEnv):
+            picture, game = env.seen, env.detection.corners
+            border = None if game is None else border_of(game)
+            if viewpoint != "none":
+                room = env.view(*_ROOM, viewpoint)
+        values = self._policy.q_values(step.s_tm1[None], step.x_tm1[None])[0]
+        return LiveView(
+            streams=len(self._envs),
+            score=step.info.game_score,
+            steps=step.info.game_steps,
+            found=step.info.valid_frame,
+            explored=step.explored,
+            picture=_jpeg(picture),
+            border=_shares(border, picture),
+            game=_shares(game, picture),
+            frame=_jpeg(step.s_t[-1]),
+            room=_jpeg(room),
+            wanted=int(wanted),
+            pressed=int(pressed),
+            actions=actions,
+            values=tuple(values.tolist()),
+            chosen=step.a_tm1,
+        )
+
+
+def _shares(
+    corners: NDArray[np.float32] | None, picture: NDArray[np.uint8] | None
+) -> tuple[float, ...]:
+    """Returns ``corners float32 [4, 2]`` of ``picture``, which count pixel centres, as shares of
+    its width and height."""
+    if corners is None or picture is None:
+        return ()
+    height, width = picture.shape[:2]
+    return tuple(((corners + 0.5) / (width, height)).ravel().tolist())
+
+
+def _jpeg(picture: NDArray[np.uint8] | None) -> bytes:
+    """Returns ``picture uint8 [rows, columns(, 3)]`` encoded, no larger than a view may have it."""
+    if picture is None:
+        return b""
+    if (scale := MAX_SIDE / max(picture.shape[:2])) < 1:
+        small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        picture = np.asarray(small, np.uint8)
+    if picture.ndim == 3:
+        picture = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)  # type: ignore[assignment]
+    for quality in (85, 50, 10):
+        _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        if encoded.size <= MAX_PICTURE_BYTES:
+            return encoded.tobytes()
+    return b""

@@ -1,0 +1,106 @@
+"""What a person who watches the run asks of an actor, and the small pictures that it answers with.
+
+An actor makes one only when it is asked. Pictures are JPEG and stay encoded until somebody looks at
+them; their sizes are checked here, so that a few bytes cannot ask for a picture of gigabytes.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Le, Lt, MaxLen
+
+from common.actions import KEYS_OF_ACTION, Keys
+from common.checked import Count, Score, Values
+from common.errors import MessageError
+from common.protocol.message import Message
+
+Viewpoint = Literal["none", "room", "hands", "front"]
+"""Where to look at a robot from, beside its own camera's picture; ``none`` costs no rendering."""
+MAX_PICTURE_BYTES = 96 * 1024
+MAX_SIDE = 640
+"""Pixels of a picture's width and height."""
+MAX_VIEW_BYTES = 4 * MAX_PICTURE_BYTES
+"""A whole `LiveView`."""
+_START, _SCAN = 0xD8, 0xDA
+_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
+"""Markers of a segment that tells the picture's size."""
+
+Jpeg = Annotated[bytes, MaxLen(MAX_PICTURE_BYTES)]
+"""A picture; empty where there is none."""
+_Keys = Annotated[int, Ge(0), Lt(2 ** len(Keys))]
+_Share = Annotated[float, Ge(-10), Le(10)]
+
+
+@dataclass(frozen=True)
+class ViewRequest(Message):
+    """Asks an actor for what one of its environments shows."""
+
+    stream: Annotated[int, Ge(0), Lt(256)] = 0
+    """Index of the environment."""
+    viewpoint: Viewpoint = "none"
+
+
+@dataclass(frozen=True)
+class LiveView(Message):
+    """What one environment of an actor shows after a step."""
+
+    streams: Annotated[int, Ge(1), Le(256)]
+    """Number of environments of that actor."""
+    score: Score
+    """Points of the game so far."""
+    steps: Count
+    """Agent steps of the game so far."""
+    found: bool
+    """The frame shows the screen."""
+    explored: bool
+    """The action was random."""
+    picture: Jpeg
+    """Of the robot's camera, or of the emulator's screen."""
+    border: Annotated[Values[_Share], MaxLen(8)]
+    """Corners (x, y) of the projected picture that were found, as shares of the picture's width and
+    height; empty where none were."""
+    game: Annotated[Values[_Share], MaxLen(8)]
+    """Corners of the game in it."""
+    frame: Jpeg
+    """Newest frame of the network's input."""
+    room: Jpeg
+    """The robot from the viewpoint that was asked for."""
+    wanted: _Keys
+    """The keys that are commanded."""
+    pressed: _Keys
+    """The keys that the game gets."""
+    actions: Annotated[Values[Annotated[int, Ge(0), Lt(len(KEYS_OF_ACTION))]], MaxLen(256)]
+    """ALE's numbers of the actions; empty where the environment has others."""
+    values: Annotated[Values[Score], MaxLen(256)]
+    """Q-value of each action, in the state that was acted on."""
+    chosen: Annotated[int, Ge(0), Lt(256)]
+    """Index of the action."""
+
+    def check(self) -> None:
+        """See `Message.check`."""
+        for corners in (self.border, self.game):
+            if len(corners) not in (0, 8):
+                raise MessageError("four corners should be eight numbers")
+        if len(self.actions) not in (0, len(self.values)) or self.chosen >= len(self.values):
+            raise MessageError("each action should have a value")
+        for jpeg in (self.picture, self.frame, self.room):
+            if jpeg and not all(0 < side <= MAX_SIDE for side in size_of(jpeg)):
+                raise MessageError(f"a picture should have 1 to {MAX_SIDE} pixels a side")
+
+
+def size_of(jpeg: bytes) -> tuple[int, int]:
+    """Returns width and height of a JPEG picture, by its headers alone.
+
+    Raises:
+        MessageError: there are none.
+    """
+    at = 0
+    while len(jpeg) >= at + 2 and jpeg[at] == 0xFF and jpeg[at + 1] != _SCAN:
+        marker = jpeg[at + 1]
+        if (at == 0) != (marker == _START):
+            break
+        if marker in _FRAMES and len(jpeg) >= at + 9:
+            height, width = (int.from_bytes(jpeg[at + i : at + i + 2]) for i in (5, 7))
+            return width, height
+        at += 2 if at == 0 else 2 + int.from_bytes(jpeg[at + 2 : at + 4])
+    raise MessageError("a picture should be a JPEG")

@@ -1,0 +1,161 @@
+"""What an actor shows to those who ask, and that nobody is shown anything unasked."""
+
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.envs.ale import AtariEnv
+from actors.envs.robot import RobotEnv
+from actors.loop import Step, play
+from actors.member import Member
+from actors.policy import Policy
+from actors.stream import live_views
+from actors.stream.live_views import LiveViews
+from common.actions import KEYS_OF_ACTION
+from common.errors import MessageError
+from common.network import build_network
+from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
+from common.protocol.run_keys import RunKeys
+from common.run.conditions import PlayConfig
+from common.run.presets import PRESETS
+from common.transport.interface import Envelope, Transport
+from tests.actors.numbered_env import GOES_ON, NumberedEnv
+from tests.patience import PATIENCE
+
+KEYS = RunKeys("r")
+PLAY = PlayConfig(minimal_actions=True, random_starts=0)
+Env = AtariEnv | RobotEnv | NumberedEnv
+
+
+class Stage:
+    """An actor that plays, and somebody who looks."""
+
+    def __init__(self, hub: Transport, client: Transport, *envs: Env) -> None:
+        config = replace(PRESETS["fast"], play=PLAY)
+        network = build_network(config, 6)
+        self.policy = Policy(network, 6, np.random.default_rng(0), envs=len(envs))
+        self.policy.epsilon = 0.0
+        member = Member("a", client, KEYS, config, PATIENCE, threading.Event())
+        self._envs = envs
+        self._views = LiveViews(member, "actor", envs, self.policy)
+        self._steps = play(envs, self.policy, [1] * len(envs))
+        self._requester = hub.requester(KEYS.view("actor", "a"), PATIENCE)
+
+    def ask(self, stream: int = 0, viewpoint: Viewpoint = "none") -> Future[Envelope]:
+        return self._requester.request(ViewRequest(stream, viewpoint).encode())
+
+    def steps(self, answer: Future[Envelope]) -> Iterator[Step]:
+        """Play until the answer is there."""
+        for step in self._steps:
+            if answer.done():
+                return
+            self._views.show(step)
+            yield step
+
+
+@pytest.fixture(autouse=True)
+def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_views, "_PERIOD", 0.0)
+
+
+def decoded(jpeg: bytes) -> NDArray[np.uint8]:
+    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    return np.asarray(picture[:, :, ::-1], np.uint8)
+
+
+def difference(jpeg: bytes, picture: NDArray[np.uint8]) -> float:
+    return float(np.abs(decoded(jpeg).astype(float) - picture).mean())
+
+
+def test_a_robot_shows_what_it_sees_presses_and_thinks(hub: Transport, client: Transport) -> None:
+    env = RobotEnv(play=PLAY)
+    stage = Stage(hub, client, env)
+    answer = stage.ask(viewpoint="room")
+    told = {}
+    for step in stage.steps(answer):
+        values = stage.policy.q_values(step.s_tm1[None], step.x_tm1[None])[0]
+        shown = (env.seen.copy(), env.detection.corners, env.wanted, env.pressed, values)
+        told[step.info.game_steps] = (step.s_t[-1].copy(), step.a_tm1, *shown)
+    view = LiveView.decode(answer.result().payload)
+    frame, action, seen, corners, wanted, pressed, values = told[view.steps]
+    assert decoded(view.picture).shape == (240, 320, 3)
+    assert difference(view.picture, seen) < 4
+    assert difference(view.frame, frame[:, :, None]) < 4
+    assert decoded(view.room).shape == (360, 480, 3)
+    assert np.ptp(decoded(view.room)) > 100
+    assert corners is not None
+    found = np.reshape(view.game, (4, 2)) * (320, 240) - 0.5
+    np.testing.assert_allclose(found, corners, atol=1e-3)
+    outer, inner = (np.ptp(np.reshape(each, (4, 2)), axis=0) for each in (view.border, view.game))
+    np.testing.assert_allclose(outer / inner, 1.16, atol=0.02)  # 8 % on either side
+    assert (view.wanted, view.pressed) == (wanted, pressed)
+    assert (view.chosen, view.explored, view.found) == (action, False, True)
+    np.testing.assert_allclose(view.values, values)
+    assert np.argmax(view.values) == view.chosen
+    assert view.actions == env.emulator.minimal_actions
+    env.close()
+
+
+def test_each_environment_of_an_actor_is_shown(hub: Transport, client: Transport) -> None:
+    envs = AtariEnv(play=PLAY), NumberedEnv([GOES_ON])
+    stage = Stage(hub, client, *envs)
+    console, numbered = stage.ask(0), stage.ask(1)
+    screens, actions = {}, {}
+    for answer in (console, numbered):
+        for step in stage.steps(answer):
+            if step.stream == 0:
+                screens[step.info.game_steps] = envs[0].emulator.screen_rgb()
+                actions[step.info.game_steps] = step.a_tm1
+    view = LiveView.decode(console.result().payload)
+    assert difference(view.picture, screens[view.steps]) < 6
+    keys = KEYS_OF_ACTION[view.actions[actions[view.steps]]]
+    assert (view.wanted, view.pressed) == (keys, keys)
+    assert (view.streams, view.room, view.border) == (2, b"", ())
+    other = LiveView.decode(numbered.result().payload)
+    assert (other.picture, other.actions, other.wanted) == (b"", (), 0)
+    assert decoded(other.frame).shape == (84, 84, 3)
+    assert len(other.values) == 6
+
+
+def test_nothing_is_drawn_while_nobody_looks(
+    hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = []
+    encode = live_views._jpeg
+    monkeypatch.setattr(live_views, "_jpeg", lambda *each: drawn.append(1) or encode(*each))
+    stage = Stage(hub, client, NumberedEnv([GOES_ON]))
+    stage.policy.epsilon = 1.0
+    never: Future[Envelope] = Future()
+    for _, _ in zip(stage.steps(never), range(200), strict=False):
+        pass
+    assert drawn == []
+    for _ in stage.steps(stage.ask()):
+        pass
+    assert len(drawn) == 3  # picture, frame, room
+    # However many ask: one look in a while.
+    monkeypatch.setattr(live_views, "_PERIOD", float("inf"))
+    for _, _ in zip(stage.steps(stage.ask()), range(200), strict=False):
+        pass
+    assert len(drawn) == 3
+
+
+def test_what_cannot_be_shown_is_refused(hub: Transport, client: Transport) -> None:
+    stage = Stage(hub, client, NumberedEnv([GOES_ON]))
+    with pytest.raises(MessageError, match="there are 1 environments"):
+        stage.ask(stream=1).result(PATIENCE)
+    asked = [stage.ask() for _ in range(9)]
+    with pytest.raises(MessageError, match="too many"):
+        asked[-1].result(PATIENCE)
+
+
+def test_a_picture_fits_whatever_it_shows() -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (1_200, 1_600, 3), np.uint8)
+    small = live_views._jpeg(noise)
+    assert 0 < len(small) <= live_views.MAX_PICTURE_BYTES
+    assert decoded(small).shape == (480, 640, 3)
