@@ -10,7 +10,7 @@ ACTORS ?= 1
 ARGS ?=
 RESULTS := benchmarks/results
 
-.PHONY: help setup train test test-slow test-lowest check bench wheel lock clean
+.PHONY: help setup train test test-slow test-lowest check bench docs wheel lock clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ —/'
@@ -47,6 +47,11 @@ bench: setup  ## measure all speeds on this machine, half an hour; the tables of
 	$(BIN)/python -m benchmarks all
 	$(BIN)/python -m benchmarks.figures.plot --figure scaling $(RESULTS)/scaling.json -o docs/scaling.png
 	$(BIN)/python -m benchmarks.figures.results_page
+
+docs: setup  ## build the documentation's site in build/site, and check its links
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
+	$(BIN)/python -m docs.settings
+	$(BIN)/mkdocs build
 
 wheel: setup  ## build the wheel that pip installs anywhere, in dist/
 	rm -rf build

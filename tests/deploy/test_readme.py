@@ -10,7 +10,7 @@ from replay.__main__ import ReplayOptions
 from tests.paths import ROOT
 
 GROUPS = {"config", "clock", "evaluation"}
-"""Fields whose flags are the run's, the actors' and an evaluation's, and are told in README.md."""
+"""Fields whose flags are the run's, the actors' and an evaluation's, and are told in docs/."""
 
 
 @pytest.mark.parametrize("options", [LearnerOptions, ReplayOptions])

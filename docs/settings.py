@@ -1,0 +1,113 @@
+"""`python -m docs.settings`: writes docs/settings.md, every setting of a run with its presets.
+
+Names, bounds and meanings are those of the dataclasses from which the flags are generated, so the
+page cannot say anything else than the program does.
+"""
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Le, Lt
+
+from common.checked import MAX_COUNT
+from common.run.config import RunConfig
+from common.run.presets import PRESETS
+
+PAGE = Path(__file__).with_name("settings.md")
+_HEAD = """\
+# Settings
+
+Written by `python -m docs.settings` from `common/run/config.py` and `common/run/conditions.py`;
+a test compares them. Each setting is a flag of `ale-robot train`, and a line of a `--config` file.
+The three columns on the right are the values of `--preset paper`, `fast` and `robot`;
+[presets.py](../common/run/presets.py) gives the reason for each. Flags that belong to a process and
+not to the run are with [several machines](../deploy/README.md#the-learners-flags-of-operation).
+"""
+_COLUMNS = f"| flag | values | meaning | {' | '.join(PRESETS)} |"
+_RULE = f"| --- | --- | --- |{' --- |' * len(PRESETS)}"
+
+
+def page() -> str:
+    """Returns the whole page in Markdown."""
+    return "\n".join([_HEAD, *_section(RunConfig, "", "The run")])
+
+
+def _section(kind: type, group: str, title: str) -> Iterator[str]:
+    """Yields the table of ``kind``, and then those of the groups in it."""
+    hints, meanings = get_type_hints(kind, include_extras=True), _docstrings(kind)
+    yield from (f"## {title}", "")
+    if group:
+        yield from (_one_line(kind.__doc__ or ""), "")
+    yield from (_COLUMNS, _RULE)
+    inner: list[tuple[str, type]] = []
+    for field in fields(kind):
+        hint = hints[field.name]
+        if is_dataclass(hint):
+            inner.append((field.name, hint))  # type: ignore[arg-type]
+        else:
+            yield _row(group, field.name, hint, meanings[field.name])
+    yield ""
+    for name, hint in inner:
+        yield from _section(hint, name, name.capitalize())
+
+
+def _row(group: str, name: str, hint: Any, meaning: str) -> str:
+    flag = f"--{group}{'.' if group else ''}{name}".replace("_", "-")
+    presets = [getattr(preset, group) if group else preset for preset in PRESETS.values()]
+    values = [_value(getattr(preset, name)) for preset in presets]
+    cells = (f"`{flag}`", _bounds(hint), meaning, *values)
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def _value(value: object) -> str:
+    match value:
+        case bool():
+            return "yes" if value else "no"
+        case int() | float():
+            return f"{value:,}".removesuffix(".0")
+        case _:
+            return str(value)
+
+
+def _bounds(hint: Any) -> str:
+    """Returns what a setting may be, such as "0 to 1" or "uniform, prioritised"."""
+    kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    if get_origin(kind) is Literal:
+        return ", ".join(map(str, get_args(kind)))
+    if kind in (bool, str):
+        return "yes, no" if kind is bool else "text"
+    low = next(str(mark.ge) for mark in marks if isinstance(mark, Ge))
+    highs = (f" to {mark.le}" for mark in marks if isinstance(mark, Le) and mark.le != MAX_COUNT)
+    below = (f" to below {mark.lt}" for mark in marks if isinstance(mark, Lt) and kind is float)
+    high = next(chain(highs, below), " or more")
+    return f"{'integer, ' if kind is int else ''}{low}{high}"
+
+
+def _docstrings(kind: type) -> dict[str, str]:
+    """Returns the text below each field of ``kind``."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    assert isinstance(tree, ast.ClassDef)
+    found = {}
+    for field, text in zip(tree.body, tree.body[1:], strict=False):
+        match field, text:
+            case (
+                ast.AnnAssign(target=ast.Name(id=name)),
+                ast.Expr(value=ast.Constant(value=str(meaning))),
+            ):
+                found[name] = _one_line(meaning)
+    return found
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    print(f"wrote {PAGE}")

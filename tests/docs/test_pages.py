@@ -1,0 +1,88 @@
+"""Pages lead where they say, and settings are all told, as the code has them."""
+
+import dataclasses
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from common.run.config import RunConfig
+from docs import settings
+from tests.paths import ROOT
+
+FOLDERS = (ROOT, *(ROOT / name for name in ("benchmarks", "deploy", "docs")))
+PAGES = sorted(page for folder in FOLDERS for page in folder.glob("*.md"))
+LINK = re.compile(r"\]\((?P<path>[^)\s#]*)(?:#(?P<anchor>[^)\s]*))?\)")
+OUTSIDE = ("http://", "https://", "mailto:")
+README_WORDS = 1_200
+
+
+def prose(page: Path) -> str:
+    """The page without blocks of code, which may look like links and headings."""
+    return re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.M)
+
+
+@cache
+def anchors(page: Path) -> set[str]:
+    """Places of a page that a link may name: those of its headings, as GitHub and MkDocs do."""
+    headings = re.findall(r"^#+ (.*)$", prose(page), re.M)
+    bare = (re.sub(r"[^\w\s-]", "", heading).strip().lower() for heading in headings)
+    return {re.sub(r"\s", "-", heading) for heading in bare}
+
+
+def broken(page: Path) -> list[str]:
+    """Links of ``page`` that lead to no file, or to no heading of one."""
+    found = []
+    for link in LINK.finditer(prose(page)):
+        if link["path"].startswith(OUTSIDE):
+            continue
+        target = (page.parent / link["path"]).resolve() if link["path"] else page
+        if not target.exists() or (link["anchor"] and link["anchor"] not in anchors(target)):
+            found.append(link[0])
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_leads_to_a_file_and_a_heading(page: Path) -> None:
+    assert not broken(page)
+
+
+def test_a_link_to_nothing_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# Here\n[a](#here) [b](#there) [c](gone.md) [d](https://example.org/e)\n")
+    assert broken(page) == ["](#there)", "](gone.md)"]
+
+
+def test_the_site_has_every_page() -> None:
+    told = set(re.findall(r": (\S+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M))
+    assert {page.name for page in (ROOT / "docs").glob("*.md")} <= told
+    for page in told:
+        assert (ROOT / "docs" / page).exists() or (ROOT / page).exists(), page
+
+
+def test_the_readme_is_read_in_five_minutes() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= README_WORDS
+
+
+def test_the_settings_page_is_that_of_the_code() -> None:
+    assert settings.PAGE.read_text(encoding="utf-8") == settings.page(), (
+        "docs/settings.md is old: run python -m docs.settings."
+    )
+
+
+def test_the_settings_page_has_every_field() -> None:
+    told = re.findall(r"^\| `(--[\w.-]+)` \|", settings.page(), re.M)
+    config = dataclasses.asdict(RunConfig())
+    flags = []
+    for name, value in config.items():
+        inner = {f"{name}.{field}" for field in value} if isinstance(value, dict) else {name}
+        flags += [f"--{field}".replace("_", "-") for field in inner]
+    assert sorted(told) == sorted(flags)
+
+
+def test_the_settings_page_tells_bounds_and_presets() -> None:
+    assert (
+        "| `--learning.n-step` | integer, 1 or more | Agent steps of the n-step return; 1 in 2017. "
+        "| 1 | 5 | 5 |"
+    ) in settings.page()
