@@ -95,6 +95,8 @@ class Metric:
     """Key in ``summary.json``; a dot leads into an inner object."""
     bound: Bound | None = None
     """The health check that judges it."""
+    counter: bool = False
+    """Only grows while a process lives: Prometheus takes rates of it."""
     trouble: str = ""
     """Word for it behind the number of actors, where it appears once it is above 0."""
 
@@ -155,7 +157,7 @@ declare(
            summary="wall_seconds"),
     Metric("run/seconds_left", "seconds", "duration", "Time to the end of the present phase"),
     Metric("run/agent_steps", "steps", "count", "Agent steps of all actors, warm-up included",
-           line="{run/agent_steps} steps", summary="agent_steps"),
+           line="{run/agent_steps} steps", summary="agent_steps", counter=True),
     Metric("run/steps_goal", "steps", "count", "Agent steps after which the run ends by itself"),
     Metric("run/epoch", "epochs", "count", "Epoch that is trained; 0 during the warm-up",
            summary="epoch"),
@@ -180,7 +182,7 @@ declare(
     Metric("play/random_reward", "points", ".2", "Mean score of the random policy",
            "random policy", ("Reward", 3), summary="random_reward"),
     Metric("play/games", "games", "count", "Training games that ended after the warm-up",
-           "games", ("Reward", 4), curve=True, gate="games", summary="games"),
+           "games", ("Reward", 4), curve=True, gate="games", summary="games", counter=True),
     Metric("play/best_test_reward", "points", ".2", "Best mean score of a test",
            "best test", ("Reward", 7), summary="best_test_reward"),
     Metric("play/valid_frame_share", "ratio", ".3",
@@ -219,12 +221,12 @@ declare(
     Metric("learning/loss", "none", "significant", "Mean loss of the recent updates",
            "loss", ("Learning", 3), line="loss {learning/loss}", curve=True, summary="loss"),
     Metric("learning/updates", "updates", "count", "Updates of the network",
-           "updates", ("Learning", 4), curve=True, summary="updates"),
+           "updates", ("Learning", 4), curve=True, summary="updates", counter=True),
     Metric("learning/skipped", "updates", "count",
            "Updates since the start that changed nothing, for their loss was not finite",
            summary="skipped_updates",
            bound=Bound("skipped updates", "=", 0, "losses are not finite: see the log for whose "
-                       "steps are at fault", stops=False, quiet=True)),
+                       "steps are at fault", stops=False, quiet=True), counter=True),
     Metric("learning/updates_per_second", "per second", ".1", "Updates per second, of late",
            "updates/s", ("Learning", 5), line="{learning/updates_per_second} updates/s",
            curve=True, summary="updates_per_second"),
@@ -243,7 +245,7 @@ declare(
            "refused", ("Stream", 8), curve=True, gate="refused_chunks", summary="chunks.refused",
            bound=Bound("refused chunks", "=", 0,
                        "actors send what the replay cannot take; their logs say what",
-                       stops=False)),
+                       stops=False), counter=True),
     Metric("hands/press_p50", "milliseconds", "ms",
            "Median of the time until every key of a command is down, of late",
            "press p50/99", ("Reward", 6), "{hands/press_p50}/{hands/press_p99} ms",
@@ -279,17 +281,19 @@ declare(
            "Updates that made the newest published weights", "weights no.", ("Learning", 7),
            curve=True, summary="weights_version"),
     Metric("stream/chunks_acked", "chunks", "count", "Chunks that the replay accepted",
-           "chunks acked", ("Stream", 4), curve=True, summary="chunks.acked"),
+           "chunks acked", ("Stream", 4), curve=True, summary="chunks.acked", counter=True),
     Metric("stream/chunks_duplicate", "chunks", "count",
            "Chunks that came again and were not stored again", "duplicate", ("Stream", 6),
-           curve=True, summary="chunks.duplicate"),
+           curve=True, summary="chunks.duplicate", counter=True),
     Metric("stream/chunks_excess", "chunks", "count",
            "Chunks stored beyond those that their actors made, so stored more than once",
            curve=True, summary="chunks.excess",
            bound=Bound("excess chunks", "=", 0,
                        "the replay stored chunks more than once, which are drawn too often",
-                       stops=False, quiet=True)),
+                       stops=False, quiet=True), counter=True),
     Metric("stream/stored", "steps", "count", "Steps in the replay", curve=True, summary="stored"),
+    Metric("stream/samplable", "steps", "count", "Steps that can be drawn"),
+    Metric("stream/throttled", "none", "count", "Whether actors are asked to pause: 0 or 1"),
     Metric("stream/capacity", "steps", "count", "Steps that the replay can hold",
            summary="capacity"),
     Metric("stream/actors_alive", "processes", "count", "Actors and evaluators that are alive",

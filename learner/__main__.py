@@ -16,6 +16,7 @@ from common.errors import InputError, exit_on_input_error
 from common.network import QNetwork, build_network
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import parse_run
+from common.process.http_endpoints import extra_for, http_endpoints
 from common.process.lifeline import on_signals
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights, load_weights_file
@@ -41,6 +42,7 @@ from learner.options import (
     stored_config,
 )
 from learner.telemetry.sinks.display import open_display
+from learner.telemetry.sinks.sink import Sink
 from replay.client import RemoteReplay
 from replay.interface import Replay
 from replay.replay_buffer import ReplayBuffer
@@ -92,6 +94,19 @@ def remote_replay(
         yield transport, replay, endpoint
 
 
+@contextmanager
+def operators_page(options: LearnerOptions) -> Iterator[list[Sink]]:
+    """What ``--http`` serves, from before there is anything to tell; empty without it."""
+    if options.http is None:
+        yield []
+        return
+    with extra_for("--http", "ops"):
+        from learner.telemetry.sinks.prometheus import PrometheusSink
+    sink = PrometheusSink()
+    with http_endpoints(options.http, sink.pages):
+        yield [sink]
+
+
 def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
     """The network that a run begins with; one that has a checkpoint takes its weights from there.
 
@@ -139,12 +154,13 @@ def main() -> int:
     with (
         folder.removed_if_unused(),
         end_with_any_thread(stop),
+        operators_page(options) as page,
         place as (transport, replay, endpoint),
         open_display() as display,
         ExitStack() as stack,
     ):
         learner = build_learner(
-            options, folder, transport, replay, algorithm, device, display, stop
+            options, folder, transport, replay, algorithm, device, display, stop, *page
         )
         learner.start()
         children = None

@@ -23,6 +23,7 @@ from learner.telemetry.provenance import provenance
 from learner.telemetry.sinks.display import Display
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.sinks.gates_csv import GatesCsvSink
+from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.summary import SummarySink
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.telemetry import Telemetry
@@ -39,6 +40,7 @@ def build_learner(
     device: Device,
     display: Display,
     stop: threading.Event,
+    *more_sinks: Sink,
 ) -> Learner:
     """Returns the learner of the run in ``folder``, not yet started.
 
@@ -75,6 +77,7 @@ def build_learner(
         TensorBoardSink(folder.tensorboard),
         GatesCsvSink(folder.gates),
         SummarySink(folder.summary, config, provenance()),
+        *more_sinks,
     )
     epochs = EpochTable(folder.epochs)
     telemetry = Telemetry(config, constants, phases, registry, epochs, sinks, clock.now)

@@ -75,6 +75,8 @@ class LearnerOptions:
     """Seconds to wait for the replay of --connect."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
+    http: str | None = None
+    """Address such as 127.0.0.1:9108 of /healthz, /readyz and /metrics; see docs/operations.md."""
     gate_minutes: Annotated[float, Gt(0)] = RED_MINUTES
     """Minutes that a gate may be red before the run ends by itself, with exit code 3."""
     stall_minutes: Annotated[float, Gt(0), AllowInfNan(True)] = STALL_MINUTES

@@ -10,6 +10,7 @@ if __name__ == "__main__":
 
 import sys
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +19,7 @@ import tyro
 from common.errors import exit_on_input_error
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunFlags, parse_run
+from common.process.http_endpoints import Page, extra_for, http_endpoints, verdict
 from common.process.lifeline import on_signals
 from common.process.output import silence
 from common.process.threads import end_with_any_thread
@@ -44,6 +46,8 @@ class ReplayOptions:
     """Address where learner and actors find this process."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
+    http: str | None = None
+    """Address such as 127.0.0.1:9108 of /healthz, /readyz and /metrics; see docs/operations.md."""
     resume: bool = False
     """Resume the run of that name, under its own settings."""
 
@@ -71,7 +75,10 @@ def main() -> None:
     ):
         memory = ReplayBuffer(config, folder.replay)
         try:
-            with ReplayServer(transport, memory, config, folder.name):
+            with (
+                ReplayServer(transport, memory, config, folder.name),
+                http_endpoints(options.http, lambda: _pages(memory, folder.name)),
+            ):
                 _say(f"replay of run {folder.name} in {folder.replay}, at {options.listen}.")
                 _say(_line(memory.progress(sys.maxsize)))
                 while not stop.wait(_REPORT_EVERY):
@@ -79,6 +86,21 @@ def main() -> None:
             _say(_line(memory.progress(sys.maxsize)))
         finally:
             memory.close()
+
+
+def _pages(memory: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:
+    """What ``--http`` shows: a replay works, and its run can go on, where it answers at all."""
+    with extra_for("--http", "ops"):
+        from common.exposition import families, metrics_page
+
+    def works() -> Page:
+        memory.progress(sys.maxsize)
+        return verdict([])
+
+    figures = metrics_page(
+        lambda: families({**memory.progress(sys.maxsize).values(), "run/run": run})
+    )
+    return {"/healthz": works, "/readyz": works, "/metrics": figures}
 
 
 def _say(text: str) -> None:

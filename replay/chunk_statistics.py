@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple
 from annotated_types import MaxLen
 
 from common.checked import Count, Fraction, Rows
+from common.metrics import Value
 from common.protocol.chunk import Game
 from common.protocol.message import Message
 
@@ -67,3 +68,18 @@ class Progress(Message):
     """From the index asked for, at most `MAX_STATISTICS`: ask again from the last one plus one."""
     run_id: str = ""
     """Identity of the run."""
+
+    def values(self) -> dict[str, Value]:
+        """Returns the figures by their keys in `common.metrics`."""
+        return {
+            "run/agent_steps": self.agent_steps,
+            "stream/stored": self.stored,
+            "stream/samplable": self.samplable,
+            "stream/throttled": int(self.throttle),
+            "stream/chunks_acked": self.accepted,
+            "stream/chunks_duplicate": self.duplicates,
+            "stream/chunks_refused": self.refused,
+            "replay/private_bytes": self.private_bytes,
+            "replay/resident_bytes": self.resident_bytes,
+            "replay/file_bytes": self.file_bytes,
+        }

@@ -22,12 +22,13 @@ ARROWS = {
 }
 """By package, the others that it may import."""
 
-DOORS = {
+DOORS: dict[str, str | tuple[str, ...]] = {
     "zenoh": "common/transport/zenoh_transport.py",
     "pybullet": "actors/robots/",
     "pybullet_data": "actors/robots/",
     "pybullet_utils": "actors/robots/",
     "tensorboard": "learner/telemetry/sinks/",
+    "prometheus_client": ("common/exposition.py", "learner/telemetry/sinks/"),
 }
 """By foreign package, the file or folder that alone imports it."""
 

@@ -23,7 +23,7 @@ def counter(key: str, unit: Unit, meaning: str, **shown: Any) -> Any:
     Args:
         shown: the total's further fields of `common.metrics.Metric`.
     """
-    declare(Metric(key, unit, "count", meaning, **shown))
+    declare(Metric(key, unit, "count", meaning, counter=True, **shown))
     return field(default=0, metadata={"total": key})
 
 

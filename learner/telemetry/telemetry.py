@@ -135,6 +135,7 @@ class Telemetry:
         updates, train_steps = number(loop, "learning/updates") or 0, self._phases.train_steps
         values: dict[str, Value] = {
             **self._constants,
+            **replay.values(),
             **self._phases.values(finishing=loop["run/phase"] == "finishing"),
             **self._means.values(),
             **self._registry.values(),
@@ -147,13 +148,6 @@ class Telemetry:
             ),
             "stream/actors_alive": sum(actor.alive for actor in actors),
             "stream/actors_present": sum(not actor.left for actor in actors),
-            "stream/chunks_acked": replay.accepted,
-            "stream/chunks_duplicate": replay.duplicates,
-            "stream/chunks_refused": replay.refused,
-            "stream/stored": replay.stored,
-            "replay/private_bytes": replay.private_bytes,
-            "replay/resident_bytes": replay.resident_bytes,
-            "replay/file_bytes": replay.file_bytes,
         }
         if train_steps < self._config.exploration.steps:
             # Before it has explored, a network cannot be better than a blind one.

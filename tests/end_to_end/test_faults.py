@@ -5,10 +5,12 @@ import shutil
 import signal
 import threading
 from pathlib import Path
+from urllib.request import urlopen
 
 import pytest
 from safetensors import safe_open
 
+from benchmarks.child import free_endpoint
 from common.run.folder import write_atomically
 from common.run.join import find_run
 from common.transport.zenoh_transport import connect
@@ -54,22 +56,37 @@ def _progress(stage: Stage) -> Progress:
         transport.close()
 
 
+def _figure(page: str, name: str) -> float:
+    """A figure that a process tells over HTTP, which also says that it is ready."""
+    with urlopen(f"http://{page}/readyz", timeout=PATIENCE) as answer:
+        assert answer.read() == b"ok\n"
+    with urlopen(f"http://{page}/metrics", timeout=PATIENCE) as answer:
+        found = re.search(f"(?m)^{re.escape(name)} (.+)$", answer.read().decode())
+    assert found is not None
+    return float(found[1])
+
+
 def _replay(stage: Stage, *arguments: str) -> None:
     stage.start("-m", "replay", "--listen", stage.endpoint, "--run", "r", *arguments)
     stage.programs[-1].says("replay of run r")
 
 
 def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stage: Stage) -> None:
-    _replay(stage, "--env", "ale", *SMALL)
+    pages = [free_endpoint().removeprefix("tcp/") for _ in range(2)]
+    _replay(stage, "--env", "ale", "--http", pages[0], *SMALL)
     replay = stage.programs[-1]
     learner = stage.start(
         "-m", "learner", "--connect", stage.endpoint, "--run", "r", "--runs", "learner-runs",
-        "--threads", "1",
+        "--threads", "1", "--http", pages[1],
         "--env", "ale", "--steps", "2000", *SMALL,
     )  # fmt: skip
     actor = stage.actor("a")
     wait_until(lambda: _progress(stage).agent_steps > 800, "the learner is learning")
     before = _progress(stage)
+    acked = "ale_robot_stream_chunks_acked_total"
+    played = 'ale_robot_actor_steps_total{actor="a",role="actor"}'
+    for page, figure in ((pages[0], acked), (pages[1], acked), (pages[1], played)):
+        wait_until(lambda page=page, figure=figure: _figure(page, figure) >= 1, f"{figure} is told")
 
     replay.send(signal.SIGKILL)
     replay.process.join()

@@ -1,0 +1,165 @@
+"""``--http``: what a monitoring system asks a process, over HTTP.
+
+``/healthz`` says whether the process works, ``/readyz`` whether its run is as it should be, and
+``/metrics`` gives its figures. It is a page for machines that a person can read too.
+"""
+
+import logging
+import re
+import socket
+import socketserver
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any, NamedTuple
+
+from common.errors import InputError
+from common.transport.endpoint import is_loopback
+
+_AT_ONCE = 8
+"""Connections that are served at a time; one more is closed."""
+_SLOWEST = 5.0
+"""Seconds that a client may take to ask, and to read."""
+_ADDRESS = re.compile(r"(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,5})")
+_log = logging.getLogger(__name__)
+
+TEXT = "text/plain; charset=utf-8"
+
+
+class Page(NamedTuple):
+    """What a path shows."""
+
+    body: bytes
+    kind: str = TEXT
+    status: int = 200
+
+
+def verdict(reasons: Sequence[str]) -> Page:
+    """Returns ``ok``, or with status 503 the reasons why not, a line each."""
+    if not reasons:
+        return Page(b"ok\n")
+    return Page("".join(f"{reason}\n" for reason in reasons).encode(), status=503)
+
+
+def check_address(address: str) -> tuple[str, int]:
+    """Returns host and port.
+
+    Raises:
+        InputError: it is not an address.
+    """
+    found = _ADDRESS.fullmatch(address)
+    if found is None or not 0 < int(found[2]) < 65_536:
+        raise InputError(f"{address!r} is no address for --http: write it as 127.0.0.1:9108.")
+    return found[1].strip("[]"), int(found[2])
+
+
+@contextmanager
+def http_endpoints(
+    address: str | None, pages: Callable[[], dict[str, Callable[[], Page]]]
+) -> Iterator[None]:
+    """Serves ``pages`` by their paths, from threads of its own; nothing where there is no address.
+
+    Args:
+        pages: made only if they are served.
+
+    Raises:
+        InputError: the address is none, or taken.
+    """
+    if address is None:
+        yield
+        return
+    host, port = check_address(address)
+    if not is_loopback(host):
+        _log.warning("whoever reaches http://%s can read the figures of this process", address)
+    try:
+        server = _Server((host, port), pages())
+    except OSError as error:
+        raise InputError(
+            f"cannot serve at {address} ({error.strerror}): choose another address with --http."
+        ) from None
+    thread = threading.Thread(target=server.serve_forever, args=(0.1,), name="http", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+@contextmanager
+def extra_for(flag: str, extra: str) -> Iterator[None]:
+    """Says how to install what an import needs.
+
+    Raises:
+        InputError: a package of ``extra`` is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"{flag} needs the package {error.name}, which is not installed: "
+            f"pip install 'ale-robot[{extra}]'."
+        ) from None
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    request_queue_size = 16
+
+    def __init__(self, place: tuple[str, int], pages: dict[str, Callable[[], Page]]) -> None:
+        self.pages = pages
+        self._room = threading.BoundedSemaphore(_AT_ONCE)
+        if ":" in place[0]:
+            self.address_family = socket.AF_INET6
+        super().__init__(place, _Handler)
+
+    def server_bind(self) -> None:
+        # Not `HTTPServer`'s, which asks a name server for the host's name.
+        socketserver.TCPServer.server_bind(self)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if self._room.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._room.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that hangs up, or a page that fails, is no reason to end a run."""
+        _log.debug("a request over HTTP failed", exc_info=True)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    timeout = _SLOWEST
+    server_version, sys_version = "ale-robot", ""
+
+    def do_GET(self) -> None:
+        assert isinstance(self.server, _Server)
+        pages = self.server.pages
+        path = self.path.partition("?")[0]
+        if path not in pages:
+            page = Page(f"not found; there are {', '.join(pages)}\n".encode(), status=404)
+        else:
+            try:
+                page = pages[path]()
+            except Exception as error:
+                _log.warning("%s cannot be shown: %r", path, error)
+                page = Page(b"it cannot be shown: see the log\n", status=500)
+        self.send_response(page.status)
+        self.send_header("Content-Type", page.kind)
+        self.send_header("Content-Length", str(len(page.body)))
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(page.body)
+
+    do_HEAD = do_GET
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Nobody wants a line for each scrape."""

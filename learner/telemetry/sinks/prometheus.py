@@ -1,0 +1,103 @@
+"""What a learner tells a monitoring system over HTTP: whether it works, and its figures."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+from prometheus_client.metrics_core import Metric as Family
+
+from common.exposition import families, family, metrics_page
+from common.metrics import METRICS, Metric, Value
+from common.process.http_endpoints import Page, verdict
+from common.protocol.actor_stats import TOTALS
+from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.snapshot import ActorView, Snapshot
+
+LONGEST_SILENCE = 60.0
+"""Seconds without a look of the training loop after which the process counts as hanging."""
+MOST_ACTORS = 256
+"""Actors with series of their own; names come from outside, and series stay for months."""
+
+# fmt: off
+PER_ACTOR: tuple[tuple[Metric, Callable[[ActorView], Value]], ...] = (
+    (Metric("actor/alive", "none", "count", "Whether the process is there: 0 or 1"),
+     lambda actor: int(actor.alive)),
+    (Metric("actor/silent_for", "seconds", ".1", "Time since the process was last heard of"),
+     lambda actor: actor.silent_for),
+    (Metric("actor/steps_per_second", "per second", ".1", "Agent steps per second, of late"),
+     lambda actor: actor.stats.steps_per_second),
+    (Metric("actor/epsilon", "ratio", ".3", "Share of random actions"),
+     lambda actor: actor.stats.epsilon),
+    (Metric("actor/weights_version", "updates", "count", "Updates that made its weights"),
+     lambda actor: actor.stats.weights_version),
+    (Metric("actor/held_share", "ratio", ".3",
+            "Share of the last second it paused because the learner was behind"),
+     lambda actor: actor.stats.held_share),
+    *((replace(METRICS[total], key=f"actor/{name}"),
+       lambda actor, name=name: getattr(actor.stats, name)) for name, total in TOTALS.items()),
+)
+# fmt: on
+"""Figures of one actor or evaluator since the start of its process."""
+OMITTED = Metric("actors/omitted", "processes", "count", "Actors without series of their own")
+CHECK = Metric("gates/red", "none", "count", "Whether a health check is red: 0 or 1")
+
+
+class PrometheusSink(Sink):
+    """Keeps the latest snapshot for those who ask; safe to ask from any thread."""
+
+    period = 1.0
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._latest: Snapshot | None = None
+        self._looked = now()
+
+    def write(self, snapshot: Snapshot) -> None:
+        """Keep it."""
+        self._latest, self._looked = snapshot, self._now()
+
+    def pages(self) -> dict[str, Callable[[], Page]]:
+        """By path."""
+        return {
+            "/healthz": lambda: verdict(self._hangs()),
+            "/readyz": lambda: verdict(self._not_ready()),
+            "/metrics": metrics_page(self.collect),
+        }
+
+    def _hangs(self) -> list[str]:
+        silence = self._now() - self._looked
+        if silence < LONGEST_SILENCE:
+            return []
+        return [f"the training loop has not looked around for {silence:.0f} s: see the log"]
+
+    def _not_ready(self) -> list[str]:
+        if self._latest is None:
+            return ["the learner starts"]
+        red = [
+            f"health check {check.name!r} is red: {check.why}"
+            for check in self._latest.failed
+            if check.stops
+        ]
+        return self._hangs() + red
+
+    def collect(self) -> Iterator[Family]:
+        """Yields all figures; those of the table without a sample before the first snapshot."""
+        latest = self._latest or Snapshot(values={})
+        yield from families(latest.values)
+        checks = [
+            ((check.name, str(check.stops).lower()), int(not check.passed))
+            for check in latest.checks
+            if check.passed is not None
+        ]
+        yield family(CHECK, checks, "check", "stops")
+        actors = sorted(latest.present, key=lambda actor: (not actor.alive, actor.silent_for))
+        yield family(OMITTED, [((), max(len(actors) - MOST_ACTORS, 0))])
+        for metric, value in PER_ACTOR:
+            yield family(
+                metric,
+                [
+                    ((actor.stats.name, actor.stats.role), value(actor))
+                    for actor in actors[:MOST_ACTORS]
+                ],
+                *("actor", "role"),
+            )

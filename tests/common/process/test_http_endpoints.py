@@ -1,0 +1,117 @@
+"""Pages over HTTP: what they say, who is let in, and that nobody can hold up a run."""
+
+import socket
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from benchmarks.child import free_endpoint
+from common.errors import InputError
+from common.process import http_endpoints as module
+from common.process.http_endpoints import Page, check_address, extra_for, http_endpoints, verdict
+from tests.patience import PATIENCE, wait_until
+
+
+def fail() -> Page:
+    raise ValueError("a mistake")
+
+
+PAGES: dict[str, Callable[[], Page]] = {
+    "/healthz": lambda: verdict([]),
+    "/readyz": lambda: verdict(["it starts", "it is tired"]),
+    "/mistake": fail,
+}
+
+
+@pytest.fixture
+def address() -> Iterator[str]:
+    address = free_endpoint().removeprefix("tcp/")
+    with http_endpoints(address, lambda: PAGES):
+        yield address
+
+
+def get(address: str, path: str, method: str = "GET") -> tuple[int, str]:
+    request = urllib.request.Request(f"http://{address}{path}", method=method)
+    try:
+        with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode()
+
+
+def test_pages_by_their_paths(address: str) -> None:
+    assert get(address, "/healthz") == (200, "ok\n")
+    assert get(address, "/healthz?verbose") == (200, "ok\n")
+    assert get(address, "/healthz", "HEAD") == (200, "")
+    assert get(address, "/readyz") == (503, "it starts\nit is tired\n")
+    assert get(address, "/") == (404, "not found; there are /healthz, /readyz, /mistake\n")
+    assert get(address, "/healthz", "POST")[0] == 501
+
+
+def test_a_page_that_fails_is_no_reason_to_end(
+    address: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert get(address, "/mistake") == (500, "it cannot be shown: see the log\n")
+    assert "/mistake cannot be shown: ValueError('a mistake')" in caplog.text
+    assert get(address, "/healthz") == (200, "ok\n")
+
+
+def test_those_who_connect_and_say_nothing_are_bounded(address: str) -> None:
+    before = threading.active_count()
+    silent = [socket.create_connection(check_address(address), PATIENCE) for _ in range(20)]
+    for each in silent[module._AT_ONCE :]:
+        assert each.recv(1) == b""  # there was no room
+    assert threading.active_count() - before <= module._AT_ONCE
+    for each in silent:
+        each.close()
+
+    def answers() -> bool:
+        try:
+            return get(address, "/healthz") == (200, "ok\n")
+        except OSError:
+            return False
+
+    wait_until(answers, "there is room again")
+
+
+def test_no_address_serves_nothing() -> None:
+    with http_endpoints(None, lambda: pytest.fail("not asked for")):
+        pass
+
+
+@pytest.mark.parametrize("address", ["9108", "127.0.0.1", "127.0.0.1:0", "http://a:1", "a:99999"])
+def test_what_is_no_address_is_told(address: str) -> None:
+    with pytest.raises(InputError, match=r"write it as 127\.0\.0\.1:9108"):
+        check_address(address)
+
+
+def test_an_address_that_is_taken_is_told(address: str) -> None:
+    with (
+        pytest.raises(InputError, match=r"cannot serve at .*choose another address with --http"),
+        http_endpoints(address, lambda: PAGES),
+    ):
+        pass
+
+
+def test_an_address_beyond_this_machine_is_warned_of(caplog: pytest.LogCaptureFixture) -> None:
+    port = free_endpoint().rpartition(":")[2]
+    with http_endpoints(f"0.0.0.0:{port}", lambda: PAGES):
+        assert get(f"127.0.0.1:{port}", "/healthz") == (200, "ok\n")
+    assert "whoever reaches http://0.0.0.0:" in caplog.text
+
+
+def test_ipv6() -> None:
+    port = free_endpoint().rpartition(":")[2]
+    with http_endpoints(f"[::1]:{port}", lambda: PAGES):
+        assert get(f"[::1]:{port}", "/healthz") == (200, "ok\n")
+
+
+def test_a_missing_package_is_told_with_its_extra() -> None:
+    with (
+        pytest.raises(InputError, match=r"--http needs the package no_such_package, .*\[ops\]'"),
+        extra_for("--http", "ops"),
+    ):
+        import no_such_package  # type: ignore[import-not-found]  # noqa: F401

@@ -1,0 +1,120 @@
+"""What Prometheus and Grafana are given: all figures that it names exist, and each alert fires."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.child import free_endpoint
+from common.process.http_endpoints import http_endpoints
+from common.protocol.actor_stats import ActorStats
+from learner.telemetry.sinks.prometheus import PrometheusSink
+from learner.telemetry.snapshot import ActorView, HealthCheck
+from tests.learner.telemetry.snapshots import snapshot
+from tests.paths import ROOT
+from tests.patience import wait_until
+
+PROMETHEUS = ROOT / "deploy/prometheus"
+DASHBOARD = ROOT / "deploy/grafana/dashboard.json"
+
+
+def tool(name: str) -> str:
+    """Path of a program that the test is skipped without."""
+    found = shutil.which(name) or shutil.which(name, path=str(Path(sys.executable).parent))
+    return found or pytest.skip(f"{name} is not installed: deploy/install_test_tools.sh brings it")
+
+
+def names_in(text: str) -> set[str]:
+    return set(re.findall(r"\bale_robot_\w+", text))
+
+
+def told_names() -> set[str]:
+    """Names of all figures of a learner."""
+    found = {each.name for each in PrometheusSink().collect()}
+    return found | {f"{name}_total" for name in found} | {f"{name}_info" for name in found}
+
+
+@pytest.mark.parametrize("file", [PROMETHEUS / "alerts.yml", DASHBOARD], ids=lambda file: file.name)
+def test_every_figure_that_is_named_exists(file: Path) -> None:
+    named = names_in(file.read_text())
+    assert len(named) > 5
+    assert named - told_names() == set()
+
+
+def test_each_panel_of_the_dashboard_has_a_place_of_its_own_and_a_figure() -> None:
+    panels = json.loads(DASHBOARD.read_text())["panels"]
+    places = {(panel["gridPos"]["x"], panel["gridPos"]["y"]) for panel in panels}
+    assert len(places) == len(panels) == len({panel["title"] for panel in panels})
+    asked = [each["expr"] for panel in panels for each in panel["targets"]]
+    assert all(names_in(expression) or "process_" in expression for expression in asked)
+
+
+def test_each_alert_fires_and_is_silent_of_a_healthy_run() -> None:
+    promtool = tool("promtool")
+    for what in (["check", "config", "prometheus.yml"], ["test", "rules", "alerts_test.yml"]):
+        done = subprocess.run(
+            [promtool, *what], cwd=PROMETHEUS, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+    alerts = re.findall(r"alert: (\w+)", (PROMETHEUS / "alerts.yml").read_text())
+    tests = re.split(r"(?m)^  - name: ", (PROMETHEUS / "alerts_test.yml").read_text())
+    for alert in alerts:
+        assert f"alertname: {alert}}}" in tests[1]
+        assert any(f"alertname: {alert}\n        exp_alerts:\n" in test for test in tests)
+
+
+def test_a_real_prometheus_reads_a_learner(tmp_path: Path) -> None:
+    prometheus, promtool = tool("prometheus"), tool("promtool")
+    page, own = (free_endpoint().removeprefix("tcp/") for _ in range(2))
+    sink = PrometheusSink()
+    sink.write(
+        snapshot(
+            {"learning/updates": 1_250, "hands/press_p99": 66.5, "learning/loss": None},
+            actors=(ActorView(stats=ActorStats("a-1", "actor", steps=7), alive=True),),
+            checks=(HealthCheck(name="valid frames", value=0.1, passed=False, bound="", why="x"),),
+        )
+    )
+    told = (PROMETHEUS / "prometheus.yml").read_text()
+    config = tmp_path / "prometheus.yml"
+    config.write_text(told.replace("127.0.0.1:9108", page).replace("15s", "200ms"))
+    shutil.copy(PROMETHEUS / "alerts.yml", tmp_path)
+
+    def ask(query: str) -> list[dict[str, Any]]:
+        with urllib.request.urlopen(f"http://{own}/api/v1/query?query={query}", timeout=5) as told:
+            found: list[dict[str, Any]] = json.load(told)["data"]["result"]
+            return found
+
+    def scraped() -> bool:
+        try:
+            return bool(ask("ale_robot_gates_red"))
+        except OSError:
+            return False
+
+    with http_endpoints(page, sink.pages):
+        with urllib.request.urlopen(f"http://{page}/metrics", timeout=5) as answer:
+            metrics = answer.read()
+        lint = subprocess.run(
+            [promtool, "check", "metrics"], input=metrics, capture_output=True, check=False
+        )
+        assert (lint.returncode, lint.stdout + lint.stderr) == (0, b"")
+        files = (f"--config.file={config}", f"--storage.tsdb.path={tmp_path / 'data'}")
+        process = subprocess.Popen(
+            [prometheus, *files, f"--web.listen-address={own}", "--log.level=error"]
+        )
+        try:
+            wait_until(scraped, "Prometheus has read the learner's page")
+            (updates,) = ask("ale_robot_learning_updates_total")
+            assert (updates["value"][1], updates["metric"]["job"]) == ("1250", "ale-robot-learner")
+            assert ask("ale_robot_hands_press_p99_seconds")[0]["value"][1] == "0.0665"
+            assert ask("ale_robot_learning_loss") == []
+            assert ask("ale_robot_actor_steps_total")[0]["metric"]["actor"] == "a-1"
+            assert ask("ale_robot_gates_red")[0]["metric"]["check"] == "valid frames"
+        finally:
+            process.kill()
+            process.wait()
