@@ -10,7 +10,7 @@ ACTORS ?= 1
 ARGS ?=
 RESULTS := benchmarks/results
 
-.PHONY: help setup train test test-slow test-lowest check bench docs wheel lock clean
+.PHONY: help setup train test test-slow test-lowest check bench figures docs wheel lock clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ —/'
@@ -45,8 +45,36 @@ test-lowest:  ## the test suite with the oldest versions that pyproject.toml all
 bench: setup  ## measure all speeds on this machine, half an hour; the tables of benchmarks/RESULTS.md
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
 	$(BIN)/python -m benchmarks all
-	$(BIN)/python -m benchmarks.figures.plot --figure scaling $(RESULTS)/scaling.json -o docs/scaling.png
 	$(BIN)/python -m benchmarks.figures.results_page
+	$(MAKE) figures
+
+PLOT := $(BIN)/python -m benchmarks.figures.plot
+LADDER := $(RESULTS)/ladder-
+R1 := $(addprefix $(LADDER)R1-pong-fast-seed-,1.csv 2.csv 3.csv)
+
+figures: setup  ## draw the figures of docs/ from the results
+	$(PLOT) --figure progress --phase train -o docs/robot_learns.png \
+		$(addprefix $(LADDER)R5-,$(addprefix pong-robot-seed-,1.csv 2.csv) \
+		$(addprefix vector-pong-robot-seed-,1.csv 2.csv) vector-lr-1e-4-pong-robot-seed-1.csv) \
+		--names "robot, camera frames alone" "with proprioception" \
+		"with proprioception, lower learning rate"
+	$(PLOT) --figure progress --phase train -o docs/ale_learns.png \
+		$(R1) $(RESULTS)/ale_fast_30min.csv --names "preset fast" "first preset fast"
+	$(PLOT) --figure progress --phase train -o docs/rungs_learn.png \
+		$(R1) $(patsubst %,$(LADDER)%-vector-pong-robot-seed-1.csv,R2 R3 R4) \
+		--names "R1, emulator alone" "R2, late keys" "R3, camera without hands" \
+		"R4, hands without camera"
+	$(PLOT) --figure progress --phase train -o docs/breakout_learns.png \
+		$(LADDER)R5-vector-breakout-robot-seed-1.csv --names "robot with proprioception, Breakout"
+	$(PLOT) --figure histogram -o docs/scores.png $(LADDER)R1-pong-fast-seed-1.json \
+		$(LADDER)R5-pong-robot-seed-1.json $(LADDER)R5-vector-pong-robot-seed-1.json \
+		$(RESULTS)/robot_pong_async.json --names "emulator alone (R1, seed 1)" \
+		"robot, camera frames alone (R5, seed 1)" "robot with proprioception (R5, seed 1)" \
+		"published robot policy in real time"
+	$(PLOT) --figure delay $(RESULTS)/late_keys.csv -o docs/late_keys.png \
+		--names "trained without latency (ale_pong)" "trained with 33 ms of latency (R2)"
+	$(PLOT) --figure press $(RESULTS)/press_latency.json -o docs/press_latency.png
+	$(PLOT) --figure scaling $(RESULTS)/scaling.json -o docs/scaling.png
 
 docs: setup  ## build the documentation's site in build/site, and check its links
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"

@@ -1,24 +1,40 @@
 """`python -m benchmarks.figures.plot FILE … --figure NAME -o figure.png`: the figures of results.
 
 Beside those of runs (`learner.figures.plot`): `--figure delay` takes tables of `python -m
-benchmarks.lab.ladder` or `python -m benchmarks.lab.actuation_latency`, `--figure race` files of
-`python -m benchmarks.lab.race --json`, `--figure robustness` files of `python -m
-benchmarks.lab.robustness --json`, `--figure scaling` one of `python -m benchmarks.scaling --json`.
+benchmarks.lab.ladder` or `python -m benchmarks.lab.actuation_latency`; race, robustness, press and
+scaling take files that the experiment of that name wrote with `--json`.
 """
 
+from dataclasses import dataclass
+
 from benchmarks.figures.plot_delay import delay_figure, read_ladders
+from benchmarks.figures.plot_press import press_figure, read_press
 from benchmarks.figures.plot_race import race_figure
 from benchmarks.figures.plot_robustness import read_grid, robustness_figure
 from benchmarks.figures.plot_scaling import scaling_figure
 from common.errors import exit_on_input_error
-from learner.figures.plot import FIGURES, main
+from learner.figures import plot
+from learner.figures.plot_style import renamed
 
-FIGURES |= {
-    "delay": lambda options: delay_figure(read_ladders(options.paths)),
+
+@dataclass(frozen=True)
+class Options(plot.Options):
+    """Draw runs, or the results of evaluations, experiments and benchmarks."""
+
+    figure: str = "epochs"
+    """Figure: 'epochs', 'progress' or 'histogram', as of `ale-robot plot`; 'delay', score against
+    actuation latency; 'race', score against wall clock; 'robustness', score by latency and optics;
+    'press', time from a command to its keys; or 'scaling', speed against actors."""
+
+
+FIGURES: plot.Figures = {
+    **plot.FIGURES,
+    "delay": lambda options: delay_figure(renamed(read_ladders(options.paths), options.names)),
     "race": lambda options: race_figure(options.paths),
     "robustness": lambda options: robustness_figure([read_grid(path) for path in options.paths]),
+    "press": lambda options: press_figure(read_press(options.paths[0])),
     "scaling": lambda options: scaling_figure(options.paths[0]),
 }
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    exit_on_input_error(lambda: plot.main(Options, "benchmarks.figures.plot", FIGURES))

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import tyro
 from annotated_types import Ge
@@ -21,6 +20,7 @@ from actors.robots.latency import (
     changes,
     short_name,
 )
+from benchmarks.figures.plot_press import press_figure
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import FromOne
 from common.registry import ROBOTS
@@ -117,28 +117,6 @@ def sentences(latency: Latency, settled: Latency, unsettled: Latency) -> list[st
     ]
 
 
-def draw(latency: Latency, output: Path) -> None:
-    """Write the medians as a heat map to ``output``."""
-    figure, axes = plt.subplots(figsize=(8, 7), layout="constrained")
-    image = axes.imshow(latency.table_ms, cmap="viridis", vmin=0, vmax=2 * AGENT_STEP_MS)
-    axes.set_xticks(range(18), _NAMES, fontsize=8)
-    axes.set_yticks(range(18), _NAMES, fontsize=8)
-    axes.set(xlabel="to", ylabel="from")
-    axes.set_title(
-        f"Command to keys: p50 {latency.p50_ms:.1f} ms, p99 {latency.p99_ms:.1f} ms, "
-        f"strays {latency.stray_share:.1%}",
-        fontsize=10,
-    )
-    for (old, new), ms in np.ndenumerate(latency.table_ms):
-        if not np.isnan(ms):
-            colour = "white" if ms < AGENT_STEP_MS else "black"
-            axes.text(new, old, f"{ms:.0f}", ha="center", va="center", fontsize=6, color=colour)
-    bar = figure.colorbar(image, ax=axes, shrink=0.8)
-    bar.set_label("median, ms")
-    bar.set_ticks([0, AGENT_STEP_MS, 2 * AGENT_STEP_MS], labels=["0", "66.7", "133.3"])
-    save(figure, output)
-
-
 def measure(options: Options) -> Report:
     play = PlayConfig(robot=options.robot)
     robot = ROBOTS.make(options.robot, _SCREEN, CameraConfig(), play)
@@ -149,9 +127,9 @@ def measure(options: Options) -> Report:
         Latency.of([change for change in found if change.settled]),
         Latency.of([change for change in found if not change.settled]),
     )
-    if options.output is not None:
-        draw(parts[0], options.output)
     named = {"robot": options.robot, **content(*parts)}
+    if options.output is not None:
+        save(press_figure(named), options.output)
     return Report([table(parts[0])], named, sentences(*parts))
 
 

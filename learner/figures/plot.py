@@ -3,14 +3,15 @@
 `--figure epochs` (the report's Figures 6 to 9) and `--figure progress` (reward against steps and
 wall clock) take folders of runs, or their ``epochs.csv`` under any name, those of 2017 too; runs
 that are the same but for the seed become thin lines with their mean as a thick one.
-`--figure histogram` takes files of `ale-robot evaluate … --json`.
+`--figure histogram` takes files of `ale-robot evaluate … --json`. `--names` says in words what the
+lines are.
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import tyro
 from matplotlib.figure import Figure
@@ -18,8 +19,14 @@ from matplotlib.figure import Figure
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
 from learner.figures.plot_histogram import histogram_figure, read_evaluations
-from learner.figures.plot_runs import Phase, epochs_figure, progress_figure, read_groups
-from learner.figures.plot_style import check_picture, save
+from learner.figures.plot_runs import (
+    Group,
+    Phase,
+    epochs_figure,
+    progress_figure,
+    read_groups,
+)
+from learner.figures.plot_style import check_picture, renamed, save
 
 
 @dataclass(frozen=True)
@@ -35,15 +42,17 @@ class Options:
     or 'histogram', scores of the games of evaluations (from their JSON)."""
     phase: Phase = "test"
     """Rewards that epochs and progress show: each epoch's test, or its training with its ε."""
+    names: tuple[str, ...] = ()
+    """Names of the lines in the legend, in their order; without them, those of the files."""
 
-    def check(self) -> None:
-        """Refuse what cannot be drawn.
+    def check(self, figures: "Figures") -> None:
+        """Refuse what is none of ``figures``, or cannot be drawn.
 
         Raises:
             InputError: saying why.
         """
-        if self.figure not in FIGURES:
-            known = ", ".join(FIGURES)
+        if self.figure not in figures:
+            known = ", ".join(figures)
             raise InputError(f"there is no figure {self.figure!r}: choose one of {known}.")
         if not self.paths:
             raise InputError("there is nothing to draw: name runs, as in runs/A runs/B.")
@@ -53,20 +62,30 @@ class Options:
         check_picture(self.output)
 
 
-FIGURES: dict[str, Callable[[Options], Figure]] = {
-    "epochs": lambda options: epochs_figure(read_groups(options.paths, options.phase)),
-    "progress": lambda options: progress_figure(read_groups(options.paths, options.phase)),
-    "histogram": lambda options: histogram_figure(
-        [each for path in options.paths for each in read_evaluations(path)]
-    ),
-}
+Figures: TypeAlias = Mapping[str, Callable[[Options], Figure]]
 """What draws each figure; whoever calls it closes the figure."""
 
+FIGURES: Figures = {
+    "epochs": lambda options: epochs_figure(_groups(options)),
+    "progress": lambda options: progress_figure(_groups(options)),
+    "histogram": lambda options: histogram_figure(
+        renamed([each for path in options.paths for each in read_evaluations(path)], options.names)
+    ),
+}
+"""The figures of runs and evaluations."""
 
-def main() -> None:
-    options = parse(Options, "learner.figures.plot", sys.argv[1:])
-    options.check()
-    save(FIGURES[options.figure](options), options.output)
+
+def _groups(options: Options) -> list[Group]:
+    return renamed(read_groups(options.paths, options.phase), options.names)
+
+
+def main(
+    kind: type[Options] = Options, program: str = "learner.figures.plot", figures: Figures = FIGURES
+) -> None:
+    """Draws one of ``figures``, as the command line says."""
+    options = parse(kind, program, sys.argv[1:])
+    options.check(figures)
+    save(figures[options.figure](options), options.output)
 
 
 if __name__ == "__main__":

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.pyplot import subplots
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from common.errors import InputError
@@ -17,6 +17,8 @@ from learner.figures.plot_style import INK, dress, label
 _MOST_SINGLE = 60
 """Widest range of scores in which each whole score has a bar of its own."""
 _BARS = 30
+_GAP = 3.0
+"""Places that a wider gap between two scores takes."""
 _BAR, _MEAN = "#67a9cf", "#0b3c6f"
 
 
@@ -67,33 +69,51 @@ def histogram_figure(evaluations: Sequence[Evaluation]) -> Figure:
     figure, rows = subplots(
         count,
         1,
-        figsize=(6.5, 1.2 + 2.1 * count),
+        figsize=(7.2, 0.7 + 1.4 * count),
         layout="constrained",
         sharex=True,
         sharey=True,
         squeeze=False,
     )
-    edges = _edges([score for each in evaluations for score in each.scores])
+    every = [score for each in evaluations for score in each.scores]
+    single = max(every) - min(every) <= _MOST_SINGLE
+    scores, places = _axis(every) if single else (np.sort(every), np.sort(every))
     for axes, each in zip(rows[:, 0], evaluations, strict=True):
         dress(axes)
-        axes.grid(visible=False, axis="x")
-        axes.hist(each.scores, edges, color=_BAR, edgecolor="white", linewidth=0.6)
-        axes.axvline(each.mean, color=_MEAN, linewidth=1.8)
-        axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
+        axes.grid(visible=False)
+        axes.spines["left"].set_visible(False)
+        axes.set_yticks([])
+        if single:
+            found, games = np.unique(each.scores, return_counts=True)
+            bars = axes.bar(np.interp(found, scores, places), games, 0.92, color=_BAR)
+            axes.bar_label(bars, color=INK, fontsize=9, padding=1)
+        else:
+            axes.hist(
+                each.scores, _BARS, range=(min(every), max(every)), color=_BAR, edgecolor="white"
+            )
+        axes.axvline(np.interp(each.mean, scores, places), color=_MEAN, linewidth=1.8, alpha=0.7)
+        axes.margins(y=0.25)
         figures = (
             f"{len(each.scores)} games, mean {each.mean:.2f} ± {each.deviation:.2f} (line), "
             f"interquartile mean {each.iqm:.2f}"
         ).replace("-", "−")
         axes.set_title(f"{each.name}\n{figures}", loc="left", fontsize=9, color=INK)
-        label(axes, "", "games")
-    rows[-1, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
-    label(rows[-1, 0], "score of a game", "games")
+    if single:
+        _mark(rows[-1, 0], scores, places)
+    label(rows[-1, 0], "score of a game; above each bar the number of games", "")
     return figure
 
 
-def _edges(scores: Sequence[float]) -> NDArray[np.float64]:
-    """Of the bars: one for each score where those are few, else of equal widths."""
-    low, high = np.floor(min(scores)), np.ceil(max(scores))
-    if high - low <= _MOST_SINGLE:
-        return np.arange(low - 1.5, high + 2.5)
-    return np.linspace(low, high, _BARS + 1)
+def _axis(every: Sequence[float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the scores that occur, and their places: wide gaps between them are shortened."""
+    scores = np.unique(np.array(every, np.float64))
+    steps = np.minimum(np.diff(scores, prepend=scores[0]), _GAP)
+    return scores, np.cumsum(steps)
+
+
+def _mark(axes: Axes, scores: NDArray[np.float64], places: NDArray[np.float64]) -> None:
+    """Name the scores, and where the axis leaves some out."""
+    shortened = np.flatnonzero(np.diff(scores) > _GAP)
+    gaps = (places[shortened] + places[shortened + 1]) / 2
+    names = [f"{score:g}".replace("-", "−") for score in scores]
+    axes.set_xticks([*places, *gaps], [*names, *("…" for _ in gaps)])

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -62,8 +62,7 @@ class Run:
         return points[np.argsort(points[:, 0], kind="stable")]
 
 
-@dataclass(frozen=True)
-class Group:
+class Group(NamedTuple):
     """Runs that are the same but for the seed."""
 
     name: str
@@ -149,7 +148,7 @@ def progress_figure(groups: Sequence[Group]) -> Figure:
         ((1e6, "millions"), (1e3, "thousands"), (1, "single")),
     )
     seconds, time_name = _scale(
-        max(row.total_time for row in rows) / 3,
+        max(row.total_time for row in rows) / 1.5,
         ((86_400, "days"), (3_600, "hours"), (60, "minutes"), (1, "seconds")),
     )
     figure, (by_steps, by_time) = panels(2)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, Self, TypeVar
 
 import matplotlib
 
@@ -45,6 +45,32 @@ class Series(NamedTuple):
 
     name: str
     lines: list[Points]
+
+
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+    def _replace(self, *, name: str) -> Self: ...
+
+
+N = TypeVar("N", bound=_Named)
+
+
+def renamed(found: Sequence[N], names: Sequence[str]) -> list[N]:
+    """Returns what is to be drawn under ``names``, in the order of its own names.
+
+    Raises:
+        InputError: there are more or fewer names.
+    """
+    own = list(dict.fromkeys(each.name for each in found))
+    if names and len(names) != len(own):
+        raise InputError(
+            f"--names has {len(names)} names for {len(own)} lines ({', '.join(own)}): give one for "
+            "each of them."
+        )
+    new = dict(zip(own, names or own, strict=True))
+    return [each._replace(name=new[each.name]) for each in found]
 
 
 def check_picture(path: Path) -> None:

@@ -1,6 +1,7 @@
 """What the figures show, read back from their axes."""
 
 import csv
+import inspect
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
@@ -14,6 +15,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from benchmarks.figures.plot import FIGURES
+from benchmarks.figures.plot import Options as ResultOptions
 from benchmarks.figures.plot_delay import read_ladders
 from benchmarks.lab import actuation_latency as late_keys
 from benchmarks.lab.ladder import COLUMNS, Rung, add_row
@@ -321,12 +323,43 @@ def test_each_score_has_a_bar(tmp_path: Path) -> None:
             if bar.get_height()  # type: ignore[attr-defined]
         }
 
-    assert bars(above) == {-21.0: 1, 18.0: 2, 21.0: 1}
-    assert bars(below) == {20.0: 1}
-    assert lines(above)[0][0][0] == 17.5
+    # The axis leaves out most of what lies between −21 and 18.
+    names = dict(
+        zip(below.get_xticks(), (t.get_text() for t in below.get_xticklabels()), strict=True)
+    )
+    assert names == {0.0: "−21", 1.5: "…", 3.0: "18", 5.0: "20", 6.0: "21"}
+    assert bars(above) == {0.0: 1, 3.0: 2, 6.0: 1}
+    assert bars(below) == {5.0: 1}
+    assert lines(above)[0][0][0] == pytest.approx(3 * 38.5 / 39)
     assert above.get_title(loc="left") == (
         "a\n4 games, mean 17.50 ± 2.00 (line), interquartile mean 18.25"
     )
+
+
+def test_a_legend_has_words_instead_of_the_names_of_files(tmp_path: Path) -> None:
+    paths = tuple(table(tmp_path / f"{name}.csv", [1.0]) for name in ("a-seed-1", "a-seed-2", "b"))
+    drawn = draw(Options(paths, names=("the robot", "the emulator")))
+    assert names(drawn)[:2] == ["the robot, mean of 2 seeds", "the emulator"]
+    with pytest.raises(InputError, match="3 names for 2 lines"):
+        draw(Options(paths, names=("one", "two", "three")))
+
+
+def test_every_figure_is_in_the_help() -> None:
+    told = inspect.getsource(ResultOptions)
+    assert all(f"'{name}'" in told for name in FIGURES)
+
+
+def test_the_press_latency_is_drawn_from_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "press.json"
+    found = {"actions": ["·", "F"], "table_ms": [[None, 50.0], [100 / 6, None]]}
+    file.write_text(json.dumps({**found, "p50_ms": 50.0, "p99_ms": 66.7}))
+    axes, bar = draw(Options((file,), figure="press")).axes
+    assert [text.get_text() for text in axes.texts] == ["50", "17"]
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["none", "F"]
+    assert [text.get_text() for text in bar.get_yticklabels()] == ["17 ms", "33 ms", "50 ms"]
+    file.write_text("{}")
+    with pytest.raises(InputError, match="holds no press latency"):
+        draw(Options((file,), figure="press"))
 
 
 def test_wide_ranges_have_fewer_bars(tmp_path: Path) -> None:
@@ -397,7 +430,7 @@ def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
         ((tmp_path,), "a.bmp", "choose one of these"),
     ):
         with pytest.raises(InputError, match=words):
-            Options(paths, tmp_path / output).check()
+            Options(paths, tmp_path / output).check(FIGURES)
 
 
 def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
