@@ -56,7 +56,8 @@ def test_a_link_to_nothing_is_found(tmp_path: Path) -> None:
 
 def test_the_site_has_every_page() -> None:
     told = set(re.findall(r": (\S+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M))
-    assert {page.name for page in (ROOT / "docs").glob("*.md")} <= told
+    missing = {page.name for page in (ROOT / "docs").glob("*.md")} - told
+    assert not missing, f"add {', '.join(missing)} to nav in mkdocs.yml."
     for page in told:
         assert (ROOT / "docs" / page).exists() or (ROOT / page).exists(), page
 
