@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TrainedPolicy", "__version__", "env_id", "evaluate", "load_policy"]
 
-for _name in ("actors", "common", "learner", "replay", "viewer"):
+for _name in ("actors", "common", "deploy", "learner", "replay", "viewer"):
     _found = find_spec(_name)
     _file = Path((_found and _found.origin) or _name).resolve()
     if _file.parent.parent != Path(__file__).resolve().parents[1]:

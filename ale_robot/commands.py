@@ -95,6 +95,21 @@ COMMANDS = {
   --resume             go on with what is stored
 """,
     ),
+    "launch": Command(
+        "deploy.__main__",
+        (),
+        "Launch a run on Slurm: learner, actors and evaluators as jobs.",
+        """
+  ale-robot launch slurm --actors 8 --submit       the robot learns Pong
+  ale-robot launch slurm --gpus 1 --time 04:00:00 -- --game breakout
+
+  -- FLAGS             flags of ale-robot train
+  --run NAME           name of the run, a folder below runs/
+  --actors N           number of robots that play at a time
+  --evaluators N       number of those that play the tests of epochs
+  --submit             submit the jobs too, rather than only write them
+""",
+    ),
     "play": Command(
         "viewer.__main__",
         ("play",),

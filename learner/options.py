@@ -166,16 +166,17 @@ def free_cores(options: LearnerOptions) -> int:
     return max(cores - options.actors if options.local else cores // 2, 1)
 
 
-def resume_command(arguments: Sequence[str], run: str, *, done: bool) -> str:
-    """Returns the command that continues a run which was started with ``arguments``.
+def resume_flags(arguments: Sequence[str], run: str, *, done: bool) -> list[str]:
+    """Returns the flags that continue a run which was started with ``arguments``.
 
     Args:
         done: whether it has all the steps it was asked for.
     """
     told: list[str] = []
     omitted = {"--initial", *(["--steps"] if done else [])}
-    command = started_by("learner")
-    added = command.startswith("ale-robot ") or "--no-local" in arguments  # `train` adds --local
+    added = (
+        started_by("learner").startswith("ale-robot ") or "--no-local" in arguments
+    )  # `train` adds --local
     without = {"--force", *(["--local"] if added else [])}
     skip = False
     for argument in arguments:
@@ -186,4 +187,9 @@ def resume_command(arguments: Sequence[str], run: str, *, done: bool) -> str:
     flags = {argument.partition("=")[0] for argument in told}
     more = [] if "--run" in flags else ["--run", run]
     more += [] if "--resume" in flags else ["--resume"]
-    return shlex.join([*command.split(), *told, *more])
+    return [*told, *more]
+
+
+def resume_command(arguments: Sequence[str], run: str, *, done: bool) -> str:
+    """Returns the command of `resume_flags`, by the name that started this program."""
+    return shlex.join([*started_by("learner").split(), *resume_flags(arguments, run, done=done)])

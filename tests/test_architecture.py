@@ -1,7 +1,7 @@
 """Imports go one way, and what is foreign has one door.
 
-``common`` ← ``replay`` ← ``learner``; ``common`` ← ``actors`` ← ``viewer``; ``benchmarks`` and
-tests above all. An import counts wherever it stands, also inside a function.
+``common`` ← ``replay`` ← ``learner`` ← ``deploy``; ``common`` ← ``actors`` ← ``viewer``;
+``benchmarks`` and tests above all. An import counts wherever it stands, also inside a function.
 """
 
 import ast
@@ -17,7 +17,8 @@ ARROWS = {
     "learner": {"common", "replay"},
     "actors": {"common"},
     "viewer": {"common", "actors"},
-    "ale_robot": {"common", "learner", "actors", "viewer"},
+    "deploy": {"common", "learner"},
+    "ale_robot": {"common", "deploy", "learner", "actors", "viewer"},
     "benchmarks": {"common", "replay", "learner", "actors", "viewer"},
 }
 """By package, the others that it may import."""

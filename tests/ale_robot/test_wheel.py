@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tests.paths import ROOT
 
-PACKAGES = ("actors", "ale_robot", "common", "learner", "replay", "viewer")
+PACKAGES = ("actors", "ale_robot", "common", "deploy", "learner", "replay", "viewer")
 
 
 def test_the_wheel_has_the_product_and_its_policies_alone(tmp_path: Path) -> None:
@@ -41,3 +41,4 @@ def test_the_wheel_has_the_product_and_its_policies_alone(tmp_path: Path) -> Non
         for path in (ROOT / package).rglob("*.py")
     }
     assert "ale_robot/policies/robot_pong.safetensors" in names
+    assert {"deploy/certificates.sh", "deploy/slurm/learner.sh"} <= names

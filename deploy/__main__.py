@@ -1,0 +1,20 @@
+"""`python -m deploy ENGINE … -- FLAGS`: launches a run on an engine that is there already."""
+
+import sys
+
+from common.errors import exit_on_input_error
+from common.process.command_line import parse
+from deploy import slurm
+from deploy.description import LaunchOptions, describe
+
+
+def main() -> None:
+    """Writes what the engine needs, and says what to do with it."""
+    given = sys.argv[1:]
+    at = given.index("--") if "--" in given else len(given)
+    options = parse(LaunchOptions, "deploy", given[:at])
+    print(slurm.launch(describe(options, given[at + 1 :])))
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

@@ -1,0 +1,108 @@
+"""`LaunchOptions`: what a run consists of, the same for every engine."""
+
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from annotated_types import Gt
+
+from common.checked import Count, FromOne
+from common.errors import InputError
+from common.process.command_line import parse_run
+from common.run.clock import ClockConfig
+from common.run.folder import RunFolder
+from learner.options import LearnerOptions, resume_flags, run_name, stored_config
+
+_SET_HERE = ("listen", "connect", "certificates", "local", "resume", "actors", "envs", "evaluators")
+"""Fields of the learner that the engine sets."""
+
+
+@dataclass(frozen=True)
+class LaunchOptions:
+    """Launch a run on Slurm: write its jobs, and with --submit submit them.
+
+    What follows `--` are flags of `ale-robot train`.
+    """
+
+    engine: tyro.conf.Positional[Literal["slurm"]]
+    """Engine that runs it."""
+    run: str | None = None
+    """Name of the run; by default made of environment, game and preset."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs; all machines of the engine must share it."""
+    actors: FromOne = 2
+    """Number of training actors, each a process with one core."""
+    evaluators: Count = 1
+    """Number of evaluators, each a process with one core."""
+    clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
+    cpus: FromOne = 4
+    """Processor cores of the learner."""
+    gpus: Count = 0
+    """GPUs of the learner; it uses at most one."""
+    memory: FromOne = 16
+    """Memory of the learner, GiB."""
+    actor_memory: FromOne = 2
+    """Memory of each actor and evaluator, GiB."""
+    tls: bool = True
+    """Certificates between all processes; --no-tls is for a network whose machines you trust."""
+    patience: Annotated[float, Gt(0)] = 600.0
+    """Seconds that actors keep their cores while the learner is away."""
+    time: str = "24:00:00"
+    """Time limit of each job, as Slurm writes it; at its end the job goes on in a new one."""
+    partition: str | None = None
+    """Partition of the cluster."""
+    account: str | None = None
+    """Account that the jobs are charged to."""
+    submit: bool = False
+    """Submit the jobs too."""
+
+    def check(self) -> None:
+        """Refuses what would be more than a word in a script. Raises InputError."""
+        for flag in ("time", "partition", "account"):
+            word = getattr(self, flag)
+            if word is not None and not re.fullmatch(r"[A-Za-z0-9][\w.:-]*", word):
+                raise InputError(f"--{flag} {word!r} cannot be used: write one word.")
+
+
+@dataclass(frozen=True)
+class RunDescription:
+    """A run that is about to be launched, checked as its learner would."""
+
+    options: LaunchOptions
+    folder: RunFolder
+    begin: tuple[str, ...]
+    """Flags of the learner that begins it."""
+    resume: tuple[str, ...]
+    """Flags of the learner that goes on with it."""
+
+
+def describe(options: LaunchOptions, flags: Sequence[str]) -> RunDescription:
+    """Returns the run of ``options`` whose learner has ``flags``.
+
+    Raises:
+        InputError: the learner would refuse the flags, or the engine sets them.
+    """
+    options.check()
+    runs = options.runs.absolute()
+    own = [*(("--run", options.run) if options.run else ()), "--runs", str(runs)]
+    learner, _ = parse_run(LearnerOptions, "learner", [*own, *flags], stored_config)
+    learner.check()
+    default = LearnerOptions(learner.config)
+    for name in _SET_HERE:
+        if getattr(learner, name) != getattr(default, name):
+            raise InputError(f"--{name} is the launcher's: omit it after `--`.")
+    if learner.runs != runs or (options.run and learner.run != options.run):
+        raise InputError("--run and --runs are the launcher's: write them before `--`.")
+    options.clock.check(learner.config.env)
+    folder = RunFolder(runs, run_name(learner))
+    for path in (folder.path, Path(sys.executable)):
+        if not re.fullmatch(r"[\w./+-]+", str(path)):
+            raise InputError(f"{path} cannot be written into a job: use letters, digits and ./+-_.")
+    begin = ["--run", folder.name, "--runs", str(runs), *flags]
+    again = resume_flags(begin, folder.name, done=False)
+    again += ["--force"] if learner.force else []
+    return RunDescription(options, folder, tuple(begin), tuple(again))
