@@ -3,8 +3,11 @@
 import threading
 from functools import partial
 
+from common.process.http_endpoints import extra_for
 from common.protocol.run_keys import RunKeys
+from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from common.transport.endpoint import is_loopback
 from common.transport.interface import Transport
 from learner.algorithm.interface import Algorithm
 from learner.checkpoint import Checkpoint
@@ -27,6 +30,7 @@ from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.summary import SummarySink
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.telemetry import Telemetry
+from learner.telemetry.web.address import check_address
 from learner.training import Learner
 from replay.interface import Replay
 
@@ -72,14 +76,16 @@ def build_learner(
         "run/steps_goal": options.steps,
         "run/join": join_command(options),
     }
-    sinks = (
+    epochs = EpochTable(folder.epochs)
+    sinks: list[Sink] = [
         display,
         TensorBoardSink(folder.tensorboard),
         GatesCsvSink(folder.gates),
         SummarySink(folder.summary, config, provenance()),
         *more_sinks,
-    )
-    epochs = EpochTable(folder.epochs)
+    ]
+    if options.web is not None:
+        sinks.append(_page(options.web, transport, keys, config, folder, epochs, display))
     telemetry = Telemetry(config, constants, phases, registry, epochs, sinks, clock.now)
     telemetry.start(state)
     learner = Learner(
@@ -113,3 +119,29 @@ def build_learner(
         learner.restore(state)
     serve_evaluators(transport, keys, evaluation)
     return learner
+
+
+def _page(
+    address: str,
+    transport: Transport,
+    keys: RunKeys,
+    config: RunConfig,
+    folder: RunFolder,
+    epochs: EpochTable,
+    display: Display,
+) -> Sink:
+    """Returns the page of the run; what serves it is loaded only where somebody wants one.
+
+    Raises:
+        InputError: it is not installed, or nobody can listen at ``address``.
+    """
+    with extra_for("--web", "web"):
+        from learner.telemetry.web.page_sink import PageSink
+    page = PageSink(address, transport, keys, config, folder, epochs)
+    display.line(f"watch the run at {page.url}")
+    if not is_loopback(check_address(address)[0]):
+        display.line(
+            "warning: whoever reaches this machine's port can watch the run there, without a "
+            "password: use --web 127.0.0.1:8080 and ssh -L instead."
+        )
+    return page

@@ -25,6 +25,7 @@ from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.offline import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
+from learner.telemetry.web.address import check_address
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,9 @@ class LearnerOptions:
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
     http: str | None = None
     """Address such as 127.0.0.1:9108 of /healthz, /readyz and /metrics; see docs/operations.md."""
+    web: str | None = None
+    """Address of a page to watch the run in a browser, such as 127.0.0.1:8080; without it there is
+    none."""
     gate_minutes: Annotated[float, Gt(0)] = RED_MINUTES
     """Minutes that a gate may be red before the run ends by itself, with exit code 3."""
     stall_minutes: Annotated[float, Gt(0), AllowInfNan(True)] = STALL_MINUTES
@@ -95,6 +99,8 @@ class LearnerOptions:
             InputError: naming them.
         """
         self.evaluation.check()
+        if self.web is not None:
+            check_address(self.web)
         self.clock.check(self.config.env)
         if self.initial is not None and self.resume:
             raise InputError("a resumed run has a network: omit --initial or --resume.")

@@ -30,6 +30,8 @@ DOORS: dict[str, str | tuple[str, ...]] = {
     "pybullet_utils": "actors/robots/",
     "tensorboard": "learner/telemetry/sinks/",
     "prometheus_client": ("common/exposition.py", "learner/telemetry/sinks/"),
+    "starlette": "learner/telemetry/web/",
+    "uvicorn": "learner/telemetry/web/",
 }
 """By foreign package, the file or folder that alone imports it."""
 

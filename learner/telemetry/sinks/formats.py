@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -78,6 +78,46 @@ def metrics_of(values: Values) -> list[Metric]:
     """The metrics of such a run: those of hands only where a robot plays."""
     robot = ENVIRONMENTS.find(str(values["run/env"])).robot
     return [metric for metric in METRICS.values() if robot or not metric.robot]
+
+
+def panels_of(values: Values) -> dict[str, list[Metric]]:
+    """The metrics of such a run by the title of their panel, in their places."""
+    panels: dict[str, list[Metric]] = {}
+    for metric in metrics_of(values):
+        if metric.panel:
+            panels.setdefault(metric.panel[0], []).append(metric)
+    for metrics in panels.values():
+        metrics.sort(key=lambda metric: metric.panel or ())
+    return panels
+
+
+def label_and_text(metric: Metric, values: Values) -> tuple[str, str]:
+    """What a panel says of a figure."""
+    return fill(metric.label, values), fill(metric.shown or f"{{{metric.key}}}", values)
+
+
+class Progress(NamedTuple):
+    """How far the run has come in something."""
+
+    label: str
+    done: str
+    """Key of the figure."""
+    total: str
+    """Key of what it is when complete; unknown where there is no end."""
+    note: str
+
+
+def progress_of(values: Values) -> tuple[Progress, ...]:
+    """How far phase, run and replay have come."""
+    warm_up, finishing = (values["run/phase"] == phase for phase in ("warm-up", "finishing"))
+    label = "Warm-up" if warm_up else f"Epoch {values['run/epoch']}"
+    left = "finishing" if finishing else fill("{run/seconds_left} left", values)
+    so_far = fill("{run/seconds} so far", values)
+    return (
+        Progress(label, "run/phase_steps", "run/phase_length", left),
+        Progress("Run", "run/agent_steps", "run/steps_goal", so_far),
+        Progress("Replay", "stream/stored", "stream/capacity", ""),
+    )
 
 
 def troubles(values: Values) -> str:

@@ -4,7 +4,7 @@ At 80 × 24 all of it fits; a larger terminal shows more actors and events, and 
 Nothing wraps, so the number of lines is known before they are drawn.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.progress_bar import ProgressBar
@@ -17,7 +17,13 @@ from common.metrics import Metric, Values, number
 from common.protocol.actor_stats import TOTALS
 from common.registry import ENVIRONMENTS
 from learner.telemetry.sinks import formats
-from learner.telemetry.sinks.formats import figure, fill, troubles
+from learner.telemetry.sinks.formats import (
+    figure,
+    label_and_text,
+    panels_of,
+    progress_of,
+    troubles,
+)
 from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
 
 _WIDEST = 200
@@ -100,7 +106,6 @@ def _header(values: Values) -> Table:
 
 
 def _progress(values: Values) -> Table:
-    warm_up, finishing = (values["run/phase"] == phase for phase in ("warm-up", "finishing"))
     grid = _grid(
         Column(min_width=9),
         Column(ratio=1),
@@ -109,16 +114,7 @@ def _progress(values: Values) -> Table:
         Column(justify="left"),
         Column(justify="right", min_width=14),
     )
-    for label, done, total, right in (
-        (
-            "Warm-up" if warm_up else f"Epoch {values['run/epoch']}",
-            "run/phase_steps",
-            "run/phase_length",
-            "finishing" if finishing else fill("{run/seconds_left} left", values),
-        ),
-        ("Run", "run/agent_steps", "run/steps_goal", fill("{run/seconds} so far", values)),
-        ("Replay", "stream/stored", "stream/capacity", ""),
-    ):
+    for label, done, total, note in progress_of(values):
         now, goal = number(values, done) or 0, number(values, total)
         bar: RenderableType = _text("until stopped", _LABEL)
         if goal is not None:
@@ -131,28 +127,24 @@ def _progress(values: Values) -> Table:
             "" if goal is None else formats.share(now, goal),
             figure(done, values),
             _text("steps" if goal is None else f"of {figure(total, values)}", _LABEL),
-            _text(right, _LABEL),
+            _text(note, _LABEL),
         )
     return grid
 
 
 def _figures(values: Values, rows: int) -> Table:
     """The panels of the table, the first so many rows of each."""
-    panels: dict[str, dict[int, Metric]] = {}
-    for metric in formats.metrics_of(values):
-        if metric.panel:
-            title, place = metric.panel
-            panels.setdefault(title, {})[place] = metric
+    panels = panels_of(values)
     grid = _grid(*(Column(ratio=1) for _ in panels), gap=3)
-    grid.add_row(*(_panel(title, by_place, values, rows) for title, by_place in panels.items()))
+    grid.add_row(*(_panel(*panel, values, rows) for panel in panels.items()))
     return grid
 
 
-def _panel(title: str, metrics: Mapping[int, Metric], values: Values, rows: int) -> Table:
+def _panel(title: str, metrics: Sequence[Metric], values: Values, rows: int) -> Table:
     grid = _grid(Column(), Column(ratio=1, justify="right"))
-    for _, metric in sorted(metrics.items())[:rows]:
-        shown = metric.shown or f"{{{metric.key}}}"
-        grid.add_row(_text(fill(metric.label, values), _LABEL), _text(fill(shown, values)))
+    for metric in metrics[:rows]:
+        label, text = label_and_text(metric, values)
+        grid.add_row(_text(label, _LABEL), _text(text))
     return _titled(title, grid)
 
 

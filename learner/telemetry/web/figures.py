@@ -1,0 +1,112 @@
+"""What the page tells of a snapshot: texts and numbers of JSON's types, each by its declaration."""
+
+import re
+from typing import Any
+
+from common.metrics import METRICS, Metric, Value, Values, number
+from common.protocol.actor_stats import TOTALS
+from common.registry import ENVIRONMENTS
+from learner.telemetry.sinks import formats
+from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
+from learner.telemetry.web.history import finite
+
+_UNSAID = ("none", "ratio", "per second")
+
+
+def curves_of(robot: bool) -> list[Metric]:
+    """The metrics that are drawn over time: of hands only where a robot plays."""
+    curves = [metric for metric in METRICS.values() if metric.curve or metric.gate]
+    return [metric for metric in curves if robot or not metric.robot]
+
+
+def about(metric: Metric) -> dict[str, str]:
+    """How a curve is called, and what it means."""
+    label = re.sub(r"[,\s]*{[^}]*}", "", metric.label) or metric.gate.replace("_", " ")
+    return {
+        "label": label.strip() or metric.key,
+        "meaning": metric.meaning,
+        "unit": "" if metric.unit in _UNSAID or "/s" in metric.label else metric.unit,
+        "form": metric.form,
+    }
+
+
+def figures(snapshot: Snapshot) -> dict[str, Any]:
+    """Returns all that the page shows but for curves and pictures."""
+    values = snapshot.values
+    env = ENVIRONMENTS.find(str(values["run/env"]))
+    return {
+        "run": {
+            "name": values["run/run"],
+            "env": env.title or env.name,
+            **{key: values[f"run/{key}"] for key in ("game", "preset", "device", "phase")},
+            "join": values.get("run/join"),
+            "robot": env.robot,
+        },
+        "progress": [_progress(each, values) for each in formats.progress_of(values)],
+        "panels": {
+            title: [_row(metric, values) for metric in metrics]
+            for title, metrics in formats.panels_of(values).items()
+        },
+        "verdict": snapshot.verdict,
+        "checks": [_check(check) for check in snapshot.checks],
+        "alive": [values["stream/actors_alive"], values["stream/actors_present"]],
+        "troubles": formats.troubles(values).lstrip(", "),
+        "actors": [_actor(actor, values) for actor in snapshot.present],
+        "random": finite(number(values, "play/random_reward")),
+    }
+
+
+def _progress(progress: formats.Progress, values: Values) -> dict[str, Any]:
+    done, total = (number(values, key) for key in (progress.done, progress.total))
+    told = formats.figure(progress.done, values)
+    told += f" of {formats.figure(progress.total, values)}" if total else " steps, until stopped"
+    return {
+        "label": progress.label,
+        "share": min((done or 0) / total, 1.0) if total else None,
+        "text": told,
+        "note": progress.note,
+        "meaning": METRICS[progress.done].meaning,
+    }
+
+
+def _row(metric: Metric, values: Values) -> dict[str, str]:
+    label, text = formats.label_and_text(metric, values)
+    return {"label": label, "text": text, "meaning": metric.meaning}
+
+
+def _check(check: HealthCheck) -> dict[str, Any]:
+    return {
+        "name": check.name,
+        "passed": check.passed,
+        "value": formats.written("significant", check.value),
+        "bound": check.bound,
+        "why": check.why,
+        "stops": check.stops,
+    }
+
+
+def _actor(actor: ActorView, values: Values) -> dict[str, Any]:
+    stats = actor.stats
+    newest = number(values, "stream/weights_version") or 0
+    totals: dict[str, Value] = {key: getattr(stats, name) for name, key in TOTALS.items()}
+    tests = stats.role == "evaluator"
+    return {
+        "name": stats.name,
+        "role": stats.role,
+        "alive": actor.alive,
+        "machine": stats.machine or formats.UNKNOWN,
+        "age": formats.duration(stats.seconds),
+        "steps": f"{stats.steps:,}",
+        "rate": formats.decimal(stats.steps_per_second, 1) if actor.alive else "lost",
+        "epsilon": formats.decimal(stats.epsilon, 3),
+        "weights": (
+            f"epoch {stats.weights_version}"
+            if tests
+            else f"{max(newest - stats.weights_version, 0):,.0f}"
+        ),
+        "held": formats.share(stats.held_share, 1),
+        "cores": formats.decimal(stats.busy_cores, 2),
+        "memory": f"{stats.memory_bytes / 2**20:,.0f} MB",
+        "silent": f"{actor.silent_for:.0f} s",
+        "trouble": formats.troubles(totals).lstrip(", "),
+    }

@@ -1,0 +1,63 @@
+"""Asks actors what they show, on behalf of all who watch: nobody watches, nobody asks."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import NamedTuple
+
+from common.errors import MessageError
+from common.protocol.live_view import LiveView, ViewRequest
+from common.protocol.run_keys import RunKeys
+from common.transport.interface import Transport
+
+_DEADLINE = 2.0
+_FRESH = 0.15
+"""Seconds for which an answer serves all who ask: so much is the work of an actor bounded by."""
+_MOST_KEPT = 64
+_AT_ONCE = 4
+
+
+class Asked(NamedTuple):
+    """Whom to look at, and how."""
+
+    role: str
+    name: str
+    request: ViewRequest
+
+
+class LiveFeed:
+    """Answers threads that want to see an actor; two that want the same get one answer."""
+
+    def __init__(
+        self, transport: Transport, keys: RunKeys, now: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._transport = transport
+        self._keys = keys
+        self._now = now
+        self._lock = threading.Lock()
+        self._kept: dict[Asked, tuple[float, Future[LiveView | None]]] = {}
+        self._pool = ThreadPoolExecutor(_AT_ONCE, "view")
+
+    def look(self, asked: Asked) -> LiveView | None:
+        """Returns what the actor shows; None if it does not answer, as one that waits."""
+        with self._lock:
+            began, view = self._kept.get(asked, (0.0, None))
+            if view is None or (view.done() and self._now() - began > _FRESH):
+                view = self._pool.submit(self._ask, asked)
+                self._kept[asked] = (self._now(), view)
+                for oldest in list(self._kept)[:-_MOST_KEPT]:
+                    del self._kept[oldest]
+        return view.result()
+
+    def close(self) -> None:
+        """Ask no more; what is asked ends within seconds."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _ask(self, asked: Asked) -> LiveView | None:
+        key = self._keys.view(asked.role, asked.name)
+        for answer in self._transport.gather(key, _DEADLINE, asked.request.encode()):
+            with contextlib.suppress(MessageError):
+                return LiveView.decode(answer.payload)
+        return None

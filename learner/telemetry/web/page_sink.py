@@ -1,0 +1,137 @@
+"""Keeps what the page of a run shows, and has it served."""
+
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any, get_args
+
+from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
+from common.protocol.run_keys import RunKeys
+from common.registry import ENVIRONMENTS
+from common.run.config import RunConfig
+from common.run.folder import RunFolder
+from common.transport.interface import Transport
+from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
+from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.snapshot import Snapshot
+from learner.telemetry.web.address import check_address
+from learner.telemetry.web.figures import about, curves_of, figures
+from learner.telemetry.web.history import History, finite
+from learner.telemetry.web.live_feed import Asked, LiveFeed
+from learner.telemetry.web.server import PageServer
+
+_MOST_EVENTS = 200
+_MOST_FILMS = 200
+
+
+class PageSink(Sink):
+    """The page of a run at ``address``.
+
+    Raises InputError if nobody can listen there.
+    """
+
+    period = 1.0
+
+    def __init__(
+        self,
+        address: str,
+        transport: Transport,
+        keys: RunKeys,
+        config: RunConfig,
+        folder: RunFolder,
+        epochs: EpochTable,
+    ) -> None:
+        self._config = config
+        self._folder = folder.path
+        self._epochs = epochs
+        self._lock = threading.Lock()
+        self._curves = curves_of(ENVIRONMENTS.find(config.env).robot)
+        self._history = History(metric.key for metric in self._curves)
+        self._rows: list[dict[str, Any]] = []
+        self._events: deque[dict[str, Any]] = deque(maxlen=_MOST_EVENTS)
+        self._snapshot: Snapshot | None = None
+        self._feed = LiveFeed(transport, keys)
+        self._server = PageServer(*check_address(address), self.state, self.view, self.film)
+        self.url = self._server.url
+
+    def start(self, resumed_at: int | None) -> None:
+        """Take the epochs of a resumed run, and begin to serve."""
+        for row in self._epochs.rows():
+            self.phase(row, row.total_train_steps + self._config.replay.learning_starts)
+        self._server.start()
+
+    def write(self, snapshot: Snapshot) -> None:
+        """See `Sink.write`."""
+        with self._lock:
+            self._snapshot = snapshot
+            self._history.add(snapshot.values)
+
+    def phase(self, row: EpochRow, agent_steps: int) -> None:
+        """See `Sink.phase`."""
+        with self._lock:
+            self._rows.append(
+                {
+                    "epoch": row.epoch,
+                    "phase": row.phase,
+                    "agent_steps": agent_steps,
+                    "games": row.nr_games,
+                    **{
+                        name: None if value is None else finite(value)
+                        for name, value in (
+                            ("score", row.average_reward),
+                            ("least", row.min_game_reward),
+                            ("most", row.max_game_reward),
+                        )
+                    },
+                }
+            )
+
+    def event(self, text: str) -> None:
+        """See `Sink.event`."""
+        with self._lock:
+            self._events.append({"time": time.time(), "text": text})
+
+    line = event
+
+    def close(self) -> None:
+        """See `Sink.close`."""
+        self._server.close()
+        self._feed.close()
+
+    def state(self, thinned: int, count: int) -> dict[str, Any]:
+        """Returns all that the page shows but pictures, see `server.State`."""
+        with self._lock:
+            told = {
+                "curves": self._history.since(thinned, count),
+                "epochs": list(self._rows),
+                "events": list(self._events),
+            }
+            snapshot = self._snapshot
+        if snapshot is None:
+            return {}
+        told["films"] = [path.name for path in self._films()]
+        if count <= 0:
+            told["about"] = {metric.key: about(metric) for metric in self._curves}
+        return told | figures(snapshot)
+
+    def view(self, role: str, name: str, stream: int, viewpoint: str) -> LiveView | None:
+        """Returns what an actor of the run shows, see `server.View`."""
+        snapshot = self._snapshot
+        known = (
+            {(each.stats.role, each.stats.name) for each in snapshot.present} if snapshot else ()
+        )
+        if (role, name) not in known or viewpoint not in get_args(Viewpoint) or stream > 255:
+            raise ValueError
+        return self._feed.look(Asked(role, name, ViewRequest(stream, viewpoint)))  # type: ignore[arg-type]
+
+    def film(self, name: str) -> Path | None:
+        """Returns the film of that name, see `server.Film`."""
+        return next((path for path in self._films() if path.name == name), None)
+
+    def _films(self) -> list[Path]:
+        """The newest films in the run's folder, and in a ``films`` folder there; no links."""
+        places = (self._folder, self._folder / "films")
+        found = [path for place in places if place.is_dir() for path in place.glob("*.mp4")]
+        films = [path for path in found if path.is_file() and not path.is_symlink()]
+        return sorted(films, key=lambda path: path.stat().st_mtime)[-_MOST_FILMS:]

@@ -1,0 +1,258 @@
+"""The page's server, asked by HTTP: what it tells, to whom, and what it refuses."""
+
+import http.client
+import json
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common.errors import InputError
+from common.process.threads import end_with_any_thread
+from common.protocol.actor_stats import ActorStats
+from common.protocol.live_view import LiveView, ViewRequest
+from common.protocol.run_keys import RunKeys
+from common.run.folder import RunFolder
+from common.run.presets import PRESETS
+from common.transport.interface import Request, Transport
+from learner.telemetry.sinks.epochs_csv import EpochTable
+from learner.telemetry.snapshot import ActorView, HealthCheck
+from learner.telemetry.web.address import check_address, may_be_asked_as
+from learner.telemetry.web.page_sink import PageSink
+from tests.common.protocol.test_live_view import VIEW
+from tests.epoch_rows import epoch_row
+from tests.learner.telemetry.snapshots import snapshot
+from tests.patience import PATIENCE, wait_until
+
+KEYS = RunKeys("r")
+ACTOR = ActorStats("a", "actor", 1, steps=64, weights_version=3, machine="host-7", seconds=3_700.0)
+"""Two updates behind the newest weights of `SNAPSHOT`."""
+SNAPSHOT = snapshot(
+    {"learning/loss": 0.5, "stream/weights_version": 5, "play/train_reward": float("nan")},
+    actors=(ActorView(stats=ACTOR, alive=True),),
+    checks=(HealthCheck(name="n", value=0.4, passed=False, bound="≥ 0.5", why="<b>bad</b>"),),
+)
+
+
+class Place:
+    """A page, an actor that it may show, and somebody with a browser."""
+
+    def __init__(self, hub: Transport, client: Transport, folder: Path) -> None:
+        run = RunFolder(folder, "r")
+        run.path.mkdir()
+        self.folder = run.path
+        self.epochs = EpochTable(run.epochs)
+        self._actor = client
+        self.asked: list[ViewRequest] = []
+        self.page = PageSink("127.0.0.1:0", hub, KEYS, PRESETS["robot"], run, self.epochs)
+        self.port = int(self.page.url.rsplit(":", 1)[1].strip("/"))
+
+    def serve(self, answer: Callable[[], bytes]) -> None:
+        def take(request: Request) -> bytes:
+            self.asked.append(ViewRequest.decode(request.payload))
+            return answer()
+
+        self._actor.serve(KEYS.view("actor", "a"), take)
+
+    def ask(
+        self, path: str, method: str = "GET", **headers: str
+    ) -> tuple[int, http.client.HTTPMessage, bytes]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE)
+        connection.request(method, path, headers=headers)
+        answer = connection.getresponse()
+        told = answer.status, answer.headers, answer.read()
+        connection.close()
+        return told
+
+    def json(self, path: str) -> Any:
+        status, _, body = self.ask(path)
+        assert status == 200, body
+        return json.loads(body)
+
+
+@pytest.fixture
+def place(hub: Transport, client: Transport, tmp_path: Path) -> Iterator[Place]:
+    place = Place(hub, client, tmp_path)
+    yield place
+    place.page.close()
+
+
+def test_it_tells_the_figures_by_their_declarations(place: Place) -> None:
+    place.page.start(None)
+    assert place.json("/state") == {}  # before the first snapshot
+    place.page.write(SNAPSHOT)
+    place.page.event("a joined")
+    state = place.json("/state?thinned=-1&count=0")
+    assert state["run"]["name"] == "pong-1"
+    learning = {each["label"]: each for each in state["panels"]["Learning"]}
+    assert learning["loss"]["text"] == "0.5000"
+    assert learning["loss"]["meaning"] == "Mean loss of the recent updates"
+    assert state["curves"]["values"]["learning/loss"] == [0.5]
+    assert state["curves"]["values"]["play/train_reward"] == [None]
+    assert state["about"]["learning/loss"]["label"] == "loss"
+    assert (state["checks"][0]["passed"], state["checks"][0]["bound"]) == (False, "≥ 0.5")
+    (actor,) = state["actors"]
+    assert (actor["name"], actor["machine"], actor["age"]) == ("a", "host-7", "1:01:40")
+    assert (actor["steps"], actor["weights"]) == ("64", "2")
+    assert [event["text"] for event in state["events"]] == ["a joined"]
+    place.page.write(SNAPSHOT)
+    news = place.json("/state?thinned=0&count=1")
+    assert (news["curves"]["start"], len(news["curves"]["steps"])) == (1, 1)
+    assert "about" not in news
+
+
+def test_the_epochs_of_a_resumed_run_are_there(place: Place) -> None:
+    place.epochs.append(epoch_row([-20.0, -21.0], epoch=1, phase="test"))
+    place.page.start(17)
+    place.page.phase(epoch_row([3.0], epoch=2, phase="test"), 5_000)
+    place.page.write(SNAPSHOT)
+    told = place.json("/state")["epochs"]
+    assert [(each["epoch"], each["score"]) for each in told] == [(1, -20.5), (2, 3.0)]
+
+
+def test_it_shows_what_an_actor_shows(place: Place) -> None:
+    place.page.start(None)
+    place.page.write(SNAPSHOT)
+    place.serve(lambda: VIEW.encode())
+    told = place.json("/view/actor/a?stream=1&viewpoint=hands")
+    assert place.asked == [ViewRequest(1, "hands")]
+    assert told["picture"].startswith("data:image/jpeg;base64,/9j/")
+    assert (told["room"], told["pressed"], told["values"]) == ("", 3, [0.5, -1.25])
+    assert told["keys"] == [0, 4 + 2 + 16]  # nothing; down, left and fire
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *("/view/actor/b", "/view/learner/a", "/view/actor/a?viewpoint=*", "/view/actor/**"),
+        *("/view/actor/a?stream=256", "/view/actor/a/b", "/page/page.js", "/../server.py"),
+        *("/films/x.mp4", "/films/..%2Fconfig.json", "/films/link.mp4", "/server.py", "/docs"),
+    ],
+)
+def test_nothing_else_is_to_be_had(place: Place, path: str) -> None:
+    (place.folder / "config.json").write_text("{}")
+    (place.folder / "link.mp4").symlink_to(place.folder / "config.json")
+    place.page.start(None)
+    place.page.write(SNAPSHOT)
+    assert place.ask(path)[0] == 404
+    assert place.asked == []
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        b"",
+        b"\xc1",
+        bytes(2_000_000),
+        replace(VIEW, picture=b"<script>alert(1)</script>").encode(),
+        replace(VIEW, room=VIEW.picture * 9).encode(),
+        replace(VIEW, score="<img src=x>").encode(),  # type: ignore[arg-type]
+    ],
+)
+def test_a_forged_picture_is_not_passed_on(place: Place, forged: bytes) -> None:
+    place.page.start(None)
+    place.page.write(SNAPSHOT)
+    place.serve(lambda: forged)
+    assert place.json("/view/actor/a") is None
+    assert place.json("/state")["run"]["name"] == "pong-1"
+
+
+def test_many_who_watch_cost_an_actor_no_more_than_one(place: Place) -> None:
+    place.page.start(None)
+    place.page.write(SNAPSHOT)
+    let_go, waiting = threading.Event(), threading.Barrier(5)
+
+    def answer() -> bytes:
+        let_go.wait(PATIENCE)
+        return VIEW.encode()
+
+    place.serve(answer)
+    found: list[LiveView | None] = []
+
+    def look() -> None:
+        waiting.wait(PATIENCE)
+        found.append(place.page.view("actor", "a", 0, "none"))
+
+    threads = [threading.Thread(target=look) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    waiting.wait(PATIENCE)
+    wait_until(lambda: bool(place.asked), "the actor is asked")
+    let_go.set()
+    for thread in threads:
+        thread.join(PATIENCE)
+    assert found == [VIEW] * 4
+    assert len(place.asked) == 1
+
+
+def test_films_of_the_run_are_served(place: Place) -> None:
+    (place.folder / "films").mkdir()
+    (place.folder / "films" / "epoch 1.mp4").write_bytes(b"film")
+    place.page.start(None)
+    place.page.write(SNAPSHOT)
+    assert place.json("/state")["films"] == ["epoch 1.mp4"]
+    status, headers, body = place.ask("/films/epoch%201.mp4")
+    assert (status, headers["content-type"], body) == (200, "video/mp4", b"film")
+    assert place.ask("/films/epoch%201.mp4", Range="bytes=1-2")[2] == b"il"
+
+
+def test_a_browser_is_told_what_it_may_do(place: Place) -> None:
+    place.page.start(None)
+    for path, kind in (("/", "text/html"), ("/page.css", "text/css"), ("/page.js", "javascript")):
+        status, headers, body = place.ask(path)
+        assert (status, kind in headers["content-type"]) == (200, True)
+        assert b"http" not in body.replace(b"http://www.w3.org/2000/svg", b"")  # all is from here
+        assert "default-src 'none'" in headers["content-security-policy"]
+        assert "unsafe" not in headers["content-security-policy"]
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["access-control-allow-origin"] is None
+    for method in ("POST", "PUT", "DELETE", "PATCH"):
+        assert place.ask("/state", method)[0] == 405
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        *(("evil.example", 421), ("evil.example:80", 421), ("localhost.evil.example", 421)),
+        *(("", 421), ("127.0.0.1.evil.example", 421)),
+        *(("localhost:18080", 200), ("127.0.0.1", 200), ("[::1]:80", 200), ("192.0.2.7:80", 200)),
+    ],
+)
+def test_only_who_means_it_is_answered(place: Place, host: str, status: int) -> None:
+    place.page.start(None)
+    assert place.ask("/state", Host=host)[0] == status
+
+
+def test_the_name_that_it_listens_at_is_its_own() -> None:
+    assert may_be_asked_as("learner.example:8080", "learner.example")
+    assert may_be_asked_as(socket.gethostname(), "0.0.0.0")
+    assert not may_be_asked_as("learner.example:8080", "0.0.0.0")
+
+
+def test_an_address_that_cannot_be_used_is_told(place: Place) -> None:
+    assert check_address("[::1]:0") == ("::1", 0)
+    assert check_address("0.0.0.0:8080") == ("0.0.0.0", 8080)
+    for wrong in ("8080", "127.0.0.1", "127.0.0.1:65536", "http://127.0.0.1:80", ":80"):
+        with pytest.raises(InputError, match="write it as --web"):
+            check_address(wrong)
+    run = RunFolder(place.folder, "r")
+    with pytest.raises(InputError, match=r"Address already in use.*choose another"):
+        PageSink(f"127.0.0.1:{place.port}", place._actor, KEYS, PRESETS["robot"], run, place.epochs)
+
+
+def test_a_server_that_dies_ends_its_process(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    stop = threading.Event()
+    monkeypatch.setattr(threading, "excepthook", lambda _: None)
+    monkeypatch.setattr(place.page._server._server, "run", lambda sockets: None)
+
+    def serve() -> None:
+        with end_with_any_thread(stop):
+            place.page.start(None)
+            assert stop.wait(PATIENCE)
+
+    with pytest.raises(InputError, match="the thread 'web' died"):
+        serve()
