@@ -10,7 +10,7 @@ ACTORS ?= 1
 ARGS ?=
 RESULTS := benchmarks/results
 
-.PHONY: help setup train test test-slow test-lowest check bench figures docs wheel lock clean
+.PHONY: browser help setup train test test-slow test-lowest check bench figures docs wheel lock clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ —/'
@@ -31,6 +31,9 @@ train: setup  ## train the robot on this machine until Ctrl-C; go on by running 
 
 test: setup check  ## static checks and the whole test suite
 	$(BIN)/python -m pytest -m "not slow" -n $(TESTS_AT_ONCE) --dist worksteal
+
+browser:  ## install Chromium by apt, in which a test opens the page of a run; without it that test is skipped
+	apt-get install --yes --no-install-recommends chromium
 
 test-slow: setup  ## the tests that take minutes each
 	$(BIN)/python -m pytest -m slow
