@@ -34,6 +34,7 @@ from common.pinned_file import path_of
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import parse
 from common.process.lifeline import leave_with_parent, on_signals
+from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import check_name
 from common.run.clock import ClockConfig
@@ -165,6 +166,7 @@ def main() -> int:
             # An evaluation explores as in 2017: random actions are drawn anew at every step.
             exploration=None if options.evaluator else config.exploration,
         )
+        tell("READY=1", f"STATUS=plays for run {keys.run} at {options.connect}")
         member.warn(
             f"plays {config.game} ({config.env}{options.clock}) for run {keys.run} at "
             f"{options.connect}."

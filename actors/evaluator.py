@@ -11,7 +11,7 @@ from actors.member import Member
 from actors.policy import Policy
 from actors.stream.heartbeat import Heartbeat
 from actors.stream.live_views import LiveViews
-from common.errors import InputError, MessageError
+from common.errors import MessageError, Unreachable
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
@@ -59,7 +59,7 @@ class Evaluator:
                 if job is not None:
                     heard = time.monotonic()
                 elif time.monotonic() - heard > patience:
-                    raise InputError(
+                    raise Unreachable(
                         f"the learner went away and did not come back in {patience:.0f} s: "
                         "start it again with --resume, then start this evaluator."
                     )

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from common.errors import InputError
+from common.errors import Unreachable
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.transport.interface import Transport
@@ -35,7 +35,7 @@ class Member:
             InputError: ``run_id``, which somebody told, is another one's.
         """
         if run_id != self.keys.run_id:
-            raise InputError(
+            raise Unreachable(
                 f"the hub serves another run as {self.keys.run} now than {self.name} joined, and "
                 "refuses what is not of it: start this process again to join that run."
             )

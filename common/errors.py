@@ -5,11 +5,26 @@ import signal
 import sys
 from collections.abc import Callable
 
+from common.process.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, UNREACHABLE
 from common.process.output import has_reader, silence
 
 
 class InputError(Exception):
     """An invalid request of the user; its text is the whole message."""
+
+    exit_code = BAD_INPUT
+
+
+class Unreachable(InputError):
+    """Nobody answers at an address, or the run there has gone: another try may succeed."""
+
+    exit_code = UNREACHABLE
+
+
+class ThreadDied(InputError):
+    """A thread of this process died, so the process cannot work on; a new one can."""
+
+    exit_code = FAILED
 
 
 class MessageError(ValueError):
@@ -23,7 +38,8 @@ class DamagedMessage(Exception):
 def exit_on_input_error(main: Callable[[], int | None]) -> None:
     """Run ``main`` and exit with its status.
 
-    An `InputError`, and whatever the system refuses, becomes one line on stderr and exit code 2.
+    An `InputError`, and whatever the system refuses, becomes one line on stderr, and an exit code
+    of `EXIT_CODES`.
     A program whose output nobody reads any more, as before ``| head``, ends in silence.
     """
     status: int | str | None
@@ -35,7 +51,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
         sys.stdout.flush()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
-        status = 2
+        status = error.exit_code
     except OSError as error:
         if isinstance(error, BrokenPipeError) and not has_reader(sys.stdout):
             silence(sys.stdout)
@@ -48,7 +64,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
             "--resume continues a run from its last checkpoint.",
             file=sys.stderr,
         )
-        status = 2
+        status = BAD_INPUT
     except KeyboardInterrupt:
-        status = 130
+        status = INTERRUPTED
     sys.exit(status)

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 
 import torch
 
@@ -16,8 +17,10 @@ from common.errors import InputError, exit_on_input_error
 from common.network import QNetwork, build_network
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import parse_run
+from common.process.exit_codes import INTERRUPTED, RED
 from common.process.http_endpoints import extra_for, http_endpoints
 from common.process.lifeline import on_signals
+from common.process.restarts import with_restarts
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights, load_weights_file
 from common.run.folder import RunFolder, write_atomically
@@ -31,11 +34,11 @@ from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
 from learner.device import choose_device
 from learner.evaluation.offline import evaluate
-from learner.health_guard import EXIT_CODE
 from learner.local_launcher import launch
 from learner.options import (
     LearnerOptions,
     free_cores,
+    going_on,
     join_command,
     resume_command,
     run_name,
@@ -123,14 +126,21 @@ def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
     return network
 
 
-def main() -> int:
+def main() -> int | None:
     options, stored = parse_run(LearnerOptions, "learner", sys.argv[1:], stored_config)
     options.check()
     if options.evaluation.evaluate is not None:
         stop = threading.Event()
         on_signals(stop)
         found = evaluate(options.evaluation, options.config, stored, options.clock, stop)
-        return 130 if found is None else 0
+        return INTERRUPTED if found is None else 0
+    return with_restarts("the learner", partial(train, options), options.restart)
+
+
+def train(options: LearnerOptions, again: bool) -> int:
+    """Train in this process; ``again`` after one that was killed."""
+    if again:
+        options = going_on(options)
     config = options.config
     folder = RunFolder(options.runs, run_name(options))
     network = first_network(options, folder)
@@ -173,15 +183,15 @@ def main() -> int:
             f"{f' ({command})' if (command := join_command(options)) else ''}."
         )
         learner.run(children)
-    again = resume_command(sys.argv[1:], folder.name, done=learner.done)
+    go_on = resume_command(sys.argv[1:], folder.name, done=learner.done)
     if learner.failed is not None:
         print(
             f"stopped: {learner.failed}. Everything is in {folder.path}; mend what is wrong, or "
-            f"train on regardless with: {again} --force",
+            f"train on regardless with: {go_on} --force",
             file=sys.stderr,
         )
-        return EXIT_CODE
-    print(f"Everything is in {folder.path}; go on with: {again}")
+        return RED
+    print(f"Everything is in {folder.path}; go on with: {go_on}")
     return 0
 
 

@@ -26,6 +26,7 @@ from learner.telemetry.provenance import provenance
 from learner.telemetry.sinks.display import Display
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.sinks.gates_csv import GatesCsvSink
+from learner.telemetry.sinks.service_manager import ServiceManagerSink
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.summary import SummarySink
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
@@ -82,6 +83,7 @@ def build_learner(
         TensorBoardSink(folder.tensorboard),
         GatesCsvSink(folder.gates),
         SummarySink(folder.summary, config, provenance()),
+        ServiceManagerSink(),
         *more_sinks,
     ]
     if options.web is not None:

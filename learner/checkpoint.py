@@ -18,6 +18,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from common.errors import InputError
+from common.process.service_manager import alive
 from common.run.folder import write_atomically
 from learner.algorithm.interface import Algorithm
 
@@ -113,6 +114,7 @@ class Checkpoint:
         while self._free() < needed:
             if stop.wait(_POLL):
                 return
+            alive()
         say("There is room on the disk again: training continues.")
 
     def _free(self) -> int:

@@ -16,8 +16,6 @@ from learner.telemetry.snapshot import HealthCheck
 
 RED_MINUTES = 5.0
 STALL_MINUTES = 10.0
-EXIT_CODE = 3
-"""Exit code of a learner whose run was ended."""
 _LONGEST_LOOK = 2.0
 """Seconds between two looks that count at most. The learner looks four times a second: if more has
 passed, the machine was suspended, or training waited for room on the disk."""

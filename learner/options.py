@@ -3,7 +3,7 @@
 import os
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -76,6 +76,9 @@ class LearnerOptions:
     """Seconds to wait for the replay of --connect."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
+    restart: Count = 0
+    """Restarts in a row after a crash: a parent process starts this one again, with --resume and
+    growing pauses, unless the exit code says that this is in vain."""
     http: str | None = None
     """Address such as 127.0.0.1:9108 of /healthz, /readyz and /metrics; see docs/operations.md."""
     web: str | None = None
@@ -126,6 +129,12 @@ class LearnerOptions:
                     f"--learning.{name.replace('_', '-')} means nothing to the algorithm "
                     f"{learning.algorithm}: omit it, or choose another --learning.algorithm."
                 )
+
+
+def going_on(options: LearnerOptions) -> LearnerOptions:
+    """Returns the options that continue the run, if it has begun."""
+    begun = RunFolder(options.runs, run_name(options)).stored_config() is not None
+    return replace(options, resume=True, initial=None) if begun else options
 
 
 def run_name(options: LearnerOptions) -> str:

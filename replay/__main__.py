@@ -12,16 +12,20 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import tyro
 
+from common.checked import Count
 from common.errors import exit_on_input_error
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunFlags, parse_run
 from common.process.http_endpoints import Page, extra_for, http_endpoints, verdict
 from common.process.lifeline import on_signals
 from common.process.output import silence
+from common.process.restarts import with_restarts
+from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
 from common.run.folder import RunFolder
 from common.transport.endpoint import DEFAULT_ENDPOINT
@@ -46,13 +50,16 @@ class ReplayOptions:
     """Address where learner and actors find this process."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
+    restart: Count = 0
+    """Restarts in a row after a crash: a parent process starts this one again, with --resume and
+    growing pauses, unless the exit code says that this is in vain."""
     http: str | None = None
     """Address such as 127.0.0.1:9108 of /healthz, /readyz and /metrics; see docs/operations.md."""
     resume: bool = False
     """Resume the run of that name, under its own settings."""
 
 
-def main() -> None:
+def main() -> int | None:
     """Serve until Ctrl-C or SIGTERM."""
     options, _ = parse_run(
         ReplayOptions,
@@ -62,10 +69,16 @@ def main() -> None:
             RunFolder(options.runs, options.run).stored_config() if options.resume else None
         ),
     )
+    return with_restarts("the replay", partial(serve, options), options.restart)
+
+
+def serve(options: ReplayOptions, again: bool) -> None:
+    """Serve in this process; ``again`` after one that was killed."""
     keep_large_blocks()
     config = options.config
     folder = RunFolder(options.runs, options.run)
-    folder.claim("replay", config, begun=folder.replay, resume=options.resume)
+    resume = options.resume or (again and folder.stored_config() is not None)
+    folder.claim("replay", config, begun=folder.replay, resume=resume)
     stop = threading.Event()
     on_signals(stop)
     with (
@@ -81,8 +94,12 @@ def main() -> None:
             ):
                 _say(f"replay of run {folder.name} in {folder.replay}, at {options.listen}.")
                 _say(_line(memory.progress(sys.maxsize)))
+                tell("READY=1")
                 while not stop.wait(_REPORT_EVERY):
-                    _say(_line(memory.progress(sys.maxsize)))
+                    line = _line(memory.progress(sys.maxsize))
+                    _say(line)
+                    tell(f"STATUS={line}", "WATCHDOG=1")
+                tell("STOPPING=1")
             _say(_line(memory.progress(sys.maxsize)))
         finally:
             memory.close()

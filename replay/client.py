@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from common.checked import MAX_COUNT
 from common.errors import InputError, MessageError
+from common.process.service_manager import alive
 from common.protocol.message import Message
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
@@ -164,6 +165,7 @@ class RemoteReplay:
             if not away:
                 _log.warning("the replay does not answer: training waits for it")
             away = True
+            alive()
             if self._closed.wait(_PAUSE):
                 raise InputError("the replay did not answer before this process stopped.")
         if away:

@@ -7,7 +7,7 @@ away, or too slow) is sent again; the server drops what it has already.
 import time
 
 from actors.member import Member
-from common.errors import InputError, MessageError
+from common.errors import MessageError, Unreachable
 from common.protocol.ack import Ack
 from common.transport.interface import Envelope, Unanswered
 from common.transport.requests import Window
@@ -89,7 +89,7 @@ class InsertClient:
         elif self._missed_since is None:
             self._missed_since = now
         elif now - self._missed_since > self._member.patience:
-            raise InputError(
+            raise Unreachable(
                 f"the hub went away and did not come back in "
                 f"{self._member.patience:.0f} s: "
                 "start it again with --resume, then start this actor."

@@ -23,6 +23,7 @@ from tyro import _strings
 
 from common.checked import Invalid, build
 from common.errors import InputError
+from common.process.exit_codes import table
 from common.registry import ENVIRONMENTS
 from common.regular_file import read_file
 from common.run.config import RunConfig, all_ranges
@@ -133,7 +134,10 @@ def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any
     command = started_by(program)
     with contextlib.redirect_stderr(io.StringIO()) as told:
         try:
-            parsed: T = tyro.cli(kind, prog=command, args=list(arguments), **given)
+            about = f"{_joined_lines(kind.__doc__ or '')}\n\nExit codes:\n\n{table()}"
+            parsed: T = tyro.cli(
+                kind, prog=command, description=about, args=list(arguments), **given
+            )
         except SystemExit as left:
             if not left.code:
                 raise

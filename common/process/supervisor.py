@@ -15,6 +15,7 @@ from typing import Any
 
 from common.errors import InputError
 from common.process.lifeline import GRACE
+from common.process.service_manager import without
 
 ROOT = Path(__file__).resolve().parents[2]
 _EARLY = 15.0
@@ -194,5 +195,6 @@ class Supervisor:
 def _environment() -> dict[str, str]:
     """This process' environment, with this checkout first on the module path, before a working
     directory that may have folders called as its packages."""
-    paths = filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"}
+    found = without(dict(os.environ))
+    paths = filter(None, (str(ROOT), found.get("PYTHONPATH")))
+    return {**found, "PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"}

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import ParamSpec
 
-from common.errors import InputError
+from common.errors import ThreadDied
 
 P = ParamSpec("P")
 
@@ -18,7 +18,7 @@ def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
     started it, so that none can be forgotten; one that may end early catches what it expects.
 
     Raises:
-        InputError: the first thread that died and why, once the block is left.
+        ThreadDied: the first thread that died and why, once the block is left.
     """
     reasons: list[str] = []
     before = threading.excepthook
@@ -38,7 +38,7 @@ def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
     finally:
         threading.excepthook = before
     if reasons:
-        raise InputError(reasons[0])
+        raise ThreadDied(reasons[0])
 
 
 def guarded(name: str, callback: Callable[P, None]) -> Callable[P, None]:

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from common.errors import InputError, MessageError
+from common.errors import InputError, MessageError, Unreachable
 from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys, check_name
 from common.run.config import RunConfig
@@ -69,7 +69,7 @@ def find_run(
         if stopped():
             raise KeyboardInterrupt
         if time.monotonic() - began >= patience:
-            raise InputError(
+            raise Unreachable(
                 f"the hub serves no run{f' called {name!r}' if name else ''}: "
                 "start a learner there."
             )

@@ -19,7 +19,7 @@ from typing import Any, Self, TypeVar
 import zenoh
 from zenoh.handlers import Callback, FifoChannel
 
-from common.errors import InputError, MessageError
+from common.errors import InputError, MessageError, Unreachable
 from common.process.threads import guarded
 from common.transport.access_control import access_control, size_limits
 from common.transport.credentials import Role, check_certificates
@@ -347,7 +347,7 @@ def connect(
                 raise KeyboardInterrupt from None
             waited = time.monotonic() - began
             if waited >= patience:
-                raise InputError(
+                raise Unreachable(
                     f"no hub answered at {endpoint} in {waited:.0f} s: start a learner "
                     "there, or name its address with --connect."
                     + ("" if credentials is None else _NOT_TRUSTED)

@@ -5,6 +5,7 @@ import re
 
 import pytest
 
+from common.process.exit_codes import EXIT_CODES
 from learner.options import LearnerOptions
 from replay.__main__ import ReplayOptions
 from tests.paths import ROOT
@@ -19,3 +20,10 @@ def test_every_flag_of_operation_is_told(options: type[LearnerOptions | ReplayOp
     told = set(re.findall(r"`(--[a-z-]+)[ `]", page))
     flags = {f"--{each.name.replace('_', '-')}" for each in dataclasses.fields(options)}
     assert flags - told == {f"--{group}" for group in GROUPS} & flags
+
+
+def test_the_exit_codes_are_told() -> None:
+    page = (ROOT / "docs" / "operations.md").read_text()
+    told = re.findall(r"(?m)^\| (\d+) \| (.+) \| (yes|no) \|$", page)
+    declared = [(str(n), meaning, "yes" if again else "no") for n, meaning, again in EXIT_CODES]
+    assert told == declared

@@ -63,6 +63,12 @@ class Program:
         assert self.process.exitcode == status, self.output
         return self.output
 
+    @property
+    def child(self) -> int:
+        """The one process that it has started."""
+        pid = self.process.pid
+        return int(Path(f"/proc/{pid}/task/{pid}/children").read_text())
+
     def send(self, number: signal.Signals) -> None:
         assert self.process.pid is not None
         os.kill(self.process.pid, number)

@@ -1,4 +1,4 @@
-"""What cannot be done is said in one sentence, with exit code 2."""
+"""What cannot be done is said in one sentence, with exit code 2, or 4 where nobody answers."""
 
 import re
 import socket
@@ -33,7 +33,6 @@ def _sentence(output: str) -> str:
         (["--env", "ale", "--listen", "nowhere"], "address"),
         (["--env", "ale", "--device", "cuda"], "CUDA"),
         (["--env", "ale", "--replay.capacity", "2000000000"], "space"),
-        (["--connect", "tcp/127.0.0.1:9", "--patience", "0.5"], "no hub answered"),
     ],
 )
 def test_the_learner_refuses(stage: Stage, arguments: list[str], words: str) -> None:
@@ -42,6 +41,11 @@ def test_the_learner_refuses(stage: Stage, arguments: list[str], words: str) -> 
     if words == "CUDA" and torch.cuda.is_available():
         pytest.skip("there is a CUDA device here")
     assert words in _sentence(stage.learner(*arguments).ends(2))
+
+
+def test_a_learner_without_a_replay(stage: Stage) -> None:
+    learner = stage.learner("--connect", "tcp/127.0.0.1:9", "--patience", "0.5")
+    assert "no hub answered" in _sentence(learner.ends(4))
 
 
 def test_a_port_that_is_taken(stage: Stage) -> None:
@@ -54,7 +58,7 @@ def test_a_port_that_is_taken(stage: Stage) -> None:
 
 def test_an_actor_without_a_hub(stage: Stage) -> None:
     began = time.monotonic()
-    sentence = _sentence(stage.actor("a", "--patience", "0.5").ends(2))
+    sentence = _sentence(stage.actor("a", "--patience", "0.5").ends(4))
     lasted = time.monotonic() - began
     assert "no hub answered" in sentence
     # One try takes a second; it has no more to tell than what the process' whole life took.

@@ -1,5 +1,6 @@
 """Processes die by kill -9; nothing that was acknowledged is lost."""
 
+import os
 import re
 import shutil
 import signal
@@ -73,7 +74,7 @@ def _replay(stage: Stage, *arguments: str) -> None:
 
 def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stage: Stage) -> None:
     pages = [free_endpoint().removeprefix("tcp/") for _ in range(2)]
-    _replay(stage, "--env", "ale", "--http", pages[0], *SMALL)
+    _replay(stage, "--env", "ale", "--restart=2", "--http", pages[0], *SMALL)
     replay = stage.programs[-1]
     learner = stage.start(
         "-m", "learner", "--connect", stage.endpoint, "--run", "r", "--runs", "learner-runs",
@@ -88,9 +89,10 @@ def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stag
     for page, figure in ((pages[0], acked), (pages[1], acked), (pages[1], played)):
         wait_until(lambda page=page, figure=figure: _figure(page, figure) >= 1, f"{figure} is told")
 
-    replay.send(signal.SIGKILL)
-    replay.process.join()
-    _replay(stage, "--resume")
+    os.kill(replay.child, signal.SIGKILL)
+    replay.says("the replay ended by signal 9")
+    replay.says("restart 1 of 2 in 1 s")
+    replay.says("replay of run r", 2)
 
     after = _progress(stage)
     assert after.accepted >= before.accepted
@@ -105,7 +107,7 @@ def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stag
 
 
 def test_a_learner_that_is_killed_goes_on_where_it_was(stage: Stage) -> None:
-    learner = stage.learner("--env", "ale", *SMALL)
+    learner = stage.learner("--env", "ale", "--restart=2", "--steps=3500", *SMALL)
     actor = stage.actor("a")
     wait_until(
         lambda: (
@@ -117,14 +119,15 @@ def test_a_learner_that_is_killed_goes_on_where_it_was(stage: Stage) -> None:
     )
     before = _progress(stage)
 
-    learner.send(signal.SIGKILL)
-    learner.process.join()
-    again = stage.learner("--resume", "--steps", str(before.agent_steps + 500))
+    os.kill(learner.child, signal.SIGKILL)
+    learner.says("the learner ended by signal 9")
+    learner.says("restart 1 of 2 in 1 s")
 
-    again.ends()
+    learner.ends()
     actor.ends()
     summary = stage.summary()
-    assert summary["agent_steps"] >= before.agent_steps + 500
+    assert summary["agent_steps"] >= 3500 > before.agent_steps
+    assert summary["chunks"]["acked"] >= before.accepted
     assert summary["chunks"]["made"] == summary["chunks"]["acked"]
     # The same actor process lived through it: its own count is the replay's.
     (seen,) = summary["actors"]

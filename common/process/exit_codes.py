@@ -1,0 +1,35 @@
+"""What the exit code of a program says: to a person, and to whoever starts it again."""
+
+from typing import NamedTuple
+
+
+class ExitCode(NamedTuple):
+    """One exit code."""
+
+    number: int
+    meaning: str
+    again: bool
+    """Whether the same command may succeed when it is started again (``--restart``, systemd)."""
+
+
+DONE = 0
+FAILED = 1
+BAD_INPUT = 2
+RED = 3
+UNREACHABLE = 4
+INTERRUPTED = 130
+
+EXIT_CODES = (
+    ExitCode(DONE, "done, or ended by Ctrl-C or SIGTERM with everything saved", False),
+    ExitCode(FAILED, "failed inside, and said how; of check and status: a check is red", True),
+    ExitCode(BAD_INPUT, "cannot work as asked: flags, settings, files, a full disk", False),
+    ExitCode(RED, "the run ended itself: a health check stayed red, or nothing moved", False),
+    ExitCode(UNREACHABLE, "nobody answers at the address, or the run there has gone", True),
+    ExitCode(INTERRUPTED, "interrupted before it began, or by a second Ctrl-C", False),
+)
+"""All of them; a process that is killed by signal N has 128 + N in a shell, and may go on."""
+
+
+def table() -> str:
+    """Returns the exit codes as lines of a help text."""
+    return "\n\n".join(f"{code.number:>5}  {code.meaning}" for code in EXIT_CODES)
