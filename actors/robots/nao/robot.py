@@ -20,8 +20,8 @@ class Nao(Room):
     mount = TOP_CAMERA
     viewpoints = {  # noqa: RUF012
         "room": VISITOR,
-        "hands": Viewpoint((0.46, -0.12, 0.46), (0.185, 0.0, 0.222), 30.0, shadow=False),
-        "front": Viewpoint((0.66, -0.32, 0.72), (0.075, 0.0, 0.272), 34.0, shadow=False),
+        "hands": Viewpoint((0.46, -0.12, 0.46), (0.185, 0.0, 0.222), 30.0),
+        "front": Viewpoint((0.66, -0.32, 0.72), (0.075, 0.0, 0.272), 34.0),
     }
     own_furniture = CHAIR
     arms: Arms

@@ -32,8 +32,8 @@ class Robotroller(Room):
     mount = Mount(np.array(_HEAD), about((0.0, 1.0, 0.0), _TILT), _LENS, pitch=0.0)
     viewpoints = {  # noqa: RUF012
         "room": VISITOR,
-        "hands": Viewpoint((0.43, -0.20, 0.44), (0.205, 0.005, 0.245), 30.0, shadow=False),
-        "front": Viewpoint((0.62, -0.36, 0.56), (0.13, 0.0, 0.30), 42.0, shadow=False),
+        "hands": Viewpoint((0.43, -0.20, 0.44), (0.205, 0.005, 0.245), 30.0),
+        "front": Viewpoint((0.62, -0.36, 0.56), (0.13, 0.0, 0.30), 42.0),
     }
     own_furniture = _TRIPOD
 

@@ -21,8 +21,6 @@ class Viewpoint:
     target: Vector
     angle: float
     """Vertical field of view, degrees."""
-    shadow: bool = True
-    """Whether to draw shadows, which are coarse on near objects."""
 
     def camera(self, engine: Any, width: int, height: int) -> Camera:
         """Returns a camera at this viewpoint; a wider picture shows more to the sides."""
@@ -79,7 +77,7 @@ class Views:
             self._cameras[key] = self._prepare(viewpoint.camera(self._engine, width, height))
         camera, projection = self._cameras[key]
         if moved or key not in self._renderings:
-            self._renderings[key] = camera.render(shadow=viewpoint.shadow)
+            self._renderings[key] = camera.render(shadow=False)
         rendering = self._renderings[key]
         return rendering.rgb if projection is None else projection.draw(rendering, game)
 
