@@ -31,10 +31,6 @@ class MessageError(ValueError):
     """A message from another process that is malformed, oversized or addressed to another one."""
 
 
-class DamagedMessage(Exception):
-    """A message whose checksum does not match; its sender should send it again."""
-
-
 def exit_on_input_error(main: Callable[[], int | None]) -> None:
     """Run ``main`` and exit with its status.
 

@@ -5,23 +5,21 @@ complete its last n-step returns. Each frame travels once, but for the context (
 ``frame_stack - 1`` frames), which the replay stores only where the chunk before is missing.
 """
 
-import zlib
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, NamedTuple, Self
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Lt
 from numpy.typing import NDArray
 
 from common.checked import MAX_SIZE, Count, Fraction, Name, Rows, Score
-from common.errors import DamagedMessage, MessageError
+from common.errors import MessageError
 from common.protocol.message import Array, Message
 from common.protocol.step_fields import FRAME_SHAPE, StepFields
 from common.run.conditions import MAX_FRAME_STACK
 from common.run.config import MAX_CHUNK_STEPS, MAX_VECTOR
 
 MAX_CONTEXT = MAX_FRAME_STACK - 1
-_CRC_BYTES = 4
 
 
 class Game(NamedTuple):
@@ -57,22 +55,6 @@ class Chunk(StepFields, Message):
     games: Rows[Game] = ()
     """Games that ended within the chunk."""
 
-    def encode(self) -> bytes:
-        """Returns the message and four bytes of its CRC-32, as TCP's own checksum misses much."""
-        return with_checksum(super().encode())
-
-    @classmethod
-    def decode(cls, payload: bytes) -> Self:
-        """See `Message.decode`.
-
-        Raises:
-            DamagedMessage: the checksum does not match.
-        """
-        body = payload[:-_CRC_BYTES]
-        if with_checksum(body) != payload:
-            raise DamagedMessage("the chunk was damaged on its way, or its sender is older")
-        return super().decode(body)
-
     def __len__(self) -> int:
         return len(self.actions)
 
@@ -86,8 +68,3 @@ class Chunk(StepFields, Message):
             raise MessageError("a step takes at least one agent step: elapsed is 0")
         if len(self.games) > len(self):
             raise MessageError(f"{len(self.games)} games where {len(self)} at most could end")
-
-
-def with_checksum(body: bytes) -> bytes:
-    """Returns ``body`` and its CRC-32."""
-    return body + zlib.crc32(body).to_bytes(_CRC_BYTES, "big")

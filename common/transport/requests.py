@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, InvalidStateError
 from functools import partial
 
-from common.errors import DamagedMessage, MessageError
+from common.errors import MessageError
 from common.process.threads import guarded
 from common.transport.interface import Answer, Envelope, Request, Requester, Unanswered
 
@@ -56,7 +56,7 @@ def answer_request(request: Request, answer: Answer) -> None:
             request.reply(found)
     except MessageError as error:
         request.refuse(str(error)[:LONGEST_REASON])
-    except (OSError, DamagedMessage) as error:
+    except OSError as error:
         _log.warning("a request at %s found no answer: %s", request.key, error)
         request.drop()
     except Exception:

@@ -22,6 +22,7 @@ from zenoh.handlers import Callback, FifoChannel
 from common.errors import InputError, MessageError, Unreachable
 from common.process.threads import guarded
 from common.transport.access_control import access_control, size_limits
+from common.transport.checksum import DamagedMessage, seal, unseal
 from common.transport.credentials import Role, check_certificates
 from common.transport.endpoint import check_endpoint, is_loopback
 from common.transport.interface import (
@@ -37,6 +38,9 @@ from common.transport.requests import LONGEST_ANSWER, PendingRequests, answer_re
 LEASE_MS = 3_000
 """Silence after which the other side counts as gone."""
 _log = logging.getLogger(__name__)
+_REFUSAL = "refusal"
+"""Stands for a key in the checksum of a refusal, which has none."""
+_SEAL = seal(_REFUSAL, b"")
 _QUEUE = 4_096
 """Requests that may wait at a key: far more than the actors' windows together, because a full queue
 blocks Zenoh's own receiving threads."""
@@ -81,8 +85,10 @@ class ZenohTransport:
 
     def gather(self, key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
         """See `Transport.gather`."""
-        replies = self.session.get(key, timeout=deadline, payload=payload or None)
-        return [_envelope(reply.ok) for reply in replies if reply.ok is not None]
+        sealed = seal(key, payload)
+        replies = self.session.get(key, timeout=deadline, payload=payload, attachment=sealed)
+        found = (_envelope(reply.ok) for reply in replies if reply.ok is not None)
+        return [each for each in found if each is not None]
 
     def publisher(self, key: str) -> Publisher:
         """See `Transport.publisher`."""
@@ -92,7 +98,8 @@ class ZenohTransport:
         """See `Transport.subscribe`."""
 
         def hear(sample: zenoh.Sample) -> None:
-            callback(_envelope(sample))
+            if (envelope := _envelope(sample)) is not None:
+                callback(envelope)
 
         handler = _callback(f"hear {key}", hear)
         return self._keep(_Declared(self.session.declare_subscriber(key, handler)))
@@ -121,9 +128,18 @@ def _callback(name: str, call: Callable[[_Heard], None], *end: Callable[[], None
     return Callback(guarded(name, call), *(guarded(name, each) for each in end), indirect=False)
 
 
-def _envelope(sample: zenoh.Sample) -> Envelope:
-    attachment = sample.attachment.to_bytes() if sample.attachment is not None else b""
-    return Envelope(sample.payload.to_bytes(), attachment, str(sample.key_expr))
+def _envelope(sample: zenoh.Sample) -> Envelope | None:
+    """Returns what was published or answered; None if it is damaged."""
+    key, payload = str(sample.key_expr), sample.payload.to_bytes()
+    try:
+        return Envelope(payload, unseal(key, payload, _bytes(sample.attachment)), key)
+    except DamagedMessage as error:
+        _log.warning("what came at %s is passed over: %s", key, error)
+        return None
+
+
+def _bytes(content: zenoh.ZBytes | None) -> bytes:
+    return b"" if content is None else content.to_bytes()
 
 
 class _Declared:
@@ -146,32 +162,35 @@ class _Publisher(_Declared):
         super().__init__(
             session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP)
         )
+        self._key = key
 
     def publish(self, payload: bytes, attachment: bytes = b"") -> None:
-        self._entity.put(payload, attachment=attachment or None)
+        self._entity.put(payload, attachment=seal(self._key, payload, attachment))
 
 
 class _Request:
     """Implements `interface.Request`."""
 
     def __init__(self, query: zenoh.Query, served: str) -> None:
+        """Raises DamagedMessage if it is not what was sent."""
         self._query = query
+        self.key = str(query.key_expr)
         # At the server's own key: the client's may stand for those of several servers.
-        self._reply_key = query.key_expr if "*" in served else served
-        self.payload = query.payload.to_bytes() if query.payload is not None else b""
-
-    @property
-    def key(self) -> str:
-        return str(self._query.key_expr)
+        self._reply_key = self.key if "*" in served else served
+        self.payload = _bytes(query.payload)
+        unseal(self.key, self.payload, _bytes(query.attachment))
 
     def reply(self, answer: bytes | Envelope) -> None:
         payload, attachment, _ = answer if isinstance(answer, Envelope) else Envelope(answer)
         with self._query as query:
-            query.reply(self._reply_key, payload, attachment=attachment or None)
+            query.reply(
+                self._reply_key, payload, attachment=seal(self._reply_key, payload, attachment)
+            )
 
     def refuse(self, reason: str) -> None:
         with self._query as query:
-            query.reply_err(reason)
+            text = reason.encode()
+            query.reply_err(seal(_REFUSAL, text) + text)
 
     def drop(self) -> None:
         self._query.drop()  # type: ignore[no-untyped-call]
@@ -186,7 +205,12 @@ class _Service(_Declared):
 
         def work() -> None:
             for query in queryable:
-                request = _Request(query, key)
+                try:
+                    request = _Request(query, key)
+                except DamagedMessage as error:
+                    _log.warning("a request at %s is not answered: %s", key, error)
+                    query.drop()  # type: ignore[no-untyped-call]
+                    continue
                 if self._closed:
                     request.drop()
                 else:
@@ -220,7 +244,7 @@ class _Requester:
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
         self._pending = PendingRequests()
-        self._name = f"ask {key}"
+        self._key, self._name = key, f"ask {key}"
 
     @property
     def has_server(self) -> bool:
@@ -234,16 +258,21 @@ class _Requester:
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                pending.settle(future, _envelope(reply.ok))
+                if (envelope := _envelope(reply.ok)) is not None:
+                    pending.settle(future, envelope)
             elif reply.err is not None:
-                text = reply.err.payload.to_bytes().decode(errors="replace")
-                if text != "Timeout":  # Zenoh's own word for a query that nobody answered
-                    pending.settle(future, MessageError(text))
+                sealed = reply.err.payload.to_bytes()
+                checksum, text = sealed[: len(_SEAL)], sealed[len(_SEAL) :]
+                # Without one it is Zenoh's own word that nobody answered, or damaged.
+                if checksum == seal(_REFUSAL, text):
+                    pending.settle(future, MessageError(text.decode(errors="replace")))
 
         def on_end() -> None:
             pending.settle(future, Unanswered("nobody answered"))
 
-        self._querier.get(_callback(self._name, on_reply, on_end), payload=payload)
+        sealed = seal(self._key, payload)
+        handler = _callback(self._name, on_reply, on_end)
+        self._querier.get(handler, payload=payload, attachment=sealed)
         return future
 
     def close(self) -> None:

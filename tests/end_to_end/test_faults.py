@@ -11,6 +11,7 @@ from urllib.request import urlopen
 import pytest
 from safetensors import safe_open
 
+from benchmarks.chaos.link import Link
 from benchmarks.child import free_endpoint
 from common.run.folder import write_atomically
 from common.run.join import find_run
@@ -18,7 +19,6 @@ from common.transport.zenoh_transport import connect
 from replay.chunk_statistics import Progress
 from replay.client import RemoteReplay
 from tests.end_to_end.conftest import SMALL, Program, Stage
-from tests.end_to_end.link import Link
 from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
 

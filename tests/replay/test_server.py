@@ -12,11 +12,10 @@ import pytest
 
 from common.errors import InputError, MessageError
 from common.protocol.ack import Ack
-from common.protocol.chunk import with_checksum
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import pack
 from common.run.join import find_run
-from common.transport.interface import Envelope, Transport, Unanswered
+from common.transport.interface import Envelope, Transport
 from replay.client import AHEAD, MOST_ADVICE, RemoteReplay
 from replay.messages import NO_BATCH, Priorities, SampleRequest
 from replay.replay_buffer import ReplayBuffer
@@ -143,11 +142,8 @@ def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> No
         junk.append(bytes(spoiled))
     refused = 0
     for message in junk:
-        if message != good:  # it was damaged on its way, so it should be sent again
-            with pytest.raises(Unanswered):
-                ask(place.client, KEYS.insert("a"), message)
         try:
-            Ack.decode(ask(place.client, KEYS.insert("a"), with_checksum(message)))
+            Ack.decode(ask(place.client, KEYS.insert("a"), message))
         except MessageError:
             refused += 1
     assert refused > 60

@@ -1,13 +1,16 @@
 """Opening the hub and joining it, by Zenoh."""
 
 import socket
+from collections.abc import Callable
 
 import pytest
+import zenoh
 
 from common.errors import InputError
 from common.protocol.run_keys import RunKeys
+from common.transport.checksum import seal
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, is_loopback
-from common.transport.interface import Unanswered
+from common.transport.interface import Envelope, Unanswered
 from common.transport.zenoh_transport import ZenohTransport, connect, open_hub
 from tests.patience import PATIENCE, wait_until
 
@@ -116,6 +119,47 @@ def test_what_is_longer_than_anybody_sends_is_dropped_at_the_hub(
     assert isinstance(task.request(b"x" * 70_000).exception(), Unanswered)
     assert isinstance(insert.request(b"x" * 33 * 2**20).exception(), Unanswered)
     assert chunk.exception() is not None or chunk.result().payload == b"%d" % (30 * 2**20)
+
+
+def test_what_was_damaged_on_its_way_is_as_good_as_not_sent(
+    zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport
+) -> None:
+    raw, keys, asked, heard = zenoh_client.session, RunKeys("r"), [], []
+    zenoh_hub.serve(keys.task, lambda request: asked.append(request.payload) or b"done")
+    zenoh_hub.subscribe(keys.weights, lambda told: heard.append(told))
+    good = zenoh_client.requester(keys.task, PATIENCE)
+    wait_until(lambda: good.has_server, "it is served")
+    sealed = seal(keys.task, b"payload")
+    for spoiled in (None, b"", sealed[:3], seal(keys.report, b"payload"), seal(keys.task, b"q")):
+        told = list(raw.get(keys.task, payload=b"payload", attachment=spoiled, timeout=PATIENCE))
+        assert told == []
+        raw.put(keys.weights, b"weights", attachment=spoiled)
+    assert good.request(b"whole").result().payload == b"done"
+    assert asked == [b"whole"]
+    publisher = zenoh_client.publisher(keys.weights)
+    wait_until(lambda: publisher.publish(b"weights", b"7") or heard, "whole weights are heard")
+    assert set(heard) == {Envelope(b"weights", b"7", keys.weights)}
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        lambda query: query.reply(query.key_expr, b"x"),
+        lambda query: query.reply(query.key_expr, b"x", attachment=seal("other", b"x")),
+        lambda query: query.reply_err(b"no"),
+        lambda query: query.reply_err(seal("refusal", b"no") + b"n0"),
+    ],
+)
+def test_a_damaged_answer_is_no_answer(
+    zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport, answer: Callable[[zenoh.Query], None]
+) -> None:
+    key = RunKeys("r").task
+    served = zenoh_hub.session.declare_queryable(key, answer)
+    requester = zenoh_client.requester(key, PATIENCE)
+    wait_until(lambda: requester.has_server, "it is served")
+    assert isinstance(requester.request(b"").exception(), Unanswered)
+    assert zenoh_client.gather(key, PATIENCE) == []
+    served.undeclare()
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,9 @@
-"""`Link`: a network between two processes that a test can cut without either being told."""
+"""`Link`: a network between two processes that fails without either being told."""
 
+import random
 import socket
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Self
@@ -24,7 +26,11 @@ class Link:
         self._listener = socket.create_server(check_endpoint(self.endpoint))
         self._whole = threading.Event()
         self._whole.set()
-        self._sockets = [self._listener]
+        self._sockets: list[socket.socket] = []
+        self.delay = 0.0
+        """Seconds that each piece of at most 64 KiB waits on its way."""
+        self.flips: random.Random | None = None
+        """Draws the bit that is wrong in each piece; None for none."""
 
     def __enter__(self) -> Self:
         self._start(self._accept)
@@ -32,18 +38,27 @@ class Link:
 
     def __exit__(self, *_: object) -> None:
         self.mend()
-        for each in self._sockets:
-            with suppress(OSError):
-                each.shutdown(socket.SHUT_RDWR)
-            each.close()
+        with suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+        self.reset()
 
     def cut(self) -> None:
         """Nothing arrives any more."""
         self._whole.clear()
 
     def mend(self) -> None:
-        """All arrives again."""
+        """All arrives again, whole and at once."""
+        self.delay, self.flips = 0.0, None
         self._whole.set()
+
+    def reset(self) -> None:
+        """Hang up on both sides; they may connect again."""
+        sockets, self._sockets = self._sockets, []
+        for each in sockets:
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+            each.close()
 
     def _start(self, target: Callable[..., None], *args: socket.socket) -> None:
         threading.Thread(target=target, args=args, daemon=True).start()
@@ -67,8 +82,17 @@ class Link:
     def _carry(self, source: socket.socket, sink: socket.socket) -> None:
         with suppress(OSError):
             while content := source.recv(65_536):
+                if self.delay:
+                    time.sleep(self.delay)
                 self._whole.wait()
-                sink.sendall(content)
+                sink.sendall(self._spoiled(content))
         self._whole.wait()
         with suppress(OSError):
             sink.shutdown(socket.SHUT_RDWR)
+
+    def _spoiled(self, content: bytes) -> bytes:
+        if (flips := self.flips) is None:
+            return content
+        spoiled = bytearray(content)
+        spoiled[flips.randrange(len(spoiled))] ^= 1 << flips.randrange(8)
+        return bytes(spoiled)

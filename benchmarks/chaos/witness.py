@@ -1,0 +1,76 @@
+"""An actor that records, apart from all its counters, what it made and what it was told is stored.
+
+python -m benchmarks.chaos.witness RECORD ACTOR'S-ARGUMENTS
+
+A chunk is recorded before it is first sent, and again when its acknowledgement has come. Each
+line is one write to a file opened for appending, so a killed actor loses at most its last line:
+then a chunk that was acknowledged counts as one that was not, never the other way round.
+"""
+
+if __name__ == "__main__":
+    from common.process.lifeline import leave_at_interrupt
+
+    leave_at_interrupt()
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any
+
+import numpy as np
+
+from common.errors import exit_on_input_error
+from common.protocol.ack import Ack
+from common.protocol.chunk import Chunk
+from common.transport.interface import Envelope
+from common.transport.requests import Window, _Pending
+
+RECORDED = ("frames", "actions", "rewards", "elapsed")
+"""Fields of a step by which the audit knows it."""
+
+
+def digest(field_of: Callable[[str], Any]) -> str:
+    """Returns the SHA-256 of steps, whose arrays ``field_of`` returns by name."""
+    found = hashlib.sha256()
+    for name in RECORDED:
+        found.update(np.ascontiguousarray(field_of(name)).tobytes())
+    return found.hexdigest()
+
+
+def recorded(file: int) -> type[Window]:
+    """Returns a `Window` that records what it sends and what is acknowledged to ``file``."""
+
+    class Recorded(Window):
+        def send(self, payload: bytes) -> None:
+            chunk = Chunk.decode(payload)
+            os.write(file, f"made {_digest_of(chunk)} {len(chunk)}\n".encode())
+            super().send(payload)
+
+        def _end(self, pending: _Pending, future: Future[Envelope]) -> None:
+            if future.exception() is None:
+                ack = Ack.decode(future.result().payload)
+                if ack.status in ("stored", "duplicate"):
+                    chunk = Chunk.decode(pending.payload)
+                    os.write(file, f"acknowledged {_digest_of(chunk)} {len(chunk)}\n".encode())
+            super()._end(pending, future)
+
+    return Recorded
+
+
+def _digest_of(chunk: Chunk) -> str:
+    return digest(lambda name: getattr(chunk, name))
+
+
+def main() -> int:
+    from actors import __main__ as actor
+    from actors.stream import insert_client
+
+    how = os.O_WRONLY | os.O_APPEND | os.O_CREAT
+    vars(insert_client)["Window"] = recorded(os.open(sys.argv.pop(1), how))
+    return actor.main()
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)
