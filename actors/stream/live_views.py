@@ -31,6 +31,8 @@ from common.transport.interface import Request
 _MOST_WAITING = 8
 _PERIOD = 0.1
 """Least seconds between two looks, however many ask."""
+_REST = 9.0
+"""Times as long as a look took to play on before the next: those who watch take a tenth at most."""
 _ROOM = (480, 360)
 """Width and height of the robot from outside."""
 
@@ -50,20 +52,27 @@ class LiveViews:
         play = member.config.play
         self._minimal_actions = play.minimal_actions
         self._waiting: deque[tuple[Request, ViewRequest]] = deque()
-        self._looked = 0.0
+        self._next = 0.0
+        """Monotonic seconds from which the next look may be."""
         member.transport.serve(member.keys.view(role, member.name), self._take)
 
+    @property
+    def asked(self) -> bool:
+        """Whether somebody waits for a view."""
+        return bool(self._waiting)
+
     def show(self, step: Step) -> None:
-        """Answer those who wait to see the environment of ``step``, the last that was played."""
-        if not self._waiting or time.monotonic() - self._looked < _PERIOD:
+        """Answer one who waits to see the environment of ``step``, the last that was played."""
+        if not self._waiting or (began := time.monotonic()) < self._next:
             return
         for _ in range(len(self._waiting)):
             request, asked = self._waiting.popleft()
             if asked.stream == step.stream:
                 request.reply(self._view(step, asked.viewpoint).encode())
-                self._looked = time.monotonic()
-            else:
-                self._waiting.append((request, asked))
+                ended = time.monotonic()
+                self._next = ended + max(_PERIOD, _REST * (ended - began))
+                return
+            self._waiting.append((request, asked))
 
     def _take(self, request: Request) -> None:
         asked = ViewRequest.decode(request.payload)

@@ -12,7 +12,8 @@ from common.protocol.live_view import LiveView, ViewRequest
 from common.protocol.run_keys import RunKeys
 from common.transport.interface import Transport
 
-_DEADLINE = 2.0
+_DEADLINE = 5.0
+"""Seconds; an actor plays on for a while between two looks that take long."""
 _FRESH = 0.15
 """Seconds for which an answer serves all who ask: so much is the work of an actor bounded by."""
 _MOST_KEPT = 64

@@ -4,6 +4,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -62,6 +63,7 @@ class Stage:
 @pytest.fixture(autouse=True)
 def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_views, "_PERIOD", 0.0)
+    monkeypatch.setattr(live_views, "_REST", 0.0)
 
 
 def decoded(jpeg: bytes) -> NDArray[np.uint8]:
@@ -135,14 +137,44 @@ def test_nothing_is_drawn_while_nobody_looks(
     for _, _ in zip(stage.steps(never), range(200), strict=False):
         pass
     assert drawn == []
+    monkeypatch.setattr(live_views, "_PERIOD", float("inf"))
     for _ in stage.steps(stage.ask()):
         pass
     assert len(drawn) == 3  # picture, frame, room
     # However many ask: one look in a while.
-    monkeypatch.setattr(live_views, "_PERIOD", float("inf"))
     for _, _ in zip(stage.steps(stage.ask()), range(200), strict=False):
         pass
     assert len(drawn) == 3
+
+
+def test_whoever_watches_takes_a_tenth_of_the_time_at_most(
+    hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = SimpleNamespace(now=100.0)
+    clock.monotonic = lambda: clock.now
+    encode = live_views._jpeg
+
+    def slow(picture: NDArray[np.uint8] | None) -> bytes:
+        clock.now += 1.0  # for each of three pictures
+        return encode(picture)
+
+    monkeypatch.setattr(live_views, "time", clock)
+    monkeypatch.setattr(live_views, "_jpeg", slow)
+    monkeypatch.setattr(live_views, "_REST", 9.0)
+    stage = Stage(hub, client, NumberedEnv([GOES_ON]))
+    stage.policy.epsilon = 1.0
+    for _ in stage.steps(stage.ask()):
+        pass
+    assert clock.now == 103.0
+    again = stage.ask()
+    clock.now += 26.9
+    for _, _ in zip(stage.steps(again), range(100), strict=False):
+        pass
+    assert clock.now == 129.9
+    clock.now += 0.2
+    for _ in stage.steps(again):
+        pass
+    assert clock.now == pytest.approx(133.1)
 
 
 def test_what_cannot_be_shown_is_refused(hub: Transport, client: Transport) -> None:
