@@ -20,6 +20,7 @@ ARROWS = {
     "deploy": {"common", "learner"},
     "ale_robot": {"common", "deploy", "learner", "actors", "viewer"},
     "benchmarks": {"common", "replay", "learner", "actors", "viewer"},
+    "docs": {"common"},
 }
 """By package, the others that it may import."""
 

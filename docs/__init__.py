@@ -1,0 +1,1 @@
+"""What writes pages and builds the site; nothing of it is installed."""
