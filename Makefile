@@ -82,7 +82,7 @@ figures: setup  ## draw the figures of docs/ from the results
 docs: setup  ## build the documentation's site in build/site, and check its links
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
 	$(BIN)/python -m docs.settings
-	$(BIN)/mkdocs build
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet && echo "wrote build/site/index.html"
 
 wheel: setup  ## build the wheel that pip installs anywhere, in dist/
 	rm -rf build
