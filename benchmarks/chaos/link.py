@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Self
+from typing import Any, Self
 
 from benchmarks.child import free_endpoint
 from common.transport.endpoint import check_endpoint
@@ -31,6 +31,7 @@ class Link:
         """Seconds that each piece of at most 64 KiB waits on its way."""
         self.flips: random.Random | None = None
         """Draws the bit that is wrong in each piece; None for none."""
+        self._forgotten: list[threading.Event] = []
 
     def __enter__(self) -> Self:
         self._start(self._accept)
@@ -38,6 +39,8 @@ class Link:
 
     def __exit__(self, *_: object) -> None:
         self.mend()
+        for each in self._forgotten:
+            each.set()
         with suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
@@ -46,6 +49,16 @@ class Link:
     def cut(self) -> None:
         """Nothing arrives any more."""
         self._whole.clear()
+
+    def forget(self) -> None:
+        """What is connected stays so for ever, and nothing arrives; who connects anew is served.
+
+        As where a router on the way restarts and knows no connection any more.
+        """
+        self._whole, before = threading.Event(), self._whole
+        before.clear()
+        self._forgotten.append(before)
+        self._whole.set()
 
     def mend(self) -> None:
         """All arrives again, whole and at once."""
@@ -60,7 +73,7 @@ class Link:
                 each.shutdown(socket.SHUT_RDWR)
             each.close()
 
-    def _start(self, target: Callable[..., None], *args: socket.socket) -> None:
+    def _start(self, target: Callable[..., None], *args: Any) -> None:
         threading.Thread(target=target, args=args, daemon=True).start()
 
     def _accept(self) -> None:
@@ -71,22 +84,23 @@ class Link:
                 self._start(self._join, near)
 
     def _join(self, near: socket.socket) -> None:
-        self._whole.wait()
+        whole = self._whole
+        whole.wait()
         with suppress(OSError):  # no hub is there: hang up
             far = socket.create_connection(self._hub)
             self._sockets.append(far)
-            self._start(self._carry, far, near)
-            self._carry(near, far)
+            self._start(self._carry, far, near, whole)
+            self._carry(near, far, whole)
         near.close()
 
-    def _carry(self, source: socket.socket, sink: socket.socket) -> None:
+    def _carry(self, source: socket.socket, sink: socket.socket, whole: threading.Event) -> None:
         with suppress(OSError):
             while content := source.recv(65_536):
                 if self.delay:
                     time.sleep(self.delay)
-                self._whole.wait()
+                whole.wait()
                 sink.sendall(self._spoiled(content))
-        self._whole.wait()
+        whole.wait()
         with suppress(OSError):
             sink.shutdown(socket.SHUT_RDWR)
 

@@ -5,6 +5,7 @@ import re
 import shutil
 import signal
 import threading
+import time
 from pathlib import Path
 from urllib.request import urlopen
 
@@ -161,6 +162,39 @@ def test_a_network_that_is_cut_costs_time_and_nothing_else(stage: Stage) -> None
     assert [seen["name"] for seen in summary["actors"]] == ["a", "e"]  # one process each
     epochs = [row["epoch"] for row in stage.rows() if row["phase"] == "test"]
     assert epochs == [row["epoch"] for row in stage.rows() if row["phase"] == "train"]
+
+
+def test_a_link_that_only_seems_to_be_there_holds_nobody_up(stage: Stage) -> None:
+    """As after a router restarts: neither side is told, and nothing arrives any more.
+
+    The promise is 10 s; the lease is 3. The best of a few tries counts, for machines are busy.
+    """
+    learner = stage.learner("--env", "ale", "--stall-minutes=inf", *SMALL)
+    learner.says("actors find it at")
+    with connect(stage.endpoint, PATIENCE) as transport, Link(stage.endpoint) as link:
+        remote = RemoteReplay(transport, *find_run(transport, "r", PATIENCE, lambda: False))
+        far = ("--sync", "--connect", link.endpoint, "--name=a")
+        actor = stage.start("-m", "actors", *far)
+
+        def seconds_until_more() -> float:
+            began, before = time.monotonic(), remote.progress(0).accepted
+            wait_until(lambda: remote.progress(0).accepted > before, "a chunk comes")
+            return time.monotonic() - began
+
+        def after_forgetting() -> float:
+            link.forget()
+            return seconds_until_more()
+
+        seconds_until_more()
+        assert any(after_forgetting() <= 10 for _ in range(3))
+
+        link.forget()
+        actor.send(signal.SIGSTOP)  # an old one that hangs, while somebody else takes its place
+        replacement = stage.start("-m", "actors", *far)
+        replacement.says("plays pong")
+        assert seconds_until_more() <= 10 or any(after_forgetting() <= 10 for _ in range(2))
+        learner.send(signal.SIGTERM)
+        assert "go on with" in learner.ends()
 
 
 def test_a_learner_without_the_steps_its_checkpoint_knows_of_says_so(stage: Stage) -> None:
