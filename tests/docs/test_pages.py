@@ -59,7 +59,8 @@ def test_the_site_has_every_page() -> None:
     missing = {page.name for page in (ROOT / "docs").glob("*.md")} - told
     assert not missing, f"add {', '.join(missing)} to nav in mkdocs.yml."
     for page in told:
-        assert (ROOT / "docs" / page).exists() or (ROOT / page).exists(), page
+        sources = (ROOT / "docs" / page, (ROOT / "docs" / page).with_suffix(".ipynb"), ROOT / page)
+        assert any(source.exists() for source in sources), page
 
 
 def test_the_readme_is_read_in_five_minutes() -> None:
