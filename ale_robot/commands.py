@@ -150,12 +150,14 @@ COMMANDS = {
     ),
     "film": Command(
         "viewer.__main__",
-        ("play", "--weights", "robot_pong", "--video", "film.mp4"),
-        "Film a game: room, camera, hands and network.",
+        ("film",),
+        "Film a game, or how a run learned: room, camera, hands and network.",
         """
   ale-robot film                                   writes film.mp4
   ale-robot film --weights runs/NAME/snapshots/best.safetensors --video best.mp4
   ale-robot film --seconds 20 --video short.gif
+  ale-robot film runs/NAME                         each epoch of a run that was
+                                                   trained with --keep-snapshots
 
   --weights NAME|FILE  network that plays
   --video FILE         film: .mp4, or .gif of at most 120 s

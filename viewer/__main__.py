@@ -17,12 +17,13 @@ from common.process.command_line import parse
 from common.process.lifeline import on_signals
 from viewer.check import Check
 from viewer.draws import Draws
+from viewer.film import Film
 from viewer.human import Human
 from viewer.policies import Policies
 from viewer.show import Play
 from viewer.watch import Watch
 
-EVERY: Any = Watch | Play | Human | Check | Draws | Policies
+EVERY: Any = Watch | Play | Film | Human | Check | Draws | Policies
 COMMANDS: dict[str, Any] = {kind.__name__.lower(): kind for kind in get_args(EVERY)}
 
 

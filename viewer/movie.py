@@ -1,5 +1,6 @@
 """A film of pictures, written while they are made: MP4, or GIF where the name ends so."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
@@ -8,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
 
 from common.errors import InputError
 
@@ -30,6 +32,15 @@ def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror}.") from None
     return kind(path, rate)
+
+
+def filming(*columns: ProgressColumn) -> Progress:
+    """Returns a bar, with ``columns`` at its end, that shows in a terminal how far a film is."""
+    return Progress(
+        *(TextColumn("{task.description}"), BarColumn(), *columns),
+        transient=True,
+        disable=not sys.stdout.isatty(),
+    )
 
 
 @contextmanager

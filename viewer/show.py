@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 import tyro
+from rich.progress import TextColumn
 
 from actors.envs import make_env
 from actors.loop import play
@@ -14,13 +15,14 @@ from common.checked import Amount, Fraction, FromOne
 from common.errors import InputError
 from common.process.command_line import WeightsFile
 from common.run.clock import ClockConfig
-from viewer.movie import open_movie
+from viewer.movie import filming, open_movie
 from viewer.panels import Panels
 from viewer.player import File, Played, ShownPolicy
 from viewer.rerun_stream import RerunStream
 
 ROOM_EVERY = 4
 """Agent steps between renderings of the whole room: it is seen from afar."""
+_SECONDS_FILMED = TextColumn("{task.completed:.0f} s of play")
 LONGEST_GIF = 120
 """Seconds of play; 350 MB of memory."""
 
@@ -70,7 +72,10 @@ class Play(Played):
             closing(make_env(config, self.clock, training=False)) as env,
             nullcontext() if self.video is None else open_movie(self.video, rate) as film,
             closing(Panels(env, config.play, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
+            nullcontext() if self.video is None else filming(_SECONDS_FILMED) as progress,
         ):
+            if progress is not None:
+                progress.add_task("filming", total=self.seconds or None)
             scores: list[float] = []
             missed = 0
             # Agent steps that are still to be shown.
@@ -82,6 +87,8 @@ class Play(Played):
                         # A step that took longer is seen for longer.
                         for _ in range(step.info.elapsed):
                             film(picture)
+                        if progress is not None:
+                            progress.advance(progress.task_ids[0], step.info.elapsed / rate)
                     if viewer is not None:
                         viewer.show(picture, step.info.game_score, policy.values)
                 missed += step.info.missed_deadlines

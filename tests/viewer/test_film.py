@@ -1,0 +1,83 @@
+"""Films of how a run learned: chapters, titles, and what is refused."""
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from common.errors import InputError
+from common.network import build_network
+from common.protocol.weights import encode_weights
+from common.run.presets import PRESETS
+from common.run.stored_config import to_json
+from learner.telemetry.sinks.epochs_csv import EpochTable
+from tests.learner.telemetry.sinks.test_epochs_csv import TRAIN as ROW
+from viewer.film import Chapter, Film, chapters_of, titled
+
+CONFIG = replace(PRESETS["fast"], learning=replace(PRESETS["fast"].learning, network="nips"))
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run of two epochs, of which the second is not tested yet."""
+    folder = tmp_path / "runs" / "r"
+    (folder / "snapshots").mkdir(parents=True)
+    (folder / "config.json").write_text(to_json(CONFIG))
+    weights = encode_weights(build_network(CONFIG, 6))
+    for name in ("best", "epoch-0001", "epoch-0002"):
+        (folder / "snapshots" / f"{name}.safetensors").write_bytes(weights)
+    return folder
+
+
+def test_chapters_are_random_play_and_each_snapshot_with_what_was_reached(run: Path) -> None:
+    table = EpochTable(run / "epochs.csv")
+    for row in (
+        replace(ROW, epoch=0, phase="random"),
+        replace(ROW, epoch=1, total_train_steps=50_048, total_time=3_725.0),
+        replace(ROW, epoch=1, phase="test", average_reward=-12.345),
+        replace(ROW, epoch=2, total_train_steps=100_096, total_time=7_500.0),
+    ):
+        table.append(row)
+    snapshots = run / "snapshots"
+    assert chapters_of(run) == [
+        Chapter("random play", None),
+        Chapter(
+            "epoch 1   50,048 steps   1:02 h   test score -12.3",
+            snapshots / "epoch-0001.safetensors",
+        ),
+        Chapter("epoch 2   100,096 steps   2:05 h", snapshots / "epoch-0002.safetensors"),
+    ]
+
+
+def test_a_run_is_filmed_chapter_by_chapter(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert Film(folder=run, seconds=0.2).run(threading.Event()) == 0
+    video = run / "films" / "learning.mp4"
+    assert capsys.readouterr().out == f"wrote {video}\n"
+    with av.open(str(video)) as film:
+        pictures = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    assert len(pictures) == 3 * 3  # chapters of 0.2 s at 15 a second
+    titles = [picture[:36, :300].astype(int) for picture in pictures]
+    for at in range(1, 9):  # the title changes with the chapter, and only then
+        assert (np.abs(titles[at] - titles[at - 1]).max() > 100) == (at % 3 == 0)
+
+
+def test_a_title_stands_above_the_picture() -> None:
+    picture = np.full((40, 200, 3), 9, np.uint8)
+    found = titled(picture, "epoch 1")
+    assert found.shape == (76, 200, 3)
+    assert (found[36:] == picture).all()
+    assert found[:36].max() > 200
+
+
+def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no run's folder"):
+        Film(folder=tmp_path).run(threading.Event())
+    with pytest.raises(InputError, match="omit --weights"):
+        Film(folder=run, weights=run / "x").run(threading.Event())
+    for file in (run / "snapshots").glob("epoch-*"):
+        file.unlink()
+    with pytest.raises(InputError, match="no snapshots: train with --keep-snap"):
+        chapters_of(run)

@@ -1,0 +1,149 @@
+"""`python -m viewer film`: a film of one network's play, or of how a run learned."""
+
+import threading
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from rich.progress import TimeRemainingColumn
+
+from actors.envs import make_env
+from actors.loop import play
+from common.checked import Amount, Fraction
+from common.errors import InputError
+from common.process.command_line import WeightsFile
+from common.run.folder import RunFolder
+from common.run.origin import find_weights
+from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
+from viewer import overlay
+from viewer.movie import filming, open_movie
+from viewer.panels import Panels
+from viewer.player import File, Played, ShownPolicy
+from viewer.show import ROOM_EVERY, Play
+
+_CHAPTER = 8.0
+"""Seconds of a chapter's play: a few rallies."""
+_TITLE = 36
+"""Height of the line above the panels."""
+
+
+class Chapter(NamedTuple):
+    """The play of one epoch's network; None for random play."""
+
+    title: str
+    weights: Path | None
+
+
+@dataclass(frozen=True)
+class Film(Played):
+    """Film a game: room, camera, hands and network; or, with a run's folder, how it learned.
+
+    Such a film shows random play and then each epoch's network for a few seconds. The run must
+    keep its snapshots (--keep-snapshots).
+    """
+
+    folder: tyro.conf.Positional[File] = None
+    """Folder of a run, such as runs/NAME."""
+    weights: WeightsFile | None = None
+    """Network that plays, where no run is given; robot_pong by default."""
+    epsilon: Fraction = 0.001
+    """Share of random actions of the network's play."""
+    seconds: Amount = 0.0
+    """Seconds of play, of a run for each epoch (8 by default); 0 films a whole game."""
+    video: File = None
+    """Film; its name ends in .mp4 or .gif. By default film.mp4, of a run films/learning.mp4 in its
+    folder."""
+    nao_urdf: File = None
+    """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
+
+    def run(self, stop: threading.Event) -> int:
+        """Film until the end, or until ``stop``; returns the exit status.
+
+        Raises:
+            InputError: there is nothing to film, or the film cannot be written.
+        """
+        if self.folder is not None:
+            return self._time_lapse(self.folder, stop)
+        return Play(
+            *(self.env, self.game, self.robot, self.seed, self.minimal_actions),
+            weights=self.weights or find_weights("robot_pong"),
+            epsilon=self.epsilon,
+            seconds=self.seconds,
+            video=self.video or Path("film.mp4"),
+            nao_urdf=self.nao_urdf,
+        ).run(stop)
+
+    def _time_lapse(self, folder: Path, stop: threading.Event) -> int:
+        if self.weights is not None:
+            raise InputError("the networks of a run are its snapshots: omit --weights.")
+        chapters = chapters_of(folder)
+        video = self.video or folder / "films" / "learning.mp4"
+        config = self.config(chapters[-1].weights)
+        rate = 60 / config.play.frame_skip
+        steps = round((self.seconds or _CHAPTER) * rate)
+        with (
+            closing(make_env(config, training=False)) as env,
+            closing(Panels(env, config.play, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
+            open_movie(video, rate) as film,
+            filming(TimeRemainingColumn()) as progress,
+        ):
+            task = progress.add_task("", total=len(chapters) * steps)
+            for title, weights in chapters:
+                progress.update(task, description=title)
+                epsilon = 1.0 if weights is None else self.epsilon
+                policy = ShownPolicy.of_file(config, weights, epsilon, config.seed)
+                for step in islice(play([env], policy, [config.seed]), steps):
+                    film(titled(panels.draw(step, policy.values), title))
+                    progress.advance(task)
+                    if stop.is_set():
+                        break
+                if stop.is_set():
+                    break
+        print(f"wrote {video}")
+        return 0
+
+
+def chapters_of(folder: Path) -> list[Chapter]:
+    """Returns random play and the kept snapshots of a run, the oldest first.
+
+    Raises:
+        InputError: it is no run, or has kept none.
+    """
+    if not (folder / "config.json").is_file():
+        raise InputError(f"{folder} is no run's folder: name one, such as runs/NAME.")
+    run = RunFolder(folder.parent, folder.name)
+    files = sorted(run.snapshots.glob("epoch-*.safetensors"))
+    if not files:
+        raise InputError(
+            f"{folder} has kept no snapshots: train with --keep-snapshots, or film one network by "
+            f"--weights {folder}."
+        )
+    rows = EpochTable(folder / "epochs.csv").rows()
+    by_epoch = {file: int(file.stem.removeprefix("epoch-")) for file in files}
+    return [
+        Chapter("random play", None),
+        *(Chapter(_title(epoch, rows), file) for file, epoch in by_epoch.items()),
+    ]
+
+
+def _title(epoch: int, rows: list[EpochRow]) -> str:
+    found = {row.phase: row for row in rows if row.epoch == epoch}
+    parts = [f"epoch {epoch}"]
+    if (trained := found.get("train")) is not None:
+        hours, rest = divmod(round(trained.total_time), 3600)
+        parts += [f"{trained.total_train_steps:,} steps", f"{hours}:{rest // 60:02} h"]
+    if (tested := found.get("test")) is not None and tested.average_reward is not None:
+        parts.append(f"test score {tested.average_reward:.1f}")
+    return "   ".join(parts)
+
+
+def titled(picture: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
+    """Returns ``picture`` below a line with ``title``."""
+    line = np.full((_TITLE, picture.shape[1], 3), overlay.PAPER, np.uint8)
+    overlay.write(line, title, (12, 25), size=0.7)
+    return np.vstack((line, picture))
