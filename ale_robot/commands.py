@@ -98,16 +98,17 @@ COMMANDS = {
     "launch": Command(
         "deploy.__main__",
         (),
-        "Launch a run on Slurm: learner, actors and evaluators as jobs.",
+        "Launch a run on Slurm, Kubernetes or Compose.",
         """
   ale-robot launch slurm --actors 8 --submit       the robot learns Pong
   ale-robot launch slurm --gpus 1 --time 04:00:00 -- --game breakout
+  ale-robot launch kubernetes --image HOST/ale-robot:1
 
   -- FLAGS             flags of ale-robot train
   --run NAME           name of the run, a folder below runs/
   --actors N           number of robots that play at a time
   --evaluators N       number of those that play the tests of epochs
-  --submit             submit the jobs too, rather than only write them
+  --submit             submit the jobs of Slurm too, rather than only write them
 """,
     ),
     "play": Command(

@@ -4,8 +4,14 @@ import sys
 
 from common.errors import exit_on_input_error
 from common.process.command_line import parse
-from deploy import slurm
+from deploy import compose, kubernetes, slurm
 from deploy.description import LaunchOptions, describe
+
+_ENGINES = {
+    "slurm": slurm.launch,
+    "kubernetes": kubernetes.launch,
+    "compose": compose.launch,
+}
 
 
 def main() -> None:
@@ -13,7 +19,7 @@ def main() -> None:
     given = sys.argv[1:]
     at = given.index("--") if "--" in given else len(given)
     options = parse(LaunchOptions, "deploy", given[:at])
-    print(slurm.launch(describe(options, given[at + 1 :])))
+    print(_ENGINES[options.engine](describe(options, given[at + 1 :])))
 
 
 if __name__ == "__main__":

@@ -23,19 +23,21 @@ _SET_HERE = ("listen", "connect", "certificates", "local", "resume", "actors", "
 
 @dataclass(frozen=True)
 class LaunchOptions:
-    """Launch a run on Slurm: write its jobs, and with --submit submit them.
+    """Launch a run on an engine: write what the engine needs into the run's folder.
 
     What follows `--` are flags of `ale-robot train`.
     """
 
-    engine: tyro.conf.Positional[Literal["slurm"]]
+    engine: tyro.conf.Positional[Literal["slurm", "kubernetes", "compose"]]
     """Engine that runs it."""
     run: str | None = None
     """Name of the run; by default made of environment, game and preset."""
     runs: Path = Path("runs")
-    """Folder that holds the runs; all machines of the engine must share it."""
+    """Folder that holds the runs; all nodes of Slurm must share it."""
     actors: FromOne = 2
     """Number of training actors, each a process with one core."""
+    max_actors: Count = 0
+    """Number of actors up to which Kubernetes may go while all are busy; 0 for no more."""
     evaluators: Count = 1
     """Number of evaluators, each a process with one core."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
@@ -48,17 +50,20 @@ class LaunchOptions:
     actor_memory: FromOne = 2
     """Memory of each actor and evaluator, GiB."""
     tls: bool = True
-    """Certificates between all processes; --no-tls is for a network whose machines you trust."""
+    """Certificates between all processes; --no-tls is for a network whose machines you trust.
+    Compose has none: its network is of the run alone."""
     patience: Annotated[float, Gt(0)] = 600.0
     """Seconds that actors keep their cores while the learner is away."""
     time: str = "24:00:00"
-    """Time limit of each job, as Slurm writes it; at its end the job goes on in a new one."""
+    """Time limit of each job of Slurm; at its end the job goes on in a new one."""
     partition: str | None = None
-    """Partition of the cluster."""
+    """Partition of Slurm."""
     account: str | None = None
-    """Account that the jobs are charged to."""
+    """Account that the jobs of Slurm are charged to."""
     submit: bool = False
-    """Submit the jobs too."""
+    """Submit the jobs to Slurm too."""
+    image: str = "ale-robot:latest"
+    """Image of the containers, which deploy/Containerfile makes, as NAME:TAG."""
 
     def check(self) -> None:
         """Refuses what would be more than a word in a script. Raises InputError."""
@@ -66,6 +71,8 @@ class LaunchOptions:
             word = getattr(self, flag)
             if word is not None and not re.fullmatch(r"[A-Za-z0-9][\w.:-]*", word):
                 raise InputError(f"--{flag} {word!r} cannot be used: write one word.")
+        if not re.fullmatch(r"[\w.:/-]+:[\w.-]+", self.image):
+            raise InputError(f"--image {self.image!r} is no image: write it as NAME:TAG.")
 
 
 @dataclass(frozen=True)
@@ -74,10 +81,25 @@ class RunDescription:
 
     options: LaunchOptions
     folder: RunFolder
-    begin: tuple[str, ...]
-    """Flags of the learner that begins it."""
-    resume: tuple[str, ...]
-    """Flags of the learner that goes on with it."""
+    flags: tuple[str, ...]
+    """Flags of the learner, by the user."""
+    force: bool
+    """Whether they have --force."""
+
+    def begin(self, runs: str, *own: str) -> list[str]:
+        """Returns the flags of the learner that begins the run, in a folder where the engine sees
+        it and with ``own`` flags of the engine."""
+        return ["--run", self.folder.name, "--runs", runs, *own, *self.flags]
+
+    def resume(self, runs: str, *own: str) -> list[str]:
+        """Returns the flags of the learner that goes on with it."""
+        flags = resume_flags(self.begin(runs, *own), self.folder.name, done=False)
+        return [*flags, *(["--force"] if self.force else [])]
+
+    def actor(self) -> list[str]:
+        """Returns the flags of an actor, but who it is and where the learner is."""
+        patience = f"{self.options.patience:g}"
+        return ["--run", self.folder.name, "--patience", patience, *self.options.clock.flags()]
 
 
 def describe(options: LaunchOptions, flags: Sequence[str]) -> RunDescription:
@@ -102,7 +124,4 @@ def describe(options: LaunchOptions, flags: Sequence[str]) -> RunDescription:
     for path in (folder.path, Path(sys.executable)):
         if not re.fullmatch(r"[\w./+-]+", str(path)):
             raise InputError(f"{path} cannot be written into a job: use letters, digits and ./+-_.")
-    begin = ["--run", folder.name, "--runs", str(runs), *flags]
-    again = resume_flags(begin, folder.name, done=False)
-    again += ["--force"] if learner.force else []
-    return RunDescription(options, folder, tuple(begin), tuple(again))
+    return RunDescription(options, folder, tuple(flags), learner.force)

@@ -49,6 +49,7 @@ def launch(run: RunDescription) -> str:
 
 def _learner(run: RunDescription) -> str:
     options = run.options
+    own = (str(run.folder.path.parent), "--threads", str(options.cpus), "--restart", "3")
     more = [f"--gpus={options.gpus}"] if options.gpus else []
     return _head(
         run,
@@ -59,8 +60,8 @@ def _learner(run: RunDescription) -> str:
             f"--mem={options.memory}G",
             *more,
         ],
-        begin=[*run.begin, "--threads", str(options.cpus)],
-        resume=[*run.resume, "--threads", str(options.cpus)],
+        begin=run.begin(*own),
+        resume=run.resume(*own),
     )
 
 
@@ -76,10 +77,7 @@ def _actors(run: RunDescription) -> str:
             f"--mem={options.actor_memory}G",
         ],
         actors=[str(options.actors)],
-        flags=[
-            *("--run", run.folder.name, "--patience", f"{options.patience:g}"),
-            *options.clock.flags(),
-        ],
+        flags=run.actor(),
     )
 
 

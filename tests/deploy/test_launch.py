@@ -33,9 +33,12 @@ def test_the_jobs_of_slurm_hold_the_description(
             assert f"\n#SBATCH {line}\n" in script
     assert "\n#SBATCH --gpus=1\n" in learner
     where = f"--run p --runs {tmp_path}"
-    assert f"\nbegin=({where} --env ale --initial ale_pong --force --threads 5)\n" in learner
+    assert (
+        f"\nbegin=({where} --threads 5 --restart 3 --env ale --initial ale_pong --force)\n"
+        in learner
+    )
     # A network to begin with has no place in a run that goes on.
-    assert f"\nresume=({where} --env ale --resume --force --threads 5)\n" in learner
+    assert f"\nresume=({where} --threads 5 --restart 3 --env ale --resume --force)\n" in learner
     assert "\n#SBATCH --array=1-5\n" in actors
     assert "\nactors=(3)\n" in actors
 

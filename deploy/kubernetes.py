@@ -1,0 +1,111 @@
+"""Kubernetes: a folder for `kubectl apply -k`, of the parts of every run and the run's own."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from common.errors import InputError
+from common.run.folder import write_atomically
+from deploy.containers import actor_command, learner_command
+from deploy.description import RunDescription
+
+_HERE = Path(__file__).parent
+_CONTAINER = "/spec/template/spec/containers/0"
+
+
+def launch(run: RunDescription) -> str:
+    """Writes the folder, with certificates, and returns what the user should do with it.
+
+    Raises:
+        InputError: the run's name is none for a namespace, or the folder cannot be written.
+    """
+    name, place = run.folder.name, run.folder.path / "kubernetes"
+    if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?", name):
+        raise InputError(
+            f"run {name!r} cannot be a namespace: choose small letters, digits and '-' for --run."
+        )
+    try:
+        shutil.copytree(_HERE / "kubernetes", place / "base", dirs_exist_ok=True)
+        if run.options.tls:
+            _make_certificates(place / "certificates")
+        text = json.dumps(_kustomization(run), indent=2)
+        write_atomically(place / "kustomization.yaml", f"{text}\n".encode())
+    except OSError as error:
+        raise InputError(f"{place} cannot be written: {error.strerror}.") from None
+    return (
+        f"The run is in {place}. Start it:\n"
+        f"  kubectl create namespace {name}\n  kubectl apply -k {place}"
+    )
+
+
+def _kustomization(run: RunDescription) -> dict[str, Any]:
+    """Returns what differs from run to run; JSON is YAML."""
+    options = run.options
+    scheme = "tls" if options.tls else "tcp"
+    image, tag = options.image.rsplit(":", 1)
+    learner = _resources(options.cpus, options.memory, options.gpus)
+    actor = _resources(1, options.actor_memory)
+    evaluator = {"command": actor_command(run, scheme, "--evaluator"), **actor}
+    bounds = {
+        "/spec/minReplicas": options.actors,
+        "/spec/maxReplicas": max(options.actors, options.max_actors),
+    }
+    return {
+        "resources": ["base"],
+        "namespace": run.folder.name,
+        "images": [{"name": "ale-robot", "newName": image, "newTag": tag}],
+        "replicas": [{"name": "evaluators", "count": options.evaluators}],
+        "secretGenerator": [_secret(role) for role in ("hub", "actor") if options.tls],
+        "patches": [
+            _patch(
+                "StatefulSet",
+                "learner",
+                _container(command=learner_command(run, "0.0.0.0", scheme), **learner),
+            ),
+            _patch(
+                "Deployment",
+                "actors",
+                _container(command=actor_command(run, scheme), **actor),
+            ),
+            _patch("Deployment", "evaluators", _container(**evaluator)),
+            _patch("HorizontalPodAutoscaler", "actors", bounds),
+        ],
+    }
+
+
+def _container(**fields: Any) -> dict[str, Any]:
+    """Returns values by their paths."""
+    return {f"{_CONTAINER}/{field}": value for field, value in fields.items()}
+
+
+def _patch(kind: str, name: str, values: dict[str, Any]) -> dict[str, Any]:
+    steps = [{"op": "replace", "path": path, "value": value} for path, value in values.items()]
+    return {"target": {"kind": kind, "name": name}, "patch": json.dumps(steps)}
+
+
+def _resources(cpus: int, gibibytes: int, gpus: int = 0) -> dict[str, Any]:
+    memory = f"{gibibytes}Gi"
+    limits = {"memory": memory} | ({"nvidia.com/gpu": str(gpus)} if gpus else {})
+    return {"resources": {"requests": {"cpu": str(cpus), "memory": memory}, "limits": limits}}
+
+
+def _secret(role: str) -> dict[str, Any]:
+    files = ["ca.pem", f"{role}.pem", f"{role}-key.pem"]
+    return {"name": role, "files": [f"certificates/{file}" for file in files]}
+
+
+def _make_certificates(folder: Path) -> None:
+    """Makes those of a hub that is called `learner`, once.
+
+    Raises:
+        InputError: the script says why it cannot.
+    """
+    if (folder / "hub.pem").exists():
+        return
+    command = ["sh", str(_HERE / "certificates.sh"), str(folder), "learner"]
+    said = subprocess.run(command, capture_output=True, text=True)
+    if said.returncode:
+        raise InputError(f"no certificates can be made ({said.stderr.strip()}): install openssl.")

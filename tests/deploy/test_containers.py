@@ -1,0 +1,172 @@
+"""What Kubernetes and Compose get of a run: valid for them, and what learner and actors accept."""
+
+import json
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from actors.__main__ import ActorOptions
+from common.process.command_line import parse, parse_run
+from common.transport.credentials import Credentials
+from deploy.__main__ import main
+from learner.options import LearnerOptions
+from tests.paths import ROOT
+
+RUN = ("--run=pong", "--actors=3", "--max-actors=6", "--evaluators=2", "--cpus=5", "--memory=7")
+FLAGS = ("--env", "ale", "--initial", "ale_pong", "--learning.n-step", "5")
+
+
+def launch(monkeypatch: pytest.MonkeyPatch, engine: str, runs: Path, *own: str) -> Path:
+    argv = ["ale-robot launch", engine, f"--runs={runs}", *RUN, *own, "--", *FLAGS]
+    monkeypatch.setattr(sys, "argv", argv)
+    main()
+    return runs / "pong" / engine
+
+
+def begins_and_resumes(command: Sequence[str]) -> tuple[LearnerOptions, list[str]]:
+    """Returns what a learner's container begins with, and the flags with which it goes on."""
+    shell, dash_c, text = command
+    assert (shell, dash_c) == ("sh", "-c")
+    words = shlex.split(text.replace(";", " ; "))
+    program = ["exec", "python3", "-m", "learner"]
+    at, again = (i for i in range(len(words)) if words[i : i + 4] == program and i)
+    assert words[:at] == ["if", "[", "-d", "/runs/pong/replay", "]", ";", "then"]
+    resumed, begun = words[at + 4 : again - 2], words[again + 4 : -2]
+    options, _ = parse_run(LearnerOptions, "learner", begun, lambda options: None)
+    options.check()
+    assert options.config.learning.n_step == 5
+    assert options.initial is not None
+    assert (options.run, str(options.runs), options.threads) == ("pong", "/runs", 5)
+    assert "--resume" in resumed
+    assert "--initial" not in resumed
+    return options, resumed
+
+
+def joins(command: Sequence[str]) -> ActorOptions:
+    assert list(command[:3]) == ["python3", "-m", "actors"]
+    options = parse(ActorOptions, "actors", command[3:])
+    options.check()
+    return options
+
+
+@pytest.fixture
+def objects(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, str], Any]:
+    """Whatever `kubectl apply -k` would send, by kind and name."""
+    kubernetes_validate = pytest.importorskip("kubernetes_validate")
+    yaml = pytest.importorskip("yaml")
+    if shutil.which("kubectl") is None:
+        pytest.skip("kubectl is not installed")
+    place = launch(monkeypatch, "kubernetes", tmp_path, "--image=host:5000/a:1", "--gpus=1")
+    made = subprocess.run(["kubectl", "kustomize", place], check=True, capture_output=True)
+    found = {}
+    for each in yaml.safe_load_all(made.stdout):
+        kubernetes_validate.validate(each, "1.32", strict=True)
+        assert each["metadata"]["namespace"] == "pong"
+        found[each["kind"], each["metadata"]["name"]] = each
+    return found
+
+
+def test_kubernetes_gets_what_was_described(objects: dict[tuple[str, str], Any]) -> None:
+    hpa = objects["HorizontalPodAutoscaler", "actors"]["spec"]
+    assert (hpa["minReplicas"], hpa["maxReplicas"]) == (3, 6)
+    assert objects["Deployment", "evaluators"]["spec"]["replicas"] == 2
+    assert "replicas" not in objects["Deployment", "actors"]["spec"]  # they are the autoscaler's
+    pods = {
+        name: objects[kind, name]["spec"]["template"]
+        for kind, name in (
+            ("StatefulSet", "learner"),
+            ("Deployment", "actors"),
+            ("Deployment", "evaluators"),
+        )
+    }
+    secrets = [name for kind, name in objects if kind == "Secret"]
+    for pod in pods.values():
+        (container,) = pod["spec"]["containers"]
+        assert container["image"] == "host:5000/a:1"
+        assert pod["spec"]["securityContext"]["runAsNonRoot"]
+        assert container["securityContext"]["readOnlyRootFilesystem"]
+        (secret,) = (each["secret"] for each in pod["spec"]["volumes"] if "secret" in each)
+        assert secret["secretName"] in secrets
+    (container,) = pods["learner"]["spec"]["containers"]
+    assert container["resources"]["limits"] == {"memory": "7Gi", "nvidia.com/gpu": "1"}
+    learner, _ = begins_and_resumes(container["command"])
+    ports = {each["name"]: each["containerPort"] for each in container["ports"]}
+    assert learner.listen == f"tls/0.0.0.0:{ports['hub']}"
+    assert learner.http == f"0.0.0.0:{ports['http']}"
+    hub = objects["Service", "learner"]["spec"]
+    assert hub["publishNotReadyAddresses"]
+    for name, is_evaluator in (("actors", False), ("evaluators", True)):
+        (container,) = pods[name]["spec"]["containers"]
+        actor = joins(container["command"])
+        assert actor.connect == f"tls/learner:{hub['ports'][0]['port']}"
+        assert actor.evaluator is is_evaluator
+
+
+def test_each_pod_of_kubernetes_is_let_through_to_where_it_must(
+    objects: dict[tuple[str, str], Any],
+) -> None:
+    labels = {
+        name: each["spec"]["template"]["metadata"]["labels"]
+        for (kind, name), each in objects.items()
+        if kind in ("StatefulSet", "Deployment")
+    }
+
+    def chosen(selector: dict[str, Any]) -> set[str]:
+        return {
+            name
+            for name, own in labels.items()
+            if selector.get("matchLabels", {}).items() <= own.items()
+            and all(own[e["key"]] in e["values"] for e in selector.get("matchExpressions", []))
+        }
+
+    policies = {
+        name: each["spec"] for (kind, name), each in objects.items() if kind == "NetworkPolicy"
+    }
+    assert chosen(policies["nothing-else"]["podSelector"]) == set(labels)
+    hub, figures = policies["to-the-learner"]["ingress"]
+    assert chosen(policies["to-the-learner"]["podSelector"]) == {"learner"}
+    assert chosen(hub["from"][0]["podSelector"]) == {"actors", "evaluators"}
+    assert hub["ports"] == [{"port": 7447}]
+    assert figures["ports"] == [{"port": 9108}]
+    out = policies["from-the-actors"]
+    assert chosen(out["podSelector"]) == {"actors", "evaluators"}
+    assert chosen(out["egress"][0]["to"][0]["podSelector"]) == {"learner"}
+    assert out["egress"][0]["ports"] == [{"port": 7447}]
+    assert chosen(objects["PodDisruptionBudget", "actors"]["spec"]["selector"]) == {"actors"}
+    assert chosen({"matchLabels": objects["Service", "learner"]["spec"]["selector"]}) == {"learner"}
+
+
+def test_the_certificates_of_kubernetes_are_for_its_hub(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    place = launch(monkeypatch, "kubernetes", tmp_path) / "certificates"
+    for role in ("hub", "actor"):
+        Credentials.find(place, role)  # type: ignore[arg-type]
+    show = ["openssl", "x509", "-in", place / "hub.pem", "-noout", "-ext", "subjectAltName"]
+    shown = subprocess.run(show, check=True, capture_output=True, text=True)
+    assert "DNS:learner" in shown.stdout
+    before = (place / "hub.pem").read_bytes()
+    launch(monkeypatch, "kubernetes", tmp_path)
+    assert (place / "hub.pem").read_bytes() == before
+
+
+def test_compose_gets_what_was_described(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    yaml = pytest.importorskip("yaml")
+    place = launch(monkeypatch, "compose", tmp_path)
+    services = json.loads((place / "compose.override.yaml").read_text())["services"]
+    base = yaml.safe_load((place / "compose.yaml").read_text())
+    assert set(services) == set(base["services"])
+    learner, _ = begins_and_resumes(services["learner"]["entrypoint"])
+    assert learner.listen == "tcp/0.0.0.0:7447"
+    # Where nobody but the run's containers is.
+    assert base["networks"] == {"hub": {"internal": True}}
+    assert f"http://{learner.http}/healthz" in (ROOT / "deploy" / "Containerfile").read_text()
+    assert (services["actor"]["scale"], services["evaluator"]["scale"]) == (3, 2)
+    assert joins(services["actor"]["entrypoint"]).connect == "tcp/learner:7447"
+    assert joins(services["evaluator"]["entrypoint"]).evaluator
