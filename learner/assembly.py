@@ -22,6 +22,7 @@ from learner.phases import Phases
 from learner.prefetch import Prefetcher, to_device
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
+from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.provenance import provenance
 from learner.telemetry.sinks.display import Display
 from learner.telemetry.sinks.epochs_csv import EpochTable
@@ -78,6 +79,8 @@ def build_learner(
         "run/join": join_command(options),
     }
     epochs = EpochTable(folder.epochs)
+    feed = LiveFeed(transport, keys)
+    display.watch(feed)
     sinks: list[Sink] = [
         display,
         TensorBoardSink(folder.tensorboard),
@@ -87,7 +90,7 @@ def build_learner(
         *more_sinks,
     ]
     if options.web is not None:
-        sinks.append(_page(options.web, transport, keys, config, folder, epochs, display))
+        sinks.append(_page(options.web, config, folder, epochs, feed, display))
     telemetry = Telemetry(config, constants, phases, registry, epochs, sinks, clock.now)
     telemetry.start(state)
     learner = Learner(
@@ -125,11 +128,10 @@ def build_learner(
 
 def _page(
     address: str,
-    transport: Transport,
-    keys: RunKeys,
     config: RunConfig,
     folder: RunFolder,
     epochs: EpochTable,
+    feed: LiveFeed,
     display: Display,
 ) -> Sink:
     """Returns the page of the run; what serves it is loaded only where somebody wants one.
@@ -139,7 +141,7 @@ def _page(
     """
     with extra_for("--web", "web"):
         from learner.telemetry.web.page_sink import PageSink
-    page = PageSink(address, transport, keys, config, folder, epochs)
+    page = PageSink(address, config, folder, epochs, feed)
     display.line(f"watch the run at {page.url}")
     if not is_loopback(check_address(address)[0]):
         display.line(

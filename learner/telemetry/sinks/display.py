@@ -16,10 +16,13 @@ from rich.text import Text
 
 from common.metrics import number
 from common.process.output import silence
+from common.protocol.live_view import ViewRequest
 from learner.clock import Every
+from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks import formats
 from learner.telemetry.sinks.formats import fill, troubles
-from learner.telemetry.sinks.screen import Screen
+from learner.telemetry.sinks.live_picture import LivePicture
+from learner.telemetry.sinks.screen import Screen, has_room
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 
@@ -30,6 +33,16 @@ class Display(Sink):
     """Shows a run; a context manager that gives the terminal back however it is left."""
 
     period = 1.0
+    _feed: LiveFeed | None = None
+
+    def watch(self, feed: LiveFeed) -> None:
+        """Show what ``feed`` has of an actor, where there is room; it is closed with this."""
+        self._feed = feed
+
+    def close(self) -> None:
+        """See `Sink.close`."""
+        if self._feed is not None:
+            self._feed.close()
 
     def __enter__(self) -> Self:
         return self
@@ -64,6 +77,7 @@ class LiveDisplay(Display):
             vertical_overflow="crop",
         )
         self._gone = False
+        self._picture: LivePicture | None = None
 
     def write(self, snapshot: Snapshot) -> None:
         """Draw ``snapshot`` in place of the one before."""
@@ -87,7 +101,19 @@ class LiveDisplay(Display):
             # Lines that a narrower window has wrapped cannot be drawn over.
             self._console.size = self._size = size
             self._console.clear()
-        self._live.update(Screen(snapshot), refresh=True)
+        self._look(snapshot)
+        self._live.update(Screen(snapshot, self._picture), refresh=True)
+
+    def _look(self, snapshot: Snapshot) -> None:
+        """Ask for a picture of the first actor, only where it will be seen."""
+        alive = [actor.stats for actor in snapshot.present if actor.alive]
+        first = min(alive, key=lambda stats: (stats.role, stats.name), default=None)
+        if self._feed is None or first is None or not has_room(*self._size):
+            self._picture = None
+            return
+        view = self._feed.latest(Asked(first.role, first.name, ViewRequest()))
+        if view is not None:
+            self._picture = LivePicture(first, view)
 
     def _try(self, action: Callable[[], None]) -> None:
         if self._gone:

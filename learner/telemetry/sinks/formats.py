@@ -36,6 +36,16 @@ def share(done: float, total: float) -> str:
     return f"{math.floor(100 * min(done / total, 1)) if total else 0} %"
 
 
+def cores(busy: float) -> str:
+    """Busy cores in per cent of one: ``98 % CPU``."""
+    return f"{100 * busy:.0f} % CPU"
+
+
+def size(count: int) -> str:
+    """Bytes as ``277 MB``."""
+    return f"{count / 2**20:,.0f} MB"
+
+
 def duration(seconds: float) -> str:
     """Seconds as ``12:45``, ``3:12:45`` or ``2 d 03:12``."""
     whole = max(int(seconds), 0)

@@ -24,6 +24,7 @@ from learner.telemetry.sinks.formats import (
     progress_of,
     troubles,
 )
+from learner.telemetry.sinks.live_picture import LivePicture
 from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
 
 _WIDEST = 200
@@ -33,6 +34,10 @@ _ACCENT, _GOOD, _BAD, _LABEL, _LINE = "cyan", "green", "bold red", "dim", "dim"
 _ROOMY = 108
 """Columns from which actors tell more about themselves."""
 
+_LEAST, _GAP = 80, 3
+"""Columns of the figures where a picture is beside them, and between the two."""
+_MACHINES = 124
+"""Columns from which actors tell what they take of their machine."""
 _ROWS = 23
 """Lines at 80 × 24: one is left for the cursor."""
 _LIST_ROWS = 7
@@ -44,17 +49,31 @@ _LARGE = 35
 class Screen:
     """A renderable of ``snapshot`` that never has more lines than the console, less one."""
 
-    def __init__(self, snapshot: Snapshot) -> None:
+    def __init__(self, snapshot: Snapshot, picture: LivePicture | None = None) -> None:
         self._snapshot = snapshot
+        self._picture = picture
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width, rows = min(options.max_width - _ECHO, _WIDEST), max(console.size.height - 1, 1)
-        parts = Group(*_parts(self._snapshot, width, rows))
+        parts: RenderableType
+        if self._picture is not None and has_room(*console.size):
+            left = width - LivePicture.WIDTH - _GAP
+            beside = _grid(Column(width=left), Column(width=LivePicture.WIDTH), gap=_GAP)
+            beside.add_row(Group(*_parts(self._snapshot, left, rows)), self._picture)
+            parts = beside
+        else:
+            parts = Group(*_parts(self._snapshot, width, rows))
         lines = console.render_lines(parts, options.update(width=width), pad=False)
         for at, line in enumerate(lines[:rows]):
             if at:
                 yield Segment.line()
             yield from line
+
+
+def has_room(columns: int, rows: int) -> bool:
+    """Whether a terminal of that size shows what an actor sees beside the figures."""
+    needed = _LEAST + _GAP + LivePicture.WIDTH + _ECHO
+    return columns >= needed and rows > LivePicture.HEIGHT
 
 
 def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:
@@ -191,14 +210,15 @@ def _actors_and_checks(snapshot: Snapshot, width: int, rows: int) -> Table:
     grid.add_row(
         _titled(
             f"Actors {alive}/{present}{wrong}" if wrong else f"Actors, {alive} of {present} alive",
-            _actors(snapshot.present, rows, roomy=width >= _ROOMY, values=snapshot.values),
+            _actors(snapshot.present, rows, width, values=snapshot.values),
         ),
         _titled(f"Checks, {snapshot.verdict}", _checks(snapshot.checks, rows)),
     )
     return grid
 
 
-def _actors(actors: Sequence[ActorView], rows: int, roomy: bool, values: Values) -> Table:
+def _actors(actors: Sequence[ActorView], rows: int, width: int, values: Values) -> Table:
+    roomy, machines = width >= _ROOMY, width >= _MACHINES
     if not actors:
         grid = _grid(Column(ratio=1))
         join = values.get("run/join")
@@ -206,7 +226,7 @@ def _actors(actors: Sequence[ActorView], rows: int, roomy: bool, values: Values)
         for _ in range(rows - 1):
             grid.add_row("")
         return grid
-    right = [Column(justify="right") for _ in range(5 if roomy else 2)]
+    right = [Column(justify="right") for _ in range(6 if machines else 5 if roomy else 2)]
     grid = _grid(Column(width=1), Column(ratio=1, min_width=8), *right, gap=2 if roomy else 1)
     # The lost ones first: they must not be among those for which there is no room.
     order = sorted(actors, key=lambda a: (a.alive, a.stats.role, len(a.stats.name), a.stats.name))
@@ -225,6 +245,12 @@ def _actors(actors: Sequence[ActorView], rows: int, roomy: bool, values: Values)
                 _text(f"{stats.retried:,} retried{wrong}", _LABEL),
                 _text(f"silent {actor.silent_for:.0f} s", _LABEL),
             ]
+        if machines:
+            cells.append(
+                _text(
+                    f"{formats.cores(stats.busy_cores)} {formats.size(stats.memory_bytes)}", _LABEL
+                )
+            )
         mark = Text("●", _GOOD) if actor.alive else Text("○", style)
         for cell in cells:
             cell.stylize(style)

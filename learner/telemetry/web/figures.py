@@ -105,8 +105,8 @@ def _actor(actor: ActorView, values: Values) -> dict[str, Any]:
             else f"{max(newest - stats.weights_version, 0):,.0f}"
         ),
         "held": formats.share(stats.held_share, 1),
-        "cores": formats.decimal(stats.busy_cores, 2),
-        "memory": f"{stats.memory_bytes / 2**20:,.0f} MB",
+        "cores": formats.cores(stats.busy_cores).removesuffix(" CPU"),
+        "memory": formats.size(stats.memory_bytes),
         "silent": f"{actor.silent_for:.0f} s",
         "trouble": formats.troubles(totals).lstrip(", "),
     }

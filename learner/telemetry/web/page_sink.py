@@ -7,18 +7,16 @@ from pathlib import Path
 from typing import Any, get_args
 
 from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
-from common.protocol.run_keys import RunKeys
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
-from common.transport.interface import Transport
+from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 from learner.telemetry.web.address import check_address
 from learner.telemetry.web.figures import about, curves_of, figures
 from learner.telemetry.web.history import History, finite
-from learner.telemetry.web.live_feed import Asked, LiveFeed
 from learner.telemetry.web.server import PageServer
 
 _MOST_EVENTS = 200
@@ -36,11 +34,10 @@ class PageSink(Sink):
     def __init__(
         self,
         address: str,
-        transport: Transport,
-        keys: RunKeys,
         config: RunConfig,
         folder: RunFolder,
         epochs: EpochTable,
+        feed: LiveFeed,
     ) -> None:
         self._config = config
         self._folder = folder.path
@@ -51,7 +48,7 @@ class PageSink(Sink):
         self._rows: list[dict[str, Any]] = []
         self._events: deque[dict[str, Any]] = deque(maxlen=_MOST_EVENTS)
         self._snapshot: Snapshot | None = None
-        self._feed = LiveFeed(transport, keys)
+        self._feed = feed
         self._server = PageServer(*check_address(address), self.state, self.view, self.film)
         self.url = self._server.url
 
@@ -97,7 +94,6 @@ class PageSink(Sink):
     def close(self) -> None:
         """See `Sink.close`."""
         self._server.close()
-        self._feed.close()
 
     def state(self, thinned: int, count: int) -> dict[str, Any]:
         """Returns all that the page shows but pictures, see `server.State`."""

@@ -19,6 +19,7 @@ from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from common.transport.interface import Request, Transport
+from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.snapshot import ActorView, HealthCheck
 from learner.telemetry.web.address import check_address, may_be_asked_as
@@ -48,7 +49,8 @@ class Place:
         self.epochs = EpochTable(run.epochs)
         self._actor = client
         self.asked: list[ViewRequest] = []
-        self.page = PageSink("127.0.0.1:0", hub, KEYS, PRESETS["robot"], run, self.epochs)
+        self.feed = LiveFeed(hub, KEYS)
+        self.page = PageSink("127.0.0.1:0", PRESETS["robot"], run, self.epochs, self.feed)
         self.port = int(self.page.url.rsplit(":", 1)[1].strip("/"))
 
     def serve(self, answer: Callable[[], bytes]) -> None:
@@ -79,6 +81,7 @@ def place(hub: Transport, client: Transport, tmp_path: Path) -> Iterator[Place]:
     place = Place(hub, client, tmp_path)
     yield place
     place.page.close()
+    place.feed.close()
 
 
 def test_it_tells_the_figures_by_their_declarations(place: Place) -> None:
@@ -241,7 +244,7 @@ def test_an_address_that_cannot_be_used_is_told(place: Place) -> None:
             check_address(wrong)
     run = RunFolder(place.folder, "r")
     with pytest.raises(InputError, match=r"Address already in use.*choose another"):
-        PageSink(f"127.0.0.1:{place.port}", place._actor, KEYS, PRESETS["robot"], run, place.epochs)
+        PageSink(f"127.0.0.1:{place.port}", PRESETS["robot"], run, place.epochs, place.feed)
 
 
 def test_a_server_that_dies_ends_its_process(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:

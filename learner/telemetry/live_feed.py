@@ -39,22 +39,40 @@ class LiveFeed:
         self._now = now
         self._lock = threading.Lock()
         self._kept: dict[Asked, tuple[float, Future[LiveView | None]]] = {}
+        self._closed = False
         self._pool = ThreadPoolExecutor(_AT_ONCE, "view")
 
     def look(self, asked: Asked) -> LiveView | None:
         """Returns what the actor shows; None if it does not answer, as one that waits."""
+        return self._begin(asked).result()
+
+    def latest(self, asked: Asked) -> LiveView | None:
+        """Returns what it showed when it was last asked, without waiting, and asks again; None for
+        nothing yet."""
+        with self._lock:
+            _, view = self._kept.get(asked, (0.0, None))
+        self._begin(asked)
+        return view.result() if view is not None and view.done() else None
+
+    def close(self) -> None:
+        """Ask no more; what is asked ends within seconds."""
+        with self._lock:
+            self._closed = True
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _begin(self, asked: Asked) -> Future[LiveView | None]:
+        """Returns an answer to come, or one that is fresh."""
         with self._lock:
             began, view = self._kept.get(asked, (0.0, None))
-            if view is None or (view.done() and self._now() - began > _FRESH):
+            if self._closed:
+                view = Future()
+                view.set_result(None)
+            elif view is None or (view.done() and self._now() - began > _FRESH):
                 view = self._pool.submit(self._ask, asked)
                 self._kept[asked] = (self._now(), view)
                 for oldest in list(self._kept)[:-_MOST_KEPT]:
                     del self._kept[oldest]
-        return view.result()
-
-    def close(self) -> None:
-        """Ask no more; what is asked ends within seconds."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+            return view
 
     def _ask(self, asked: Asked) -> LiveView | None:
         key = self._keys.view(asked.role, asked.name)

@@ -1,0 +1,90 @@
+"""What an actor sees now, drawn into the terminal: two pixels, one over the other, to a cell."""
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rich.color import Color
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.segment import Segment
+from rich.style import Style
+
+from common.actions import Keys
+from common.protocol.actor_stats import ActorStats
+from common.protocol.live_view import LiveView
+from learner.telemetry.sinks import formats
+
+_HALF = "▀"
+_BORDER, _GAME = (255, 214, 64), (255, 0, 255)
+_MARGIN = 1.25
+"""Times the size of the projected picture that is shown of what the camera sees."""
+_SHADES = 0xF8
+"""Bits of a colour that are kept: neighbouring cells then often have one style."""
+
+
+class LivePicture:
+    """A renderable of ``view``, which the actor of ``stats`` answered."""
+
+    WIDTH = 56
+    HEIGHT = 24
+    """Lines: a heading, the picture, the keys, what the actor takes of its machine."""
+
+    def __init__(self, stats: ActorStats, view: LiveView) -> None:
+        self._stats = stats
+        self._view = view
+        self._pixels = _pixels(view, self.WIDTH, 2 * (self.HEIGHT - 3))
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        view, dim = self._view, Style(dim=True)
+        stats = self._stats
+        title = f"{stats.name}: score {view.score:g}, step {view.steps:,}"
+        yield Segment(formats.one_line(title)[: self.WIDTH], Style(bold=True))
+        yield Segment.line()
+        for upper, under in zip(self._pixels[0::2], self._pixels[1::2], strict=True):
+            for above, below in zip(upper.tolist(), under.tolist(), strict=True):
+                yield Segment(_HALF, _style(tuple(above), tuple(below)))
+            yield Segment.line()
+        keys = f"commanded {_names(view.wanted)}, pressed {_names(view.pressed)}"
+        if view.found:
+            yield Segment(keys, dim)
+        else:
+            yield Segment("the screen is not found", Style(color="red", bold=True))
+        yield Segment.line()
+        taken = f"{formats.cores(stats.busy_cores)}, {formats.size(stats.memory_bytes)}"
+        yield Segment(f"{taken} on {formats.one_line(stats.machine)}"[: self.WIDTH], dim)
+        yield Segment.line()
+
+
+def _pixels(view: LiveView, width: int, height: int) -> NDArray[np.uint8]:
+    """Returns the picture with what was found in it, ``uint8 [height, width, 3]``; black if it is
+    damaged. Its size was checked before (`LiveView.check`)."""
+    data = np.frombuffer(view.picture or view.frame, np.uint8)
+    picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if picture is None:
+        return np.zeros((height, width, 3), np.uint8)
+    corner, part = np.zeros(2), 1.0
+    if view.border:  # what is around the screen would leave it few cells
+        border = np.reshape(view.border, (4, 2))
+        part = float(min(_MARGIN * np.ptp(border, axis=0).max(), 1.0))
+        corner = (border.mean(axis=0) - part / 2).clip(0, 1 - part)
+    size = np.array(picture.shape[1::-1])
+    (left, top), (right, bottom) = (corner * size).astype(int), ((corner + part) * size).astype(int)
+    seen = picture[top : max(bottom, top + 1), left : max(right, left + 1)]
+    small = cv2.resize(seen, (width, height), interpolation=cv2.INTER_AREA)
+    shown = np.ascontiguousarray(small[:, :, ::-1], np.uint8)
+    for corners, colour in ((view.border, _BORDER), (view.game, _GAME)):
+        if corners:
+            places = (np.reshape(corners, (4, 2)) - corner) / part * (width, height) - 0.5
+            cv2.polylines(shown, [places.round().astype(np.int32)], True, colour)
+    return shown & np.uint8(_SHADES)
+
+
+@lru_cache(maxsize=4_096)
+def _style(above: tuple[int, int, int], below: tuple[int, int, int]) -> Style:
+    return Style(color=Color.from_rgb(*above), bgcolor=Color.from_rgb(*below))
+
+
+def _names(keys: int) -> str:
+    names = [str(key.name).lower() for key in Keys if key & keys]
+    return "+".join(names) or "none"
