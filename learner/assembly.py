@@ -32,7 +32,7 @@ from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.summary import SummarySink
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.telemetry import Telemetry
-from learner.telemetry.web.address import check_address
+from learner.telemetry.web.address import check_web_address
 from learner.training import Learner
 from replay.interface import Replay
 
@@ -143,7 +143,7 @@ def _page(
         from learner.telemetry.web.page_sink import PageSink
     page = PageSink(address, config, folder, epochs, feed)
     display.line(f"watch the run at {page.url}")
-    if not is_loopback(check_address(address)[0]):
+    if not is_loopback(check_web_address(address)[0]):
         display.line(
             "warning: whoever reaches this machine's port can watch the run there, without a "
             "password: use --web 127.0.0.1:8080 and ssh -L instead."

@@ -25,7 +25,7 @@ from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.offline import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
-from learner.telemetry.web.address import check_address
+from learner.telemetry.web.address import check_web_address
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class LearnerOptions:
         """
         self.evaluation.check()
         if self.web is not None:
-            check_address(self.web)
+            check_web_address(self.web)
         self.clock.check(self.config.env)
         if self.initial is not None and self.resume:
             raise InputError("a resumed run has a network: omit --initial or --resume.")

@@ -42,15 +42,21 @@ def verdict(reasons: Sequence[str]) -> Page:
     return Page("".join(f"{reason}\n" for reason in reasons).encode(), status=503)
 
 
-def check_address(address: str) -> tuple[str, int]:
+def check_address(
+    address: str, flag: str = "--http", usual: str = "127.0.0.1:9108", least_port: int = 1
+) -> tuple[str, int]:
     """Returns host and port.
+
+    Args:
+        flag: what asks for an address, such as the ``usual`` one.
+        least_port: 0 where any free port will do.
 
     Raises:
         InputError: it is not an address.
     """
     found = _ADDRESS.fullmatch(address)
-    if found is None or not 0 < int(found[2]) < 65_536:
-        raise InputError(f"{address!r} is no address for --http: write it as 127.0.0.1:9108.")
+    if found is None or not least_port <= int(found[2]) < 65_536:
+        raise InputError(f"{address!r} is no address for {flag}: write it as {usual}.")
     return found[1].strip("[]"), int(found[2])
 
 

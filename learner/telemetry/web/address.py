@@ -4,21 +4,16 @@ import ipaddress
 import re
 import socket
 
-from common.errors import InputError
-
-_ADDRESS = re.compile(r"(\[[0-9a-fA-F:]+\]|[A-Za-z0-9._-]+):(\d{1,5})")
+from common.process.http_endpoints import check_address
 
 
-def check_address(address: str) -> tuple[str, int]:
-    """Returns host and port of ``address``.
+def check_web_address(address: str) -> tuple[str, int]:
+    """Returns host and port; port 0 stands for any that is free.
 
     Raises:
-        InputError: it is not one.
+        InputError: it is not an address.
     """
-    match = _ADDRESS.fullmatch(address)
-    if match is None or int(match[2]) > 65_535:
-        raise InputError(f"--web {address} is no address: write it as --web 127.0.0.1:8080.")
-    return match[1].strip("[]"), int(match[2])
+    return check_address(address, "--web", "127.0.0.1:8080", least_port=0)
 
 
 def may_be_asked_as(header: str, host: str) -> bool:

@@ -14,7 +14,7 @@ from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
-from learner.telemetry.web.address import check_address
+from learner.telemetry.web.address import check_web_address
 from learner.telemetry.web.figures import about, curves_of, figures
 from learner.telemetry.web.history import History, finite
 from learner.telemetry.web.server import PageServer
@@ -49,7 +49,7 @@ class PageSink(Sink):
         self._events: deque[dict[str, Any]] = deque(maxlen=_MOST_EVENTS)
         self._snapshot: Snapshot | None = None
         self._feed = feed
-        self._server = PageServer(*check_address(address), self.state, self.view, self.film)
+        self._server = PageServer(*check_web_address(address), self.state, self.view, self.film)
         self.url = self._server.url
 
     def start(self, resumed_at: int | None) -> None:

@@ -22,7 +22,7 @@ from common.transport.interface import Request, Transport
 from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.snapshot import ActorView, HealthCheck
-from learner.telemetry.web.address import check_address, may_be_asked_as
+from learner.telemetry.web.address import check_web_address, may_be_asked_as
 from learner.telemetry.web.page_sink import PageSink
 from tests.common.protocol.test_live_view import VIEW
 from tests.epoch_rows import epoch_row
@@ -237,11 +237,11 @@ def test_the_name_that_it_listens_at_is_its_own() -> None:
 
 
 def test_an_address_that_cannot_be_used_is_told(place: Place) -> None:
-    assert check_address("[::1]:0") == ("::1", 0)
-    assert check_address("0.0.0.0:8080") == ("0.0.0.0", 8080)
+    assert check_web_address("[::1]:0") == ("::1", 0)
+    assert check_web_address("0.0.0.0:8080") == ("0.0.0.0", 8080)
     for wrong in ("8080", "127.0.0.1", "127.0.0.1:65536", "http://127.0.0.1:80", ":80"):
-        with pytest.raises(InputError, match="write it as --web"):
-            check_address(wrong)
+        with pytest.raises(InputError, match="no address for --web: write it"):
+            check_web_address(wrong)
     run = RunFolder(place.folder, "r")
     with pytest.raises(InputError, match=r"Address already in use.*choose another"):
         PageSink(f"127.0.0.1:{place.port}", PRESETS["robot"], run, place.epochs, place.feed)
