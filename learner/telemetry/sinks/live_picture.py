@@ -42,8 +42,9 @@ class LivePicture:
         yield Segment(formats.one_line(title)[: self.WIDTH], Style(bold=True))
         yield Segment.line()
         for upper, under in zip(self._pixels[0::2], self._pixels[1::2], strict=True):
-            for above, below in zip(upper.tolist(), under.tolist(), strict=True):
-                yield Segment(_HALF, _style(tuple(above), tuple(below)))
+            cells = zip(upper.tolist(), under.tolist(), strict=True)
+            row = (Segment(_HALF, _style(tuple(above), tuple(below))) for above, below in cells)
+            yield from Segment.simplify(row)
             yield Segment.line()
         keys = f"commanded {_names(view.wanted)}, pressed {_names(view.pressed)}"
         if view.found:
