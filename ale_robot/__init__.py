@@ -10,7 +10,6 @@ emulator alone, with Gymnasium::
     ale_robot.evaluate("robot_pong", games=5)["mean"]
 """
 
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,11 +28,7 @@ for _name in ("actors", "common", "deploy", "learner", "replay", "viewer"):
         )
 
 from actors.envs import env_id  # noqa: E402
-
-try:
-    __version__ = version("ale-robot")
-except PackageNotFoundError:  # a checkout that is not installed
-    __version__ = "unknown"
+from common.version import VERSION as __version__  # noqa: E402
 
 
 def __getattr__(name: str) -> Any:

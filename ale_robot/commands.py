@@ -111,6 +111,22 @@ COMMANDS = {
   --submit             submit the jobs of Slurm too, rather than only write them
 """,
     ),
+    "status": Command(
+        "learner.status",
+        (),
+        "Tell how a run does, wherever it is; the exit code says it too.",
+        """
+  ale-robot status                                 a run on this machine
+  ale-robot status --connect tcp/HOST:7447 --json
+
+  --connect ADDRESS    address of the run's learner or replay
+  --certificates DIR   a learner's certificates, for a tls/ address
+  --run NAME           name of the run, where an address serves several
+  --json               JSON instead of a table
+
+  exit code: 0 healthy, 1 something is red, 4 nobody answers
+""",
+    ),
     "play": Command(
         "viewer.__main__",
         ("play",),

@@ -30,6 +30,7 @@ from common.run.stored_config import differences
 from common.transport.endpoint import from_here
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect, open_hub
+from learner import status
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
 from learner.device import choose_device
@@ -127,6 +128,8 @@ def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
 
 
 def main() -> int | None:
+    if "--status" in sys.argv[1:]:
+        return status.main([each for each in sys.argv[1:] if each != "--status"])
     options, stored = parse_run(LearnerOptions, "learner", sys.argv[1:], stored_config)
     options.check()
     if options.evaluation.evaluate is not None:

@@ -29,6 +29,7 @@ from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.sinks.gates_csv import GatesCsvSink
 from learner.telemetry.sinks.service_manager import ServiceManagerSink
 from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.sinks.status import StatusSink
 from learner.telemetry.sinks.summary import SummarySink
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.telemetry import Telemetry
@@ -87,6 +88,7 @@ def build_learner(
         GatesCsvSink(folder.gates),
         SummarySink(folder.summary, config, provenance()),
         ServiceManagerSink(),
+        StatusSink(transport, keys),
         *more_sinks,
     ]
     if options.web is not None:

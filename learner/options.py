@@ -34,6 +34,7 @@ class LearnerOptions:
 
     Hosts the run's replay and hub unless --connect names a replay of its own. Actors join from
     other terminals or machines by `python -m actors --sync`; with --local they are started here.
+    `python -m learner --status --connect ADDRESS` tells how a run does.
     """
 
     config: RunFlags

@@ -13,6 +13,7 @@ from common.checked import Count, Fraction, Rows
 from common.metrics import Value
 from common.protocol.chunk import Game
 from common.protocol.message import Message
+from common.version import VERSION
 
 MAX_STATISTICS = 4_096
 """In one `Progress`."""
@@ -68,6 +69,8 @@ class Progress(Message):
     """From the index asked for, at most `MAX_STATISTICS`: ask again from the last one plus one."""
     run_id: str = ""
     """Identity of the run."""
+    version: str = VERSION
+    """Of the software of the process that holds the replay."""
 
     def values(self) -> dict[str, Value]:
         """Returns the figures by their keys in `common.metrics`."""

@@ -13,6 +13,7 @@ from common.errors import MessageError
 from common.metrics import Metric, Unit, declare
 from common.press_latency import COUNTS
 from common.protocol.message import Message
+from common.version import VERSION
 
 Role = Literal["actor", "evaluator"]
 
@@ -69,6 +70,8 @@ class ActorStats(Message):
         "actors/waits_given_up", "steps",
         "Steps whose wait for the commanded keys ended at its bound",
         summary="waits_given_up", trouble="gave up")
+    version: str = VERSION
+    """Of its software."""
     key_times: Values[Count] = ()
     """How long the hands took, as counts (see `common.press_latency`); none where nobody has
     told."""

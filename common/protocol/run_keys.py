@@ -49,6 +49,8 @@ class RunKeys:
         """Published: the newest weights, version in the attachment."""
         self.latest_weights = f"{root}/latest_weights"
         """Query: the newest weights, for those who missed the broadcast."""
+        self.status = f"{root}/status"
+        """Query: how the run does, as the learner knows it."""
         self.task = f"{root}/task"
         """Query of an evaluator: which epoch to test next, with that epoch's weights."""
         self.report = f"{root}/report"

@@ -30,13 +30,13 @@ _ALLOWED: dict[str, dict[str, list[str]]] = {
     "learner": {
         "query": [
             *(_ANY.config, _ANY.sample, _ANY.priorities, _ANY.held_out, _ANY.progress),
-            _ANY.view("*", "*"),
+            *(_ANY.status, _ANY.view("*", "*")),
         ],
         "put": [_ANY.weights],
         "declare_subscriber": [_ANY.stats("*", "*")],
         "declare_liveliness_subscriber": [_ANY.live("*", "*")],
-        "declare_queryable": [_ANY.task, _ANY.report],
-        "reply": [_ANY.task, _ANY.report],
+        "declare_queryable": [_ANY.task, _ANY.report, _ANY.status],
+        "reply": [_ANY.task, _ANY.report, _ANY.status],
     },
 }
 """By role and Zenoh's name of a message, the keys to which it may be sent."""
@@ -49,7 +49,7 @@ _MOST_BYTES: list[tuple[list[str], int, list[str]]] = [
         _TO_HUB,
         64 * _KIB,
         [
-            *(_ANY.config, _ANY.latest_weights, _ANY.task, _ANY.view("*", "*")),
+            *(_ANY.config, _ANY.latest_weights, _ANY.task, _ANY.status, _ANY.view("*", "*")),
             *(_ANY.sample, _ANY.held_out, _ANY.progress, _ANY.stats("*", "*")),
         ],
     ),

@@ -1,5 +1,6 @@
 """Processes die by kill -9; nothing that was acknowledged is lost."""
 
+import json
 import os
 import re
 import shutil
@@ -89,6 +90,10 @@ def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stag
     played = 'ale_robot_actor_steps_total{actor="a",role="actor"}'
     for page, figure in ((pages[0], acked), (pages[1], acked), (pages[1], played)):
         wait_until(lambda page=page, figure=figure: _figure(page, figure) >= 1, f"{figure} is told")
+
+    status = stage.start("-m", "learner", "--status", "--connect", stage.endpoint, "--json")
+    told = json.loads(status.ends())
+    assert (told["healthy"], told["learner"]["actors"][0]["name"]) == (True, "a")
 
     os.kill(replay.child, signal.SIGKILL)
     replay.says("the replay ended by signal 9")

@@ -73,6 +73,7 @@ QUERIES = {
     "priorities": KEYS.priorities,
     "held_out": KEYS.held_out,
     "progress": KEYS.progress,
+    "status": KEYS.status,
     "view": KEYS.view("actor", "a"),
 }
 
@@ -81,7 +82,7 @@ QUERIES = {
     ("role", "allowed"),
     [
         ("actor", {"config", "insert", "latest_weights", "task", "report"}),
-        ("learner", {"config", "sample", "priorities", "held_out", "progress", "view"}),
+        ("learner", {"config", "sample", "priorities", "held_out", "progress", "status", "view"}),
     ],
 )
 def test_each_role_is_answered_what_it_may_ask(

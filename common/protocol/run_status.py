@@ -1,0 +1,54 @@
+"""What a learner tells whoever asks how its run does."""
+
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+from annotated_types import MaxLen
+from pydantic import AllowInfNan
+
+from common.checked import Amount, Count, Name, Rows
+from common.protocol.actor_stats import Role
+from common.protocol.message import Message
+
+MOST_ACTORS = 1_000
+_Any = Annotated[float, AllowInfNan(True)]
+
+
+class CheckStatus(NamedTuple):
+    """A health check as it is now."""
+
+    name: str
+    value: _Any | None
+    bound: str
+    passed: bool | None
+    why: str
+    stops: bool
+
+
+class ActorStatus(NamedTuple):
+    """An actor or evaluator as it was last heard of."""
+
+    name: Name
+    role: Role
+    alive: bool
+    silent_for: Amount
+    """Seconds since it was last heard of."""
+    version: str
+    steps_per_second: Amount
+    lag: Count
+    """Updates by which its weights are behind the newest."""
+    held_share: Amount
+
+
+@dataclass(frozen=True)
+class RunStatus(Message):
+    """The run at this moment."""
+
+    version: str
+    """Of the learner's software."""
+    silent_for: Amount
+    """Seconds since the training loop looked around."""
+    values: Annotated[dict[str, bool | int | _Any | str | None], MaxLen(1_000)]
+    """Figures by their keys in `common.metrics`."""
+    checks: Annotated[Rows[CheckStatus], MaxLen(1_000)]
+    actors: Annotated[Rows[ActorStatus], MaxLen(MOST_ACTORS)]

@@ -1,0 +1,210 @@
+"""``ale-robot status``, or ``python -m learner --status``: how a run does, wherever it is."""
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from common.checked import MAX_COUNT, Patience
+from common.errors import MessageError, Unreachable, exit_on_input_error
+from common.metrics import METRICS
+from common.process.command_line import parse
+from common.process.exit_codes import DONE, FAILED
+from common.protocol.run_keys import RunKeys
+from common.protocol.run_status import RunStatus
+from common.run.join import find_run
+from common.transport.endpoint import DEFAULT_ENDPOINT
+from common.transport.interface import Transport
+from common.transport.zenoh_transport import connect
+from common.version import VERSION
+from learner.telemetry.sinks.formats import UNKNOWN, decimal, fill, written
+from learner.telemetry.sinks.summary import strict
+from replay.chunk_statistics import Progress
+from replay.messages import ProgressRequest
+
+_DEADLINE = 2.0
+LONGEST_SILENCE = 60.0
+"""Seconds without a look of the training loop after which the learner counts as hanging."""
+
+
+@dataclass(frozen=True)
+class StatusOptions:
+    """Tell how a run does: its processes, their versions, lag and rates, and what is wrong.
+
+    Exit code 0 where all is well, 1 where something is red, 4 where nobody answers.
+    """
+
+    connect: str = DEFAULT_ENDPOINT
+    """Address of the run's hub (the learner, or a replay of its own)."""
+    certificates: Path | None = None
+    """Folder with a learner's certificates, where the address begins with tls/."""
+    run: str | None = None
+    """Name of the run; needed only where a hub serves several."""
+    patience: Patience = 5.0
+    """Seconds to wait for the hub."""
+    json: bool = False
+    """JSON instead of a table."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What the processes of a run tell."""
+
+    run: str
+    endpoint: str
+    replay: Progress
+    learner: RunStatus | None
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why the run is not in good health; none if it is."""
+        if self.learner is None:
+            return ["no learner answers: start it again with --resume, or look at its log"]
+        silence = self.learner.silent_for
+        hangs = f"the training loop has not looked around for {silence:.0f} s: see its log"
+        return [hangs] * (silence >= LONGEST_SILENCE) + [
+            f"health check {check.name!r} is red: {check.why}"
+            for check in self.learner.checks
+            if check.stops and check.passed is False
+        ]
+
+    def as_json(self) -> str:
+        """Returns all of it."""
+        replay: dict[str, Any] = asdict(self.replay)
+        del replay["statistics"]
+        told = {
+            "run": self.run,
+            "healthy": not self.reasons,
+            "reasons": self.reasons,
+            "version": VERSION,
+            "replay": replay,
+            "learner": None if self.learner is None else _tables(self.learner),
+        }
+        return json.dumps(strict(told), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def show(self, console: Console) -> None:
+        """Print it for a person."""
+        learner, replay = self.learner, self.replay
+        words = f"run {self.run} at {self.endpoint}"
+        if learner is not None:
+            values = {key: learner.values.get(key) for key in METRICS}
+            words += fill(
+                ": {run/game} ({run/env}), preset {run/preset}, {run/phase}, epoch {run/epoch}, "
+                "{run/agent_steps} steps",
+                values,
+            )
+        console.print(words)
+        columns = ("process", "state", "version", "rate", "weights behind", "heard")
+        table = Table(*columns, box=box.SIMPLE, padding=(0, 1, 0, 0))
+        table.add_row("replay", f"{replay.stored:,} steps", replay.version, UNKNOWN, UNKNOWN, "now")
+        for row in _rows(learner):
+            table.add_row(*row)
+        console.print(table)
+        if learner is not None:
+            for line in (
+                "staleness {stream/staleness_p50}/{stream/staleness_p95} updates (p50/p95); "
+                "samples per insert {stream/samples_per_insert} of "
+                "{stream/samples_per_insert_goal}; {stream/steps_per_second} steps/s",
+                "score: training {play/train_reward}, test {play/test_reward}, "
+                "best test {play/best_test_reward}, random {play/random_reward}",
+            ):
+                console.print(fill(line, values))
+            for check in learner.checks:
+                if check.passed is False and not check.stops:
+                    value = written("significant", check.value)
+                    console.print(
+                        f"warning: {check.name} is {value}, not {check.bound}: {check.why}"
+                    )
+        for reason in self.reasons:
+            console.print(f"RED: {reason}", style="red")
+        if not self.reasons:
+            console.print("healthy", style="green")
+
+
+def _tables(status: RunStatus) -> dict[str, Any]:
+    return {
+        **vars(status),
+        "checks": [check._asdict() for check in status.checks],
+        "actors": [actor._asdict() for actor in status.actors],
+    }
+
+
+def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
+    """Yields the learner and its actors, a row each."""
+    if learner is None:
+        yield ("learner", "does not answer", *[UNKNOWN] * 4)
+        return
+    state = str(learner.values.get("run/phase"))
+    rate = fill("{learning/updates_per_second} updates/s", learner.values)
+    yield "learner", state, learner.version, rate, UNKNOWN, _ago(learner.silent_for)
+    for actor in learner.actors:
+        held = f", throttled {actor.held_share:.0%}" if actor.held_share else ""
+        yield (
+            actor.name,
+            f"{actor.role}{held}" if actor.alive else f"{actor.role}, lost",
+            actor.version,
+            f"{decimal(actor.steps_per_second, 1)} steps/s",
+            f"{actor.lag:,} updates" if actor.role == "actor" else UNKNOWN,
+            _ago(actor.silent_for),
+        )
+
+
+def _ago(seconds: float) -> str:
+    return "now" if seconds < 2 else f"{seconds:.0f} s ago"
+
+
+def ask(transport: Transport, keys: RunKeys, endpoint: str) -> Report:
+    """Asks the processes of a run.
+
+    Raises:
+        Unreachable: the replay does not answer.
+    """
+    request = ProgressRequest(MAX_COUNT, None).encode()
+    replays = transport.gather(keys.progress, _DEADLINE, request)
+    learners = transport.gather(keys.status, _DEADLINE)
+    try:
+        if not replays:
+            raise Unreachable(
+                f"the replay of {keys.run} does not answer: look at its log; at a tls/ address "
+                "it answers those who have a learner's certificate."
+            )
+        return Report(
+            keys.run,
+            endpoint,
+            Progress.decode(replays[0].payload),
+            RunStatus.decode(learners[0].payload) if learners else None,
+        )
+    except MessageError as error:
+        raise Unreachable(
+            f"the run's processes do not speak this version's language ({error}): "
+            "install the same version on both machines."
+        ) from None
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Returns the exit code, which says whether the run is in good health."""
+    given = sys.argv[1:] if arguments is None else arguments
+    options = parse(StatusOptions, "learner.status", given)
+    with connect(
+        options.connect,
+        options.patience,
+        role="learner",
+        certificates=options.certificates,
+    ) as transport:
+        keys, _ = find_run(transport, options.run, options.patience, lambda: False)
+        report = ask(transport, keys, options.connect)
+    if options.json:
+        print(report.as_json())
+    else:
+        report.show(Console(highlight=False, markup=False, emoji=False))
+    return FAILED if report.reasons else DONE
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

@@ -1,0 +1,69 @@
+"""Answers whoever asks how the run does (`python -m learner --status`)."""
+
+import time
+from collections.abc import Callable
+
+from common.checked import MAX_TEXT
+from common.errors import MessageError
+from common.metrics import Value, number
+from common.protocol.run_keys import RunKeys
+from common.protocol.run_status import MOST_ACTORS, ActorStatus, CheckStatus, RunStatus
+from common.transport.interface import Request, Transport
+from common.version import VERSION
+from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.snapshot import Snapshot
+
+
+class StatusSink(Sink):
+    """Keeps the latest snapshot, and gives it as a `RunStatus` until ``transport`` is closed."""
+
+    period = 1.0
+
+    def __init__(
+        self, transport: Transport, keys: RunKeys, now: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._now = now
+        self._latest: tuple[Snapshot, float] | None = None
+        transport.serve(keys.status, self._answer)
+
+    def write(self, snapshot: Snapshot) -> None:
+        """Keep it."""
+        self._latest = snapshot, self._now()
+
+    def _answer(self, _: Request) -> bytes:
+        if self._latest is None:
+            raise MessageError("the learner starts")
+        snapshot, looked = self._latest
+        return status_of(snapshot, self._now() - looked).encode()
+
+
+def status_of(snapshot: Snapshot, silent_for: float) -> RunStatus:
+    """Returns what is told of ``snapshot``."""
+    newest = int(number(snapshot.values, "stream/weights_version") or 0)
+    return RunStatus(
+        VERSION,
+        silent_for,
+        {key: _brief(value) for key, value in snapshot.values.items()},
+        tuple(
+            CheckStatus(each.name, each.value, each.bound, each.passed, each.why, each.stops)
+            for each in snapshot.checks
+        ),
+        tuple(
+            ActorStatus(
+                each.stats.name,
+                each.stats.role,
+                each.alive,
+                each.silent_for,
+                each.stats.version,
+                each.stats.steps_per_second,
+                # Of an evaluator, whose weights are those of a test, it says nothing.
+                max(newest - each.stats.weights_version, 0) if each.stats.role == "actor" else 0,
+                each.stats.held_share,
+            )
+            for each in snapshot.present[:MOST_ACTORS]
+        ),
+    )
+
+
+def _brief(value: Value) -> Value:
+    return value[:MAX_TEXT] if isinstance(value, str) else value

@@ -1,0 +1,132 @@
+"""How a run does, asked of its processes in one process: table, JSON and exit code."""
+
+import io
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from common.errors import Unreachable
+from common.protocol.actor_stats import ActorStats
+from common.protocol.run_keys import RunKeys
+from common.transport.interface import Transport
+from learner.status import LONGEST_SILENCE, Report, ask
+from learner.telemetry.sinks.status import StatusSink
+from learner.telemetry.snapshot import ActorView, HealthCheck
+from replay.replay_buffer import ReplayBuffer
+from replay.server import ReplayServer
+from tests.in_process_transport import InProcessHub
+from tests.learner.telemetry.snapshots import snapshot
+from tests.replay.replay_reference import GOES_ON, Actor, make_config
+
+RUN = "pong-1"
+KEYS = RunKeys(RUN)
+NOW = snapshot(
+    {
+        "run/phase": "training",
+        "run/epoch": 2,
+        "run/agent_steps": 8_000,
+        "run/sync": True,
+        "learning/updates_per_second": 12.5,
+        "stream/weights_version": 1_000,
+        "stream/staleness_p50": 4.0,
+        "hands/press_p99": math.inf,
+        "play/train_reward": -20.5,
+        "run/join": "x" * 500,
+    },
+    actors=(
+        ActorView(
+            stats=ActorStats("a-1", "actor", steps_per_second=71.25, weights_version=990),
+            alive=True,
+        ),
+        ActorView(stats=ActorStats("e-1", "evaluator"), alive=False, silent_for=7.0),
+    ),
+    checks=(
+        HealthCheck(name="valid frames", value=1.0, passed=True, bound="≥ 0.99", why="no screen"),
+        HealthCheck(name="press", value=90.0, passed=False, bound="≤ 66", why="slow", stops=False),
+    ),
+)
+RED = HealthCheck(name="sight", value=math.nan, passed=False, bound="≥ 0.99", why="it is blind")
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> Iterator[Transport]:
+    """Of somebody who asks at a hub that has a replay with 8 steps."""
+    config = make_config()
+    hub = InProcessHub()
+    with hub.connect() as served, hub.connect() as client:
+        memory = ReplayBuffer(config, tmp_path / "replay")
+        actor = Actor("a-1", 4)
+        memory.insert(actor.live([GOES_ON] * 8, np.random.default_rng(0)))
+        with ReplayServer(served, memory, config, RUN):
+            yield client
+        memory.close()
+
+
+def test_a_healthy_run(client: Transport) -> None:
+    sink = StatusSink(client, KEYS)
+    sink.write(NOW)
+    report = ask(client, KEYS, "tcp/here")
+    assert report.reasons == []
+    text = shown(report)
+    for words in (
+        "run pong-1 at tcp/here: pong (ale), preset fast, training, epoch 2, 8,000 steps",
+        "8 steps ",
+        "12.5 updates/s",
+        "71.2 steps/s",
+        "10 updates",
+        "evaluator, lost",
+        "7 s ago",
+        "warning: press is 90.00, not ≤ 66: slow",
+        "healthy",
+    ):
+        assert words in text
+    told = json.loads(report.as_json())
+    assert (told["healthy"], told["replay"]["stored"]) == (True, 8)
+    assert told["learner"]["actors"][0]["lag"] == 10
+    assert told["learner"]["values"]["hands/press_p99"] is None
+    assert told["version"] == told["learner"]["version"] == told["replay"]["version"]
+
+
+def shown(report: Report) -> str:
+    out = io.StringIO()
+    report.show(Console(file=out, width=120))
+    return out.getvalue()
+
+
+def test_a_red_check_and_a_loop_that_hangs_are_told(client: Transport) -> None:
+    clock = Clock()
+    sink = StatusSink(client, KEYS, clock)
+    sink.write(snapshot({}, checks=(RED,)))
+    assert ask(client, KEYS, "").reasons == ["health check 'sight' is red: it is blind"]
+    sink.write(snapshot({}))
+    assert ask(client, KEYS, "").reasons == []
+    clock.now += LONGEST_SILENCE
+    (reason,) = ask(client, KEYS, "").reasons
+    assert reason == "the training loop has not looked around for 60 s: see its log"
+
+
+def test_a_run_without_a_learner(client: Transport) -> None:
+    report = ask(client, KEYS, "")
+    assert report.reasons == [
+        "no learner answers: start it again with --resume, or look at its log"
+    ]
+    assert "does not answer" in shown(report)
+    StatusSink(client, KEYS)  # one that has just begun
+    assert ask(client, KEYS, "").learner is None
+
+
+def test_nobody_answers() -> None:
+    with InProcessHub().connect() as client, pytest.raises(Unreachable, match="does not answer"):
+        ask(client, KEYS, "")
