@@ -7,6 +7,7 @@ from common.process.http_endpoints import extra_for
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from common.run.stored_config import flat
 from common.transport.endpoint import is_loopback
 from common.transport.interface import Transport
 from learner.algorithm.interface import Algorithm
@@ -32,6 +33,7 @@ from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.status import StatusSink
 from learner.telemetry.sinks.summary import SummarySink
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
+from learner.telemetry.sinks.tracker import TrackedRun, TrackerSink
 from learner.telemetry.telemetry import Telemetry
 from learner.telemetry.web.address import check_web_address
 from learner.training import Learner
@@ -93,6 +95,9 @@ def build_learner(
     ]
     if options.web is not None:
         sinks.append(_page(options.web, config, folder, epochs, feed, display))
+    if options.track is not None:
+        tracked = TrackedRun(folder.name, replay.run_id, flat(config))
+        sinks.append(TrackerSink(options.track, tracked))
     telemetry = Telemetry(config, constants, phases, registry, epochs, sinks, clock.now)
     telemetry.start(state)
     learner = Learner(

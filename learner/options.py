@@ -25,6 +25,7 @@ from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.offline import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
+from learner.telemetry.sinks.tracker import TrackerName
 from learner.telemetry.web.address import check_web_address
 
 
@@ -85,6 +86,9 @@ class LearnerOptions:
     web: str | None = None
     """Address of a page to watch the run in a browser, such as 127.0.0.1:8080; without it there is
     none."""
+    track: TrackerName | None = None
+    """Program that compares runs and gets the curves too: 'wandb', 'mlflow' or 'trackio'; where it
+    keeps them is its own setting, such as WANDB_MODE=offline."""
     gate_minutes: Annotated[float, Gt(0)] = RED_MINUTES
     """Minutes that a gate may be red before the run ends by itself, with exit code 3."""
     stall_minutes: Annotated[float, Gt(0), AllowInfNan(True)] = STALL_MINUTES

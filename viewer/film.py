@@ -1,6 +1,8 @@
 """`python -m viewer film`: a film of one network's play, or of how a run learned."""
 
+import csv
 import threading
+from collections.abc import Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
@@ -19,7 +21,6 @@ from common.errors import InputError
 from common.process.command_line import WeightsFile
 from common.run.folder import RunFolder
 from common.run.origin import find_weights
-from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 from viewer import overlay
 from viewer.movie import filming, open_movie
 from viewer.panels import Panels
@@ -123,7 +124,7 @@ def chapters_of(folder: Path) -> list[Chapter]:
             f"{folder} has kept no snapshots: train with --keep-snapshots, or film one network by "
             f"--weights {folder}."
         )
-    rows = EpochTable(folder / "epochs.csv").rows()
+    rows = _rows(run.epochs)
     by_epoch = {file: int(file.stem.removeprefix("epoch-")) for file in files}
     return [
         Chapter("random play", None),
@@ -131,14 +132,25 @@ def chapters_of(folder: Path) -> list[Chapter]:
     ]
 
 
-def _title(epoch: int, rows: list[EpochRow]) -> str:
-    found = {row.phase: row for row in rows if row.epoch == epoch}
+def _rows(table: Path) -> list[dict[str, str]]:
+    """Returns the rows of ``epochs.csv`` by the names of its columns; none if there is no file."""
+    try:
+        with table.open(newline="") as file:
+            return list(csv.DictReader(file))
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{table} cannot be read: {error}.") from None
+
+
+def _title(epoch: int, rows: Iterable[Mapping[str, str]]) -> str:
+    found = {row["phase"]: row for row in rows if row["epoch"] == str(epoch)}
     parts = [f"epoch {epoch}"]
-    if (trained := found.get("train")) is not None:
-        hours, rest = divmod(round(trained.total_time), 3600)
-        parts += [f"{trained.total_train_steps:,} steps", f"{hours}:{rest // 60:02} h"]
-    if (tested := found.get("test")) is not None and tested.average_reward is not None:
-        parts.append(f"test score {tested.average_reward:.1f}")
+    if trained := found.get("train"):
+        hours, rest = divmod(round(float(trained["total_time"])), 3600)
+        parts += [f"{int(trained['total_train_steps']):,} steps", f"{hours}:{rest // 60:02} h"]
+    if (tested := found.get("test")) and tested["average_reward"]:
+        parts.append(f"test score {float(tested['average_reward']):.1f}")
     return "   ".join(parts)
 
 

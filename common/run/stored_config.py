@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 from common.checked import Invalid, build
@@ -33,6 +34,21 @@ T = TypeVar("T")
 def to_json(config: Any) -> str:
     """Returns a configuration dataclass as readable JSON."""
     return json.dumps(dataclasses.asdict(config), indent=2)
+
+
+def flat(config: Any) -> dict[str, bool | int | float | str]:
+    """Returns the settings by their whole names, as ``learning.n_step``; any other kind of value
+    as its text."""
+
+    def settings(of: Mapping[str, Any], group: str) -> Iterator[tuple[str, Any]]:
+        for name, value in of.items():
+            if isinstance(value, dict):
+                yield from settings(value, f"{group}{name}.")
+            else:
+                plain = isinstance(value, bool | int | float | str)
+                yield group + name, value if plain else str(value)
+
+    return dict(settings(dataclasses.asdict(config), ""))
 
 
 def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool = False) -> T:

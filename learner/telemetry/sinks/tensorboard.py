@@ -11,15 +11,13 @@ from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.event_file_writer import EventFileWriter
 
-from common.metrics import METRICS, Values, number
-from learner.telemetry.sinks.epochs_csv import EpochRow
-from learner.telemetry.sinks.sink import Sink
-from learner.telemetry.snapshot import Snapshot
+from common.metrics import Values
+from learner.telemetry.sinks.curves import CurvesSink
 
 _FLUSH_SECONDS = 10
 
 
-class TensorBoardSink(Sink):
+class TensorBoardSink(CurvesSink):
     """Event files in ``folder``, made when it does not exist; earlier files in it stay."""
 
     def __init__(self, folder: Path) -> None:
@@ -35,45 +33,12 @@ class TensorBoardSink(Sink):
             )
             self._writer.flush()
 
-    def write(self, snapshot: Snapshot) -> None:
-        """One point on each live curve."""
-        values = snapshot.values
-        self._add(
-            {
-                tag: number(values, metric.key)
-                for metric in METRICS.values()
-                for tag in (
-                    metric.key if metric.curve else "",
-                    metric.gate and "gates/" + metric.gate,
-                )
-                if tag
-            },
-            int(number(values, "run/agent_steps") or 0),
-        )
-
-    def phase(self, row: EpochRow, agent_steps: int) -> None:
-        """The figures of a finished phase, at the agent steps of the weights that played it.
-
-        ``agent_steps`` counts the warm-up as every other curve does; the row's
-        ``total_train_steps`` does not.
-        """
-        self._add(
-            {
-                f"play/epoch_{row.phase}_reward": row.average_reward,
-                f"play/epoch_{row.phase}_min": row.min_game_reward,
-                f"play/epoch_{row.phase}_max": row.max_game_reward,
-                f"play/epoch_{row.phase}_steps_per_second": row.steps_per_second,
-                f"learning/epoch_{row.phase}_mean_max_q": row.meanq,
-                f"learning/epoch_{row.phase}_loss": row.meancost if row.phase == "train" else None,
-            },
-            agent_steps,
-        )
-
     def close(self) -> None:
         """Write what is still in memory and end."""
         self._writer.close()
 
-    def _add(self, points: Values, agent_steps: int) -> None:
+    def add(self, points: Values, agent_steps: int) -> None:
+        """See `CurvesSink.add`."""
         values = [
             Summary.Value(tag=tag, simple_value=value)
             for tag, value in points.items()

@@ -1,0 +1,50 @@
+"""`CurvesSink`: the run's curves over agent steps, for programs that draw them."""
+
+from abc import abstractmethod
+
+from common.metrics import METRICS, Values, number
+from learner.telemetry.sinks.epochs_csv import EpochRow
+from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.snapshot import Snapshot
+
+
+class CurvesSink(Sink):
+    """Names the points of each curve; a program's own sink adds them."""
+
+    @abstractmethod
+    def add(self, points: Values, agent_steps: int) -> None:
+        """Take one point of each curve; those that are None are not known yet."""
+
+    def write(self, snapshot: Snapshot) -> None:
+        """One point on each live curve."""
+        values = snapshot.values
+        self.add(
+            {
+                tag: number(values, metric.key)
+                for metric in METRICS.values()
+                for tag in (
+                    metric.key if metric.curve else "",
+                    metric.gate and "gates/" + metric.gate,
+                )
+                if tag
+            },
+            int(number(values, "run/agent_steps") or 0),
+        )
+
+    def phase(self, row: EpochRow, agent_steps: int) -> None:
+        """The figures of a finished phase, at the agent steps of the weights that played it.
+
+        ``agent_steps`` counts the warm-up as every other curve does; the row's
+        ``total_train_steps`` does not.
+        """
+        self.add(
+            {
+                f"play/epoch_{row.phase}_reward": row.average_reward,
+                f"play/epoch_{row.phase}_min": row.min_game_reward,
+                f"play/epoch_{row.phase}_max": row.max_game_reward,
+                f"play/epoch_{row.phase}_steps_per_second": row.steps_per_second,
+                f"learning/epoch_{row.phase}_mean_max_q": row.meanq,
+                f"learning/epoch_{row.phase}_loss": row.meancost if row.phase == "train" else None,
+            },
+            agent_steps,
+        )
