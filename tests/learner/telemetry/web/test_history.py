@@ -28,7 +28,7 @@ def test_a_page_gets_what_it_lacks() -> None:
 
 def test_a_long_run_keeps_evenly_spread_points() -> None:
     # After the ninth there are 0, 2 … 8; after the 17th 0, 4 … 16; then each fourth is taken.
-    assert points(grown(8, 9), 0, 8) == [(10 * i, float(i)) for i in range(0, 9, 2)]
+    assert points(grown(8, 9), 0, 3) == [(10 * i, float(i)) for i in range(0, 9, 2)]
     assert points(grown(8, 27)) == [(10 * i, float(i)) for i in range(0, 27, 4)]
     assert len(points(grown(8, 10_000))) <= 8
 

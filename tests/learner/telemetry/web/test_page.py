@@ -1,6 +1,7 @@
 """The page's server, asked by HTTP: what it tells, to whom, and what it refuses."""
 
 import http.client
+import itertools
 import json
 import socket
 import threading
@@ -14,12 +15,12 @@ import pytest
 from common.errors import InputError
 from common.process.threads import end_with_any_thread
 from common.protocol.actor_stats import ActorStats
-from common.protocol.live_view import LiveView, ViewRequest
+from common.protocol.live_view import ViewRequest
 from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from common.transport.interface import Request, Transport
-from learner.telemetry.live_feed import LiveFeed
+from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.snapshot import ActorView, HealthCheck
 from learner.telemetry.web.address import check_web_address, may_be_asked_as
@@ -164,32 +165,30 @@ def test_a_forged_picture_is_not_passed_on(place: Place, forged: bytes) -> None:
     assert place.json("/state")["run"]["name"] == "pong-1"
 
 
-def test_many_who_watch_cost_an_actor_no_more_than_one(place: Place) -> None:
-    place.page.start(None)
-    place.page.write(SNAPSHOT)
-    let_go, waiting = threading.Event(), threading.Barrier(5)
+def test_many_who_watch_cost_an_actor_no_more_than_one(hub: Transport, client: Transport) -> None:
+    let_go, asked = threading.Event(), []
 
-    def answer() -> bytes:
+    def answer(request: Request) -> bytes:
+        asked.append(request.payload)
         let_go.wait(PATIENCE)
         return VIEW.encode()
 
-    place.serve(answer)
-    found: list[LiveView | None] = []
-
-    def look() -> None:
-        waiting.wait(PATIENCE)
-        found.append(place.page.view("actor", "a", 0, "none"))
-
-    threads = [threading.Thread(target=look) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    waiting.wait(PATIENCE)
-    wait_until(lambda: bool(place.asked), "the actor is asked")
+    client.serve(KEYS.view("actor", "a"), answer)
+    hours = itertools.count(0.0, 3_600.0)
+    feed = LiveFeed(hub, KEYS, lambda: next(hours))
+    look = Asked("actor", "a", ViewRequest())
+    assert feed.latest(look) is None
+    wait_until(lambda: asked, "the actor is asked")
+    # Whatever time it takes, all who come meanwhile wait for the same answer.
+    assert feed.latest(look) is None
+    others = [feed._begin(look) for _ in range(4)]
     let_go.set()
-    for thread in threads:
-        thread.join(PATIENCE)
-    assert found == [VIEW] * 4
-    assert len(place.asked) == 1
+    assert [other.result(PATIENCE) for other in others] == [VIEW] * 4
+    assert len(asked) == 1
+    assert feed.latest(look) == VIEW  # that of an hour ago, and asks again
+    wait_until(lambda: len(asked) == 2, "the actor is asked again")
+    feed.close()
+    assert feed.look(look) is None
 
 
 def test_films_of_the_run_are_served(place: Place) -> None:
