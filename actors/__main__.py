@@ -34,6 +34,7 @@ from common.pinned_file import path_of
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import parse
 from common.process.lifeline import leave_with_parent, on_signals
+from common.process.log_lines import say_json
 from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import check_name
@@ -80,6 +81,8 @@ class ActorOptions:
     does not repeat its games."""
     patience: Patience = 300.0
     """Seconds to wait for the hub, at the start and whenever it goes away."""
+    log_json: bool = False
+    """Lines of JSON instead of a screen or lines for people."""
     leash: bool = False
     """Leash: the process leaves when standard input ends; local mode holds the other end."""
 
@@ -123,6 +126,8 @@ def main() -> int:
         os.execv(sys.executable, [sys.executable, "-m", "viewer", *command])
     options = parse(ActorOptions, "actors", sys.argv[1:])
     options.check()
+    if options.log_json:
+        say_json("evaluator" if options.evaluator else "actor")
     name = check_name("actor", options.name or default_name())
     stop = threading.Event()
     on_signals(stop)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from common.errors import Unreachable
+from common.process.log_lines import line
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.transport.interface import Transport
@@ -26,7 +27,7 @@ class Member:
     """Set from outside to make the process leave, and from inside when the run is finished."""
     incarnation: int = field(default_factory=time.time_ns)
     """Differs for each start of the process, and grows."""
-    tell: Callable[[str], None] = lambda text: print(text, file=sys.stderr, flush=True)
+    tell: Callable[[str], None] = lambda text: print(line(text), file=sys.stderr, flush=True)
 
     def check_run(self, run_id: str) -> None:
         """Refuse to take part in another run than the one that was joined.

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 
 from common.process.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, UNREACHABLE
+from common.process.log_lines import line
 from common.process.output import has_reader, silence
 
 
@@ -46,7 +47,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
             status = end.code
         sys.stdout.flush()
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(line(f"error: {error}", "error"), file=sys.stderr)
         status = error.exit_code
     except OSError as error:
         if isinstance(error, BrokenPipeError) and not has_reader(sys.stdout):
@@ -56,8 +57,11 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             what = "the disk is full: free some space"
         print(
-            f"error: {what}, then run the command again; "
-            "--resume continues a run from its last checkpoint.",
+            line(
+                f"error: {what}, then run the command again; "
+                "--resume continues a run from its last checkpoint.",
+                "error",
+            ),
             file=sys.stderr,
         )
         status = BAD_INPUT

@@ -20,6 +20,7 @@ from common.process.command_line import parse_run
 from common.process.exit_codes import INTERRUPTED, RED
 from common.process.http_endpoints import extra_for, http_endpoints
 from common.process.lifeline import on_signals
+from common.process.log_lines import line, say_json
 from common.process.restarts import with_restarts
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights, load_weights_file
@@ -137,6 +138,8 @@ def main() -> int | None:
         on_signals(stop)
         found = evaluate(options.evaluation, options.config, stored, options.clock, stop)
         return INTERRUPTED if found is None else 0
+    if options.log_json:
+        say_json("learner")
     return with_restarts("the learner", partial(train, options), options.restart)
 
 
@@ -169,7 +172,7 @@ def train(options: LearnerOptions, again: bool) -> int:
         end_with_any_thread(stop),
         operators_page(options) as page,
         place as (transport, replay, endpoint),
-        open_display() as display,
+        open_display(as_json=options.log_json) as display,
         ExitStack() as stack,
     ):
         learner = build_learner(
@@ -188,13 +191,13 @@ def train(options: LearnerOptions, again: bool) -> int:
         learner.run(children)
     go_on = resume_command(sys.argv[1:], folder.name, done=learner.done)
     if learner.failed is not None:
-        print(
+        told = (
             f"stopped: {learner.failed}. Everything is in {folder.path}; mend what is wrong, or "
-            f"train on regardless with: {go_on} --force",
-            file=sys.stderr,
+            f"train on regardless with: {go_on} --force"
         )
+        print(line(told, "error"), file=sys.stderr)
         return RED
-    print(f"Everything is in {folder.path}; go on with: {go_on}")
+    print(line(f"Everything is in {folder.path}; go on with: {go_on}"))
     return 0
 
 

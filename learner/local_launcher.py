@@ -17,6 +17,8 @@ def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervi
     roles = {f"actor-{i}": ["--envs", str(options.envs)] for i in range(1, options.actors + 1)}
     roles |= {f"evaluator-{i}": ["--evaluator"] for i in range(1, options.evaluators + 1)}
     common = ["--connect", endpoint, "--run", folder.name, *options.clock.flags()]
+    if options.log_json:
+        common.append("--log-json")
     if options.certificates is not None:
         common += ["--certificates", str(options.certificates)]
     return Supervisor(

@@ -78,6 +78,8 @@ class LearnerOptions:
     """Seconds to wait for the replay of --connect."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
+    log_json: bool = False
+    """Lines of JSON instead of a screen or lines for people."""
     restart: Count = 0
     """Restarts in a row after a crash: a parent process starts this one again, with --resume and
     growing pauses, unless the exit code says that this is in vain."""

@@ -19,10 +19,12 @@ import tyro
 
 from common.checked import Count
 from common.errors import exit_on_input_error
+from common.metrics import Values
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunFlags, parse_run
 from common.process.http_endpoints import Page, extra_for, http_endpoints, verdict
 from common.process.lifeline import on_signals
+from common.process.log_lines import line, say_json
 from common.process.output import silence
 from common.process.restarts import with_restarts
 from common.process.service_manager import tell
@@ -50,6 +52,8 @@ class ReplayOptions:
     """Address where learner and actors find this process."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
+    log_json: bool = False
+    """Lines of JSON instead of a screen or lines for people."""
     restart: Count = 0
     """Restarts in a row after a crash: a parent process starts this one again, with --resume and
     growing pauses, unless the exit code says that this is in vain."""
@@ -69,6 +73,8 @@ def main() -> int | None:
             RunFolder(options.runs, options.run).stored_config() if options.resume else None
         ),
     )
+    if options.log_json:
+        say_json("replay")
     return with_restarts("the replay", partial(serve, options), options.restart)
 
 
@@ -96,9 +102,9 @@ def serve(options: ReplayOptions, again: bool) -> None:
                 _say(_line(memory.progress(sys.maxsize)))
                 tell("READY=1")
                 while not stop.wait(_REPORT_EVERY):
-                    line = _line(memory.progress(sys.maxsize))
-                    _say(line)
-                    tell(f"STATUS={line}", "WATCHDOG=1")
+                    progress = memory.progress(sys.maxsize)
+                    _say(_line(progress), progress.values())
+                    tell(f"STATUS={_line(progress)}", "WATCHDOG=1")
                 tell("STOPPING=1")
             _say(_line(memory.progress(sys.maxsize)))
         finally:
@@ -120,10 +126,10 @@ def _pages(memory: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:
     return {"/healthz": works, "/readyz": works, "/metrics": figures}
 
 
-def _say(text: str) -> None:
+def _say(text: str, values: Values | None = None) -> None:
     """Print a line; that nobody can read it is no reason to end a run's hub."""
     try:
-        print(text, flush=True)
+        print(line(text, values=values), flush=True)
     except OSError:
         silence(sys.stdout)
 

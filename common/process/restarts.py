@@ -16,6 +16,7 @@ from types import FrameType
 
 from common.errors import exit_on_input_error
 from common.process.exit_codes import EXIT_CODES
+from common.process.log_lines import line
 
 _FIRST_PAUSE, _LONGEST_PAUSE = 1.0, 60.0
 _SETTLED = 600.0
@@ -97,4 +98,4 @@ def _be_child(parent: int, work: Callable[[], int | None]) -> None:
 
 
 def _say(sentence: str) -> None:
-    print(sentence, file=sys.stderr, flush=True)
+    print(line(sentence, "warning"), file=sys.stderr, flush=True)

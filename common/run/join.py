@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 from common.errors import InputError, MessageError, Unreachable
+from common.process.log_lines import line
 from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys, check_name
 from common.run.config import RunConfig
@@ -19,7 +20,7 @@ _TELL_EVERY = 10.0
 def patiently(
     stop: threading.Event,
     endpoint: str,
-    say: Callable[[str], None] = lambda text: print(text, file=sys.stderr, flush=True),
+    say: Callable[[str], None] = lambda text: print(line(text), file=sys.stderr, flush=True),
     now: Callable[[], float] = time.monotonic,
 ) -> Callable[[], bool]:
     """Returns whether ``stop`` is set, for those who wait for a run and ask after each attempt;

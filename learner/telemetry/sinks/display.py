@@ -15,6 +15,7 @@ from rich.live import Live
 from rich.text import Text
 
 from common.metrics import number
+from common.process import log_lines
 from common.process.output import silence
 from common.protocol.live_view import ViewRequest
 from learner.clock import Every
@@ -51,9 +52,11 @@ class Display(Sink):
         """Give back what was taken."""
 
 
-def open_display(stream: TextIO | None = None) -> Display:
+def open_display(stream: TextIO | None = None, *, as_json: bool = False) -> Display:
     """The live screen where ``stream`` (standard output) is a terminal that can, else lines."""
     stream = sys.stdout if stream is None else stream
+    if as_json:
+        return JsonDisplay(stream)
     if not stream.isatty():  # rich alone would let FORCE_COLOR draw into a log file
         return PlainDisplay(stream)
     console = Console(file=stream, highlight=False, markup=False, emoji=False)
@@ -153,7 +156,7 @@ class PlainDisplay(Display):
             self.line(text)
         turned = self._last is None or _chapter(self._last) != _chapter(snapshot)
         if turned or self._schedule.is_due():
-            self.line(status_line(snapshot))
+            self.figures(snapshot)
             self._schedule.restart()
         self._last = snapshot
 
@@ -161,18 +164,36 @@ class PlainDisplay(Display):
         """Say it at once."""
         self.line(text)
 
+    def figures(self, snapshot: Snapshot) -> None:
+        """Write the figures."""
+        self.line(status_line(snapshot))
+
     def line(self, text: str) -> None:
         """Write one line, with the time of day."""
+        self._put(f"{time.strftime('%H:%M:%S')} {formats.one_line(text)}".translate(_ASCII))
+
+    def _put(self, full: str) -> None:
         if self._gone:
             return
         encoding = getattr(self._stream, "encoding", None) or "utf-8"
-        full = f"{time.strftime('%H:%M:%S')} {formats.one_line(text)}".translate(_ASCII)
         try:
             self._stream.write(full.encode(encoding, "replace").decode(encoding) + "\n")
             self._stream.flush()
         except OSError:
             self._gone = True
             silence(self._stream)
+
+
+class JsonDisplay(PlainDisplay):
+    """The same, each line an object of JSON (`common.process.log_lines`)."""
+
+    def figures(self, snapshot: Snapshot) -> None:
+        """Write all figures."""
+        self._put(log_lines.line(status_line(snapshot), values=snapshot.values))
+
+    def line(self, text: str) -> None:
+        """Write a sentence."""
+        self._put(log_lines.line(formats.one_line(text)))
 
 
 _ASCII = str.maketrans(
