@@ -10,3 +10,6 @@ apt-get download -qq prometheus
 dpkg-deb -x prometheus_*.deb .
 cp usr/bin/promtool usr/bin/prometheus "$into"
 "$into/promtool" --version
+# Tests of whole clusters and images need more, which is installed (as root), not started:
+#     apt-get install slurmctld slurmd slurm-client munge buildah debootstrap
+#     .venv/bin/pip install kubernetes-validate      # and kubectl 1.22 or later

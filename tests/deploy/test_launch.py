@@ -1,7 +1,10 @@
 """What is written for an engine, and what is refused before anything is."""
 
+import os
+import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -84,11 +87,15 @@ def test_an_actor_follows_the_learner_to_another_node(tmp_path: Path) -> None:
     script = tmp_path / "actors.sh"
     script.write_text(head + (ROOT / "deploy/slurm/actors.sh").read_text())
     address.write_text("tcp/old:1\n")
-    job = subprocess.Popen(
-        ["bash", script], env={"SLURM_ARRAY_TASK_ID": "1", "PATH": "/usr/bin:/bin"}
-    )
-    wait_until(said.exists, "the actor is there")
-    assert job.poll() is None
-    address.write_text("tcp/new:1\n")
-    assert job.wait() == 0
+    environment = {"SLURM_ARRAY_TASK_ID": "1", "PATH": "/usr/bin:/bin"}
+    job = subprocess.Popen(["bash", script], env=environment, start_new_session=True)
+    try:
+        wait_until(said.exists, "the actor is there")
+        address.write_text("tcp/new:1\n")
+        wait_until(lambda: job.poll() is not None, "the job is over")
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(job.pid, signal.SIGKILL)
+        job.wait()
+    assert job.returncode == 0
     assert said.read_text().split() == ["tcp/old:1", "tcp/new:1"]
