@@ -1,0 +1,201 @@
+"""`python -m benchmarks.sweep STUDY --vary …`: searches settings by whole trainings, with Optuna.
+
+Each trial is a run of `python -m learner --local` with settings that the study draws. After each
+epoch the mean score of its training games is told to the study, which ends trials that are worse
+than the median of the others at that epoch. The same command goes on with a study; given in several
+terminals, or on machines that share a ``--storage``, it is so many workers. A trial whose worker
+died is begun again.
+"""
+
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from shlex import join, split
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import tyro
+from annotated_types import MinLen
+
+from benchmarks.child import free_endpoint
+from benchmarks.report import BenchmarkOptions, Report, main
+from common.checked import Count, FromOne
+from common.errors import InputError
+from common.process.http_endpoints import extra_for
+from common.process.supervisor import Child
+from common.protocol.run_keys import check_name
+from common.run.folder import RunFolder
+from learner.telemetry.sinks.epochs_csv import EpochTable
+
+if TYPE_CHECKING:
+    from optuna import Study, Trial
+
+_POLL = 1.0
+_ALIVE = 60
+"""Seconds between two signs of life of a worker; after three times as long it counts as dead."""
+
+
+class Axis(NamedTuple):
+    """A setting that the study varies."""
+
+    flag: str
+    choices: tuple[str, ...] = ()
+    """Its values; or, where there are none, all between two numbers."""
+    low: float = 0.0
+    high: float = 0.0
+    log: bool = False
+    whole: bool = False
+
+    @classmethod
+    def parse(cls, text: str) -> "Axis":
+        """Reads ``FLAG=A,B,C``, ``FLAG=LOW:HIGH`` or ``FLAG=LOW:HIGH:log``; of two whole numbers
+        only whole ones are drawn.
+
+        Raises:
+            InputError: it is none of these.
+        """
+        flag, _, values = text.partition("=")
+        parts = values.split(":")
+        try:
+            if not flag or not values or parts[2:] not in ([], ["log"]):
+                raise ValueError
+            if len(parts) == 1:
+                return cls(flag.lstrip("-"), tuple(values.split(",")))
+            low, high = map(float, parts[:2])
+            if not (isfinite(low) and isfinite(high) and low < high and (low > 0 or not parts[2:])):
+                raise ValueError
+        except ValueError:
+            raise InputError(
+                f"--vary {text} names no settings to try: write it as learning.n-step=3,5,10 or "
+                "learning.learning-rate=1e-5:1e-3:log."
+            ) from None
+        whole = all(part.strip().isdigit() for part in parts[:2])
+        return cls(flag.lstrip("-"), low=low, high=high, log=bool(parts[2:]), whole=whole)
+
+    def draw(self, trial: "Trial") -> str:
+        """Returns the value of ``trial``, as for the command line."""
+        if self.choices:
+            return str(trial.suggest_categorical(self.flag, self.choices))
+        if self.whole:
+            return f"{trial.suggest_int(self.flag, int(self.low), int(self.high), log=self.log)}"
+        return f"{trial.suggest_float(self.flag, self.low, self.high, log=self.log):.6g}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(BenchmarkOptions):
+    """Search settings by whole trainings; needs pip install 'ale-robot[sweep]'."""
+
+    study: tyro.conf.Positional[str]
+    """Name of the study."""
+    vary: Annotated[tuple[str, ...], MinLen(1)] = tyro.MISSING
+    """Settings to vary, each as FLAG=A,B,C or FLAG=LOW:HIGH or FLAG=LOW:HIGH:log."""
+    trials: Count = 20
+    """Number of trials of this worker."""
+    steps: FromOne = 200_000
+    """Agent steps of a trial."""
+    learner: str = ""
+    """Flags of every trial, as in --learner="--env ale --preset fast"."""
+    storage: str = ""
+    """Where Optuna keeps the study, as a URL; by default STUDY.db in the folder of the runs."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs."""
+    seed: Count = 1
+    """Seed of the settings that are drawn, and of every trial's run."""
+
+    def check(self) -> None:
+        super().check()
+        check_name("study", self.study)
+
+
+def measure(options: Options) -> Report:
+    axes = [Axis.parse(text) for text in options.vary]
+    with extra_for("python -m benchmarks.sweep", "sweep"):
+        import optuna
+    options.runs.mkdir(parents=True, exist_ok=True)
+    study = optuna.create_study(
+        study_name=options.study,
+        storage=optuna.storages.RDBStorage(
+            options.storage or f"sqlite:///{options.runs / options.study}.db",
+            heartbeat_interval=_ALIVE,
+            heartbeat_stale_trial_callback=optuna.storages.RetryFailedTrialCallback(),
+        ),
+        direction="maximize",
+        sampler=optuna.samplers.TPESampler(seed=options.seed),
+        pruner=optuna.pruners.MedianPruner(n_startup_trials=4),
+        load_if_exists=True,
+    )
+    if options.trials:
+        study.optimize(lambda trial: _play(options, axes, trial), n_trials=options.trials)
+    return _report(options, study)
+
+
+def _play(options: Options, axes: list[Axis], trial: "Trial") -> float:
+    """Trains once; returns the mean score of the last epoch's training games."""
+    import optuna
+
+    folder = RunFolder(options.runs, f"{options.study}-{trial.number}")
+    drawn = [part for axis in axes for part in (f"--{axis.flag}", axis.draw(trial))]
+    flags = [*split(options.learner), "--seed", f"{options.seed}", *drawn]
+    trial.set_user_attr("command", join(["python", "-m", "learner", "--local", *flags]))
+    place = ("--run", folder.name, "--runs", str(options.runs), "--listen", free_endpoint())
+    budget = ("--steps", f"{options.steps}", "--evaluators", "0")
+    log = options.runs / f"{folder.name}.log"
+    told = 0
+    with ExitStack() as stack:
+        learner = Child("learner", "--local", *place, *budget, *flags, leash=False, log=log)
+        stack.callback(learner.end)
+        while True:
+            over = learner.poll() is not None  # first, for its last row may come with its end
+            scores = _scores(folder)
+            for epoch, score in scores[told:]:
+                trial.report(score, epoch)
+            told = len(scores)
+            if over:
+                break
+            if trial.should_prune():
+                raise optuna.TrialPruned
+            time.sleep(_POLL)
+    if learner.returncode:
+        raise learner.failure(f"training of trial {trial.number}")
+    if not scores:
+        raise InputError("no game ended in a whole epoch: raise --steps.")
+    return scores[-1][1]
+
+
+def _scores(folder: RunFolder) -> list[tuple[int, float]]:
+    """Returns epochs and the mean scores of their training games."""
+    if not folder.epochs.exists():
+        return []
+    rows = EpochTable(folder.epochs).rows()
+    return [
+        (row.epoch, row.average_reward)
+        for row in rows
+        if row.phase == "train" and row.average_reward is not None
+    ]
+
+
+def _report(options: Options, study: "Study") -> Report:
+    rows: list[Mapping[str, Any]] = [
+        {
+            "trial": trial.number,
+            **{f"--{name}": value for name, value in trial.params.items()},
+            "epochs": len(trial.intermediate_values),
+            "score": trial.value if trial.state.name == "COMPLETE" else None,
+            "state": trial.state.name.lower(),
+        }
+        for trial in study.trials
+    ]
+    rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0.0)))
+    if not rows:
+        raise InputError(f"the study {options.study} has no trials yet: choose --trials.")
+    whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
+    best = study.best_trial.user_attrs["command"] if whole else None
+    about = {"study": options.study, "steps": options.steps, "vary": options.vary}
+    note = f"best: {best} --steps {options.steps}" if best else "no trial is whole yet"
+    return Report.of(f"study {options.study}", rows, {**about, "best": best}, note)
+
+
+if __name__ == "__main__":
+    main("sweep", Options, measure)
