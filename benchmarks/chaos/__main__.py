@@ -79,7 +79,7 @@ def _measure(options: Options, folder: Path) -> Report:
     with World(folder, flags, options.actors) as world:
         if world.recovery(_PATIENCE, _NEVER) is None:
             raise InputError(f"the run did not begin in {_PATIENCE:.0f} s.")
-        memory = {name: world.resident_mib(name) for name in (HUB, LEARNER)}
+        memory = {name: world.private_mib(name) for name in (HUB, LEARNER)}
         deadline = time.monotonic() + 60 * options.minutes
         most = options.faults or math.inf
         while (
@@ -93,7 +93,7 @@ def _measure(options: Options, folder: Path) -> Report:
             last = struck[-1]
             told = f"{last['fault']}, {last['target']}: all work again after"
             print(f"{len(struck):4} {told} {last['recovery']:.1f} s", flush=True)
-        after = {name: world.resident_mib(name) for name in (HUB, LEARNER)}
+        after = {name: world.private_mib(name) for name in (HUB, LEARNER)}
         starts = dict(world.starts)
         world.conclude()
         found = audit(world.replay, world.records)
@@ -159,7 +159,7 @@ def _report(
         "faults": len(struck),
         "audit": asdict(found),
         "starts": starts,
-        "resident_mib": {"before": before, "after": after},
+        "private_mib": {"before": before, "after": after},
         "struck": struck,
         "rows": rows,
     }
@@ -171,7 +171,7 @@ def _report(
             f"Audit: {found.made:,} chunks made, {found.acknowledged:,} acknowledged, "
             f"{found.stored:,} stored; {found.lost} lost or altered, {found.duplicated} "
             f"duplicated, {found.unknown_rows} of {found.rows:,} steps unknown.",
-            f"Memory: {memory}.",
+            f"Private memory: {memory}.",
         ),
     )
 

@@ -143,10 +143,10 @@ class World:
                 self.faults.append(f"{name} ended with status {status}: {process.last_line()}")
                 self.start(name)
 
-    def resident_mib(self, name: str) -> float:
-        """Memory of a process."""
+    def private_mib(self, name: str) -> float:
+        """Memory of a process, without the files that it maps."""
         status = Path(f"/proc/{self.processes[name].pid}/status").read_text()
-        return int(status.partition("VmRSS:")[2].split()[0]) / 1024
+        return int(status.partition("RssAnon:")[2].split()[0]) / 1024
 
     # ------------------------------------------------------------------ the work
 
