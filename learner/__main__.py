@@ -8,8 +8,9 @@ if __name__ == "__main__":
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from functools import partial
+from typing import TYPE_CHECKING
 
 import torch
 
@@ -52,6 +53,9 @@ from replay.client import RemoteReplay
 from replay.interface import Replay
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
+
+if TYPE_CHECKING:
+    from learner.telemetry.web.page_sink import PageSink
 
 
 @contextmanager
@@ -110,6 +114,19 @@ def operators_page(options: LearnerOptions) -> Iterator[list[Sink]]:
     sink = PrometheusSink()
     with http_endpoints(options.http, sink.pages):
         yield [sink]
+
+
+def web_page(options: LearnerOptions, folder: RunFolder) -> list["PageSink"]:
+    """The page of --web, which listens already; what serves it is loaded only where it is wanted.
+
+    Raises:
+        InputError: it is not installed, or nobody can listen there.
+    """
+    if options.web is None:
+        return []
+    with extra_for("--web", "web"):
+        from learner.telemetry.web.page_sink import PageSink
+    return [PageSink(options.web, options.config, folder)]
 
 
 def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
@@ -171,13 +188,21 @@ def train(options: LearnerOptions, again: bool) -> int:
         folder.removed_if_unused(),
         end_with_any_thread(stop),
         operators_page(options) as page,
+        nullcontext(web_page(options, folder)) as web,
         place as (transport, replay, endpoint),
         open_display(as_json=options.log_json) as display,
         ExitStack() as stack,
     ):
         learner = build_learner(
-            options, folder, transport, replay, algorithm, device, display, stop, *page
+            options, folder, transport, replay, algorithm, device, display, stop, *page, *web
         )
+        for each in web:
+            display.line(f"watch the run at {each.url}")
+            if not each.is_private:
+                display.line(
+                    "warning: whoever reaches that port can watch the run, without a password: use "
+                    "--web 127.0.0.1:8080 and ssh -L instead."
+                )
         learner.start()
         children = None
         if options.local:

@@ -3,12 +3,9 @@
 import threading
 from functools import partial
 
-from common.process.http_endpoints import extra_for
 from common.protocol.run_keys import RunKeys
-from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.stored_config import flat
-from common.transport.endpoint import is_loopback
 from common.transport.interface import Transport
 from learner.algorithm.interface import Algorithm
 from learner.checkpoint import Checkpoint
@@ -35,7 +32,6 @@ from learner.telemetry.sinks.summary import SummarySink
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.sinks.tracker import TrackedRun, TrackerSink
 from learner.telemetry.telemetry import Telemetry
-from learner.telemetry.web.address import check_web_address
 from learner.training import Learner
 from replay.interface import Replay
 
@@ -83,7 +79,6 @@ def build_learner(
     }
     epochs = EpochTable(folder.epochs)
     feed = LiveFeed(transport, keys)
-    display.watch(feed)
     sinks: list[Sink] = [
         display,
         TensorBoardSink(folder.tensorboard),
@@ -93,8 +88,8 @@ def build_learner(
         StatusSink(transport, keys),
         *more_sinks,
     ]
-    if options.web is not None:
-        sinks.append(_page(options.web, config, folder, epochs, feed, display))
+    for sink in sinks:
+        sink.watch(feed)
     if options.track is not None:
         tracked = TrackedRun(folder.name, replay.run_id, flat(config))
         sinks.append(TrackerSink(options.track, tracked))
@@ -131,28 +126,3 @@ def build_learner(
         learner.restore(state)
     serve_evaluators(transport, keys, evaluation)
     return learner
-
-
-def _page(
-    address: str,
-    config: RunConfig,
-    folder: RunFolder,
-    epochs: EpochTable,
-    feed: LiveFeed,
-    display: Display,
-) -> Sink:
-    """Returns the page of the run; what serves it is loaded only where somebody wants one.
-
-    Raises:
-        InputError: it is not installed, or nobody can listen at ``address``.
-    """
-    with extra_for("--web", "web"):
-        from learner.telemetry.web.page_sink import PageSink
-    page = PageSink(address, config, folder, epochs, feed)
-    display.line(f"watch the run at {page.url}")
-    if not is_loopback(check_web_address(address)[0]):
-        display.line(
-            "warning: whoever reaches this machine's port can watch the run there, without a "
-            "password: use --web 127.0.0.1:8080 and ssh -L instead."
-        )
-    return page

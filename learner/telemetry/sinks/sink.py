@@ -1,5 +1,6 @@
 """What takes a run's figures: a file, a program beside it, or the terminal."""
 
+from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochRow
 from learner.telemetry.snapshot import Snapshot
 
@@ -9,6 +10,9 @@ class Sink:
 
     period = 10.0
     """Seconds between two snapshots."""
+
+    def watch(self, feed: LiveFeed) -> None:
+        """Take where to ask for what actors show, before `start`."""
 
     def start(self, resumed_at: int | None) -> None:
         """Open what it writes to.

@@ -10,6 +10,7 @@ from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from common.transport.endpoint import is_loopback
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 from learner.telemetry.sinks.sink import Sink
@@ -36,21 +37,26 @@ class PageSink(Sink):
         address: str,
         config: RunConfig,
         folder: RunFolder,
-        epochs: EpochTable,
-        feed: LiveFeed,
     ) -> None:
         self._config = config
         self._folder = folder.path
-        self._epochs = epochs
+        self._epochs = EpochTable(folder.epochs)
         self._lock = threading.Lock()
         self._curves = curves_of(ENVIRONMENTS.find(config.env).robot)
         self._history = History(metric.key for metric in self._curves)
         self._rows: list[dict[str, Any]] = []
         self._events: deque[dict[str, Any]] = deque(maxlen=_MOST_EVENTS)
         self._snapshot: Snapshot | None = None
-        self._feed = feed
-        self._server = PageServer(*check_web_address(address), self.state, self.view, self.film)
+        self._feed: LiveFeed
+        host, port = check_web_address(address)
+        self._server = PageServer(host, port, self.state, self.view, self.film)
         self.url = self._server.url
+        self.is_private = is_loopback(host)
+        """Only this machine reaches it."""
+
+    def watch(self, feed: LiveFeed) -> None:
+        """See `Sink.watch`."""
+        self._feed = feed
 
     def start(self, resumed_at: int | None) -> None:
         """Take the epochs of a resumed run, and begin to serve."""

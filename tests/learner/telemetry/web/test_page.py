@@ -51,7 +51,8 @@ class Place:
         self._actor = client
         self.asked: list[ViewRequest] = []
         self.feed = LiveFeed(hub, KEYS)
-        self.page = PageSink("127.0.0.1:0", PRESETS["robot"], run, self.epochs, self.feed)
+        self.page = PageSink("127.0.0.1:0", PRESETS["robot"], run)
+        self.page.watch(self.feed)
         self.port = int(self.page.url.rsplit(":", 1)[1].strip("/"))
 
     def serve(self, answer: Callable[[], bytes]) -> None:
@@ -243,7 +244,7 @@ def test_an_address_that_cannot_be_used_is_told(place: Place) -> None:
             check_web_address(wrong)
     run = RunFolder(place.folder, "r")
     with pytest.raises(InputError, match=r"Address already in use.*choose another"):
-        PageSink(f"127.0.0.1:{place.port}", PRESETS["robot"], run, place.epochs, place.feed)
+        PageSink(f"127.0.0.1:{place.port}", PRESETS["robot"], run)
 
 
 def test_a_server_that_dies_ends_its_process(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
