@@ -133,12 +133,17 @@ COMMANDS = {
         "Play whole games, and print their scores.",
         """
   ale-robot play --weights robot_pong --games 5
-  ale-robot play --viewer rerun                    needs pip install rerun-sdk
+  ale-robot play --viewer rerun                    the room in 3-D, with figures
+  ale-robot play --save game.rrd                   the same as a file; both need
+                                                   pip install rerun-sdk
 
   --weights NAME|FILE  network that plays; random actions without
   --env, --game, --robot, --seed    what is played
   --epsilon SHARE      share of random actions, 0 to 1
   --games N            number of games
+  --seconds S          seconds of play, instead of whole games
+  --viewer rerun       Rerun's viewer: a window, or a page without a display
+  --save FILE.rrd      recording for that viewer
   --no-sync            real time
 """,
     ),

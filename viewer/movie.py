@@ -26,12 +26,17 @@ def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
     kind = {".mp4": _mp4, ".gif": _gif}.get(path.suffix.lower())
     if kind is None:
         raise InputError(f"{path} is no film's name: let it end in .mp4 or .gif.")
+    check_writable(path)
+    return kind(path, rate)
+
+
+def check_writable(path: Path) -> None:
+    """Make the folder of ``path``; raises InputError if the file cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("ab").close()
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror}.") from None
-    return kind(path, rate)
 
 
 def filming(*columns: ProgressColumn) -> Progress:

@@ -55,7 +55,7 @@ class Panels:
         self._env = env
         self._drawn = 0
         self._room_every = room_every
-        self._actions = env.emulator.minimal_actions if play.minimal_actions else tuple(range(18))
+        self._actions = actions_of(env, play)
         self._own_nao: OwnNao | None = None
         if isinstance(env, RobotEnv):
             self._view = env.robot.view
@@ -92,6 +92,11 @@ class Panels:
         """Close what shows another NAO; the environment stays open."""
         if self._own_nao is not None:
             self._own_nao.close()
+
+
+def actions_of(env: RobotEnv | AtariEnv, play: PlayConfig) -> tuple[int, ...]:
+    """Returns ALE's numbers of the actions on offer."""
+    return env.emulator.minimal_actions if play.minimal_actions else tuple(range(18))
 
 
 def camera_panel(seen: NDArray[np.uint8], detection: Detection) -> NDArray[np.uint8]:

@@ -1,50 +1,263 @@
-"""Pictures and figures streamed live to the Rerun viewer, where the extra `viz` is installed."""
+"""A game as Rerun's entities: the room in 3-D, pictures, keys and figures, live or in a file.
 
-import os
-import shutil
-import socket
-import sys
+Lengths are in m, angles in rad, and positions those of the room.
+"""
+
+import threading
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+import cv2
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.envs.ale import AtariEnv
+from actors.envs.robot import RobotEnv
+from actors.loop import Step
+from actors.robots.room.furniture import PICTURE_CORNERS
+from actors.robots.room.room import Room
+from actors.robots.room.scene import DrawnShape
+from actors.robots.room.viewpoint import VISITOR
+from actors.vision.layout import BORDER, border_of
+from actors.vision.optics import HEIGHT_ANGLE, WIDTH_ANGLE
+from common.actions import KEYS_OF_ACTION, Keys
 from common.errors import InputError
+from common.run.conditions import PlayConfig
+from viewer import overlay
+from viewer.movie import check_writable
+from viewer.panels import actions_of
+from viewer.rerun_viewer import RerunViewer
 
-_VIEWER = ("127.0.0.1", 9876)
-"""Where a viewer listens."""
 _QUALITY = 90
 """Of the JPEGs: an hour of bare pictures would not fit into the viewer's memory."""
+_GAME = (320, 240)
+"""Width and height of the game's picture, as a television shows it."""
+_GAME_BORDER = tuple(round(BORDER * edge) for edge in _GAME)
+_BEFORE_SCREEN = 0.01
+"""Distance of the pinhole that shows the game from its picture, m."""
+_FRUSTUM = 0.12
+"""Distance at which the camera's picture is drawn, m."""
+_KEYS = [key for key in Keys if key]
 
 
 class RerunStream:
-    """Starts a viewer, or finds the one that runs, and sends it every picture.
+    """Sends what an environment shows after each step.
+
+    Args:
+        play: the environment's settings.
+        live: whether a viewer shows it.
+        save: file that records it; its name ends in .rrd.
 
     Raises:
-        InputError: Rerun is not installed, or its viewer cannot be started here.
+        InputError: Rerun is not installed, its viewer cannot be started here, or the file cannot
+            be written; or it is an environment of another kind.
     """
 
-    def __init__(self) -> None:
-        self._rerun = _import_rerun()
-        self._rerun.init("ale-robot")
-        if _viewer_runs():
-            self._rerun.connect_grpc()
-        else:
-            _start_viewer(self._rerun)
-        self._agent_step = 0
-
-    def show(
-        self, panels: NDArray[np.uint8], score: float, values: NDArray[np.float32] | None
+    def __init__(
+        self, env: gymnasium.Env[Any, Any], play: PlayConfig, *, live: bool, save: Path | None
     ) -> None:
-        """Send the panels, and score and greatest Q-value as curves."""
-        rerun = self._rerun
-        rerun.set_time("agent step", sequence=self._agent_step)
-        self._agent_step += 1
-        rerun.log("panels", rerun.Image(panels).compress(jpeg_quality=_QUALITY))
-        rerun.log("score", rerun.Scalars(score))
+        if not isinstance(env, RobotEnv | AtariEnv):
+            raise InputError("only robots and emulators are shown: choose another --env.")
+        if save is not None and save.suffix != ".rrd":
+            raise InputError(f"{save} is no recording's name: let it end in .rrd.")
+        if save is not None:
+            check_writable(save)
+        self._rerun = rerun = _import_rerun()
+        self._env = env
+        self._seconds = play.frame_skip / 60
+        """Seconds of game time per agent step."""
+        self._agent_steps = 0
+        self._sent: dict[str, NDArray[np.float64]] = {}
+        room = env.robot if isinstance(env, RobotEnv) and isinstance(env.robot, Room) else None
+        self._scene = None if room is None else room.scene()
+        self._game = "game" if room is None else "room/screen/game"
+        self._q = [_name_of(KEYS_OF_ACTION[action]) for action in actions_of(env, play)]
+        self._viewer = RerunViewer(rerun) if live else None
+        self._stream = rerun.RecordingStream("ale-robot")
+        self._stream.set_log_time_enabled(False)  # the game's time is enough
+        sinks = ([rerun.GrpcSink()] if live else []) + ([rerun.FileSink(save)] if save else [])
+        self._stream.set_sinks(*sinks)
+        self._stream.send_blueprint(_blueprint(self._game, room=room is not None))
+        names = {f"q/{name}": name.replace("_", " ") for name in self._q}
+        names |= {"play/score": "score, points", "play/steps": "agent steps of the game"}
+        if self._scene is not None:
+            self._log_room(self._scene.shapes)
+            names |= {f"joints/{name}": f"{name}, rad" for name in self._scene.joints()}
+        for path, name in names.items():
+            self._log(path, rerun.SeriesLines(names=name), static=True)
+        lines = rerun.SeriesLines(names=list(map(_name_of, _KEYS)), interpolation_mode="StepAfter")
+        for kind in ("commanded", "pressed"):
+            self._log(f"keys/{kind}", lines, static=True)
+
+    def show(self, step: Step, values: NDArray[np.float32] | None) -> None:
+        """Send what there is after ``step``, whose action was chosen by Q-values ``values``."""
+        env, rerun = self._env, self._rerun
+        self._agent_steps += step.info.elapsed
+        self._stream.set_time("agent step", sequence=self._agent_steps)
+        self._stream.set_time("game time", duration=self._agent_steps * self._seconds)
+        if isinstance(env, RobotEnv):
+            # All of one moment: a world in real time would go on from picture to picture.
+            with env.still():
+                self._show_robot(env)
+        else:
+            self._show_game(env.emulator.screen_rgb())
+        self._picture("network/input", step.s_t[-1])
         if values is not None:
-            rerun.log("max_q", rerun.Scalars(float(values.max())))
+            for name, value in zip(self._q, values.tolist(), strict=True):
+                self._log(f"q/{name}", rerun.Scalars(value))
+        self._log("play/score", rerun.Scalars(step.info.game_score))
+        self._log("play/steps", rerun.Scalars(step.info.game_steps))
+
+    def linger(self, stop: threading.Event) -> None:
+        """Serve our own page on until ``stop``, if there is one."""
+        if self._viewer is not None:
+            self._viewer.linger(stop)
+
+    def close(self) -> None:
+        """Complete the file, and end our own page's server."""
+        self._stream.disconnect()
+        if self._viewer is not None:
+            self._viewer.close()
+
+    def _log(self, path: str, value: Any, *more: Any, static: bool = False) -> None:
+        self._stream.log(path, value, *more, static=static)
+
+    def _log_room(self, shapes: dict[str, list[DrawnShape]]) -> None:
+        rerun = self._rerun
+        self._log("/", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for name, every in shapes.items():
+            for kind in sorted({shape.kind for shape in every}):
+                of_kind = [shape for shape in every if shape.kind == kind]
+                self._log(f"{name}/{kind}", _drawn(rerun, kind, of_kind), static=True)
+        # The projected picture is the image plane of a pinhole close before the screen.
+        left_top, right_top, _, left_bottom = PICTURE_CORNERS
+        right, down = right_top - left_top, left_bottom - left_top
+        edges = np.linalg.norm([right, down], axis=1)
+        place = rerun.Transform3D(
+            translation=PICTURE_CORNERS.mean(axis=0) - (_BEFORE_SCREEN + 0.001, 0.0, 0.0),
+            mat3x3=np.stack([right / edges[0], down / edges[1], (1.0, 0.0, 0.0)], axis=1),
+        )
+        size = np.array(_GAME) + 2 * np.array(_GAME_BORDER)
+        eye = _pinhole(rerun, size, _BEFORE_SCREEN * size / edges, _BEFORE_SCREEN, (0, 0, 0, 0))
+        self._log(self._game, place, eye, static=True)
+
+    def _show_robot(self, env: RobotEnv) -> None:
+        rerun = self._rerun
+        self._show_game(env.emulator.screen_rgb())
+        if self._scene is not None:
+            for name, pose in self._scene.poses().items():
+                if self._is_new(name, pose):
+                    place = rerun.Transform3D(translation=pose[:3], quaternion=pose[3:])
+                    self._log(name, place)
+            for name, angle in self._scene.joints().items():
+                self._log(f"joints/{name}", rerun.Scalars(angle))
+        self._show_camera(env)
+        for kind, keys in (("commanded", env.wanted), ("pressed", env.pressed)):
+            self._log(f"keys/{kind}", rerun.Scalars([float(key in keys) for key in _KEYS]))
+
+    def _show_game(self, screen: NDArray[np.uint8]) -> None:
+        game = cv2.resize(screen, _GAME, interpolation=cv2.INTER_NEAREST)
+        if self._scene is not None:  # as it is projected, with its border
+            across, down = _GAME_BORDER
+            game = cv2.copyMakeBorder(
+                game, down, down, across, across, cv2.BORDER_CONSTANT, value=(0, 0, 0)
+            )
+        self._picture(self._game, np.asarray(game, np.uint8))
+
+    def _show_camera(self, env: RobotEnv) -> None:
+        rerun = self._rerun
+        self._picture("robot/camera", env.seen)
+        if isinstance(env.robot, Room):
+            eye = env.robot.view_of_robot.camera
+            if self._is_new("robot/camera", np.vstack((eye.position, eye.attitude))):
+                place = rerun.Transform3D(translation=eye.position, mat3x3=eye.attitude)
+                size = np.array(env.seen.shape[1::-1])
+                focal = size / 2 / np.tan(np.radians([WIDTH_ANGLE, HEIGHT_ANGLE]) / 2)
+                self._log("robot/camera", place, _pinhole(rerun, size, focal, _FRUSTUM))
+        found = env.detection
+        quads = [] if found.corners is None else [border_of(found.corners), found.corners]
+        # The viewer's pixels begin at whole numbers; ours have their centres there.
+        strips = [np.vstack((quad, quad[:1])) + np.float32(0.5) for quad in quads]
+        colours = [overlay.YELLOW, overlay.MAGENTA] if found.valid else [overlay.RED] * 2
+        outline = rerun.LineStrips2D(strips, colors=colours[: len(strips)])
+        self._log("robot/camera/detection", outline)
+
+    def _picture(self, path: str, pixels: NDArray[np.uint8]) -> None:
+        self._log(path, self._rerun.Image(pixels).compress(jpeg_quality=_QUALITY))
+
+    def _is_new(self, path: str, pose: NDArray[np.float64]) -> bool:
+        """Whether it is another pose than the one that was sent last."""
+        if np.array_equal(self._sent.get(path, ()), pose):
+            return False
+        self._sent[path] = pose
+        return True
+
+
+def _pinhole(
+    rerun: ModuleType,
+    size: NDArray[np.int_],
+    focal: NDArray[np.float64],
+    distance: float,
+    colour: tuple[int, ...] | None = None,
+) -> Any:
+    """Returns a camera whose picture, of ``size`` pixels, is drawn at ``distance``, m."""
+    return rerun.Pinhole(
+        resolution=size, focal_length=focal, image_plane_distance=distance, color=colour
+    )
+
+
+def _drawn(rerun: ModuleType, kind: str, shapes: list[DrawnShape]) -> Any:
+    """Returns shapes of one kind as Rerun draws them."""
+    sizes = np.array([shape.size for shape in shapes])
+    common = {
+        "centers": [shape.origin for shape in shapes],
+        "quaternions": [shape.turn for shape in shapes],
+        "colors": np.array([shape.colour for shape in shapes]),
+        "fill_mode": "solid",
+    }
+    if kind == "box":
+        return rerun.Boxes3D(sizes=sizes, **common)
+    if kind == "rod":
+        return rerun.Cylinders3D(lengths=sizes[:, 0], radii=sizes[:, 1], **common)
+    return rerun.Ellipsoids3D(half_sizes=sizes, **common)
+
+
+def _blueprint(game: str, *, room: bool) -> Any:
+    """Returns the arrangement of the views; ``game`` is the entity of the game's picture."""
+    import rerun.blueprint as rrb
+
+    pictures = [
+        rrb.Spatial2DView(origin="robot/camera", name="Robot's camera"),
+        rrb.Spatial2DView(origin="network/input", name="Network's input"),
+        rrb.Spatial2DView(origin=game, name="Game"),
+    ]
+    eye = rrb.EyeControls3D(position=VISITOR.position, look_target=VISITOR.target)
+    scene = rrb.Spatial3DView(
+        contents=["room/**", "robot/**", "controller/**"], name="Room, m", eye_controls=eye
+    )
+    figures = [
+        rrb.TimeSeriesView(origin=origin, name=name)
+        for origin, name in (
+            ("q", "Q-values, points"),
+            ("play/score", "Score, points"),
+            ("keys/commanded", "Keys commanded, 1: down"),
+            ("keys/pressed", "Keys pressed, 1: down"),
+            ("joints", "Joints, rad"),
+        )
+    ]
+    left = rrb.Vertical(scene, rrb.Horizontal(*pictures), row_shares=[2, 1]) if room else None
+    return rrb.Blueprint(
+        rrb.Horizontal(left or rrb.Vertical(*pictures), rrb.Vertical(*figures)),
+        rrb.TimePanel(timeline="game time", state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
+
+
+def _name_of(keys: Keys) -> str:
+    return "_".join(str(key.name).lower() for key in keys) or "noop"
 
 
 def _import_rerun() -> ModuleType:
@@ -53,29 +266,8 @@ def _import_rerun() -> ModuleType:
     except ModuleNotFoundError as error:
         package = "rerun-sdk" if error.name == "rerun" else error.name
         raise InputError(
-            f"--viewer rerun needs the package {package}, which is not installed: "
+            f"--viewer rerun and --save need the package {package}, which is not installed: "
             f"pip install {package}."
         ) from None
     module: ModuleType = rerun
     return module
-
-
-def _viewer_runs() -> bool:
-    try:
-        socket.create_connection(_VIEWER, 1.0).close()
-    except OSError:
-        return False
-    return True
-
-
-def _start_viewer(rerun: ModuleType) -> None:
-    on_screen = sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
-    # Beside this Python, too, whose folder is not on the path unless it was activated.
-    places = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
-    program = shutil.which("rerun", path=places)
-    if not on_screen or program is None:
-        raise InputError(
-            f"--viewer rerun cannot open a window here: start `{program or 'rerun'} --serve-web`, "
-            "look at it in a browser, and try again."
-        )
-    rerun.spawn(executable_path=program)

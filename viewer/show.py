@@ -1,10 +1,11 @@
 """`python -m viewer play`: games played for show, recorded or streamed as panels."""
 
 import threading
-from contextlib import closing, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
+import gymnasium
 import numpy as np
 import tyro
 from rich.progress import TextColumn
@@ -15,6 +16,7 @@ from common.checked import Amount, Fraction, FromOne
 from common.errors import InputError
 from common.process.command_line import WeightsFile
 from common.run.clock import ClockConfig
+from common.run.conditions import PlayConfig
 from viewer.movie import filming, open_movie
 from viewer.panels import Panels
 from viewer.player import File, Played, ShownPolicy
@@ -45,7 +47,10 @@ class Play(Played):
     video: File = None
     """Film of the panels; its name ends in .mp4, or in .gif with --seconds."""
     viewer: Literal["rerun"] | None = None
-    """Live viewer of the panels; Rerun needs pip install rerun-sdk."""
+    """Live viewer of room, pictures and figures: a window, or a page where there is no display. It
+    needs pip install rerun-sdk."""
+    save: File = None
+    """Recording for that viewer; its name ends in .rrd."""
     nao_urdf: File = None
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
@@ -64,7 +69,8 @@ class Play(Played):
                 f"a GIF is all in memory until its end: choose --seconds up to {LONGEST_GIF}, "
                 "or an .mp4."
             )
-        viewer = RerunStream() if self.viewer == "rerun" else None
+        if self.nao_urdf is not None and self.video is None:
+            raise InputError("--nao-urdf shows another NAO in a film: add --video FILE.")
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
         policy = ShownPolicy.of_file(config, self.weights, self.epsilon, policy_seed)
         rate = 60 / config.play.frame_skip
@@ -73,6 +79,7 @@ class Play(Played):
             nullcontext() if self.video is None else open_movie(self.video, rate) as film,
             closing(Panels(env, config.play, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
             nullcontext() if self.video is None else filming(_SECONDS_FILMED) as progress,
+            self._stream(env, config.play) as stream,
         ):
             if progress is not None:
                 progress.add_task("filming", total=self.seconds or None)
@@ -81,16 +88,15 @@ class Play(Played):
             # Agent steps that are still to be shown.
             left = self.seconds * rate or float("inf")
             for step in play([env], policy, [env_seed]):
-                if film is not None or viewer is not None:
+                if film is not None:
                     picture = panels.draw(step, policy.values)
-                    if film is not None:
-                        # A step that took longer is seen for longer.
-                        for _ in range(step.info.elapsed):
-                            film(picture)
-                        if progress is not None:
-                            progress.advance(progress.task_ids[0], step.info.elapsed / rate)
-                    if viewer is not None:
-                        viewer.show(picture, step.info.game_score, policy.values)
+                    # A step that took longer is seen for longer.
+                    for _ in range(step.info.elapsed):
+                        film(picture)
+                    if progress is not None:
+                        progress.advance(progress.task_ids[0], step.info.elapsed / rate)
+                if stream is not None:
+                    stream.show(step, policy.values)
                 missed += step.info.missed_deadlines
                 if step.info.game_over:
                     scores.append(step.info.game_score)
@@ -105,8 +111,18 @@ class Play(Played):
                 left -= step.info.elapsed
                 if len(scores) == self.games or left <= 0 or stop.is_set():
                     break
-        if len(scores) > 1:
-            print(f"mean score of {len(scores)} games: {np.mean(scores):.2f}")
-        if self.video is not None:
-            print(f"wrote {self.video}")
+            if len(scores) > 1:
+                print(f"mean score of {len(scores)} games: {np.mean(scores):.2f}")
+            if stream is not None:
+                stream.linger(stop)
+        for file in (self.video, self.save):
+            if file is not None:
+                print(f"wrote {file}")
         return 0
+
+    def _stream(
+        self, env: gymnasium.Env[Any, Any], play: PlayConfig
+    ) -> AbstractContextManager[RerunStream | None]:
+        if self.viewer is None and self.save is None:
+            return nullcontext()
+        return closing(RerunStream(env, play, live=self.viewer is not None, save=self.save))

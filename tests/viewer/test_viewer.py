@@ -23,6 +23,7 @@ from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 from tests.actors.robots.latency_model.models import delay, saved
+from tests.viewer.rrd import recorded
 from viewer.__main__ import COMMANDS, main
 from viewer.check import CORNERS_IN_PLACE, Check
 from viewer.player import Played, ShownPolicy
@@ -293,3 +294,20 @@ def test_a_viewer_that_is_not_installed_is_refused(
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(InputError, match=r"pip install rerun-sdk"):
         command(monkeypatch, "play", "--viewer", "rerun")
+
+
+def test_another_nao_is_for_films(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="add --video FILE"):
+        command(monkeypatch, "play", "--nao-urdf", "own.urdf")
+
+
+def test_play_is_saved_for_rerun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rerun", reason="needs pip install rerun-sdk")
+    weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
+    path = tmp_path / "game.rrd"
+    assert command(monkeypatch, "play", "--weights", str(weights), "--save", str(path)) == 0
+    assert capsys.readouterr().out.endswith(f"wrote {path}\n")
+    found = recorded(path)
+    assert list(found["/q/noop"]["Scalars:scalars"]) == [1, 2, 3, 4]

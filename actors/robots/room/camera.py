@@ -55,6 +55,8 @@ class Camera:
         # OpenGL's matrices come column by column.
         view = np.array(self._view).reshape(4, 4).T
         self._to_clip: NDArray[np.float64] = np.array(self._projection).reshape(4, 4).T @ view
+        self.attitude: NDArray[np.float64] = view[:3, :3].T * (1.0, -1.0, -1.0)
+        """Rotation in the room, ``[3, 3]``: its columns point right, down and forward."""
         # A point p is in view if w ± x ≥ 0 and w ± y ≥ 0 in clip space (Gribb and Hartmann 2001).
         x, y, _, w = self._to_clip
         planes = np.array([w + y, w - y, w + x, w - x])  # most bodies are below the view

@@ -52,11 +52,18 @@ class Furniture:
     def __init__(self, engine: Any, more: Sequence[Box] = ()) -> None:
         self._engine = engine
         # Every body costs time at every physics step, so static boxes share one.
-        _stand(engine, [*_ROOM, *more, *_PROJECTOR])
-        _stand(engine, _desk(), touchable=True)
+        surroundings = _stand(engine, [*_ROOM, *more, *_PROJECTOR])
+        desk = _stand(engine, _desk(), touchable=True)
         self._screen_stand = _stand(engine, _screen_stand())
         self.screen = _stand(engine, [_SCREEN_SHEET])
         """Body of the sheet that shows the picture."""
+        self.names = {
+            surroundings: "room/surroundings",
+            desk: "room/desk",
+            self._screen_stand: "room/screen_stand",
+            self.screen: "room/screen",
+        }
+        """Names of the bodies."""
         self.screen_place = (0.0, 0.0)
         """What `place_screen` was called with last."""
         self.picture_corners = PICTURE_CORNERS

@@ -20,6 +20,7 @@ from actors.robots.room.camera import Mount
 from actors.robots.room.engine import open_engine
 from actors.robots.room.furniture import PICTURE_CORNERS, Box, Furniture
 from actors.robots.room.projector import Projection
+from actors.robots.room.scene import Scene
 from actors.robots.room.sensor import Sensor
 from actors.robots.room.silence import silenced
 from actors.robots.room.still_view import Movable, StillView
@@ -216,6 +217,11 @@ class Room(ABC):
         """
         self.controller.show()
         return self._views.picture(self.viewpoints[viewpoint], game, width, height, moved=moved)
+
+    def scene(self) -> Scene:
+        """Returns the room's shapes and where they are, for viewers that render them."""
+        hands = {self.arms.body: "robot", self.controller.body: "controller"}
+        return Scene(self._engine, {**self.furniture.names, **hands}, self.arms.body)
 
     def close(self) -> None:
         """Disconnect the physics client; the room cannot be used afterwards. It may be called

@@ -1,0 +1,93 @@
+"""The room as shapes and their poses, for viewers that render it themselves."""
+
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.robots.room.rotation import Vector
+from actors.robots.room.urdf import BALL_MESH
+
+Quaternion = tuple[float, float, float, float]
+"""A rotation: x, y, z, w."""
+
+
+class DrawnShape(NamedTuple):
+    """A shape as it is drawn, in its link's frame; lengths in m."""
+
+    kind: Literal["box", "rod", "egg"]
+    size: Vector
+    """Edges of a box; length, radius and 0 of a rod along z; half axes of an egg."""
+    origin: Vector
+    turn: Quaternion
+    colour: tuple[float, float, float, float]
+
+
+class Scene:
+    """What stands in a physics client.
+
+    Args:
+        names: by body, its name; the name of a link is ``BODY/LINK`` where a body has joints.
+        robot: body of the robot.
+    """
+
+    def __init__(self, engine: Any, names: Mapping[int, str], robot: int) -> None:
+        self._engine = engine
+        self._robot = robot
+        self.shapes: dict[str, list[DrawnShape]] = {}
+        """Shapes of each visible link by its name; meshes other than balls are left out."""
+        self._links: dict[str, tuple[int, int]] = {}
+        for body, name in names.items():
+            for data in engine.getVisualShapeData(body):
+                if (shape := _shape(engine, data)) is not None:
+                    link = _name(engine, body, data[1], name)
+                    self._links[link] = (body, data[1])
+                    self.shapes.setdefault(link, []).append(shape)
+
+    def poses(self) -> dict[str, NDArray[np.float64]]:
+        """Returns the present pose of each visible link's frame in the room by its name: position,
+        m, and quaternion (x, y, z, w), ``float64 [7]``."""
+        return {name: np.hstack(self._pose(*link)) for name, link in self._links.items()}
+
+    def _pose(self, body: int, link: int) -> tuple[Vector, Quaternion]:
+        engine = self._engine
+        if link >= 0:
+            state = engine.getLinkState(body, link, computeForwardKinematics=1)
+            return state[4], state[5]
+        # The position of a base is that of its centre of mass, not of its frame.
+        inertial = engine.getDynamicsInfo(body, -1)[3:5]
+        pose: tuple[Vector, Quaternion] = engine.multiplyTransforms(
+            *engine.getBasePositionAndOrientation(body), *engine.invertTransform(*inertial)
+        )
+        return pose
+
+    def joints(self) -> dict[str, float]:
+        """Returns the present angle of each of the robot's hinges by its name, rad."""
+        engine, robot = self._engine, self._robot
+        infos = (engine.getJointInfo(robot, joint) for joint in range(engine.getNumJoints(robot)))
+        return {
+            info[1].decode(): engine.getJointState(robot, info[0])[0]
+            for info in infos
+            if info[2] == engine.JOINT_REVOLUTE
+        }
+
+
+def _shape(engine: Any, data: tuple[Any, ...]) -> DrawnShape | None:
+    _, _, kind, size, mesh, *place = data
+    if kind == engine.GEOM_BOX:
+        return DrawnShape("box", size, *place)
+    if kind == engine.GEOM_CYLINDER:
+        return DrawnShape("rod", size, *place)
+    if kind == engine.GEOM_SPHERE:
+        return DrawnShape("egg", (size[0],) * 3, *place)
+    if kind == engine.GEOM_MESH and mesh.decode().endswith(BALL_MESH):
+        return DrawnShape("egg", size, *place)
+    return None
+
+
+def _name(engine: Any, body: int, link: int, name: str) -> str:
+    if engine.getNumJoints(body) == 0:
+        return name
+    own = engine.getBodyInfo(body)[0] if link < 0 else engine.getJointInfo(body, link)[12]
+    return f"{name}/{own.decode()}"

@@ -1,0 +1,97 @@
+"""The Rerun viewer: the one that runs, a window of its own, or a page for a browser."""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from types import ModuleType
+
+from common.errors import InputError
+
+_HOST, _PORT = "127.0.0.1", 9876
+"""Where a viewer listens."""
+_LEASHED = 'exec 3<&0; (read -r _ <&3; kill 0) & exec "$@" 3<&- </dev/null'
+"""Runs a program whose whole group ends when standard input does: with this process, however that
+ends. Rerun's program starts another one, which would stay."""
+_PATIENCE = 30.0
+"""Seconds that a started server may take until it listens."""
+
+
+class RerunViewer:
+    """Finds the viewer that runs or opens a window; without a display, serves a page on loopback.
+
+    Raises:
+        InputError: the page's server cannot be started.
+    """
+
+    def __init__(self, rerun: ModuleType) -> None:
+        self._server: subprocess.Popen[bytes] | None = None
+        self.page: str | None = None
+        """Address of the page, if this process serves one."""
+        if _listens(_PORT):
+            return
+        # Beside this Python, too, whose folder is not on the path unless it was activated.
+        places = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+        program = shutil.which("rerun", path=places)
+        if program is None:
+            raise InputError(
+                "--viewer rerun finds no program called rerun: pip install rerun-sdk again."
+            )
+        if sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+            rerun.spawn(executable_path=program, connect=False)
+        else:
+            self._serve(program)
+
+    def _serve(self, program: str) -> None:
+        with socket.socket() as free:
+            free.bind((_HOST, 0))
+            web_port = free.getsockname()[1]
+        # Rerun's own Python functions would serve it to everybody in the network.
+        self._server = subprocess.Popen(
+            [
+                *("sh", "-c", _LEASHED, "sh"),
+                *(program, "--serve-web", "--bind", _HOST),
+                *("--port", str(_PORT), "--web-viewer-port", str(web_port)),
+            ],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        patience = time.monotonic() + _PATIENCE
+        while not (_listens(_PORT) and _listens(web_port)):
+            if self._server.poll() is not None or time.monotonic() > patience:
+                self.close()
+                raise InputError(
+                    f"the web viewer did not start: see what `{program} --serve-web` says."
+                )
+            time.sleep(0.1)
+        at = f"rerun%2Bhttp://{_HOST}:{_PORT}/proxy"
+        self.page = f"http://{_HOST}:{web_port}/?url={at}"
+        print(f"look at it in a browser: {self.page}", flush=True)
+
+    def linger(self, stop: threading.Event) -> None:
+        """Serve the page on until ``stop``, if this process serves one."""
+        if self._server is not None and not stop.is_set():
+            print("the page stays until Ctrl-C", flush=True)
+            while self._server.poll() is None and not stop.wait(1.0):
+                pass
+
+    def close(self) -> None:
+        """End the page's server; a window stays."""
+        if self._server is not None:
+            assert self._server.stdin is not None
+            self._server.stdin.close()
+            self._server.wait()
+
+
+def _listens(port: int) -> bool:
+    try:
+        socket.create_connection((_HOST, port), 1.0).close()
+    except OSError:
+        return False
+    return True
