@@ -23,7 +23,7 @@ from benchmarks.child import free_endpoint
 from benchmarks.report import BenchmarkOptions, Report, main
 from common.checked import Count, FromOne
 from common.errors import InputError
-from common.process.http_endpoints import extra_for
+from common.process.extras import extra_for
 from common.process.supervisor import Child
 from common.protocol.run_keys import check_name
 from common.run.folder import RunFolder

@@ -19,7 +19,8 @@ from common.network import QNetwork, build_network
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import parse_run
 from common.process.exit_codes import INTERRUPTED, RED
-from common.process.http_endpoints import extra_for, http_endpoints
+from common.process.extras import extra_for
+from common.process.http_endpoints import http_endpoints
 from common.process.lifeline import on_signals
 from common.process.log_lines import line, say_json
 from common.process.restarts import with_restarts

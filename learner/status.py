@@ -23,14 +23,13 @@ from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect
 from common.version import VERSION
+from learner.telemetry.readiness import reasons
 from learner.telemetry.sinks.formats import UNKNOWN, decimal, fill, written
 from learner.telemetry.sinks.summary import strict
 from replay.chunk_statistics import Progress
 from replay.messages import ProgressRequest
 
 _DEADLINE = 2.0
-LONGEST_SILENCE = 60.0
-"""Seconds without a look of the training loop after which the learner counts as hanging."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +65,7 @@ class Report:
         """Why the run is not in good health; none if it is."""
         if self.learner is None:
             return ["no learner answers: start it again with --resume, or look at its log"]
-        silence = self.learner.silent_for
-        hangs = f"the training loop has not looked around for {silence:.0f} s: see its log"
-        return [hangs] * (silence >= LONGEST_SILENCE) + [
-            f"health check {check.name!r} is red: {check.why}"
-            for check in self.learner.checks
-            if check.stops and check.passed is False
-        ]
+        return reasons(self.learner.silent_for, self.learner.checks)
 
     def as_json(self) -> str:
         """Returns all of it."""

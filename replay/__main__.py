@@ -22,7 +22,8 @@ from common.errors import exit_on_input_error
 from common.metrics import Values
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunFlags, parse_run
-from common.process.http_endpoints import Page, extra_for, http_endpoints, verdict
+from common.process.extras import extra_for
+from common.process.http_endpoints import Page, http_endpoints, verdict
 from common.process.lifeline import on_signals
 from common.process.log_lines import line, say_json
 from common.process.output import silence

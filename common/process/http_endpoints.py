@@ -5,7 +5,6 @@
 """
 
 import logging
-import re
 import socket
 import socketserver
 import threading
@@ -15,13 +14,12 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, NamedTuple
 
 from common.errors import InputError
-from common.transport.endpoint import is_loopback
+from common.transport.endpoint import host_and_port, is_loopback
 
 _AT_ONCE = 8
 """Connections that are served at a time; one more is closed."""
 _SLOWEST = 5.0
 """Seconds that a client may take to ask, and to read."""
-_ADDRESS = re.compile(r"(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,5})")
 _log = logging.getLogger(__name__)
 
 TEXT = "text/plain; charset=utf-8"
@@ -54,10 +52,10 @@ def check_address(
     Raises:
         InputError: it is not an address.
     """
-    found = _ADDRESS.fullmatch(address)
-    if found is None or not least_port <= int(found[2]) < 65_536:
+    found = host_and_port(address, least_port)
+    if found is None:
         raise InputError(f"{address!r} is no address for {flag}: write it as {usual}.")
-    return found[1].strip("[]"), int(found[2])
+    return found
 
 
 @contextmanager
@@ -92,22 +90,6 @@ def http_endpoints(
         server.shutdown()
         thread.join()
         server.server_close()
-
-
-@contextmanager
-def extra_for(flag: str, extra: str) -> Iterator[None]:
-    """Says how to install what an import needs.
-
-    Raises:
-        InputError: a package of ``extra`` is not installed.
-    """
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"{flag} needs the package {error.name}, which is not installed: "
-            f"pip install 'ale-robot[{extra}]'."
-        ) from None
 
 
 class _Server(ThreadingHTTPServer):

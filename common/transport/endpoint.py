@@ -6,7 +6,7 @@ import re
 from common.errors import InputError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-_ENDPOINT = re.compile(r"(?:tcp|tls)/(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,5})")
+_ADDRESS = re.compile(r"(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,5})")
 
 
 def check_endpoint(endpoint: str) -> tuple[str, int]:
@@ -15,10 +15,19 @@ def check_endpoint(endpoint: str) -> tuple[str, int]:
     Raises:
         InputError: it is not an address.
     """
-    match = _ENDPOINT.fullmatch(endpoint)
-    if match is None or not 0 < int(match[2]) < 65_536:
+    scheme, _, address = endpoint.partition("/")
+    found = host_and_port(address)
+    if scheme not in ("tcp", "tls") or found is None:
         raise InputError(f"{endpoint!r} is no address: write it as {DEFAULT_ENDPOINT}.")
-    return match[1].strip("[]"), int(match[2])
+    return found
+
+
+def host_and_port(address: str, least_port: int = 1) -> tuple[str, int] | None:
+    """Returns the parts of ``HOST:PORT`` or ``[IPv6]:PORT``; None if it is not written so."""
+    found = _ADDRESS.fullmatch(address)
+    if found is None or not least_port <= int(found[2]) < 65_536:
+        return None
+    return found[1].strip("[]"), int(found[2])
 
 
 def is_loopback(host: str) -> bool:

@@ -14,7 +14,8 @@ from common.errors import Unreachable
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
 from common.transport.interface import Transport
-from learner.status import LONGEST_SILENCE, Report, ask
+from learner.status import Report, ask
+from learner.telemetry.readiness import LONGEST_SILENCE
 from learner.telemetry.sinks.status import StatusSink
 from learner.telemetry.snapshot import ActorView, HealthCheck
 from replay.replay_buffer import ReplayBuffer

@@ -10,11 +10,10 @@ from common.exposition import families, family, metrics_page
 from common.metrics import METRICS, Metric, Value
 from common.process.http_endpoints import Page, verdict
 from common.protocol.actor_stats import TOTALS
+from learner.telemetry.readiness import hanging, reasons
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import ActorView, Snapshot
 
-LONGEST_SILENCE = 60.0
-"""Seconds without a look of the training loop after which the process counts as hanging."""
 MOST_ACTORS = 256
 """Actors with series of their own; names come from outside, and series stay for months."""
 
@@ -59,26 +58,18 @@ class PrometheusSink(Sink):
     def pages(self) -> dict[str, Callable[[], Page]]:
         """By path."""
         return {
-            "/healthz": lambda: verdict(self._hangs()),
+            "/healthz": lambda: verdict(hanging(self._silent_for())),
             "/readyz": lambda: verdict(self._not_ready()),
             "/metrics": metrics_page(self.collect),
         }
 
-    def _hangs(self) -> list[str]:
-        silence = self._now() - self._looked
-        if silence < LONGEST_SILENCE:
-            return []
-        return [f"the training loop has not looked around for {silence:.0f} s: see the log"]
+    def _silent_for(self) -> float:
+        return self._now() - self._looked
 
     def _not_ready(self) -> list[str]:
         if self._latest is None:
             return ["the learner starts"]
-        red = [
-            f"health check {check.name!r} is red: {check.why}"
-            for check in self._latest.failed
-            if check.stops
-        ]
-        return self._hangs() + red
+        return reasons(self._silent_for(), self._latest.checks)
 
     def collect(self) -> Iterator[Family]:
         """Yields all figures; those of the table without a sample before the first snapshot."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 from common.metrics import Value, Values
-from common.process.http_endpoints import extra_for
+from common.process.extras import extra_for
 from learner.telemetry.sinks.curves import CurvesSink
 
 TrackerName = Literal["wandb", "mlflow", "trackio"]

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.child import free_endpoint
 from common.errors import InputError
 from common.process import http_endpoints as module
-from common.process.http_endpoints import Page, check_address, extra_for, http_endpoints, verdict
+from common.process.http_endpoints import Page, check_address, http_endpoints, verdict
 from tests.patience import PATIENCE, wait_until
 
 
@@ -107,11 +107,3 @@ def test_ipv6() -> None:
     port = free_endpoint().rpartition(":")[2]
     with http_endpoints(f"[::1]:{port}", lambda: PAGES):
         assert get(f"[::1]:{port}", "/healthz") == (200, "ok\n")
-
-
-def test_a_missing_package_is_told_with_its_extra() -> None:
-    with (
-        pytest.raises(InputError, match=r"--http needs the package no_such_package, .*\[ops\]'"),
-        extra_for("--http", "ops"),
-    ):
-        import no_such_package  # type: ignore[import-not-found]  # noqa: F401

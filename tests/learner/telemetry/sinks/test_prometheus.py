@@ -3,7 +3,8 @@
 from collections.abc import Iterable
 
 from common.protocol.actor_stats import ActorStats
-from learner.telemetry.sinks.prometheus import LONGEST_SILENCE, MOST_ACTORS, PrometheusSink
+from learner.telemetry.readiness import LONGEST_SILENCE
+from learner.telemetry.sinks.prometheus import MOST_ACTORS, PrometheusSink
 from learner.telemetry.snapshot import ActorView, HealthCheck
 from tests.learner.telemetry.snapshots import snapshot
 
