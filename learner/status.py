@@ -24,7 +24,7 @@ from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect
 from common.version import VERSION
 from learner.telemetry.readiness import reasons
-from learner.telemetry.sinks.formats import UNKNOWN, decimal, fill, written
+from learner.telemetry.sinks.formats import UNKNOWN, decimal, fill, one_line, written
 from learner.telemetry.sinks.summary import strict
 from replay.chunk_statistics import Progress
 from replay.messages import ProgressRequest
@@ -82,7 +82,7 @@ class Report:
         return json.dumps(strict(told), indent=2, ensure_ascii=False, allow_nan=False)
 
     def show(self, console: Console) -> None:
-        """Print it for a person."""
+        """Print it for a person; texts of other processes cannot steer the terminal."""
         learner, replay = self.learner, self.replay
         words = f"run {self.run} at {self.endpoint}"
         if learner is not None:
@@ -92,12 +92,12 @@ class Report:
                 "{run/agent_steps} steps",
                 values,
             )
-        console.print(words)
+        console.print(one_line(words))
         columns = ("process", "state", "version", "rate", "weights behind", "heard")
         table = Table(*columns, box=box.SIMPLE, padding=(0, 1, 0, 0))
-        table.add_row("replay", f"{replay.stored:,} steps", replay.version, UNKNOWN, UNKNOWN, "now")
-        for row in _rows(learner):
-            table.add_row(*row)
+        stored = f"{replay.stored:,} steps"
+        for row in (("replay", stored, replay.version, UNKNOWN, UNKNOWN, "now"), *_rows(learner)):
+            table.add_row(*map(one_line, row))
         console.print(table)
         if learner is not None:
             for line in (
@@ -107,15 +107,14 @@ class Report:
                 "score: training {play/train_reward}, test {play/test_reward}, "
                 "best test {play/best_test_reward}, random {play/random_reward}",
             ):
-                console.print(fill(line, values))
+                console.print(one_line(fill(line, values)))
             for check in learner.checks:
                 if check.passed is False and not check.stops:
                     value = written("significant", check.value)
-                    console.print(
-                        f"warning: {check.name} is {value}, not {check.bound}: {check.why}"
-                    )
+                    told = f"warning: {check.name} is {value}, not {check.bound}: {check.why}"
+                    console.print(one_line(told))
         for reason in self.reasons:
-            console.print(f"RED: {reason}", style="red")
+            console.print(one_line(f"RED: {reason}"), style="red")
         if not self.reasons:
             console.print("healthy", style="green")
 

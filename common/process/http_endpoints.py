@@ -8,8 +8,9 @@ import logging
 import socket
 import socketserver
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from common.transport.endpoint import host_and_port, is_loopback
 _AT_ONCE = 8
 """Connections that are served at a time; one more is closed."""
 _SLOWEST = 5.0
-"""Seconds that a client may take to ask, and to read."""
+"""Seconds that a client may take to ask and to read, all in all."""
 _log = logging.getLogger(__name__)
 
 TEXT = "text/plain; charset=utf-8"
@@ -99,6 +100,8 @@ class _Server(ThreadingHTTPServer):
     def __init__(self, place: tuple[str, int], pages: dict[str, Callable[[], Page]]) -> None:
         self.pages = pages
         self._room = threading.BoundedSemaphore(_AT_ONCE)
+        self._open: dict[Any, float] = {}
+        """Requests that are served, and until when."""
         if ":" in place[0]:
             self.address_family = socket.AF_INET6
         super().__init__(place, _Handler)
@@ -109,6 +112,7 @@ class _Server(ThreadingHTTPServer):
 
     def process_request(self, request: Any, client_address: Any) -> None:
         if self._room.acquire(blocking=False):
+            self._open[request] = time.monotonic() + _SLOWEST
             super().process_request(request, client_address)
         else:
             self.shutdown_request(request)
@@ -117,7 +121,15 @@ class _Server(ThreadingHTTPServer):
         try:
             super().process_request_thread(request, client_address)
         finally:
+            del self._open[request]
             self._room.release()
+
+    def service_actions(self) -> None:
+        """Hang up on the slow; a timeout of the socket would begin anew with each byte."""
+        for request, end in list(self._open.items()):
+            if time.monotonic() > end:
+                with suppress(OSError):  # the client was faster
+                    request.shutdown(socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that hangs up, or a page that fails, is no reason to end a run."""
@@ -125,7 +137,6 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    timeout = _SLOWEST
     server_version, sys_version = "ale-robot", ""
 
     def do_GET(self) -> None:

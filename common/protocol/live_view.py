@@ -24,6 +24,9 @@ MAX_VIEW_BYTES = 4 * MAX_PICTURE_BYTES
 _START, _SCAN = 0xD8, 0xDA
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 """Markers of a segment that tells the picture's size."""
+_BARE = {0x00, 0x01, *range(0xD0, 0xDA), 0xFF}
+"""Markers without a length: to pass over what follows them, as if it were theirs, is to miss the
+size that a decoder finds there."""
 
 Jpeg = Annotated[bytes, MaxLen(MAX_PICTURE_BYTES)]
 """A picture; empty where there is none."""
@@ -97,7 +100,7 @@ def size_of(jpeg: bytes) -> tuple[int, int]:
     at = 0
     while len(jpeg) >= at + 2 and jpeg[at] == 0xFF and jpeg[at + 1] != _SCAN:
         marker = jpeg[at + 1]
-        if (at == 0) != (marker == _START):
+        if marker != _START if at == 0 else marker in _BARE:
             break
         if marker in _FRAMES and len(jpeg) >= at + 9:
             height, width = (int.from_bytes(jpeg[at + i : at + i + 2]) for i in (5, 7))

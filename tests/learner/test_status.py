@@ -4,6 +4,7 @@ import io
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +105,24 @@ def shown(report: Report) -> str:
     out = io.StringIO()
     report.show(Console(file=out, width=120))
     return out.getvalue()
+
+
+def test_no_process_can_steer_the_terminal_of_who_asks(client: Transport) -> None:
+    wicked = "\x1b]0;mine\x07\x9b2J\n"
+    actor = ActorView(stats=ActorStats("a-1", "actor", version=wicked), alive=True)
+    checks = [
+        HealthCheck(name=wicked, value=1.0, passed=False, bound=wicked, why=wicked, stops=stops)
+        for stops in (False, True)
+    ]
+    told = snapshot(
+        {"run/game": wicked, "run/phase": wicked}, actors=(actor,), checks=tuple(checks)
+    )
+    StatusSink(client, KEYS).write(told)
+    report = ask(client, KEYS, wicked)
+    wicked_too = replace(report, replay=replace(report.replay, version=wicked))
+    lines = shown(wicked_too).split("\n")
+    assert all(line.isprintable() for line in lines)
+    assert sum("mine" in line for line in lines) == 6
 
 
 def test_a_red_check_and_a_loop_that_hangs_are_told(client: Transport) -> None:

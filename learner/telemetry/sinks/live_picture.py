@@ -19,6 +19,8 @@ _HALF = "▀"
 _BORDER, _GAME = (255, 214, 64), (255, 0, 255)
 _MARGIN = 1.25
 """Times the size of the projected picture that is shown of what the camera sees."""
+_LEAST = 1 / 16
+"""Share of what the camera sees that is shown at least, whatever corners an actor tells."""
 _SHADES = 0xF8
 """Bits of a colour that are kept: neighbouring cells then often have one style."""
 
@@ -67,7 +69,7 @@ def _pixels(view: LiveView, width: int, height: int) -> NDArray[np.uint8]:
     corner, part = np.zeros(2), 1.0
     if view.border:  # what is around the screen would leave it few cells
         border = np.reshape(view.border, (4, 2))
-        part = float(min(_MARGIN * np.ptp(border, axis=0).max(), 1.0))
+        part = float(np.clip(_MARGIN * np.ptp(border, axis=0).max(), _LEAST, 1.0))
         corner = (border.mean(axis=0) - part / 2).clip(0, 1 - part)
     size = np.array(picture.shape[1::-1])
     (left, top), (right, bottom) = (corner * size).astype(int), ((corner + part) * size).astype(int)

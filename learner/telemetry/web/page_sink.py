@@ -39,7 +39,7 @@ class PageSink(Sink):
         folder: RunFolder,
     ) -> None:
         self._config = config
-        self._folder = folder.path
+        self._folder = folder.path.resolve()
         self._epochs = EpochTable(folder.epochs)
         self._lock = threading.Lock()
         self._curves = curves_of(ENVIRONMENTS.find(config.env).robot)
@@ -134,6 +134,11 @@ class PageSink(Sink):
     def _films(self) -> list[Path]:
         """The newest films in the run's folder, and in a ``films`` folder there; no links."""
         places = (self._folder, self._folder / "films")
-        found = [path for place in places if place.is_dir() for path in place.glob("*.mp4")]
-        films = [path for path in found if path.is_file() and not path.is_symlink()]
+        own = [place for place in places if place.is_dir() and not place.is_symlink()]
+        found = [path for place in own for path in place.glob("*.mp4")]
+        films = [
+            path
+            for path in found
+            if path.is_file() and not path.is_symlink() and path.name.isprintable()
+        ]
         return sorted(films, key=lambda path: path.stat().st_mtime)[-_MOST_FILMS:]

@@ -1,5 +1,6 @@
 """Serves the page over HTTP from a thread of its own; nothing can be changed through it."""
 
+import asyncio
 import base64
 import socket
 import threading
@@ -13,6 +14,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from common.actions import KEYS_OF_ACTION
 from common.errors import InputError
@@ -21,6 +23,9 @@ from learner.telemetry.web.address import may_be_asked_as
 
 _PAGE = Path(__file__).parent / "page"
 _MOST_CONNECTIONS = 64
+"""One more is closed."""
+_SLOWEST = 5.0
+"""Seconds after which a connection that asks nothing is closed."""
 _FAREWELL = 5
 _HEADERS = {
     "content-security-policy": (
@@ -64,15 +69,15 @@ class PageServer:
         self._server = uvicorn.Server(
             uvicorn.Config(
                 _Guarded(_application(state, view, film), host),
-                http="h11",
+                http=_Connection,
                 ws="none",
                 loop="asyncio",
                 lifespan="off",
                 log_config=None,
+                log_level="error",  # what strangers send is no warning to whoever trains
                 access_log=False,
                 server_header=False,
                 proxy_headers=False,
-                limit_concurrency=_MOST_CONNECTIONS,
                 timeout_graceful_shutdown=_FAREWELL,
             )
         )
@@ -93,6 +98,28 @@ class PageServer:
         self._server.run(sockets=[self._socket])
         if not self._server.should_exit:
             raise RuntimeError("the server of the page ended")
+
+
+class _Connection(H11Protocol):
+    """A connection that cannot be held for nothing: files that are open end a run when they are
+    too many."""
+
+    _last: RequestResponseCycle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        if len(self.connections) > _MOST_CONNECTIONS:
+            transport.abort()
+        else:
+            self.loop.call_later(_SLOWEST, self._look)
+
+    def _look(self) -> None:
+        """Close, unless something was asked since the last look, or is being answered."""
+        last, self._last = self._last, self.cycle
+        if self.cycle is last and (last is None or last.response_complete):
+            self.transport.close()
+        if not self.transport.is_closing():
+            self.loop.call_later(_SLOWEST, self._look)
 
 
 class _Guarded:

@@ -77,6 +77,28 @@ def test_those_who_connect_and_say_nothing_are_bounded(address: str) -> None:
     wait_until(answers, "there is room again")
 
 
+def test_who_asks_a_byte_at_a_time_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_SLOWEST", 0.3)
+    address = free_endpoint().removeprefix("tcp/")
+    with (
+        http_endpoints(address, lambda: PAGES),
+        socket.create_connection(check_address(address)) as slow,
+    ):
+        slow.settimeout(0.05)
+
+        def hung_up() -> bool:
+            try:
+                slow.sendall(b"G")
+                return slow.recv(1) == b""
+            except TimeoutError:
+                return False
+            except OSError:
+                return True
+
+        wait_until(hung_up, "it is hung up on")
+        assert get(address, "/healthz") == (200, "ok\n")
+
+
 def test_no_address_serves_nothing() -> None:
     with http_endpoints(None, lambda: pytest.fail("not asked for")):
         pass

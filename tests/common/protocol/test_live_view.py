@@ -54,6 +54,20 @@ def grown(picture: bytes) -> bytes:
     return picture.replace(sizes, (240).to_bytes(2) + b"\xff\xff")
 
 
+def hidden(marker: int) -> bytes:
+    """A picture of 20,000 pixels a side, and a small one where it ends if ``marker`` has a length
+    and what follows is that."""
+    size = bytes((0xFF, 0xC0, 0, 11, 8)) + (20_000).to_bytes(2) * 2 + bytes((1, 1, 0x11, 0))
+    start = bytes((0xFF, 0xD8, 0xFF, marker)) + size
+    return start.ljust(4 + int.from_bytes(start[4:6]), b"\0") + PICTURE[2:]
+
+
+@pytest.mark.parametrize("marker", [0x00, 0x01, 0xD0, 0xD7, 0xD9, 0xFF])
+def test_no_size_is_hidden_behind_a_marker_that_has_no_length(marker: int) -> None:
+    with pytest.raises(MessageError, match="should be a JPEG"):
+        size_of(hidden(marker))
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

@@ -53,6 +53,13 @@ def test_it_is_beside_the_figures_where_there_is_room(width: int, height: int) -
     assert cells == (LivePicture.WIDTH * (LivePicture.HEIGHT - 3) if room else 0)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("x", [-10.0, 0.5, 1.0, 10.0])
+def test_corners_that_are_no_screen_are_drawn_too(x: float) -> None:
+    view = replace(VIEW, border=(x,) * 8, game=(-10.0, -10.0, 10.0, -10.0, 10.0, 10.0, -10.0, 10.0))
+    assert any("▀" in line for line in drawn(view))
+
+
 def test_it_tells_score_keys_and_what_the_actor_takes() -> None:
     text = "\n".join(drawn(VIEW))
     assert "a: score -3, step 70" in text

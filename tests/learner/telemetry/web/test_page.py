@@ -1,8 +1,10 @@
 """The page's server, asked by HTTP: what it tells, to whom, and what it refuses."""
 
+import contextlib
 import http.client
 import itertools
 import json
+import os
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -23,6 +25,7 @@ from common.transport.interface import Request, Transport
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.snapshot import ActorView, HealthCheck
+from learner.telemetry.web import server
 from learner.telemetry.web.address import check_web_address, may_be_asked_as
 from learner.telemetry.web.page_sink import PageSink
 from tests.common.protocol.test_live_view import VIEW
@@ -201,6 +204,57 @@ def test_films_of_the_run_are_served(place: Place) -> None:
     status, headers, body = place.ask("/films/epoch%201.mp4")
     assert (status, headers["content-type"], body) == (200, "video/mp4", b"film")
     assert place.ask("/films/epoch%201.mp4", Range="bytes=1-2")[2] == b"il"
+
+
+def test_only_films_of_the_run_itself_are_told(place: Place) -> None:
+    elsewhere = place.folder.parent / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "private.mp4").write_bytes(b"film")
+    (place.folder / "films").symlink_to(elsewhere)
+    (place.folder / os.fsdecode(b"\xff.mp4")).write_bytes(b"film")  # a name that JSON cannot hold
+    place.page.start(None)
+    place.page.write(SNAPSHOT)
+    assert place.json("/state")["films"] == []
+    assert place.ask("/films/private.mp4")[0] == 404
+
+
+def test_who_connects_and_asks_nothing_keeps_nobody_out(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "_SLOWEST", 0.2)
+    monkeypatch.setattr(server, "_MOST_CONNECTIONS", 4)
+    place.page.start(None)
+    there = ("127.0.0.1", place.port)
+    slow = [socket.create_connection(there, PATIENCE) for _ in range(6)]
+    for each in slow:
+        with contextlib.suppress(OSError):
+            each.sendall(b"GET /state HTTP/1.1\r\nHost: loc")
+    for each in slow:
+        with contextlib.suppress(ConnectionResetError):
+            assert each.recv(1) == b""
+    # One that has had an answer is closed too, if it never ends the next question.
+    with socket.create_connection(there, PATIENCE) as kept:
+        kept.sendall(b"GET /state HTTP/1.1\r\nHost: localhost\r\n\r\nGET /")
+        with contextlib.suppress(ConnectionResetError):
+            while kept.recv(4_096):
+                pass
+    assert place.json("/state") == {}
+    for each in slow:
+        each.close()
+
+
+def test_connections_are_bounded(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "_SLOWEST", PATIENCE)
+    monkeypatch.setattr(server, "_MOST_CONNECTIONS", 4)
+    place.page.start(None)
+    silent = [socket.create_connection(("127.0.0.1", place.port), PATIENCE) for _ in range(6)]
+    for each in silent[4:]:
+        with contextlib.suppress(ConnectionResetError):
+            assert each.recv(1) == b""
+    silent[0].sendall(b"GET /state HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    assert silent[0].recv(12) == b"HTTP/1.1 200"
+    for each in silent:
+        each.close()
 
 
 def test_a_browser_is_told_what_it_may_do(place: Place) -> None:
