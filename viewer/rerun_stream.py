@@ -37,6 +37,8 @@ _GAME = (320, 240)
 _GAME_BORDER = tuple(round(BORDER * edge) for edge in _GAME)
 _BEFORE_SCREEN = 0.01
 """Distance of the pinhole that shows the game from its picture, m."""
+_THIN = 1e-6
+"""Width of that pinhole's lines, m: nobody should see them."""
 _FRUSTUM = 0.12
 """Distance at which the camera's picture is drawn, m."""
 _KEYS = [key for key in Keys if key]
@@ -140,7 +142,7 @@ class RerunStream:
             mat3x3=np.stack([right / edges[0], down / edges[1], (1.0, 0.0, 0.0)], axis=1),
         )
         size = np.array(_GAME) + 2 * np.array(_GAME_BORDER)
-        eye = _pinhole(rerun, size, _BEFORE_SCREEN * size / edges, _BEFORE_SCREEN, (0, 0, 0, 0))
+        eye = _pinhole(rerun, size, _BEFORE_SCREEN * size / edges, _BEFORE_SCREEN, _THIN)
         self._log(self._game, place, eye, static=True)
 
     def _show_robot(self, env: RobotEnv) -> None:
@@ -200,11 +202,11 @@ def _pinhole(
     size: NDArray[np.int_],
     focal: NDArray[np.float64],
     distance: float,
-    colour: tuple[int, ...] | None = None,
+    line_width: float | None = None,
 ) -> Any:
     """Returns a camera whose picture, of ``size`` pixels, is drawn at ``distance``, m."""
     return rerun.Pinhole(
-        resolution=size, focal_length=focal, image_plane_distance=distance, color=colour
+        resolution=size, focal_length=focal, image_plane_distance=distance, line_width=line_width
     )
 
 
