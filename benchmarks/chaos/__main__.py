@@ -9,7 +9,6 @@ the actors recorded (`audit`).
 
 import math
 import random
-import threading
 import time
 from collections import defaultdict
 from dataclasses import asdict, dataclass
@@ -77,7 +76,7 @@ def _measure(options: Options, folder: Path) -> Report:
     struck: list[dict[str, Any]] = []
     deck: list[str] = []  # each kind once, then each once again
     with World(folder, flags, options.actors) as world:
-        if world.recovery(_PATIENCE, _NEVER) is None:
+        if world.recovery(_PATIENCE) is None:
             raise InputError(f"the run did not begin in {_PATIENCE:.0f} s.")
         memory = {name: world.private_mib(name) for name in (HUB, LEARNER)}
         deadline = time.monotonic() + 60 * options.minutes
@@ -104,9 +103,6 @@ def _measure(options: Options, folder: Path) -> Report:
     return report
 
 
-_NEVER = threading.Event()
-
-
 def _strike(world: World, name: str, draw: random.Random) -> dict[str, Any]:
     """Let one fault happen, and wait until all work again.
 
@@ -120,7 +116,7 @@ def _strike(world: World, name: str, draw: random.Random) -> dict[str, Any]:
     if end is not None:
         time.sleep(seconds)
         end()
-    recovery = world.recovery(_PATIENCE, _NEVER)
+    recovery = world.recovery(_PATIENCE)
     if recovery is None:
         raise InputError(
             f"the run did not recover in {_PATIENCE:.0f} s from: {name}, {target}, {seconds:.1f} s"

@@ -21,11 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from common.errors import exit_on_input_error
+from common.errors import MessageError, exit_on_input_error
+from common.process.threads import guarded
 from common.protocol.ack import Ack
 from common.protocol.chunk import Chunk
-from common.transport.interface import Envelope
-from common.transport.requests import Window, _Pending
+from common.transport.interface import Envelope, Requester
+from common.transport.requests import Window
 
 RECORDED = ("frames", "actions", "rewards", "elapsed")
 """Fields of a step by which the audit knows it."""
@@ -48,15 +49,38 @@ def recorded(file: int) -> type[Window]:
             os.write(file, f"made {_digest_of(chunk)} {len(chunk)}\n".encode())
             super().send(payload)
 
-        def _end(self, pending: _Pending, future: Future[Envelope]) -> None:
+        def __init__(
+            self, requester: Requester, settled: Callable[[Envelope | MessageError], None]
+        ) -> None:
+            super().__init__(_Witness(requester, file), settled)
+
+    return Recorded
+
+
+class _Witness:
+    """A `Requester` that records what is acknowledged, before whoever asked learns of it."""
+
+    def __init__(self, requester: Requester, file: int) -> None:
+        self._requester = requester
+        self._file = file
+        self.close = requester.close
+
+    @property
+    def has_server(self) -> bool:
+        return self._requester.has_server
+
+    def request(self, payload: bytes) -> Future[Envelope]:
+        def record(future: Future[Envelope]) -> None:
             if future.exception() is None:
                 ack = Ack.decode(future.result().payload)
                 if ack.status in ("stored", "duplicate"):
-                    chunk = Chunk.decode(pending.payload)
-                    os.write(file, f"acknowledged {_digest_of(chunk)} {len(chunk)}\n".encode())
-            super()._end(pending, future)
+                    chunk = Chunk.decode(payload)
+                    text = f"acknowledged {_digest_of(chunk)} {len(chunk)}\n"
+                    os.write(self._file, text.encode())
 
-    return Recorded
+        future = self._requester.request(payload)
+        future.add_done_callback(guarded("witness", record))
+        return future
 
 
 def _digest_of(chunk: Chunk) -> str:

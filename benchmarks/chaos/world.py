@@ -2,7 +2,6 @@
 
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -163,7 +162,7 @@ class World:
         """Agent steps in the replay, at least: what actors were told is stored."""
         return self.config.stream.chunk_steps * sum(self._stored().values())
 
-    def recovery(self, patience: float, stop: threading.Event) -> float | None:
+    def recovery(self, patience: float) -> float | None:
         """Wait until all work: each actor's next chunk is stored, and new weights come.
 
         Returns:
@@ -171,7 +170,7 @@ class World:
         """
         began = time.monotonic()
         before, weights = self._stored(), self._weights
-        while (waited := time.monotonic() - began) < patience and not stop.is_set():
+        while (waited := time.monotonic() - began) < patience:
             now = self._stored()
             if self._weights > weights and all(
                 now.get(name, 0) > before.get(name, 0) for name in self.actors
