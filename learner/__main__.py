@@ -199,11 +199,6 @@ def train(options: LearnerOptions, again: bool) -> int:
         )
         for each in web:
             display.line(f"watch the run at {each.url}")
-            if not each.is_private:
-                display.line(
-                    "warning: whoever reaches that port can watch the run, without a password: use "
-                    "--web 127.0.0.1:8080 and ssh -L instead."
-                )
         learner.start()
         children = None
         if options.local:

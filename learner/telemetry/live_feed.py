@@ -58,7 +58,7 @@ class LiveFeed:
         """Ask no more; what is asked ends within seconds."""
         with self._lock:
             self._closed = True
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._pool.shutdown()
 
     def _begin(self, asked: Asked) -> Future[LiveView | None]:
         """Returns an answer to come, or one that is fresh."""
@@ -69,12 +69,15 @@ class LiveFeed:
                 view.set_result(None)
             elif view is None or (view.done() and self._now() - began > _FRESH):
                 view = self._pool.submit(self._ask, asked)
+                self._kept.pop(asked, None)  # or it would count as old as when it was first asked
                 self._kept[asked] = (self._now(), view)
                 for oldest in list(self._kept)[:-_MOST_KEPT]:
                     del self._kept[oldest]
             return view
 
     def _ask(self, asked: Asked) -> LiveView | None:
+        if self._closed:
+            return None
         key = self._keys.view(asked.role, asked.name)
         for answer in self._transport.gather(key, _DEADLINE, asked.request.encode()):
             with contextlib.suppress(MessageError):

@@ -1,5 +1,6 @@
 """Keeps what the page of a run shows, and has it served."""
 
+import logging
 import threading
 import time
 from collections import deque
@@ -22,6 +23,7 @@ from learner.telemetry.web.server import PageServer
 
 _MOST_EVENTS = 200
 _MOST_FILMS = 200
+_log = logging.getLogger(__name__)
 
 
 class PageSink(Sink):
@@ -51,8 +53,12 @@ class PageSink(Sink):
         host, port = check_web_address(address)
         self._server = PageServer(host, port, self.state, self.view, self.film)
         self.url = self._server.url
-        self.is_private = is_loopback(host)
-        """Only this machine reaches it."""
+        if not is_loopback(host):
+            _log.warning(
+                "whoever reaches %s can watch the run, without a password: use "
+                "--web 127.0.0.1:8080 and ssh -L instead",
+                self.url,
+            )
 
     def watch(self, feed: LiveFeed) -> None:
         """See `Sink.watch`."""
@@ -79,14 +85,9 @@ class PageSink(Sink):
                     "phase": row.phase,
                     "agent_steps": agent_steps,
                     "games": row.nr_games,
-                    **{
-                        name: None if value is None else finite(value)
-                        for name, value in (
-                            ("score", row.average_reward),
-                            ("least", row.min_game_reward),
-                            ("most", row.max_game_reward),
-                        )
-                    },
+                    "score": finite(row.average_reward),
+                    "least": finite(row.min_game_reward),
+                    "most": finite(row.max_game_reward),
                 }
             )
 

@@ -195,6 +195,19 @@ def test_many_who_watch_cost_an_actor_no_more_than_one(hub: Transport, client: T
     assert feed.look(look) is None
 
 
+def test_who_is_watched_is_not_forgotten_for_others(hub: Transport, client: Transport) -> None:
+    hours = itertools.count(0.0, 3_600.0)
+    feed = LiveFeed(hub, KEYS, lambda: next(hours))
+    watched = Asked("actor", "a", ViewRequest())
+    feed.look(watched)
+    for stream in range(1, 100):  # nobody is there, so they are answered at once
+        feed.look(Asked("actor", "a", ViewRequest(stream)))
+        assert watched in feed._kept
+        feed.look(watched)
+    assert len(feed._kept) == 64
+    feed.close()
+
+
 def test_films_of_the_run_are_served(place: Place) -> None:
     (place.folder / "films").mkdir()
     (place.folder / "films" / "epoch 1.mp4").write_bytes(b"film")
