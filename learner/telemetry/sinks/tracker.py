@@ -133,7 +133,13 @@ class TrackerSink(CurvesSink):
     def __init__(self, name: TrackerName, run: TrackedRun) -> None:
         self._name = name
         with extra_for(f"--track {name}", name):
-            self._tracker: Tracker | None = TRACKERS[name](run)
+            self._tracker: Tracker | None = None
+            try:
+                self._tracker = TRACKERS[name](run)
+            except ModuleNotFoundError:
+                raise
+            except Exception as error:  # a run is worth more than its curves elsewhere
+                self._give_up(error)
 
     def add(self, points: Values, agent_steps: int) -> None:
         """See `CurvesSink.add`."""
@@ -149,6 +155,9 @@ class TrackerSink(CurvesSink):
             return
         try:
             act(self._tracker)
-        except Exception as error:  # a run is worth more than its curves elsewhere
-            self._tracker = None
-            _log.warning("--track %s is given up, and the run goes on: %s", self._name, error)
+        except Exception as error:
+            self._give_up(error)
+
+    def _give_up(self, error: Exception) -> None:
+        self._tracker = None
+        _log.warning("--track %s is given up, and the run goes on: %s", self._name, error)

@@ -131,6 +131,19 @@ def test_a_tracker_that_fails_is_given_up_once_and_the_run_goes_on(
     ]
 
 
+def test_a_tracker_that_cannot_begin_is_given_up_too(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def refuse(run: TrackedRun) -> Failing:
+        raise ConnectionError("log in first")
+
+    monkeypatch.setitem(module.TRACKERS, "wandb", refuse)
+    sink = TrackerSink("wandb", RUN)
+    sink.add({"play/test_reward": 1.0}, 1)
+    sink.close()
+    assert "--track wandb is given up, and the run goes on: log in first" in caplog.text
+
+
 def test_settings_are_flat_and_plain() -> None:
     assert RUN.settings["game"] == "pong"
     assert RUN.settings["learning.learning_rate"] == 2.5e-4
