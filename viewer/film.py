@@ -125,11 +125,11 @@ def chapters_of(folder: Path) -> list[Chapter]:
             f"--weights {folder}."
         )
     rows = _rows(run.epochs)
-    by_epoch = {file: int(file.stem.removeprefix("epoch-")) for file in files}
-    return [
-        Chapter("random play", None),
-        *(Chapter(_title(epoch, rows), file) for file, epoch in by_epoch.items()),
-    ]
+    try:
+        titles = [_title(int(file.stem.removeprefix("epoch-")), rows) for file in files]
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{run.epochs} is damaged ({error!r}): mend it, or move it.") from None
+    return [Chapter("random play", None), *map(Chapter, titles, files)]
 
 
 def _rows(table: Path) -> list[dict[str, str]]:

@@ -77,6 +77,9 @@ def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
         Film(folder=tmp_path).run(threading.Event())
     with pytest.raises(InputError, match="omit --weights"):
         Film(folder=run, weights=run / "x").run(threading.Event())
+    (run / "epochs.csv").write_text("epoch,phase,total_time\n1,train,soon\n")
+    with pytest.raises(InputError, match=r"epochs\.csv is damaged"):
+        chapters_of(run)
     for file in (run / "snapshots").glob("epoch-*"):
         file.unlink()
     with pytest.raises(InputError, match="no snapshots: train with --keep-snap"):
