@@ -70,7 +70,7 @@ class Progress(Message):
     run_id: str = ""
     """Identity of the run."""
     version: str = VERSION
-    """Of the software of the process that holds the replay."""
+    """Version of the software of the process that holds the replay."""
 
     def values(self) -> dict[str, Value]:
         """Returns the figures by their keys in `common.metrics`."""

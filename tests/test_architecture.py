@@ -33,6 +33,10 @@ DOORS: dict[str, str | tuple[str, ...]] = {
     "prometheus_client": ("common/exposition.py", "learner/telemetry/sinks/"),
     "starlette": "learner/telemetry/web/",
     "uvicorn": "learner/telemetry/web/",
+    "wandb": "learner/telemetry/sinks/",
+    "mlflow": "learner/telemetry/sinks/",
+    "trackio": "learner/telemetry/sinks/",
+    "optuna": "benchmarks/sweep.py",
 }
 """By foreign package, the file or folder that alone imports it."""
 

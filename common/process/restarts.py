@@ -48,6 +48,7 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
         asked = number
         if child:
             os.kill(child, number)
+        # Not here: the wait below, which this interrupts, may hold the lock of the event.
         _thread.start_new_thread(stop.set, ())
 
     for number in _SIGNALS:

@@ -71,7 +71,7 @@ class ActorStats(Message):
         "Steps whose wait for the commanded keys ended at its bound",
         summary="waits_given_up", trouble="gave up")
     version: str = VERSION
-    """Of its software."""
+    """Version of its software."""
     key_times: Values[Count] = ()
     """How long the hands took, as counts (see `common.press_latency`); none where nobody has
     told."""

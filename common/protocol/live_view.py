@@ -58,7 +58,7 @@ class LiveView(Message):
     explored: bool
     """The action was random."""
     picture: Jpeg
-    """Of the robot's camera, or of the emulator's screen."""
+    """What the robot's camera sees, or the emulator's screen."""
     border: Annotated[Values[_Share], MaxLen(8)]
     """Corners (x, y) of the projected picture that were found, as shares of the picture's width and
     height; empty where none were."""

@@ -45,7 +45,7 @@ class RunStatus(Message):
     """The run at this moment."""
 
     version: str
-    """Of the learner's software."""
+    """Version of the learner's software."""
     silent_for: Amount
     """Seconds since the training loop looked around."""
     values: Annotated[dict[str, bool | int | _Any | str | None], MaxLen(1_000)]
