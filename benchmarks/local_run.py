@@ -81,7 +81,7 @@ class Mark(NamedTuple):
 
     at: float
     facts: ChunkStatistics
-    """Of the newest chunk."""
+    """Statistics with the newest chunk."""
     cpu: dict[int, tuple[str, float]]
     """Role and seconds of processor time, by process."""
 
@@ -106,7 +106,7 @@ class Pace(NamedTuple):
     """Share of the actors' agent steps that their command reached in time, and that were in time
     themselves; None with ``sync``."""
     cpu_share: dict[str, float]
-    """Of the time of all usable cores, by role."""
+    """Share of the time of all usable cores, by role."""
 
 
 class LocalRun(HostedRun):

@@ -81,7 +81,7 @@ class QNetwork(nn.Module):
         self.hidden = nn.Linear(channels * side * side + vector_width, layers.hidden)
         width = layers.hidden // 2 if dueling else layers.hidden
         self.actions = nn.Linear(width, actions * atoms)
-        """Of the actions' values, or of their advantages."""
+        """The actions' values, or their advantages."""
         self.value = nn.Linear(width, atoms) if dueling else None
         if glorot:
             for layer in self.modules():

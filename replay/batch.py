@@ -20,7 +20,7 @@ class Batch(NamedTuple):
     """B transitions from s_tm1, n steps long or as long as their episode lets them be."""
 
     ids: NDArray[np.int64]
-    """Of the steps at s_tm1, never used twice, ``[B]``."""
+    """Ids of the steps at s_tm1, never used twice, ``[B]``."""
     s_tm1: NDArray[np.uint8]
     """``[B, H, 84, 84]``, oldest frame first."""
     a_tm1: NDArray[np.uint8]

@@ -16,7 +16,7 @@ from common.games import check_game
 _ROMS = Path(roms.__file__).parent
 
 _EUROPEAN_ROWS = 250
-"""Of games made for PAL televisions, which have other colours."""
+"""Rows of games made for PAL televisions, which have other colours."""
 
 
 class Emulator:

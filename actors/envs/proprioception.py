@@ -14,7 +14,7 @@ from common.run.conditions import PlayConfig
 _FLAGS = np.array(
     [[bool(number & key) for key in KEYS] for number in range(2 ** len(KEYS))], np.float32
 )
-"""Of each set of keys, ``[32, 5]``."""
+"""Which keys are in each set of keys, ``[32, 5]``."""
 
 
 class Proprioception:

@@ -19,8 +19,8 @@ import numpy as np
 from annotated_types import Gt
 
 from benchmarks.chaos.audit import Audit, audit
+from benchmarks.chaos.cluster import HUB, LEARNER, Cluster
 from benchmarks.chaos.faults import FAULTS
-from benchmarks.chaos.world import HUB, LEARNER, World
 from benchmarks.child import scratch
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import Count, FromOne
@@ -75,27 +75,27 @@ def _measure(options: Options, folder: Path) -> Report:
     flags = (*FLAGS, "--seed", str(options.seed), "--replay.capacity", str(options.capacity))
     struck: list[dict[str, Any]] = []
     deck: list[str] = []  # each kind once, then each once again
-    with World(folder, flags, options.actors) as world:
-        if world.recovery(_PATIENCE) is None:
+    with Cluster(folder, flags, options.actors) as cluster:
+        if cluster.recovery(_PATIENCE) is None:
             raise InputError(f"the run did not begin in {_PATIENCE:.0f} s.")
-        memory = {name: world.private_mib(name) for name in (HUB, LEARNER)}
+        memory = {name: cluster.private_mib(name) for name in (HUB, LEARNER)}
         deadline = time.monotonic() + 60 * options.minutes
         most = options.faults or math.inf
         while (
             time.monotonic() < deadline
             and len(struck) < most
-            and world.stored_steps < _ROOM * options.capacity
+            and cluster.stored_steps < _ROOM * options.capacity
         ):
             time.sleep(draw.uniform(_SHORTEST, _LONGEST))
             deck = deck or draw.sample(list(FAULTS), len(FAULTS))
-            struck.append(_strike(world, deck.pop(), draw))
+            struck.append(_strike(cluster, deck.pop(), draw))
             last = struck[-1]
             told = f"{last['fault']}, {last['target']}: all work again after"
             print(f"{len(struck):4} {told} {last['recovery']:.1f} s", flush=True)
-        after = {name: world.private_mib(name) for name in (HUB, LEARNER)}
-        starts = dict(world.starts)
-        world.conclude()
-        found = audit(world.replay, world.records)
+        after = {name: cluster.private_mib(name) for name in (HUB, LEARNER)}
+        starts = dict(cluster.starts)
+        cluster.conclude()
+        found = audit(cluster.replay, cluster.records)
     report = _report(options, struck, found, starts, memory, after)
     if not found.clean:
         report.publish(options.json)
@@ -103,24 +103,24 @@ def _measure(options: Options, folder: Path) -> Report:
     return report
 
 
-def _strike(world: World, name: str, draw: random.Random) -> dict[str, Any]:
+def _strike(cluster: Cluster, name: str, draw: random.Random) -> dict[str, Any]:
     """Let one fault happen, and wait until all work again.
 
     Raises:
         InputError: the run does not recover.
     """
     fault = FAULTS[name]
-    target = draw.choice(fault.targets(world))
+    target = draw.choice(fault.targets(cluster))
     seconds = draw.uniform(*fault.seconds)
-    end = fault.strike(world, target, draw)
+    end = fault.strike(cluster, target, draw)
     if end is not None:
         time.sleep(seconds)
         end()
-    recovery = world.recovery(_PATIENCE)
+    recovery = cluster.recovery(_PATIENCE)
     if recovery is None:
         raise InputError(
             f"the run did not recover in {_PATIENCE:.0f} s from: {name}, {target}, {seconds:.1f} s"
-            f"{'; ' if world.faults else ''}{'; '.join(world.faults)}."
+            f"{'; ' if cluster.faults else ''}{'; '.join(cluster.faults)}."
         )
     return {"fault": name, "target": target, "seconds": seconds, "recovery": recovery}
 

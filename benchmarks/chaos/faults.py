@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import NamedTuple
 
-from benchmarks.chaos.world import HUB, LEARNER, RUN, World
+from benchmarks.chaos.cluster import HUB, LEARNER, RUN, Cluster
 from common.errors import MessageError
 from common.run.join import find_run
 from common.transport.interface import Unanswered
@@ -19,36 +19,36 @@ End = Callable[[], None]
 class Fault(NamedTuple):
     """A kind of fault."""
 
-    strike: Callable[[World, str, random.Random], End | None]
+    strike: Callable[[Cluster, str, random.Random], End | None]
     """Breaks the target; returns what mends it, or None if that mends itself."""
-    targets: Callable[[World], tuple[str, ...]]
+    targets: Callable[[Cluster], tuple[str, ...]]
     seconds: tuple[float, float] = (0.0, 0.0)
     """The least and the most that it lasts."""
 
 
-def _kill(world: World, name: str, _: random.Random) -> None:
-    world.kill(name)
+def _kill(cluster: Cluster, name: str, _: random.Random) -> None:
+    cluster.kill(name)
 
 
-def _pause(world: World, name: str, _: random.Random) -> End:
-    return world.pause(name)
+def _pause(cluster: Cluster, name: str, _: random.Random) -> End:
+    return cluster.pause(name)
 
 
-def _rejoin(world: World, name: str, _: random.Random) -> None:
-    world.rejoin(name)
+def _rejoin(cluster: Cluster, name: str, _: random.Random) -> None:
+    cluster.rejoin(name)
 
 
-def _double(world: World, name: str, _: random.Random) -> End:
-    return world.double(name).end
+def _double(cluster: Cluster, name: str, _: random.Random) -> End:
+    return cluster.double(name).end
 
 
-def _cut(world: World, name: str, _: random.Random) -> End:
-    world.links[name].cut()
-    return world.links[name].mend
+def _cut(cluster: Cluster, name: str, _: random.Random) -> End:
+    cluster.links[name].cut()
+    return cluster.links[name].mend
 
 
-def _half_open(world: World, name: str, _: random.Random) -> End:
-    link = world.links[name]
+def _half_open(cluster: Cluster, name: str, _: random.Random) -> End:
+    link = cluster.links[name]
     link.cut()
 
     def end() -> None:
@@ -58,24 +58,24 @@ def _half_open(world: World, name: str, _: random.Random) -> End:
     return end
 
 
-def _reset(world: World, name: str, _: random.Random) -> None:
-    world.links[name].reset()
+def _reset(cluster: Cluster, name: str, _: random.Random) -> None:
+    cluster.links[name].reset()
 
 
-def _delay(world: World, name: str, draw: random.Random) -> End:
-    world.links[name].delay = draw.uniform(0.02, 0.3)
-    return world.links[name].mend
+def _delay(cluster: Cluster, name: str, draw: random.Random) -> End:
+    cluster.links[name].delay = draw.uniform(0.02, 0.3)
+    return cluster.links[name].mend
 
 
-def _flip(world: World, name: str, draw: random.Random) -> End:
-    world.links[name].flips = random.Random(draw.random())
-    return world.links[name].mend
+def _flip(cluster: Cluster, name: str, draw: random.Random) -> End:
+    cluster.links[name].flips = random.Random(draw.random())
+    return cluster.links[name].mend
 
 
-def _junk(world: World, name: str, draw: random.Random) -> None:
+def _junk(cluster: Cluster, name: str, draw: random.Random) -> None:
     """Send what is no chunk to the replay in an actor's name; each must be refused."""
-    keys, _ = find_run(world.transport, RUN, 60.0, lambda: False)
-    requester = world.transport.requester(keys.insert(name), 10.0)
+    keys, _ = find_run(cluster.transport, RUN, 60.0, lambda: False)
+    requester = cluster.transport.requester(keys.insert(name), 10.0)
     for _ in range(_JUNK):
         with suppress(MessageError, Unanswered):
             requester.request(draw.randbytes(draw.randrange(1, 5_000))).result()
@@ -83,16 +83,16 @@ def _junk(world: World, name: str, draw: random.Random) -> None:
     requester.close()
 
 
-def _everyone(world: World) -> tuple[str, ...]:
-    return (HUB, LEARNER, *world.actors)
+def _everyone(cluster: Cluster) -> tuple[str, ...]:
+    return (HUB, LEARNER, *cluster.actors)
 
 
-def _clients(world: World) -> tuple[str, ...]:
-    return (LEARNER, *world.actors)
+def _clients(cluster: Cluster) -> tuple[str, ...]:
+    return (LEARNER, *cluster.actors)
 
 
-def _actors(world: World) -> tuple[str, ...]:
-    return world.actors
+def _actors(cluster: Cluster) -> tuple[str, ...]:
+    return cluster.actors
 
 
 FAULTS = {

@@ -8,7 +8,7 @@ machine that takes ten times as long as copying the message.
 import ctypes
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-"""Of malloc.h."""
+"""Parameters of mallopt, from malloc.h."""
 _LARGEST_KEPT = 32 * 1024 * 1024
 """Bytes; as many as glibc allows."""
 _MOST_KEPT = 512 * 1024 * 1024

@@ -23,7 +23,7 @@ class Credentials:
     authority: Path
     """Certificate of whoever signed all the others."""
     certificate: Path
-    """Of this role."""
+    """The role's own."""
     key: Path
     """The certificate's private one."""
 
@@ -53,7 +53,7 @@ class Credentials:
         return found
 
     def settings(self, role: Role) -> dict[str, object]:
-        """Of a Zenoh session that speaks TLS and nothing else, both sides showing certificates."""
+        """Returns a Zenoh session's settings: TLS alone, with certificates on both sides."""
         side = "listen" if role == "hub" else "connect"
         return {
             "transport/link/protocols": ["tls"],

@@ -52,7 +52,7 @@ class Scores:
 
 
 def interquartile_mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of each row of ``[R, N]``, without the lowest and the highest ⌊N / 4⌋."""
+    """Returns the mean of each row of ``[R, N]``, without the lowest and the highest ⌊N / 4⌋."""
     out = scores.shape[1] // 4
     middle = np.sort(scores, axis=1)[:, out : scores.shape[1] - out]
     return np.asarray(middle.mean(axis=1))

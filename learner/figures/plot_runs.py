@@ -26,7 +26,7 @@ from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 Phase = Literal["test", "train"]
 _SEED = re.compile(r"[-_]?(seed)?[-_]?\d+$")
 _MODE = ("sync", "wait_action", "speed")
-"""Of a run, but not in its configuration: how time passed in local mode."""
+"""What a run has beside its configuration: how time passed in local mode."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def _random(groups: Sequence[Group]) -> list[float]:
 
 
 def _reward_name(groups: Sequence[Group]) -> str:
-    """Of the axis; a run without tests may stand beside others."""
+    """Returns the label of the axis; a run without tests may stand beside others."""
     phases = {run.phase for group in groups for run in group.runs}
     kind = " or ".join({"test": "tests", "train": "training"}[phase] for phase in sorted(phases))
     return f"average reward of a game ({kind})"

@@ -1,4 +1,4 @@
-"""`World`: a run of separate processes on one machine, each behind a link of its own to the hub."""
+"""`Cluster`: a run of processes on one machine, each behind a link of its own to the hub."""
 
 import os
 import signal
@@ -24,7 +24,7 @@ _AWAY = "600"
 """Seconds for which each process waits for one that is away: longer than any fault lasts."""
 
 
-class World:
+class Cluster:
     """The processes of a run, by name; a context manager that ends them.
 
     Args:
