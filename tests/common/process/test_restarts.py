@@ -19,6 +19,8 @@ from common.process import restarts
 from common.errors import exit_on_input_error, Unreachable, ThreadDied
 from common.process.lifeline import on_signals
 restarts._FIRST_PAUSE = 0.01
+for number in (signal.SIGINT, signal.SIGHUP):  # ignored where tests run in the background
+    signal.signal(number, signal.SIG_DFL)
 begun = Path(sys.argv[1])
 
 def work(again):
@@ -100,7 +102,16 @@ def test_there_is_an_end_to_restarts(tmp_path: Path, end: str, status: int) -> N
     assert len(work.begun) == 2
 
 
-@pytest.mark.parametrize("code", [code.number for code in EXIT_CODES if not code.again])
+def test_what_was_long_ago_is_forgotten(tmp_path: Path) -> None:
+    body = "    if times < 3: os.kill(os.getpid(), signal.SIGKILL)\n    return 0\n"
+    status, said = Work(tmp_path, body + "restarts._SETTLED = -1.0\n", 1).ended()
+    assert (status, len(said)) == (0, 2)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [*(code.number for code in EXIT_CODES if not code.again), 128 + signal.SIGTERM],
+)
 def test_what_is_in_vain_is_not_done_again(tmp_path: Path, code: int) -> None:
     work = Work(tmp_path, f"    return {code}\n", 5)
     assert work.ended() == (code, [])
