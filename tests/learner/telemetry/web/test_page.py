@@ -22,6 +22,7 @@ from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from common.transport.interface import Request, Transport
+from learner.telemetry import live_feed
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.snapshot import ActorView, HealthCheck
@@ -205,6 +206,23 @@ def test_who_is_watched_is_not_forgotten_for_others(hub: Transport, client: Tran
         assert watched in feed._kept
         feed.look(watched)
     assert len(feed._kept) == 64
+    feed.close()
+
+
+def test_a_fresh_answer_serves_all(hub: Transport, client: Transport) -> None:
+    asked: list[bytes] = []
+
+    def answer(request: Request) -> bytes:
+        asked.append(request.payload)
+        return VIEW.encode()
+
+    client.serve(KEYS.view("actor", "a"), answer)
+    now = [0.0]
+    feed = LiveFeed(hub, KEYS, lambda: now[0])
+    look = Asked("actor", "a", ViewRequest())
+    for now[0], times in ((0.0, 1), (live_feed._FRESH, 1), (live_feed._FRESH * 1.01, 2)):
+        assert feed.look(look) == VIEW
+        assert len(asked) == times
     feed.close()
 
 
