@@ -6,6 +6,7 @@ with a warning; the run goes on.
 """
 
 import logging
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
@@ -72,6 +73,9 @@ class Mlflow:
     _TAG = "ale_robot.run"
 
     def __init__(self, run: TrackedRun) -> None:
+        # The training loop waits for each point; MLflow's own patience is minutes.
+        os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "5")
+        os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
         import mlflow
 
         self._mlflow = mlflow
