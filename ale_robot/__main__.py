@@ -2,6 +2,7 @@
 
 import os
 import sys
+from difflib import get_close_matches
 from importlib import import_module
 from itertools import takewhile
 
@@ -21,8 +22,9 @@ def run() -> int | None:
         print(overview(everything=name == "--help-all"))
         return 0
     if (command := COMMANDS.get(name)) is None:
-        known = ", ".join(COMMANDS)
-        raise InputError(f"there is no command {name!r}: choose one of {known}.")
+        alike = get_close_matches(name, COMMANDS, n=1)
+        hint = f"did you mean {alike[0]}?" if alike else f"choose one of {', '.join(COMMANDS)}."
+        raise InputError(f"there is no command {name!r}: {hint}")
     if {"-h", "--help"} & {*arguments}:
         print(command.help(name))
         return 0

@@ -153,7 +153,8 @@ def _sentence(box: str, command: str) -> str:
     body = dropwhile(_is_rule, lines)
     first = " ".join(takewhile(lambda line: not _is_rule(line), body))
     if "Unrecognized" not in box:
-        first = first[:1].lower() + first[1:].rstrip(".")
+        first = first.removeprefix("Error parsing ").rstrip(".")
+        first = first[:1].lower() + first[1:]
         return f"{first}: `{command} --help` explains the flags."
     unknown = first.removeprefix("Unrecognized options: ").partition(",")[0]
     alike = [line.split()[0].strip(",") for line in lines if line.startswith("--")]

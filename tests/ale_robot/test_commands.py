@@ -59,8 +59,10 @@ def test_a_command_is_its_program_with_its_flags_before_the_users(
 
 
 def test_what_is_no_command_is_told_with_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match="no command 'wach': choose one of watch, train"):
+    with pytest.raises(InputError, match=r"no command 'wach': did you mean watch\?"):
         run(monkeypatch, "wach")
+    with pytest.raises(InputError, match="no command 'xyzzy': choose one of watch, train"):
+        run(monkeypatch, "xyzzy")
 
 
 def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
