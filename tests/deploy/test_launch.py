@@ -1,6 +1,7 @@
 """What is written for an engine, and what is refused before anything is."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -44,6 +45,24 @@ def test_the_jobs_of_slurm_hold_the_description(
     assert f"\nresume=({where} --threads 5 --restart 3 --env ale --resume --force)\n" in learner
     assert "\n#SBATCH --array=1-5\n" in actors
     assert "\nactors=(3)\n" in actors
+
+
+def test_no_flag_is_run_as_shell_text(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    wicked = tmp_path / "a 'b' $(touch pwned) `touch pwned`\n#SBATCH --wrap=x .safetensors"
+    shutil.copy(ROOT / "policies" / "ale_pong.safetensors", wicked)
+    flags = ("--env", "ale", "--initial", str(wicked))
+    launch(monkeypatch, "slurm", "--run=p", f"--runs={tmp_path}", "--", *flags)
+    head, _, _ = (tmp_path / "p/slurm/learner.sh").read_text().partition("set -u")
+    assert "\n#SBATCH --wrap" not in head.partition("\nrun=")[0]  # where sbatch stops to look
+    shown = subprocess.run(
+        ["bash", "-c", head + 'printf "%s\\0" "${begin[@]}"'],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert tuple(shown.stdout.rstrip("\0").split("\0")[-4:]) == flags
+    assert not (tmp_path / "pwned").exists()
 
 
 @pytest.mark.parametrize(
