@@ -115,7 +115,7 @@ def test_what_is_no_network_is_told(run: Path, tmp_path: Path, stage: Stage) -> 
     for weights, why in (
         (
             tmp_path / "nothing",
-            "is not a file: name a network's file, or a published policy: ale_pong, ",
+            "is not a file: name a network's file, a run's folder, or a published policy: ale_",
         ),
         (run / "config.json", "not safetensors"),
     ):
