@@ -31,6 +31,8 @@ def run() -> int | None:
     given = command.arguments
     if "--help-all" in arguments:
         given, arguments = tuple(takewhile(str.isalpha, given)), ["--help"]
+    elif given == ("--evaluate",) and (not arguments or arguments[0].startswith("-")):
+        raise InputError("name a network first, as in `ale-robot evaluate robot_pong`.")
     sys.argv = [f"ale-robot {name}", *given, *arguments]
     try:
         program = import_module(command.module)

@@ -118,7 +118,7 @@ def chapters_of(folder: Path) -> list[Chapter]:
     if not (folder / "config.json").is_file():
         raise InputError(f"{folder} is no run's folder: name one, such as runs/NAME.")
     run = RunFolder(folder.parent, folder.name)
-    files = sorted(run.snapshots.glob("epoch-*.safetensors"))
+    files = sorted(run.snapshots.glob("epoch-[0-9][0-9][0-9][0-9]*.safetensors"))
     if not files:
         raise InputError(
             f"{folder} has kept no snapshots: train with --keep-snapshots, or film one network by "

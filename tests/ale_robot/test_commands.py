@@ -65,6 +65,12 @@ def test_what_is_no_command_is_told_with_those_that_are(monkeypatch: pytest.Monk
         run(monkeypatch, "xyzzy")
 
 
+def test_an_evaluation_without_a_network_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    for arguments in ([], ["--games", "2"]):
+        with pytest.raises(InputError, match="name a network first, as in `ale-robot evaluate"):
+            run(monkeypatch, "evaluate", *arguments)
+
+
 def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(COMMANDS, "plot", Command("nobodys", (), "", ""))
     with pytest.raises(InputError, match=r"needs the package nobodys.*: pip install nobodys"):
