@@ -36,7 +36,7 @@ DOORS: dict[str, str | tuple[str, ...]] = {
     "wandb": "learner/telemetry/sinks/",
     "mlflow": "learner/telemetry/sinks/",
     "trackio": "learner/telemetry/sinks/",
-    "optuna": "benchmarks/sweep.py",
+    "optuna": "benchmarks/lab/sweep.py",
 }
 """By foreign package, the file or folder that alone imports it."""
 

@@ -10,7 +10,7 @@ the actors recorded (`audit`).
 import math
 import random
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -97,9 +97,15 @@ def _measure(options: Options, folder: Path) -> Report:
         cluster.conclude()
         found = audit(cluster.replay, cluster.records)
     report = _report(options, struck, found, starts, memory, after)
-    if not found.clean:
+    known = [each for row in struck if FAULTS[row["fault"]].may_end for each in row["ended"]]
+    unforeseen = [each for each in cluster.ended if each not in known]
+    if unforeseen or not found.clean:
         report.publish(options.json)
-        raise InputError(f"the audit found losses: {found}.")
+        raise InputError(
+            f"the audit found losses: {found}."
+            if not found.clean
+            else f"not every process lived on: {'; '.join(unforeseen)}."
+        )
     return report
 
 
@@ -109,7 +115,7 @@ def _strike(cluster: Cluster, name: str, draw: random.Random) -> dict[str, Any]:
     Raises:
         InputError: the run does not recover.
     """
-    fault = FAULTS[name]
+    fault, before = FAULTS[name], len(cluster.ended)
     target = draw.choice(fault.targets(cluster))
     seconds = draw.uniform(*fault.seconds)
     end = fault.strike(cluster, target, draw)
@@ -120,9 +126,13 @@ def _strike(cluster: Cluster, name: str, draw: random.Random) -> dict[str, Any]:
     if recovery is None:
         raise InputError(
             f"the run did not recover in {_PATIENCE:.0f} s from: {name}, {target}, {seconds:.1f} s"
-            f"{'; ' if cluster.faults else ''}{'; '.join(cluster.faults)}."
+            f"{''.join(f'; {each}' for each in cluster.ended)}."
         )
-    return {"fault": name, "target": target, "seconds": seconds, "recovery": recovery}
+    ended = cluster.ended[before:]
+    return {
+        **{"fault": name, "target": target, "seconds": seconds, "recovery": recovery},
+        "ended": ended,
+    }
 
 
 def _report(
@@ -134,8 +144,11 @@ def _report(
     after: dict[str, float],
 ) -> Report:
     times: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
+    ends: Counter[tuple[str, str]] = Counter()
     for each in struck:
-        times[each["fault"], each["target"].partition("-")[0]].append(each["recovery"])
+        kind = each["fault"], each["target"].partition("-")[0]
+        times[kind].append(each["recovery"])
+        ends[kind] += len(each["ended"])
     rows = [
         {
             "fault": fault,
@@ -144,6 +157,7 @@ def _report(
             "recovery p50 s": round(float(np.percentile(seconds, 50)), 1),
             "p95 s": round(float(np.percentile(seconds, 95)), 1),
             "longest s": round(max(seconds), 1),
+            "ended by it": ends[fault, role],
         }
         for (fault, role), seconds in sorted(times.items())
     ]
@@ -166,7 +180,7 @@ def _report(
         (
             f"Audit: {found.made:,} chunks made, {found.acknowledged:,} acknowledged, "
             f"{found.stored:,} stored; {found.lost} lost or altered, {found.duplicated} "
-            f"duplicated, {found.unknown_rows} of {found.rows:,} steps unknown.",
+            f"duplicated; {found.steps:,} steps, and {found.unknown_rows} that nobody made.",
             f"Private memory: {memory}.",
         ),
     )

@@ -26,7 +26,7 @@ first state."""
 
 @dataclass(frozen=True)
 class Audit:
-    """Numbers of chunks, but for the last two."""
+    """Numbers of chunks, but for the last two, of steps."""
 
     made: int
     acknowledged: int
@@ -35,8 +35,8 @@ class Audit:
     """Acknowledged, and not in the files as they were sent: gone, or altered."""
     duplicated: int
     """Stored more often than made."""
-    rows: int
-    """Steps in the files."""
+    steps: int
+    """Steps of the chunks that are stored."""
     unknown_rows: int
     """Steps of no chunk that an actor made, nor the context of one."""
 
@@ -87,7 +87,7 @@ def audit(replay: Path, records: Iterable[Path]) -> Audit:
         stored=stored.total(),
         lost=(acknowledged - stored).total(),
         duplicated=(stored - made).total(),
-        rows=head,
+        steps=sum(length * count for (_, length), count in stored.items()),
         unknown_rows=unknown + skipped,
     )
 

@@ -65,7 +65,7 @@ def test_what_is_whole_is_clean_also_without_the_last_acknowledgement(case: Case
         case.store()
     case.store(acknowledged=False)
     found = case.audit()
-    assert found == Audit(6, 5, 6, lost=0, duplicated=0, rows=24, unknown_rows=0)
+    assert found == Audit(6, 5, 6, lost=0, duplicated=0, steps=24, unknown_rows=0)
     assert found.clean
 
 
@@ -76,7 +76,7 @@ def test_a_reopened_replay_and_a_torn_record_are_read(case: Case) -> None:
     case.store()
     with case.record.open("a") as file:
         file.write("made 1234")
-    assert case.audit() == Audit(2, 2, 2, lost=0, duplicated=0, rows=8, unknown_rows=0)
+    assert case.audit() == Audit(2, 2, 2, lost=0, duplicated=0, steps=8, unknown_rows=0)
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_older_frames_before_a_chunk_whose_predecessor_is_missing_are_known(case
     case.store()
     found = case.audit()
     assert found.clean
-    assert found.rows == 2 * CHUNK + 3
+    assert found.steps == 2 * CHUNK
 
 
 def test_a_ring_that_has_wrapped_is_refused(case: Case) -> None:

@@ -33,6 +33,8 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The file of a program that every child runs instead of Python."""
     file = tmp_path / "program"
     monkeypatch.setattr(sys, "executable", str(file))
+    # It plays without a network.
+    monkeypatch.setattr("learner.evaluation.offline.load_weights_file", lambda *_: None)
     return file
 
 

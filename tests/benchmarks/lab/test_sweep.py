@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.sweep import Axis, Options, measure
+from benchmarks.lab.sweep import Axis, Options, measure
 from common.errors import InputError
 from tests.end_to_end.conftest import SMALL
 

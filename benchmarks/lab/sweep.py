@@ -1,4 +1,4 @@
-"""`python -m benchmarks.sweep STUDY --vary …`: searches settings by whole trainings, with Optuna.
+"""`python -m benchmarks.lab.sweep STUDY --vary …`: searches settings by trainings, with Optuna.
 
 Each trial is a run of `python -m learner --local` with settings that the study draws. After each
 epoch the mean score of its training games is told to the study, which ends trials that are worse
@@ -111,7 +111,7 @@ class Options(BenchmarkOptions):
 
 def measure(options: Options) -> Report:
     axes = [Axis.parse(text) for text in options.vary]
-    with extra_for("python -m benchmarks.sweep", "sweep"):
+    with extra_for("python -m benchmarks.lab.sweep", "sweep"):
         import optuna
     options.runs.mkdir(parents=True, exist_ok=True)
     study = optuna.create_study(
@@ -198,4 +198,4 @@ def _report(options: Options, study: "Study") -> Report:
 
 
 if __name__ == "__main__":
-    main("sweep", Options, measure)
+    main("lab.sweep", Options, measure)
