@@ -16,7 +16,7 @@ from deploy.description import RunDescription
 
 _HERE = Path(__file__).parent
 _NOTICE = 90
-"""Seconds before the time limit at which a job is told to end, and goes on in another."""
+"""Seconds before its time limit that a job is asked to end; it is queued again."""
 
 
 def launch(run: RunDescription) -> str:

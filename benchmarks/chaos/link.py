@@ -53,7 +53,7 @@ class Link:
     def forget(self) -> None:
         """What is connected stays so for ever, and nothing arrives; who connects anew is served.
 
-        As where a router on the way restarts and knows no connection any more.
+        A router that restarted and has forgotten the connection does the same.
         """
         self._whole, before = threading.Event(), self._whole
         before.clear()

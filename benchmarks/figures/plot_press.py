@@ -23,7 +23,7 @@ def read_press(path: Path) -> dict[str, Any]:
     """The measurement that `python -m benchmarks.lab.press_latency --json` wrote to ``path``.
 
     Raises:
-        InputError: it is none.
+        InputError: the file holds no press latencies.
     """
     try:
         found: dict[str, Any] = json.loads(path.read_text())

@@ -1,10 +1,10 @@
 """`python -m benchmarks.lab.sweep STUDY --vary …`: searches settings by trainings, with Optuna.
 
 Each trial is a run of `python -m learner --local` with settings that the study draws. After each
-epoch the mean score of its training games is told to the study, which ends trials that are worse
-than the median of the others at that epoch. The same command goes on with a study; given in several
-terminals, or on machines that share a ``--storage``, it is so many workers. A trial whose worker
-died is begun again.
+epoch the study gets the mean score of the trial's training games. It ends a trial whose score is
+below the median of the others at that epoch. The same command goes on with a study. Given in
+several terminals, or on machines that share a ``--storage``, it is so many workers. A trial whose
+worker died is begun again.
 """
 
 import time
@@ -54,7 +54,7 @@ class Axis(NamedTuple):
         only whole ones are drawn.
 
         Raises:
-            InputError: it is none of these.
+            InputError: ``text`` has another form.
         """
         flag, _, values = text.partition("=")
         parts = values.split(":")

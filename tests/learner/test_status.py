@@ -64,7 +64,7 @@ class Clock:
 
 @pytest.fixture
 def client(tmp_path: Path) -> Iterator[Transport]:
-    """Of somebody who asks at a hub that has a replay with 8 steps."""
+    """A client of a hub whose replay has 8 steps."""
     config = make_config()
     hub = InProcessHub()
     with hub.connect() as served, hub.connect() as client:
