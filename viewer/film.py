@@ -115,9 +115,8 @@ def chapters_of(folder: Path) -> list[Chapter]:
     Raises:
         InputError: it is no run, or has kept none.
     """
-    if not (folder / "config.json").is_file():
+    if (run := RunFolder.at(folder)) is None:
         raise InputError(f"{folder} is no run's folder: name one, such as runs/NAME.")
-    run = RunFolder(folder.parent, folder.name)
     files = sorted(run.snapshots.glob("epoch-[0-9][0-9][0-9][0-9]*.safetensors"))
     if not files:
         raise InputError(

@@ -63,7 +63,7 @@ class RerunStream:
         if not isinstance(env, RobotEnv | AtariEnv):
             raise InputError("only robots and emulators are shown: choose another --env.")
         if save is not None and save.suffix != ".rrd":
-            raise InputError(f"{save} is no recording's name: let it end in .rrd.")
+            raise InputError(f"the name {save} does not end in .rrd: choose one that does.")
         if save is not None:
             check_writable(save)
         self._rerun = rerun = _import_rerun()

@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Literal, get_args
+from typing import IO, Literal, Self, get_args
 
 from common.errors import InputError
 from common.protocol.run_keys import check_name
@@ -89,6 +89,11 @@ class RunFolder:
         self._locks: list[IO[str]] = []
         self._made = False
         self._claimed: set[Part] = set()
+
+    @classmethod
+    def at(cls, path: Path) -> Self | None:
+        """Returns the run whose folder ``path`` is; None if it is no run's."""
+        return cls(path.parent, path.name) if (path / "config.json").is_file() else None
 
     def stored_config(self) -> RunConfig | None:
         """The configuration the run was started with; None for a new run."""

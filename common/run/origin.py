@@ -26,8 +26,8 @@ def find_weights(name: str | Path) -> Path:
     """
     path = Path(name)
     shipped = SHIPPED / f"{path.stem}.safetensors"
-    if path.is_dir() and (path / "config.json").is_file():
-        path = RunFolder(path.parent, path.name).checkpoint
+    if (run := RunFolder.at(path)) is not None:
+        path = run.checkpoint
     elif not path.exists() and path.parent in (Path(), Path("policies")) and shipped.is_file():
         path = shipped
     if not path.is_file():
@@ -117,6 +117,6 @@ def _flag(setting: str, config: RunConfig) -> str:
 def run_of(weights: Path) -> RunFolder | None:
     """The run in whose folder, or in whose snapshots, ``weights`` lies; None if it is no run's."""
     for folder in weights.resolve().parents[:2]:
-        if (folder / "config.json").is_file():
-            return RunFolder(folder.parent, folder.name)
+        if (run := RunFolder.at(folder)) is not None:
+            return run
     return None
