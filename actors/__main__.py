@@ -41,6 +41,7 @@ from common.protocol.run_keys import check_name
 from common.run.clock import ClockConfig
 from common.run.config import MAX_SEED, RunConfig
 from common.run.join import find_run, patiently
+from common.transport.credentials import own_name
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.zenoh_transport import connect
 
@@ -75,7 +76,8 @@ class ActorOptions:
     evaluator: bool = False
     """Role: play the learner's evaluation jobs instead of training."""
     name: str | None = None
-    """Name of this actor in displays and statistics; by default made of the host's name."""
+    """Name of this actor in displays and statistics; by default that in its certificate, or one
+    made of the host's name."""
     seed: Annotated[int, Ge(0), Lt(MAX_SEED)] | None = None
     """Seed of this actor's games; by default another one at every start, so that a restarted actor
     does not repeat its games."""
@@ -128,7 +130,10 @@ def main() -> int:
     options.check()
     if options.log_json:
         say_json("evaluator" if options.evaluator else "actor")
-    name = check_name("actor", options.name or default_name())
+    name = options.name
+    if name is None and options.certificates is not None:
+        name = own_name(options.certificates)
+    name = check_name("actor", name or default_name())
     stop = threading.Event()
     on_signals(stop)
     if options.leash:
@@ -141,7 +146,9 @@ def main() -> int:
     with (
         end_with_any_thread(stop),
         connect(
-            options.connect, options.patience, stopped, certificates=options.certificates
+            *(options.connect, options.patience, stopped),
+            name=name,
+            certificates=options.certificates,
         ) as transport,
     ):
         keys, config = find_run(transport, options.run, options.patience, stopped)

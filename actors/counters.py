@@ -53,7 +53,7 @@ class ActorCounters:
             memory_bytes=footprint().private,
             steps_per_second=rate,
             held_share=held,
-            epsilon=policy.random_share,
+            epsilon=policy.epsilon,
             weights_version=policy.weights_version,
             key_times=tuple(self.key_times),
             **chunks,

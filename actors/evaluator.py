@@ -33,8 +33,8 @@ class Evaluator:
         self._env = env
         self._policy = policy
         self._counters = ActorCounters(member.name, "evaluator", member.incarnation)
-        self._jobs = member.transport.requester(member.keys.task, _TIMEOUT)
-        self._reports = member.transport.requester(member.keys.report, _TIMEOUT)
+        self._jobs = member.transport.requester(member.keys.task(member.name), _TIMEOUT)
+        self._reports = member.transport.requester(member.keys.report(member.name), _TIMEOUT)
         self._views = LiveViews(member, "evaluator", [env], policy)
         self._heartbeat = Heartbeat(member, "evaluator", self._stats)
 
@@ -67,9 +67,8 @@ class Evaluator:
             self._heartbeat.close()
 
     def _ask(self) -> EvaluationJob | None:
-        name = self._member.name.encode()
         try:
-            job = EvaluationJob.decode(self._jobs.request(name).result().payload)
+            job = EvaluationJob.decode(self._jobs.request(b"").result().payload)
             self._member.check_run(job.run_id)
             if job.kind == "test":
                 load_weights(self._policy.network, job.weights)

@@ -13,8 +13,6 @@ from common.run.config import ExplorationConfig
 LEAST, MOST = 4, 12
 """Agent steps that a random action lasts with ``ez_greedy``: 3 + Zipf(2), cut at `MOST`."""
 GREEDY = -1
-_POWERS = 7.0
-"""Ape-X's α: ε to the powers from 1 to 1 + α."""
 
 
 def _duration_law() -> NDArray[np.float64]:
@@ -30,7 +28,7 @@ MEAN_DURATION = float(DURATION_LAW @ _DURATIONS)
 
 
 class Exploration:
-    """Chance for ``envs`` environments at once, each with its own share of random agent steps."""
+    """Chance for ``envs`` environments at once."""
 
     def __init__(
         self, config: ExplorationConfig, actions: int, envs: int, rng: np.random.Generator
@@ -38,28 +36,18 @@ class Exploration:
         self._ez_greedy = config.ez_greedy
         self._actions = actions
         self._rng = rng
-        self._powers = np.ones(envs)
-        if config.per_env:
-            # How many others there are is not known, so Ape-X's even ladder is drawn from: one
-            # from each of as many equal parts as there are environments here.
-            self._powers += _POWERS * (np.arange(envs) + rng.random(envs)) / envs
         self._held = np.zeros(envs, np.int64)
         self._left = np.zeros(envs, np.int64)
 
-    def shares(self, epsilon: float) -> NDArray[np.float64]:
-        """Each environment's share of random agent steps when the run's is ``epsilon``, ``[E]``."""
-        return epsilon**self._powers
-
     def draw(self, epsilon: float) -> NDArray[np.int64]:
         """A random action, or `GREEDY`, for the next agent step of each environment, ``[E]``."""
-        shares = self.shares(epsilon)
-        envs = len(shares)
+        envs = len(self._held)
         if not self._ez_greedy:
             chosen = self._rng.integers(self._actions, size=envs)
-            chosen[self._rng.random(envs) >= shares] = GREEDY
+            chosen[self._rng.random(envs) >= epsilon] = GREEDY
             return chosen
         # Random runs of mean m begin at a share p of the other agent steps: ε = pm / (pm + 1 - p).
-        begin = shares / (shares + MEAN_DURATION * (1 - shares))
+        begin = epsilon / (epsilon + MEAN_DURATION * (1 - epsilon))
         begins = (self._left == 0) & (self._rng.random(envs) < begin)
         self._held[begins] = self._rng.integers(self._actions, size=begins.sum())
         self._left[begins] = self._rng.choice(_DURATIONS, size=begins.sum(), p=DURATION_LAW)

@@ -48,11 +48,6 @@ class Policy:
             policy.epsilon = epsilon
         return policy
 
-    @property
-    def random_share(self) -> float:
-        """Share of random agent steps, over all environments."""
-        return float(self._exploration.shares(self.epsilon).mean())
-
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
         """One action for each environment, ``[E]``.
 

@@ -2,13 +2,12 @@
 
 import os
 import sys
-from difflib import get_close_matches
 from importlib import import_module
 from itertools import takewhile
 
 from ale_robot import __version__
 from ale_robot.commands import COMMANDS, overview
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError, choice, exit_on_input_error
 from common.process.lifeline import leave_at_interrupt
 
 
@@ -22,9 +21,7 @@ def run() -> int | None:
         print(overview(everything=name == "--help-all"))
         return 0
     if (command := COMMANDS.get(name)) is None:
-        alike = get_close_matches(name, COMMANDS, n=1)
-        hint = f"did you mean {alike[0]}?" if alike else f"choose one of {', '.join(COMMANDS)}."
-        raise InputError(f"there is no command {name!r}: {hint}")
+        raise InputError(f"there is no command {name!r}: {choice(name, list(COMMANDS))}")
     if {"-h", "--help"} & {*arguments}:
         print(command.help(name))
         return 0

@@ -217,16 +217,33 @@ COMMANDS = {
   -o FILE              picture: .png, .svg or .pdf
 """,
     ),
-    "policies": Command(
-        "viewer.__main__",
-        ("policies",),
-        "List the trained policies that are shipped, and their scores.",
+    "backup": Command(
+        "learner.backup",
+        (),
+        "Copy a run, also while it works, to go on with it elsewhere.",
         """
-  ale-robot policies
+  ale-robot backup runs/NAME -o /mnt/backup/NAME
+  ale-robot train --runs /mnt/backup --run NAME --resume       go on with it
+
+  -o FOLDER            folder of the copy, which must not exist yet
+""",
+    ),
+    "policies": Command(
+        "ale_robot.hub",
+        (),
+        "List the trained policies that are shipped; push and pull others.",
+        """
+  ale-robot policies                               those that are shipped
   ale-robot watch --weights ale_pong               watch one
+  ale-robot policies pull OWNER/NAME -o FOLDER     from a hub of models
+  ale-robot policies push robot_pong OWNER/NAME    both need
+                                                   pip install huggingface_hub
 """,
     ),
 }
+
+
+_VERSION = "  ale-robot --version"
 
 
 def overview(*, everything: bool) -> str:
@@ -241,9 +258,10 @@ def overview(*, everything: bool) -> str:
         "",
         "  ale-robot COMMAND --help        examples, and the flags that are used most",
         "  ale-robot COMMAND --help-all    every flag",
-        "  ale-robot --version",
     ]
     if everything:
         games = textwrap.fill(", ".join(GAMES), 78, initial_indent="  ", subsequent_indent="  ")
-        return "\n".join([*lines, "", f"The {len(GAMES)} games of --game:", games])
-    return "\n".join([*lines, f"  ale-robot --help-all            the {len(GAMES)} games too"])
+        return "\n".join([*lines, _VERSION, "", f"The {len(GAMES)} games of --game:", games])
+    return "\n".join(
+        [*lines, f"  ale-robot --version, --help-all  version; the {len(GAMES)} games too"]
+    )

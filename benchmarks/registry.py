@@ -38,6 +38,10 @@ BENCHMARKS = {
     "transport": Benchmark(
         "chunks in and minibatches out of a replay process, over Zenoh", {"transport": ""}
     ),
+    "many_actors": Benchmark(
+        "a hub with 1 to 1,024 actors in real time: what they get, what it costs, weights to all",
+        {"many_actors": ""},
+    ),
     "epochs_per_day": Benchmark(
         "a whole local run: training, tests, and how many of the 2017 epochs a day has room for",
         {

@@ -3,7 +3,8 @@
 import errno
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
 
 from common.process.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, UNREACHABLE
 from common.process.log_lines import line
@@ -26,6 +27,12 @@ class ThreadDied(InputError):
     """A thread of this process died, so the process cannot work on; a new one can."""
 
     exit_code = FAILED
+
+
+def choice(given: str, known: Sequence[str]) -> str:
+    """Returns the end of a sentence that refuses ``given``: what was meant, or what there is."""
+    alike = get_close_matches(given, known, n=1)
+    return f"did you mean {alike[0]}?" if alike else f"choose one of {', '.join(known)}."
 
 
 class MessageError(ValueError):

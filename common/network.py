@@ -1,10 +1,6 @@
 """The networks of the algorithms, shared by learner and actors: those of Mnih et al. 2015 and 2013,
 and the same with several numbers for each action, such as quantiles of its return.
 
-With ``dueling`` the second dense layer is two: one half of the hidden units makes the state's
-value, the other the actions' advantages, less their mean (Wang et al. 2016, equation 9). Halves,
-not two layers of 512 each, so that it is as fast as the plain one.
-
 It stands here, not with the learner, so that an actor can play without the training code.
 """
 
@@ -63,12 +59,10 @@ class QNetwork(nn.Module):
         scale_pixels: bool = True,
         vector_scale: float = 1.0,
         glorot: bool = False,
-        dueling: bool = False,
         atoms: int = 1,
     ) -> None:
         super().__init__()
         self.action_count = actions
-        self.dueling = dueling
         self.pixel_scale = 1 / 255 if scale_pixels else 1.0
         self.vector_scale = vector_scale
         layers = LAYERS[network]
@@ -79,10 +73,7 @@ class QNetwork(nn.Module):
             channels, side = filters, (side - kernel) // stride + 1
         self.convolutions = nn.Sequential(*convolutions)
         self.hidden = nn.Linear(channels * side * side + vector_width, layers.hidden)
-        width = layers.hidden // 2 if dueling else layers.hidden
-        self.actions = nn.Linear(width, actions * atoms)
-        """The actions' values, or their advantages."""
-        self.value = nn.Linear(width, atoms) if dueling else None
+        self.actions = nn.Linear(layers.hidden, actions * atoms)
         if glorot:
             for layer in self.modules():
                 if isinstance(layer, (nn.Conv2d, nn.Linear)):
@@ -104,16 +95,8 @@ class QNetwork(nn.Module):
     def atoms(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns the last layer's numbers, ``float32 [batch, actions, atoms]``."""
         hidden = relu(self.hidden(self._features(frames, vectors)))
-        if self.value is None:
-            return self._by_action(self.actions(hidden))
-        for_value, for_actions = hidden.chunk(2, dim=1)
-        # The mean in float32: rounded, it would blur which action is the best.
-        advantages = self._by_action(self.actions(for_actions))
-        value: Tensor = self.value(for_value).float().unsqueeze(1)
-        return value + advantages - advantages.mean(dim=1, keepdim=True)
-
-    def _by_action(self, numbers: Tensor) -> Tensor:
-        return numbers.float().view(len(numbers), self.action_count, -1)
+        numbers: Tensor = self.actions(hidden).float()
+        return numbers.view(len(numbers), self.action_count, -1)
 
     def _features(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns what the first dense layer sees, ``[batch, features]``."""
@@ -146,7 +129,6 @@ def build_network(config: RunConfig, actions: int) -> QNetwork:
             scale_pixels=config.learning.scale_pixels,
             vector_scale=config.learning.vector_scale,
             glorot=config.learning.initial_weights == "glorot",
-            dueling=config.learning.dueling,
             atoms=kind.atoms(config.learning),
         )
     return network

@@ -19,7 +19,7 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from common.actions import KEYS_OF_ACTION
-from common.errors import InputError
+from common.errors import InputError, choice
 from common.games import MINIMAL_ACTIONS, check_game
 from common.pinned_file import path_of
 from common.proprioception import vector_width
@@ -132,10 +132,10 @@ class Registry(Generic[T]):
                 self.add(point.load())
         key = name if name in self._entries else f"FILE{path_of(name).suffix}"
         if key not in self._entries:
-            raise InputError(
-                f"there is no {self._noun} {name!r}: choose one of {', '.join(self.names)}, "
-                "or install the package that has it."
-            )
+            hint = choice(name, self.names)
+            if hint.endswith("."):
+                hint = f"{hint[:-1]}, or install the package that has it."
+            raise InputError(f"there is no {self._noun} {name!r}: {hint}")
         return self._entries[key]
 
     def make(self, name: str, *arguments: Any, **named: Any) -> Any:

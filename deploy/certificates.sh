@@ -2,19 +2,81 @@
 # Makes the certificates by which the processes of a run know each other across a network.
 #
 #     deploy/certificates.sh FOLDER HOST...
+#     deploy/certificates.sh FOLDER --actors NAME...
 #
-# HOST is each name or IP address by which the hub's machine is reached. FOLDER gets the authority
-# (ca.pem) and, for each role, hub, learner and actor, a certificate with its key, good for a year.
-# Run again, it keeps the authority and makes the others anew. On another machine put ca.pem and the
-# two files of its role alone; ca-key.pem, which can make more of them, should stay where it is.
+# The first makes an authority (ca.pem) and, for each role, hub, learner and actor, a certificate with
+# its key, good for a year. HOST is each name or IP address by which the hub's machine is reached. Run
+# again, it keeps the authority and makes the others anew.
+#
+# The second makes a certificate for each actor or evaluator alone, actor.NAME.pem, and adds the name
+# to actors.txt. A hub whose folder has that list lets in these actors only, and none of them in
+# another's name; a name that is deleted from it is out when the hub is started again.
+#
+# On another machine put ca.pem and the two files of its process alone; ca-key.pem, which can make
+# more of them, should stay where it is.
 set -eu
 
-if [ $# -lt 2 ]; then
+if [ $# -lt 2 ] || { [ "$2" = --actors ] && [ $# -lt 3 ]; }; then
     echo "usage: $0 FOLDER HOST...   as in: $0 certificates learner.example.org 192.0.2.7" >&2
+    echo "       $0 FOLDER --actors NAME...   as in: $0 certificates --actors robot-1 robot-2" >&2
     exit 2
 fi
 folder=$1
 shift
+
+umask 077
+mkdir -p "$folder"
+cd "$folder"
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+quietly() {  # what it says is shown only where it fails
+    "$@" >"$work/said" 2>&1 || { cat "$work/said" >&2; exit 1; }
+}
+
+certify() {  # common name, purpose, names in the certificate
+    {
+        echo "basicConstraints=critical,CA:false"
+        echo "keyUsage=critical,digitalSignature"
+        echo "extendedKeyUsage=$2"
+        echo "subjectAltName=$3"
+    } >"$work/extensions"
+    quietly openssl req -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -subj "/CN=$1" \
+        -keyout "$work/key" -out "$work/request"
+    quietly openssl x509 -req -in "$work/request" -days 365 -CA ca.pem -CAkey ca-key.pem \
+        -CAcreateserial -CAserial "$work/serial" -extfile "$work/extensions" -out "$work/certificate"
+    mv "$work/key" "$1-key.pem"
+    mv "$work/certificate" "$1.pem"
+}
+
+if [ "$1" = --actors ]; then
+    shift
+    if ! [ -f ca-key.pem ]; then
+        echo "error: there is no $folder/ca-key.pem: make an authority with $0 $folder HOST..." >&2
+        exit 2
+    fi
+    for name; do
+        case $name in
+            [!0-9A-Za-z]* | *[!0-9A-Za-z._-]* | "") wrong=yes ;;
+            *) wrong= ;;
+        esac
+        if [ -n "$wrong" ] || [ ${#name} -gt 58 ]; then
+            echo "error: no actor can be called '$name': up to 58 letters, digits, '.', '_' or '-'," \
+                "a letter or digit first." >&2
+            exit 2
+        fi
+    done
+    if [ -n "$(tail -c 1 actors.txt 2>/dev/null)" ]; then
+        echo >>actors.txt  # an editor left the last line without an end
+    fi
+    for name; do
+        certify "actor.$name" clientAuth DNS:actor
+        grep -qxF -- "$name" actors.txt 2>/dev/null || echo "$name" >>actors.txt
+    done
+    echo "$folder/actors.txt lists $(wc -l <actors.txt) actors; a hub reads it when it starts."
+    exit
+fi
+
 names=DNS:localhost,IP:127.0.0.1,IP:::1
 for host; do
     case $host in
@@ -24,37 +86,11 @@ for host; do
     esac
     names=$names,$kind:$host
 done
-
-umask 077
-mkdir -p "$folder"
-cd "$folder"
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-
 if ! [ -f ca-key.pem ]; then
-    openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 3650 \
-        -subj "/CN=ALE-Robot authority" -keyout ca-key.pem -out ca.pem 2>"$work/said" ||
-        { cat "$work/said" >&2; exit 1; }
+    quietly openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 3650 \
+        -subj "/CN=ALE-Robot authority" -keyout ca-key.pem -out ca.pem
 fi
-for role in hub learner actor; do
-    {
-        echo "basicConstraints=critical,CA:false"
-        echo "keyUsage=critical,digitalSignature"
-        if [ $role = hub ]; then
-            echo "extendedKeyUsage=serverAuth"
-            echo "subjectAltName=$names"
-        else
-            echo "extendedKeyUsage=clientAuth"
-            echo "subjectAltName=DNS:$role"
-        fi
-    } >"$work/extensions"
-    {
-        openssl req -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -subj "/CN=$role" \
-            -keyout "$work/key" -out "$work/request" &&
-            openssl x509 -req -in "$work/request" -days 365 -CA ca.pem -CAkey ca-key.pem \
-                -CAcreateserial -CAserial "$work/serial" -extfile "$work/extensions" -out "$work/certificate"
-    } 2>"$work/said" || { cat "$work/said" >&2; exit 1; }
-    mv "$work/key" "$role-key.pem"
-    mv "$work/certificate" "$role.pem"
-done
+certify hub serverAuth "$names"
+certify learner clientAuth DNS:learner
+certify actor clientAuth DNS:actor
 echo "Certificates for $names are in $folder."

@@ -134,15 +134,24 @@ def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
     """The network that a run begins with; one that has a checkpoint takes its weights from there.
 
     Raises:
-        InputError: it cannot be read, or is not for what the run plays.
+        InputError: it cannot be read, is not for what the run plays, or is given to a run that
+            began with another one.
     """
     network = build_network(options.config, options.config.action_count)
     initial = options.initial
-    if options.resume and not folder.checkpoint.exists() and folder.initial.exists():
-        initial = folder.initial  # it ended before its first checkpoint
+    began = folder.initial if options.resume and folder.initial.exists() else None
+    if initial is None and began is not None and not folder.checkpoint.exists():
+        initial = began  # it ended before its first checkpoint
     if initial is not None:
         check_fit(initial, origin_of(initial), options.config)
         load_weights_file(network, initial, "this run")
+    # The same flags may start a run and go on with it, as a service's do.
+    again = options.resume and options.initial is not None and folder.config_file.exists()
+    if again and (began is None or encode_weights(network) != began.read_bytes()):
+        raise InputError(
+            f"the run in {folder.path} did not begin with {options.initial}: omit --initial, or "
+            "name another run."
+        )
     return network
 
 

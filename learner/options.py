@@ -112,8 +112,6 @@ class LearnerOptions:
         if self.web is not None:
             check_web_address(self.web)
         self.clock.check(self.config.env)
-        if self.initial is not None and self.resume:
-            raise InputError("a resumed run has a network: omit --initial or --resume.")
         if self.evaluation.evaluate is not None:
             return  # the games' own processes check the rest
         if (flag := self.clock.robot_flag) and not self.local:

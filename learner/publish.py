@@ -77,6 +77,7 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     load_weights(network, payload)
     summary = json.loads(folder.summary.read_bytes())
     card = {name: summary[name] for name in _FROM_SUMMARY}
+    card["initial"] = summary.get("initial", False)
     if not options.last:
         card["snapshot"] = json.loads((folder.snapshots / "best.json").read_bytes())
     options.output.parent.mkdir(parents=True, exist_ok=True)

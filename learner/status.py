@@ -19,13 +19,13 @@ from common.process.exit_codes import DONE, FAILED
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import RunStatus
 from common.run.join import find_run
+from common.strict_json import strict
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect
 from common.version import VERSION
 from learner.telemetry.readiness import reasons
 from learner.telemetry.sinks.formats import UNKNOWN, decimal, fill, one_line, written
-from learner.telemetry.sinks.summary import strict
 from replay.chunk_statistics import Progress
 from replay.messages import ProgressRequest
 

@@ -47,7 +47,7 @@ class _DrawnArrays:
             fields, (sizes, limits) = drawn_fields(), info.context
             if not isinstance(packed, dict) or packed.keys() != fields.keys():
                 raise MessageError(f"drawn should be the fields {', '.join(fields) or 'none'}")
-            sizes["T"] = sizes["B"]
+            sizes["T"] = sizes.get("B", 0)  # without B all else is missing too, and is refused
             return {
                 name: field.array.take(packed[name], name, field.dtype, sizes, limits)
                 for name, field in fields.items()

@@ -16,6 +16,8 @@ from typing import Any
 from common.errors import InputError
 from common.run.folder import write_atomically
 
+JOURNAL = "journal.jsonl"
+"""Its name in a replay's folder."""
 Entry = dict[str, Any]
 _MARK = b',"crc":'
 

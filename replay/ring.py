@@ -25,9 +25,7 @@ from common.protocol.step_fields import STEP_FIELDS, Column, Flag, bit_of, drawn
 from replay.batch import Batch, SharedBatch
 from replay.columns import Columns
 
-TERMINATED, TRUNCATED, VALID, EXPLORED = map(
-    bit_of, ("terminated", "truncated", "valid", "explored")
-)
+TERMINATED, TRUNCATED, VALID = map(bit_of, ("terminated", "truncated", "valid"))
 STEP = 8
 """Bit of flags: the slot holds a step, not a frame of a context or the end of a truncated one."""
 
@@ -76,7 +74,6 @@ class Ring:
         n_step: int,
         discount: float,
         clip_rewards: bool,
-        watkins_cut: bool = False,
     ) -> None:
         self.head = 0
         """The next id."""
@@ -89,7 +86,6 @@ class Ring:
         self._frame_stack = frame_stack
         self._n_step = n_step
         self._clip_rewards = clip_rewards
-        self._watkins_cut = watkins_cut
         self._previous = np.full(columns.capacity, -1, np.int64)
         self._next = np.full(columns.capacity, -1, np.int64)
         self._discounts = discount ** np.arange(256, dtype=np.float64)
@@ -245,10 +241,6 @@ class Ring:
             rewards = rewards.clip(-most, most)
         going_on = (rows["flags"][slots[:-1]] & TERMINATED) == 0
         discounts = self._discounts[rows["elapsed"][slots[:-1]]] * going_on
-        if self._watkins_cut:
-            # The way stands still from there on: nothing more is gained, and no time passes.
-            cut = np.logical_or.accumulate(self._is_random(path[1:-1]), axis=0)
-            rewards[1:][cut], discounts[1:][cut] = 0.0, 1.0
         so_far = np.cumprod(discounts, axis=0)
         returns = rewards[0] + (so_far[:-1] * rewards[1:]).sum(axis=0)
         return {
@@ -269,18 +261,12 @@ class Ring:
         return np.asarray(self._rows[name][slots])
 
     def _path(self, ids: Ids) -> Ids:
-        """Ids of the states 0 … n steps after ``ids``, ``[n + 1, B]``; at a cut, the same state
-        to the end."""
+        """Ids of the states 0 … n steps after ``ids``, ``[n + 1, B]``."""
         path = np.empty((self._n_step + 1, len(ids)), np.int64)
         path[0] = ids
         for step in range(self._n_step):
             path[step + 1] = self._next[path[step] % self._capacity]
-            if self._watkins_cut and step:
-                np.copyto(path[step + 1], path[step], where=self._is_random(path[step]))
         return path
-
-    def _is_random(self, ids: Ids) -> NDArray[np.bool_]:
-        return (self._rows["flags"][ids % self._capacity] & EXPLORED) > 0
 
     def _stacks(self, ids: Ids) -> Ids:
         """Ids of the frames that make the states at ``ids``, oldest first, ``[B, H]``."""

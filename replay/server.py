@@ -12,7 +12,7 @@ import time
 from common.errors import MessageError
 from common.protocol.announcement import Announcement
 from common.protocol.chunk import Chunk
-from common.protocol.run_keys import RunKeys
+from common.protocol.run_keys import RunKeys, name_in
 from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
 from common.run.config import RunConfig
 from common.transport.interface import Answer, Envelope, Request, Transport
@@ -77,7 +77,7 @@ class ReplayServer:
         if not request.payload:
             self._polls.put((time.monotonic() + LONGEST_WAIT, request))
             return None
-        actor = request.key.rsplit("/", 1)[-1]
+        actor = name_in(request.key)
         try:
             chunk = Chunk.decode(request.payload)
             if chunk.actor != actor:

@@ -24,7 +24,7 @@ from common.run.config import RunConfig
 from replay.chunk_index import ChunkIndex, ChunkKey, chunk_entry, tail_entry
 from replay.chunk_statistics import ChunkStatistics
 from replay.columns import Columns
-from replay.journal import Entry, Journal, damaged, read_journal
+from replay.journal import JOURNAL, Entry, Journal, damaged, read_journal
 from replay.ring import Placement, Ring
 from replay.samplers import PrioritisedSampler, UniformSampler
 from replay.sum_tree import padded
@@ -50,7 +50,7 @@ class Store:
         self._writer = threading.Lock()
         self._closed = False
         self._quarantined: set[int] = set()
-        path = folder / "journal.jsonl"
+        path = folder / JOURNAL
         self.uuid = uuid.uuid4().hex
         """Tells this ring from every other; made with it."""
         self.index = self._read(path)
@@ -68,7 +68,6 @@ class Store:
             n_step=config.learning.n_step,
             discount=config.learning.discount,
             clip_rewards=config.learning.clip_rewards,
-            watkins_cut=config.learning.watkins_cut,
         )
         self.sampler = self._new_sampler()
         self._rebuild()

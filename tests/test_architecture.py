@@ -37,6 +37,7 @@ DOORS: dict[str, str | tuple[str, ...]] = {
     "mlflow": "learner/telemetry/sinks/",
     "trackio": "learner/telemetry/sinks/",
     "optuna": "benchmarks/lab/sweep.py",
+    "huggingface_hub": "ale_robot/",
 }
 """By foreign package, the file or folder that alone imports it."""
 

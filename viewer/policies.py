@@ -18,27 +18,32 @@ class Policies:
 
     def run(self, stop: threading.Event) -> int:
         """Returns the exit status."""
+        cards = {
+            path.stem: json.loads(path.read_bytes()) for path in sorted(SHIPPED.glob("*.json"))
+        }
+        scores: dict[str, dict[str, str]] = {
+            name: {_chance(row): f"{row['mean']:.2f}" for row in card["evaluation"]["rows"]}
+            for name, card in cards.items()
+        }
+        chances = list(dict.fromkeys(chance for row in scores.values() for chance in row))
         table = Table(
-            "policy",
-            "plays",
-            "input",
-            "mean score",
-            "games",
-            "agent steps",
+            *("policy", "plays", "input", *chances),
+            caption="mean scores; ε: share of random actions; sticky: of repeated ones",
             box=box.SIMPLE,
             padding=(0, 1, 0, 0),
         )
-        for card in sorted(SHIPPED.glob("*.json")):
-            told = json.loads(card.read_bytes())
-            config = told["config"]
-            first: dict[str, Any] = told["evaluation"].get("rows", [told["evaluation"]])[0]
+        for name, card in cards.items():
+            config = card["config"]
             table.add_row(
-                card.stem,
+                name,
                 f"{config['game']} ({config['env']})",
                 "frames, vector" if config["play"]["vector"] else "frames",
-                f"{first['mean']:.2f} ± {first['deviation']:.2f}",
-                f"{first['games']}",
-                f"{told['agent_steps']:,}",
+                *(scores[name].get(chance, "") for chance in chances),
             )
         Console().print(table)
         return 0
+
+
+def _chance(row: dict[str, Any]) -> str:
+    """What was random in a row of an evaluation."""
+    return f"sticky {row['sticky']:g}" if row["sticky"] else f"ε {row['epsilon']:g}"

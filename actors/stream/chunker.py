@@ -20,7 +20,6 @@ _VALUES: dict[str, Callable[[Step], Any]] = {
     "valid": lambda step: step.valid,
     "follows": lambda step: step.info.frame_follows,
     "matched": lambda step: step.info.keys_match,
-    "explored": lambda step: step.explored,
     "vectors": lambda step: step.x_tm1,
 }
 """What a step says for each field of the table."""

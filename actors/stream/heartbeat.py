@@ -1,10 +1,11 @@
 """An actor's presence, and its counters once a second."""
 
 import threading
+import time
 from collections.abc import Callable
 
 from actors.member import Member
-from common.protocol.actor_stats import ActorStats, Role
+from common.protocol.actor_stats import MOST_HEARTBEATS, ActorStats, Role
 
 PERIOD = 1.0
 
@@ -25,6 +26,7 @@ class Heartbeat:
         """Say the last counters and be present no longer."""
         self._ended.set()
         self._thread.join()
+        time.sleep(2 / MOST_HEARTBEATS)  # the last one may have been just now
         self._publisher.publish(self._stats(True).encode())
         self._presence.close()
 

@@ -26,7 +26,7 @@ class InsertClient:
         self.refused = 0
         self.last_ack: Ack | None = None
         self._member = member
-        self._window = member.config.stream.window
+        self.window = member.config.stream.window
         self._missed_since: float | None = None
         key = member.keys.insert(member.name)
         self._requester = member.transport.requester(key, ACK_TIMEOUT)
@@ -53,9 +53,9 @@ class InsertClient:
             InputError: there was no hub for longer than the patience.
         """
         self.post(payload)
-        while self.unacknowledged >= self._window and not self._member.stop.is_set():
+        while self.unacknowledged >= self.window and not self._member.stop.is_set():
             self._look_for_hub()
-            self._inserts.wait(self._window - 1, _PAUSE)
+            self._inserts.wait(self.window - 1, _PAUSE)
 
     def flush(self, seconds: float) -> None:
         """Wait at most this long until all is acknowledged."""

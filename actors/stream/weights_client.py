@@ -1,7 +1,9 @@
 """Receives the learner's weights: each broadcast, or the latest there is for a late joiner."""
 
 import contextlib
+import math
 import threading
+import time
 
 from common.errors import MessageError
 from common.protocol.run_keys import RunKeys
@@ -9,6 +11,8 @@ from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
 from common.transport.interface import Envelope, Transport, Unanswered
 
 _FETCH_TIMEOUT = 5.0
+_FETCH_PERIOD = 0.5
+"""A hub answers 5 questions a second of one connection, and drops others."""
 
 
 class WeightsClient:
@@ -21,6 +25,7 @@ class WeightsClient:
         self._lock = threading.Lock()
         self._run_id = keys.run_id
         self._latest: tuple[int, bytes] | None = None
+        self._asked = -math.inf
         self._requester = transport.requester(keys.latest_weights, _FETCH_TIMEOUT)
         self._subscription = transport.subscribe(keys.weights, self._receive)
 
@@ -33,7 +38,10 @@ class WeightsClient:
         return found
 
     def fetch(self) -> None:
-        """Ask for the latest weights; broadcasts may be dropped on their way."""
+        """Ask for the latest weights, unless that was just now; broadcasts may be dropped."""
+        if time.monotonic() - self._asked < _FETCH_PERIOD:
+            return
+        self._asked = time.monotonic()
         with contextlib.suppress(Unanswered, MessageError):  # there are none yet
             self._receive(self._requester.request(b"").result())
 

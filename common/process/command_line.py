@@ -22,14 +22,14 @@ import tyro
 from tyro import _strings
 
 from common.checked import Invalid, build
-from common.errors import InputError
+from common.errors import InputError, choice
 from common.process.exit_codes import table
 from common.registry import ENVIRONMENTS
 from common.regular_file import read_file
 from common.run.config import RunConfig, all_ranges
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
-from common.run.stored_config import RENAMED, from_mapping
+from common.run.stored_config import REMOVED, RENAMED, from_mapping
 
 RunFlags = Annotated[RunConfig, tyro.conf.arg(name="")]
 """A `RunConfig` field whose flags carry no prefix: ``--game``, ``--learning.n-step``."""
@@ -69,7 +69,7 @@ def preset_of(arguments: Sequence[str]) -> RunConfig:
     known, _ = first.parse_known_args(list(arguments))
     name = known.preset or ENVIRONMENTS.find(known.env or RunConfig.env).preset
     if name not in PRESETS:
-        raise InputError(f"there is no preset {name!r}: choose one of {', '.join(PRESETS)}.")
+        raise InputError(f"there is no preset {name!r}: {choice(name, list(PRESETS))}")
     return PRESETS[name]
 
 
@@ -129,7 +129,7 @@ def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any
         InputError: a flag is not known, lacks its value, or is beyond the bounds beside its field.
     """
     arguments = with_file(arguments)
-    _refuse_former_names(arguments)
+    _refuse_former_flags(arguments)
     given: dict[str, Any] = {"default": kind(**defaults)} if defaults else {}
     command = started_by(program)
     with contextlib.redirect_stderr(io.StringIO()) as told:
@@ -153,13 +153,35 @@ def _sentence(box: str, command: str) -> str:
     body = dropwhile(_is_rule, lines)
     first = " ".join(takewhile(lambda line: not _is_rule(line), body))
     if "Unrecognized" not in box:
-        first = first.removeprefix("Error parsing ").rstrip(".")
-        first = first[:1].lower() + first[1:]
-        return f"{first}: `{command} --help` explains the flags."
+        return f"{_plainly(first)} `{command} --help` explains the flags."
     unknown = first.removeprefix("Unrecognized options: ").partition(",")[0]
     alike = [line.split()[0].strip(",") for line in lines if line.startswith("--")]
     hint = f"did you mean {alike[0]}?" if alike else f"`{command} --help` lists the flags."
-    return f"there is no flag {unknown}: {hint}"
+    return f"there is no {'flag ' if unknown.startswith('-') else ''}{unknown}: {hint}"
+
+
+_SAID = {
+    r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)": (
+        r"\1 is \2: give a whole number;"
+    ),
+    r"Error parsing (\S+): could not convert string to float: (.*)": r"\1 is \2: give a number;",
+    r"[Ii]nvalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)\.": (
+        r"\2 is \1: choose one of \3;"
+    ),
+    r"Missing value for argument '(\S+)'.*": r"\1 needs a value:",
+    r"Missing from .*?: ((?:\S+ )*?)((?:STR|PATH)) (.*?)\.? \(required\).*": (
+        r"\1\2 is missing (\3):"
+    ),
+}
+"""What tyro says, and the same for people."""
+
+
+def _plainly(said: str) -> str:
+    """Returns the beginning of a sentence that goes on with a command."""
+    for pattern, plainly in _SAID.items():
+        if found := re.fullmatch(pattern, said):
+            return found.expand(plainly)
+    return f"{said.removeprefix('Error parsing ').rstrip('.')}:"
 
 
 def _is_rule(line: str) -> bool:
@@ -236,11 +258,14 @@ PRESENT_FLAGS = {
     for negation in ("", "no-")
 }
 """Flags by their former names, as tables of earlier results have them, and the present ones."""
+_GONE = {_flag(field, negation) for field in REMOVED for negation in ("", "no-")}
 
 
-def _refuse_former_names(arguments: Sequence[str]) -> None:
-    """Raises InputError, with the present name, for a flag that a former version had."""
+def _refuse_former_flags(arguments: Sequence[str]) -> None:
+    """Raises InputError for a flag that a former version had, with its present name if any."""
     for argument in arguments:
         former = argument.partition("=")[0].replace("_", "-")
+        if former in _GONE:
+            raise InputError(f"{former} is gone, because no result was better with it: omit it.")
         if former in PRESENT_FLAGS:
             raise InputError(f"{former} is called {PRESENT_FLAGS[former]} now: write it so.")

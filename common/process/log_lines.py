@@ -2,10 +2,11 @@
 
 import json
 import logging
-import math
 import time
 from collections.abc import Mapping
 from typing import Any
+
+from common.strict_json import strict
 
 _role = ""
 """Who says it, once `say_json` was called."""
@@ -32,10 +33,7 @@ def line(text: str, level: str = "info", values: Mapping[str, Any] | None = None
     stamp = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(now)) + f".{int(now % 1 * 1000):03}Z"
     told: dict[str, Any] = {"time": stamp, "level": level, "role": _role, "message": text}
     if values is not None:
-        told["values"] = {
-            key: None if isinstance(value, float) and not math.isfinite(value) else value
-            for key, value in values.items()
-        }
+        told["values"] = strict(dict(values))
     return json.dumps(told, ensure_ascii=True, allow_nan=False)
 
 

@@ -16,6 +16,8 @@ from common.protocol.message import Message
 from common.version import VERSION
 
 Role = Literal["actor", "evaluator"]
+MOST_HEARTBEATS = 100
+"""Per second and process; a hub drops what comes sooner after another."""
 
 
 def counter(key: str, unit: Unit, meaning: str, **shown: Any) -> Any:

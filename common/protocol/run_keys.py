@@ -23,6 +23,11 @@ def check_name(kind: str, name: str) -> str:
     return name
 
 
+def name_in(key: str) -> str:
+    """The name of the process that asks or tells at ``key``, one of those that have a name."""
+    return key.rsplit("/", 1)[-1]
+
+
 @dataclass
 class RunKeys:
     """Key expressions of one run, all under ``ale-robot/<run>``; ``'*'`` stands for any name."""
@@ -51,14 +56,18 @@ class RunKeys:
         """Query: the newest weights, for those who missed the broadcast."""
         self.status = f"{root}/status"
         """Query: how the run does, as the learner knows it."""
-        self.task = f"{root}/task"
-        """Query of an evaluator: which epoch to test next, with that epoch's weights."""
-        self.report = f"{root}/report"
-        """Query of an evaluator with the games it played."""
 
     def insert(self, actor: str) -> str:
         """Query with a chunk, answered when it is stored; ``'*'`` for the server's side."""
         return f"{self._root}/insert/{actor}"
+
+    def task(self, evaluator: str) -> str:
+        """Query of an evaluator: which epoch to test next, with that epoch's weights."""
+        return f"{self._root}/task/{evaluator}"
+
+    def report(self, evaluator: str) -> str:
+        """Query of an evaluator with the games it played."""
+        return f"{self._root}/report/{evaluator}"
 
     def live(self, role: str, name: str) -> str:
         """Liveliness token of a process."""

@@ -62,8 +62,6 @@ class StepFields:
     """The newest frame differs from the one before, or the game's own picture did not change."""
     matched: Annotated[NDArray[np.bool_], Array("T")]
     """The keys pressed at the step's end were the commanded ones."""
-    explored: Annotated[NDArray[np.bool_], Flag(16)]
-    """The action was random."""
     vectors: Annotated[NDArray[np.float32], Column("P", most=MAX_SIZE)]
     """Vector observation of each state; P may be 0."""
 

@@ -19,8 +19,6 @@ def encode_weights(network: nn.Module, dtype: torch.dtype = torch.float32) -> by
 
 ONLINE = "online."
 """Before the names of the online network's weights in a learner's checkpoint."""
-_PUBLISHED = ("average.", ONLINE)
-"""Before the names of the weights that actors got, in a checkpoint; the first one there counts."""
 
 
 class NotSafetensors(MessageError):
@@ -41,10 +39,8 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
         found = load(payload)
     except (SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
         raise NotSafetensors(f"not safetensors: {error}") from None
-    for prefix in _PUBLISHED:
-        if any(name.startswith(prefix) for name in found):
-            found = {n.removeprefix(prefix): v for n, v in found.items() if n.startswith(prefix)}
-            break
+    if any(name.startswith(ONLINE) for name in found):
+        found = {n.removeprefix(ONLINE): v for n, v in found.items() if n.startswith(ONLINE)}
     expected = network.state_dict()
     if found.keys() != expected.keys():
         raise MessageError(f"weights {sorted(found.keys() ^ expected.keys())} differ in name")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from common.checked import MAX_COUNT
 from common.errors import MessageError
 
-SCHEMA = 7
+SCHEMA = 8
 """Version of every message; processes of different versions refuse each other."""
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 MAX_ITEMS = 10_000

@@ -95,9 +95,6 @@ class LearningConfig:
     """ε in the optimizer's denominator."""
     gradient_norm: Amount = 10.0
     """Maximum norm of the gradient; 0 for no bound."""
-    weights_average: Annotated[float, Ge(0), Lt(1)] = 0.0
-    """Decay per update of the exponential mean of the weights that is published, tested and
-    evaluated; 0 for the weights themselves."""
     initial_weights: Literal["torch", "glorot"] = "torch"
     """Initial weights: PyTorch's, or Keras' (Glorot uniform with zero biases)."""
     scale_pixels: bool = True
@@ -105,8 +102,6 @@ class LearningConfig:
     vector_scale: Amount = 1.0
     """Factor of the vector observation where it joins the convolutions' features. These are about
     0.04 at first, so values near 1 dominate the next layer."""
-    dueling: bool = False
-    """Dueling heads: value and advantages from half of the hidden units each (Wang et al. 2016)."""
     random_shift: Annotated[int, Ge(0), Le(MAX_SHIFT)] = 0
     """Maximum random shift of a sampled state in each direction, pixels (DrQ, Yarats et al.
     2021)."""
@@ -116,9 +111,6 @@ class LearningConfig:
     """γ per agent step."""
     n_step: FromOne = 3
     """Agent steps of the n-step return; 1 in 2017."""
-    watkins_cut: bool = False
-    """Watkins cut: an n-step return ends before its next random action (Watkins 1989), whose
-    outcome does not belong to the learned policy."""
     batch_size: FromOne = 32
     """Transitions per update."""
     train_period: FromOne = 4
@@ -144,9 +136,6 @@ class ExplorationConfig:
     ez_greedy: bool = False
     """εz-greedy exploration (Dabney et al. 2021): a random action lasts for 3 + Zipf(2) agent
     steps, at most 12, and starts so seldom that the share of random steps is ε."""
-    per_env: bool = False
-    """ε by environment: ε to a power from 1 to 8, different for each environment of an actor
-    (Ape-X, Horgan et al. 2018)."""
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,6 @@ _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = 
         ("learning.algorithm", "learning.quantiles"),
     ),
     ("layers of {}", lambda config: config.learning.network, ("learning.network",)),
-    ("dueling {}", lambda config: config.learning.dueling, ("learning.dueling",)),
 )
 """What gives a network its shape, in words; how much of it there is; and the settings it follows
 from."""

@@ -23,10 +23,18 @@ RENAMED = {
     "learning.target_every": "learning.target_update_period",
     "learning.publish_every": "learning.publish_period",
     "learning.checkpoint_every": "learning.checkpoint_period",
-    "learning.cut_random": "learning.watkins_cut",
     "exploration.lasting": "exploration.ez_greedy",
 }
 """Former names of fields, as runs and policies on disk may have them, and the present ones."""
+
+REMOVED: dict[str, Any] = {
+    "learning.dueling": False,
+    "learning.weights_average": 0.0,
+    "learning.cut_random": False,
+    "learning.watkins_cut": False,
+    "exploration.per_env": False,
+}
+"""Fields of former versions that are gone, and the value with which they did nothing."""
 
 T = TypeVar("T")
 
@@ -63,13 +71,18 @@ def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool 
             the place.
     """
     try:
-        return build(kind, _with_present_names(data) if fill else data, where, fill=fill)
+        return build(kind, _with_present_fields(data, where) if fill else data, where, fill=fill)
     except Invalid as error:
         raise InputError(f"{error}.") from None
 
 
-def _with_present_names(data: Any) -> Any:
-    """Returns ``data`` with the fields that a former version named otherwise under their names."""
+def _with_present_fields(data: Any, where: str) -> Any:
+    """Returns ``data`` with the fields that a former version named otherwise under their names, and
+    without those that are gone.
+
+    Raises:
+        Invalid: one that is gone was in use.
+    """
     if not isinstance(data, dict):
         return data
     named = {group: dict(each) if isinstance(each, dict) else each for group, each in data.items()}
@@ -81,6 +94,11 @@ def _with_present_names(data: Any) -> Any:
             fields = named.setdefault(group, {})
             if isinstance(fields, dict) and new not in fields:
                 fields[new] = before.pop(old)
+    for gone, usual in REMOVED.items():
+        group, name = gone.split(".")
+        fields = named.get(group)
+        if isinstance(fields, dict) and (value := fields.pop(name, usual)) != usual:
+            raise Invalid(f"{where}.{gone} is {value}, and is gone: use the version that had it")
     return named
 
 

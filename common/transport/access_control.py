@@ -1,45 +1,50 @@
-"""What each role may do at a hub that knows roles by their certificates.
+"""What each process may do at a hub that knows it by its certificate.
 
-What comes in is checked; what goes out goes only to who was let ask for it. All else is denied, and
-nobody is told: to a denied query there is no answer, and a denied publication is dropped.
+A certificate names a role, and that of an actor can name the actor too: then it may speak in no
+other's name. What comes in is checked; what goes out goes only to who was let ask for it. All else
+is denied, and nobody is told: to a denied query there is no answer, and a denied publication is
+dropped.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
+from common.protocol.actor_stats import MOST_HEARTBEATS
 from common.protocol.live_view import MAX_VIEW_BYTES
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
+from common.transport.credentials import common_name
 
 _ANY = RunKeys("*")
 _WORKERS = ("actor", "evaluator")
-_ALLOWED: dict[str, dict[str, list[str]]] = {
-    "actor": {
-        "query": [
-            _ANY.config,
-            _ANY.insert("*"),
-            _ANY.latest_weights,
-            _ANY.task,
-            _ANY.report,
-        ],
-        "put": [_ANY.stats(role, "*") for role in _WORKERS],
-        "liveliness_token": [_ANY.live(role, "*") for role in _WORKERS],
-        "declare_subscriber": [_ANY.weights],
-        "declare_queryable": [_ANY.view(role, "*") for role in _WORKERS],
-        "reply": [_ANY.view(role, "*") for role in _WORKERS],
-    },
-    "learner": {
-        "query": [
-            *(_ANY.config, _ANY.sample, _ANY.priorities, _ANY.held_out, _ANY.progress),
-            *(_ANY.status, _ANY.view("*", "*")),
-        ],
-        "put": [_ANY.weights],
-        "declare_subscriber": [_ANY.stats("*", "*")],
-        "declare_liveliness_subscriber": [_ANY.live("*", "*")],
-        "declare_queryable": [_ANY.task, _ANY.report, _ANY.status],
-        "reply": [_ANY.task, _ANY.report, _ANY.status],
-    },
+_LEARNER = {
+    "query": [
+        *(_ANY.config, _ANY.sample, _ANY.priorities, _ANY.held_out, _ANY.progress),
+        *(_ANY.status, _ANY.view("*", "*")),
+    ],
+    "put": [_ANY.weights],
+    "declare_subscriber": [_ANY.stats("*", "*")],
+    "declare_liveliness_subscriber": [_ANY.live("*", "*")],
+    "declare_queryable": [_ANY.task("*"), _ANY.report("*"), _ANY.status],
+    "reply": [_ANY.task("*"), _ANY.report("*"), _ANY.status],
 }
-"""By role and Zenoh's name of a message, the keys to which it may be sent."""
+"""By Zenoh's name of a message, the keys to which a learner may send it."""
+
+
+def _of_actor(name: str) -> dict[str, list[str]]:
+    """The same for an actor or evaluator called ``name``; ``'*'`` for one of any name."""
+    views = [_ANY.view(role, name) for role in _WORKERS]
+    return {
+        "query": [
+            *(_ANY.config, _ANY.latest_weights),
+            *(_ANY.insert(name), _ANY.task(name), _ANY.report(name)),
+        ],
+        "put": [_ANY.stats(role, name) for role in _WORKERS],
+        "liveliness_token": [_ANY.live(role, name) for role in _WORKERS],
+        "declare_subscriber": [_ANY.weights],
+        "declare_queryable": views,
+        "reply": views,
+    }
 
 
 _KIB = 1024
@@ -49,12 +54,12 @@ _MOST_BYTES: list[tuple[list[str], int, list[str]]] = [
         _TO_HUB,
         64 * _KIB,
         [
-            *(_ANY.config, _ANY.latest_weights, _ANY.task, _ANY.status, _ANY.view("*", "*")),
+            *(_ANY.config, _ANY.latest_weights, _ANY.task("*"), _ANY.status, _ANY.view("*", "*")),
             *(_ANY.sample, _ANY.held_out, _ANY.progress, _ANY.stats("*", "*")),
         ],
     ),
     (["reply"], 2 * MAX_VIEW_BYTES, [_ANY.view("*", "*")]),
-    (_TO_HUB, 4 * _KIB**2, [_ANY.report, _ANY.priorities]),
+    (_TO_HUB, 4 * _KIB**2, [_ANY.report("*"), _ANY.priorities]),
     (_TO_HUB, 32 * _KIB**2, [_ANY.insert("*")]),
 ]
 """What may come in at most, by message and key: twice the longest that anybody sends. All else is
@@ -79,17 +84,50 @@ def size_limits() -> dict[str, Any]:
     }
 
 
-def access_control() -> dict[str, Any]:
-    """Zenoh's setting of that name for a hub."""
+_MOST_PER_SECOND = {
+    _ANY.stats("*", "*"): MOST_HEARTBEATS,
+    _ANY.config: 20,
+    _ANY.task("*"): 20,
+    _ANY.status: 20,
+    _ANY.latest_weights: 5,  # each is answered with megabytes
+}
+"""How often one process may tell or ask at a key: many times as often as ours do, and not sooner
+after another. Chunks and reports have no such limit, because honest actors send several at once."""
+
+
+def rate_limits() -> list[dict[str, Any]]:
+    """Zenoh's setting ``downsampling``, of what one connection sends too often."""
+    return [
+        {
+            "id": "rates",
+            "flows": ["ingress"],
+            "messages": _TO_HUB,
+            "rules": [{"key_expr": key, "freq": most} for key, most in _MOST_PER_SECOND.items()],
+        }
+    ]
+
+
+def access_control(actors: Sequence[str] | None = None) -> dict[str, Any]:
+    """Zenoh's setting of that name for a hub.
+
+    Args:
+        actors: names of those that may join, each by a certificate of its own; None for any, all
+            by the certificate of their role.
+    """
+    allowed = {"learner": _LEARNER}
+    if actors is None:
+        allowed[common_name("actor")] = _of_actor("*")
+    else:
+        allowed |= {common_name("actor", name): _of_actor(name) for name in actors}
     rules = [
         {
-            "id": f"{role}-{message}",
+            "id": f"{subject}-{message}",
             "permission": "allow",
             "flows": ["ingress"],
             "messages": [message],
             "key_exprs": keys,
         }
-        for role, messages in _ALLOWED.items()
+        for subject, messages in allowed.items()
         for message, keys in messages.items()
     ]
     rules.append(
@@ -109,12 +147,12 @@ def access_control() -> dict[str, Any]:
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
-        "subjects": [{"id": role, "cert_common_names": [role]} for role in _ALLOWED],
+        "subjects": [{"id": subject, "cert_common_names": [subject]} for subject in allowed],
         "policies": [
             {
-                "subjects": [role],
-                "rules": [*(f"{role}-{message}" for message in messages), "answers"],
+                "subjects": [subject],
+                "rules": [*(f"{subject}-{message}" for message in messages), "answers"],
             }
-            for role, messages in _ALLOWED.items()
+            for subject, messages in allowed.items()
         ],
     }

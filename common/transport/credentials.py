@@ -1,45 +1,110 @@
-"""`Credentials`: by what a process shows others on a network which role it has, and whom it trusts.
+"""`Credentials`: by what a process shows others on a network who it is, and whom it trusts.
 
 They are files in a folder that `deploy/certificates.sh` writes, and are for addresses that begin
 with ``tls/``.
 """
 
+import re
 import ssl
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from common.checked import NAME
 from common.errors import InputError
 from common.transport.endpoint import check_endpoint
 
 Role = Literal["hub", "learner", "actor"]
-"""As what a process joins a run; the common name in its certificate. Evaluators are actors."""
+"""The role in which a process joins a run. An evaluator joins as an actor."""
+_NAMES = "actors.txt"
+"""Names the actors that a hub lets in, a line each, in its folder of certificates."""
+
+
+def common_name(role: Role, name: str | None = None) -> str:
+    """Whom a certificate is made out to, and what its files are called."""
+    return role if name is None else f"{role}.{name}"
+
+
+_KEYS_BY_NAME = f"{common_name('actor', '*')}-key.pem"
+
+
+def allowed_actors(folder: Path, *, listed: bool = False) -> list[str] | None:
+    """The actors that a hub with this folder lets in; None for all with an actor's certificate.
+
+    Args:
+        listed: whether actors that have certificates here have to be on a list.
+
+    Raises:
+        InputError: the list is missing, cannot be read, or holds what cannot be a name.
+    """
+    path = folder / _NAMES
+    try:
+        names = path.read_text(encoding="ascii").split()
+    except FileNotFoundError:
+        if listed and any(folder.glob(_KEYS_BY_NAME)):
+            raise InputError(
+                f"there are certificates of actors by name, and no {path}: put the list back, or "
+                "the certificates elsewhere to let all actors in."
+            ) from None
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read ({error}): it has a name in each line.") from None
+    for name in names:
+        if not re.fullmatch(NAME, name):
+            raise InputError(f"{path} holds {name[:70]!r}, which cannot be an actor's name.")
+    return list(dict.fromkeys(names))
+
+
+def own_name(folder: Path) -> str | None:
+    """The one actor that this folder has a certificate of by name; None where it has no such.
+
+    Raises:
+        InputError: it has several.
+    """
+    files = sorted(folder.glob(_KEYS_BY_NAME))
+    names = [path.name.removeprefix("actor.").removesuffix("-key.pem") for path in files]
+    if len(names) > 1:
+        raise InputError(
+            f"{folder} has certificates of {', '.join(names[:5])}{' …' if names[5:] else ''}: "
+            "choose an actor with --name."
+        )
+    return names[0] if names else None
 
 
 @dataclass(frozen=True)
 class Credentials:
-    """One role's files in PEM."""
+    """A process' files in PEM."""
 
     authority: Path
     """Certificate of whoever signed all the others."""
     certificate: Path
-    """The role's own."""
+    """Its own."""
     key: Path
     """The certificate's private one."""
 
     @classmethod
-    def find(cls, folder: Path, role: Role) -> "Credentials":
-        """Those of ``role`` in ``folder``.
+    def find(cls, folder: Path, role: Role, name: str | None = None) -> "Credentials":
+        """Those in ``folder`` of the process called ``name`` if there are such, or of its role.
 
         Raises:
-            InputError: one is missing, is no certificate, or key and certificate do not fit.
+            InputError: one is missing, is no certificate, key and certificate do not fit, or the
+                hub's folder, if it is that, does not list the actor.
         """
-        found = cls(folder / "ca.pem", folder / f"{role}.pem", folder / f"{role}-key.pem")
+        whose = common_name(role, name)
+        listed = allowed_actors(folder) if role == "actor" else None
+        if listed is not None and name is not None and name not in listed:
+            raise InputError(
+                f"{folder / _NAMES} does not list {name}: make its certificate with "
+                f"`deploy/certificates.sh {folder} --actors {name}`, and start the hub again."
+            )
+        if not (folder / f"{whose}.pem").is_file():
+            whose = common_name(role)
+        found = cls(folder / "ca.pem", folder / f"{whose}.pem", folder / f"{whose}-key.pem")
         for path in (found.authority, found.certificate, found.key):
             if not path.is_file():
                 raise InputError(
                     f"there is no {path}: make certificates with deploy/certificates.sh, and give "
-                    f"this machine ca.pem, {role}.pem and {role}-key.pem."
+                    f"this machine ca.pem, {whose}.pem and {whose}-key.pem."
                 )
         try:
             context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -65,8 +130,10 @@ class Credentials:
         }
 
 
-def check_certificates(endpoint: str, certificates: Path | None, role: Role) -> Credentials | None:
-    """By what a process proves its role at ``endpoint``; None at one where nobody asks.
+def check_certificates(
+    endpoint: str, certificates: Path | None, role: Role, name: str | None = None
+) -> Credentials | None:
+    """By what a process proves who it is at ``endpoint``; None at one where nobody asks.
 
     Args:
         certificates: the folder that holds them.
@@ -83,4 +150,4 @@ def check_certificates(endpoint: str, certificates: Path | None, role: Role) -> 
         raise InputError(
             f"{endpoint} needs --certificates FOLDER: make one with deploy/certificates.sh."
         )
-    return Credentials.find(certificates, role)
+    return Credentials.find(certificates, role, name)

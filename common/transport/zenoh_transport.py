@@ -21,9 +21,9 @@ from zenoh.handlers import Callback, FifoChannel
 
 from common.errors import InputError, MessageError, Unreachable
 from common.process.threads import guarded
-from common.transport.access_control import access_control, size_limits
+from common.transport.access_control import access_control, rate_limits, size_limits
 from common.transport.checksum import DamagedMessage, seal, unseal
-from common.transport.credentials import Role, check_certificates
+from common.transport.credentials import Role, allowed_actors, check_certificates
 from common.transport.endpoint import check_endpoint, is_loopback
 from common.transport.interface import (
     Answer,
@@ -35,6 +35,8 @@ from common.transport.interface import (
 )
 from common.transport.requests import LONGEST_ANSWER, PendingRequests, answer_request
 
+MOST_SESSIONS = 4_096
+"""Processes of all runs at one hub; Zenoh's own 1,000 would leave out the last of 1,024 actors."""
 LEASE_MS = 3_000
 """Silence after which the other side counts as gone."""
 _log = logging.getLogger(__name__)
@@ -327,9 +329,16 @@ def open_hub(endpoint: str, certificates: Path | None = None) -> ZenohTransport:
             f"cannot listen at {endpoint} ({error.strerror}): "
             "another learner or replay may be running there; choose another with --listen."
         ) from None
-    settings: dict[str, Any] = {"listen/endpoints": [endpoint], **size_limits()}
-    if credentials is not None:
-        settings |= {**credentials.settings("hub"), "access_control": access_control()}
+    settings: dict[str, Any] = {
+        "listen/endpoints": [endpoint],
+        "transport/unicast/max_sessions": MOST_SESSIONS,
+        "transport/unicast/accept_pending": MOST_SESSIONS,  # all may come at once, after a restart
+        **size_limits(),
+        "downsampling": rate_limits(),
+    }
+    if credentials is not None and certificates is not None:
+        access = access_control(allowed_actors(certificates, listed=True))
+        settings |= {**credentials.settings("hub"), "access_control": access}
     try:
         return ZenohTransport(zenoh.open(_config("router", settings)))
     except zenoh.ZError as error:
@@ -342,18 +351,20 @@ def connect(
     stopped: Callable[[], bool] = lambda: False,
     *,
     role: Role = "actor",
+    name: str | None = None,
     certificates: Path | None = None,
 ) -> ZenohTransport:
     """Join the hub at ``endpoint``, trying again for ``patience`` seconds.
 
     Args:
+        name: of an actor, which may have a certificate of its own.
         certificates: folder with those of ``role``, for a ``tls/`` endpoint.
 
     Raises:
         InputError: nobody answered in that time, or the certificates cannot be used.
         KeyboardInterrupt: ``stopped`` became true.
     """
-    credentials = check_certificates(endpoint, certificates, role)
+    credentials = check_certificates(endpoint, certificates, role, name)
     settings: dict[str, Any] = {
         "connect/endpoints": [endpoint],
         "connect/timeout_ms": 1000,

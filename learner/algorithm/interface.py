@@ -60,8 +60,7 @@ class Algorithm(Protocol):
 
     @property
     def online(self) -> QNetwork:
-        """The network whose weights are published, tested and evaluated: the online network, or a
-        mean of it."""
+        """The network whose weights are published, tested and evaluated."""
 
     def prepare(self, batch: DeviceBatch) -> Prepared:
         """Computes what does not depend on the updates before; from one thread, not `update`'s."""

@@ -14,7 +14,6 @@ from torch import Tensor
 from common.network import QNetwork, as_pixels
 from common.run.config import LearningConfig
 from learner.algorithm.augmentation import RandomShift
-from learner.algorithm.averaging import PublishedNetwork
 from learner.algorithm.interface import DeviceBatch, Prepared, Update
 from learner.algorithm.optimizers import BoundedOptimizer
 from learner.algorithm.precision import Precision
@@ -35,7 +34,7 @@ class Loss(Protocol):
 class ValueBased:
     """An `Algorithm` that minimises ``loss`` by gradient steps against a target network.
 
-    Augmentation, precision, target network, optimizer and what is published are parts of their own.
+    Augmentation, precision, target network and optimizer are parts of their own.
     """
 
     def __init__(
@@ -47,21 +46,18 @@ class ValueBased:
         seed: int = 0,
     ) -> None:
         """``seed`` is of the augmentation."""
-        self._online = network.to(device.torch)
+        self.online = network.to(device.torch)
         self._loss = loss
         self._device = device.torch
         self._augmentation = RandomShift(config.random_shift, seed)
         # Copies first: a copy of a network that has a precision would sync that one too.
-        self._target = TargetNetwork(self._online, device)
-        self._published = PublishedNetwork(self._online, config.weights_average)
-        self._precision = Precision(self._online, device)
-        self._optimizer = BoundedOptimizer(self._online.parameters(), config)
+        self._target = TargetNetwork(self.online, device)
+        self._precision = Precision(self.online, device)
+        self._optimizer = BoundedOptimizer(self.online.parameters(), config)
         self._target_update_period = config.target_update_period
         self._updates = 0
-
-    @property
-    def online(self) -> QNetwork:
-        return self._published.network
+        self._networks = {"online": self.online, "target": self._target.network}
+        """By the prefix of their weights in a checkpoint."""
 
     def prepare(self, batch: DeviceBatch) -> Prepared:
         batch = self._augmentation(batch)
@@ -83,10 +79,9 @@ class ValueBased:
         self._precision.backward(result.loss)
         self._optimizer.step(result.loss.detach())
         self._precision.sync_from_master()
-        self._published.update()
         self._updates += 1
         if self._updates % self._target_update_period == 0:
-            self._target.sync(self._online)
+            self._target.sync(self.online)
         return result._replace(loss=result.loss.detach())
 
     @torch.no_grad()
@@ -98,8 +93,7 @@ class ValueBased:
         return torch.cat(values)
 
     def state(self) -> dict[str, Tensor]:
-        """See `Algorithm.state`: ``online.*``, ``target.*``, ``optimizer.INDEX.SLOT``;
-        ``average.*`` where a mean of the online weights is published."""
+        """See `Algorithm.state`: ``online.*``, ``target.*``, ``optimizer.INDEX.SLOT``."""
         weights = {
             f"{prefix}.{name}": value
             for prefix, network in self._networks.items()
@@ -122,11 +116,3 @@ class ValueBased:
     def reseed(self, updates: int) -> None:
         self._updates = updates
         self._augmentation.reseed(updates)
-
-    @property
-    def _networks(self) -> dict[str, QNetwork]:
-        """The networks by the prefix of their weights in a checkpoint."""
-        networks = {"online": self._online, "target": self._target.network}
-        if self.online is not self._online:
-            networks["average"] = self.online
-        return networks

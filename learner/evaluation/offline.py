@@ -29,10 +29,10 @@ from common.run.config import RunConfig
 from common.run.folder import write_atomically
 from common.run.origin import check_fit, find_weights
 from common.run.stored_config import differences, to_json
+from common.strict_json import strict
 from learner.evaluation.measures import HEADLINE, Measure
 from learner.evaluation.results import ENDING, summarise, table
 from learner.telemetry.provenance import provenance
-from learner.telemetry.sinks.summary import strict
 
 _POLL = 0.5
 

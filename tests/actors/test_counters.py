@@ -71,7 +71,7 @@ def test_what_the_hands_took_is_counted_by_its_place() -> None:
     for places in ((), (2, 61), (2,)):
         found.count(step(key_times=places))
     assert {place: n for place, n in enumerate(found.key_times) if n} == {2: 2, 61: 1}
-    policy = SimpleNamespace(random_share=0.5, weights_version=3)
+    policy = SimpleNamespace(epsilon=0.5, weights_version=3)
     told = found.told(policy, False, made=5)  # type: ignore[arg-type]
     assert told.key_times == tuple(found.key_times)
     assert (told.epsilon, told.weights_version, told.made, told.steps) == (0.5, 3, 5, 4)
@@ -79,7 +79,7 @@ def test_what_the_hands_took_is_counted_by_its_place() -> None:
 
 def test_what_the_process_takes_of_its_machine_is_told(clock: Clock) -> None:
     found = ActorCounters("a")
-    policy = SimpleNamespace(random_share=0.5, weights_version=3)
+    policy = SimpleNamespace(epsilon=0.5, weights_version=3)
     clock.now, clock.worked = 102.0, 10.0
     first = found.told(policy, False)  # type: ignore[arg-type]
     clock.now, clock.worked = 106.0, 11.0

@@ -33,8 +33,8 @@ class Stage:
     """An evaluator at work in a thread, and the learner's side of its keys."""
 
     def __init__(self, hub: Transport, client: Transport) -> None:
-        self.tasks = PendingRequests(hub, KEYS.task)
-        self.reports = PendingRequests(hub, KEYS.report)
+        self.tasks = PendingRequests(hub, KEYS.task("*"))
+        self.reports = PendingRequests(hub, KEYS.report("*"))
         self.warnings: list[str] = []
         self.stop = threading.Event()
         self.failure: Exception | None = None
@@ -60,12 +60,13 @@ class Stage:
 
     def give(self, task: EvaluationJob) -> None:
         query = self.tasks.next()
-        assert query.payload == b"e"
+        assert (query.key, query.payload) == (KEYS.task("e"), b"")
         query.reply(task.encode())
 
     def report(self) -> EvaluationReport:
         """The next report, which the learner takes."""
         query = self.reports.next()
+        assert query.key == KEYS.report("e")
         found = EvaluationReport.decode(query.payload)
         query.reply(b"")
         return found

@@ -59,13 +59,3 @@ def test_environments_do_not_explore_together() -> None:
     both = (drawn != GREEDY).all(axis=1)
     assert both.mean() == pytest.approx(0.25, abs=0.05)
     assert (drawn[both, 0] != drawn[both, 1]).mean() > 0.98
-
-
-def test_each_environment_has_its_own_power_of_epsilon() -> None:
-    shares = exploration(envs=70, per_env=True).shares(0.4)
-    powers = np.log(shares) / np.log(0.4)
-    # One in each seventieth of the range from 1 to 8, as close to Ape-X's ladder as chance gets.
-    parts = (powers - 1) * 10
-    assert (np.floor(parts) == np.arange(70)).all()
-    np.testing.assert_array_equal(exploration(envs=3, per_env=True).shares(1.0), 1.0)
-    np.testing.assert_array_equal(exploration(envs=3).shares(0.3), 0.3)

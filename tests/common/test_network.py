@@ -188,33 +188,6 @@ def test_building_leaves_the_random_state_alone() -> None:
     assert torch.equal(torch.random.get_rng_state(), before)
 
 
-def test_a_dueling_networks_values_vary_around_its_value() -> None:
-    network, frames = network_of(dueling=True), frames_of(5)
-    heard: dict[str, torch.Tensor] = {}
-    assert network.value is not None
-    network.value.register_forward_hook(lambda _m, _i, out: heard.update(value=out))
-    network.actions.register_forward_hook(lambda _m, _i, out: heard.update(advantages=out))
-    with torch.no_grad():
-        values = network(frames, torch.zeros(5, 0))
-        before = values.clone()
-        # Equation 9: the mean is the value, the differences are those of the advantages.
-        torch.testing.assert_close(values.mean(dim=1, keepdim=True), heard["value"])
-        torch.testing.assert_close(
-            values - values[:, :1], heard["advantages"] - heard["advantages"][:, :1]
-        )
-        # So what all actions have more of changes nothing.
-        assert network.actions.bias is not None
-        network.actions.bias += 3.0
-        torch.testing.assert_close(network(frames, torch.zeros(5, 0)), before)
-
-
-def test_a_dueling_network_is_no_larger() -> None:
-    def size(**settings: bool) -> int:
-        return sum(weight.numel() for weight in network_of(**settings).parameters())
-
-    assert size(dueling=True) <= size()
-
-
 def test_the_configuration_shapes_the_network() -> None:
     assert build_network(PRESETS["fast"], 6).pixel_scale == 1 / 255
     paper = build_network(replace(PRESETS["paper"], play=PlayConfig(frame_stack=3)), 4)

@@ -1,5 +1,6 @@
 """Whole runs whose processes show each other certificates."""
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -18,6 +19,16 @@ def certificates(tmp_path: Path, stage: Stage) -> Path:
     return folder
 
 
+def certify_by_name(folder: Path, name: str) -> Path:
+    """The folder that an actor's own machine has."""
+    subprocess.run([ROOT / "deploy/certificates.sh", folder, "--actors", name], check=True)
+    own = folder.with_name(f"machine-of-{name}")
+    own.mkdir()
+    for file in ("ca.pem", f"actor.{name}.pem", f"actor.{name}-key.pem"):
+        shutil.copy(folder / file, own)
+    return own
+
+
 def balanced(stage: Stage) -> bool:
     chunks = stage.summary()["chunks"]
     return bool(chunks["made"] == chunks["acked"] > 0 == chunks["refused"])
@@ -28,6 +39,28 @@ def test_local_mode(stage: Stage, certificates: Path) -> None:
         *("--local", "--certificates", str(certificates), "--env=ale", "--steps=1300", *SMALL)
     )
     learner.ends()
+    assert balanced(stage)
+    assert {row["phase"] for row in stage.rows()} == {"random", "train", "test"}
+
+
+def test_actors_are_who_their_certificates_say(stage: Stage, certificates: Path) -> None:
+    own = {name: certify_by_name(certificates, name) for name in ("robot-7", "tester")}
+    flags = ("--certificates", str(certificates), "--env=ale", *SMALL)
+    learner = stage.learner(*flags, "--steps=1300")
+    learner.says("actors find it at")
+    place = ("-m", "actors", "--sync", "--connect", stage.endpoint, "--certificates")
+    actor = stage.start(*place, str(own["robot-7"]))
+    tester = stage.start(*place, str(own["tester"]), "--evaluator")
+    stranger = stage.start(*place, str(certificates), "--name=actor-1", "--patience=0")
+    assert "does not list actor-1: make its certificate with" in stranger.ends(2)
+    # One that says another name has no certificate of that name.
+    liar = stage.start(*place, str(own["tester"]), "--name=robot-7", "--patience=0")
+    assert f"{own['tester'] / 'actor.pem'}" in liar.ends(2)
+    learner.ends()
+    actor.ends()
+    tester.ends()
+    assert "robot-7 joined" in learner.output
+    assert "tester joined" in learner.output
     assert balanced(stage)
     assert {row["phase"] for row in stage.rows()} == {"random", "train", "test"}
 

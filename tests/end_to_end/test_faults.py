@@ -223,6 +223,40 @@ def test_a_learner_without_the_steps_its_checkpoint_knows_of_says_so(stage: Stag
     stage.start("-m", "learner", *other, *flags, "--steps=700").ends()
 
 
+def test_a_run_is_moved_with_its_actors(stage: Stage) -> None:
+    """A copy is made while all work, and its learner takes the place of the first."""
+    # A small ring goes round several times, so that rows are overwritten while they are copied.
+    flags = ("--env=ale", *SMALL, "--replay.capacity=1000", "--no-local")
+    learner = stage.learner(*flags)
+    actor = stage.actor("a", "--patience=inf")
+    checkpoint = stage.run / "checkpoint.safetensors"
+    wait_until(
+        lambda: checkpoint.exists() and _progress(stage).agent_steps > 2_500,
+        "the ring has gone round",
+    )
+
+    copy = stage.folder / "elsewhere" / "r"
+    copy.parent.mkdir()
+    said = stage.start("-m", "ale_robot", "backup", "runs/r", "-o", str(copy)).ends()
+    assert f"ale-robot train --resume --runs {copy.parent} --run r" in said
+    with safe_open(copy / "checkpoint.safetensors", "np") as saved:
+        known = json.loads(saved.metadata()["state"])["books"]["agent_steps"]
+    learner.send(signal.SIGKILL)
+    learner.ends(-signal.SIGKILL)
+
+    goal = known + 800
+    place = ("--runs", str(copy.parent), "--listen", stage.endpoint, "--run=r", "--threads=1")
+    moved = stage.start("-m", "learner", *place, *flags, "--resume", f"--steps={goal}")
+    moved.ends()
+    actor.ends()
+    summary = json.loads((copy / "summary.json").read_text())
+    assert summary["agent_steps"] >= goal
+    chunks = summary["chunks"]
+    # The actor lived through it. What the first learner took after the copy is not here.
+    assert 0 < chunks["acked"] <= chunks["made"]
+    assert chunks["refused"] == 0
+
+
 @pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
 def test_nothing_of_a_network_that_diverged_is_kept(stage: Stage, sampler: str) -> None:
     learner = stage.learner(

@@ -90,8 +90,14 @@ def test_a_run_that_begins_with_a_given_network_plays_by_it_at_once(stage: Stage
     assert summary["initial"] is True
     assert summary["random_reward"] is None
 
-    output = stage.learner("--resume", *policy).ends(status=2)
-    assert "omit --initial or --resume" in output
+    # The flags that began it go on with it, and another network is refused.
+    goal = summary["agent_steps"] + 100
+    stage.learner("--resume", *alone, *policy, f"--steps={goal}").ends()
+    assert stage.summary()["agent_steps"] >= goal
+    checkpoint = str(stage.run / "checkpoint.safetensors")
+    output = stage.learner("--resume", "--initial", checkpoint).ends(status=2)
+    assert "did not begin with" in output
+    assert "omit --initial, or name another run" in output
 
 
 def test_a_given_network_that_does_not_fit_is_told_and_nothing_begun(stage: Stage) -> None:

@@ -193,7 +193,17 @@ def test_a_run_that_ended_before_its_first_checkpoint_has_the_network_it_was_giv
 
     assert torch.equal(hidden(), fresh.hidden.weight)
     assert torch.equal(hidden("--resume"), other.hidden.weight)
+    assert torch.equal(hidden("--resume", "--initial", str(folder.initial)), other.hidden.weight)
     folder.checkpoint.touch()  # from which all weights will be taken
+    assert torch.equal(hidden("--resume", "--initial", str(folder.initial)), other.hidden.weight)
+    folder.config_file.touch()
+    another = tmp_path / "another.safetensors"
+    another.write_bytes(encode_weights(fresh))
+    with pytest.raises(InputError, match=r"did not begin with .*another.safetensors: omit"):
+        hidden("--resume", "--initial", str(another))
+    folder.initial.unlink()
+    with pytest.raises(InputError, match=r"did not begin with .*another.safetensors: omit"):
+        hidden("--resume", "--initial", str(another))
     assert torch.equal(hidden("--resume"), fresh.hidden.weight)
 
 

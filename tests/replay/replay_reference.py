@@ -79,7 +79,6 @@ class Moment:
     elapsed: int
     ending: int
     valid: bool
-    explored: bool = False
     final: int = -1
     """Number of the frame after a truncated step."""
 
@@ -112,7 +111,6 @@ class Actor:
                 elapsed=int(rng.integers(1, 4)),
                 ending=ending,
                 valid=bool(rng.random() < 0.8),
-                explored=bool(rng.random() < 0.3),
             )
             if ending == TRUNCATES:
                 self.first_number += 1
@@ -161,7 +159,6 @@ def chunk_of(actor: Actor, context: list[int], moments: list[Moment]) -> Chunk:
             "valid": np.array([moment.valid for moment in moments]),
             "follows": np.arange(len(moments)) > 0,
             "matched": np.ones(len(moments), np.bool_),
-            "explored": np.array([moment.explored for moment in moments]),
             "vectors": vectors(newest),
         },
         final_frames=frames(finals),
@@ -188,8 +185,6 @@ def expected_transition(actor: Actor, number: int, config: RunConfig) -> Expecte
     reward, discount = 0.0, 1.0
     for step in range(config.learning.n_step):
         moment = actor.moments[at + step]
-        if step and moment.explored and config.learning.watkins_cut:
-            return Expected(begin.stack, begin.action, reward, discount, moment.stack)
         gain = moment.reward
         if config.learning.clip_rewards:
             gain = max(-moment.elapsed, min(moment.elapsed, gain))
@@ -220,7 +215,6 @@ class ListReplay:
         self._capacity = config.replay.capacity
         self._frame_stack = config.play.frame_stack
         self._n_step = config.learning.n_step
-        self._cut_random = config.learning.watkins_cut
         self._chunks: list[_Stored] = []
         self._known: set[tuple[str, int]] = set()
         self._serial = 0
@@ -288,9 +282,7 @@ class ListReplay:
         return TRUNCATES if stored.chunk.truncated[step] else GOES_ON
 
     def _return_is_complete(self, stored: _Stored, step: int) -> bool:
-        for ahead in range(self._n_step):
-            if ahead and self._cut_random and stored.chunk.explored[step]:
-                break
+        for _ in range(self._n_step):
             if self._ending(stored, step) != GOES_ON:
                 return True
             step += 1

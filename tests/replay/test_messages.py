@@ -107,6 +107,11 @@ def test_a_batch_without_one_of_its_arrays_is_refused(name: str) -> None:
         SharedBatch.decode(pack(message))
 
 
+def test_a_batch_of_nothing_is_refused() -> None:
+    with pytest.raises(MessageError, match="ids"):
+        SharedBatch.decode(pack({"drawn": {}}))
+
+
 STATISTICS = st.builds(
     ChunkStatistics,
     index=st.integers(0, 2**62),

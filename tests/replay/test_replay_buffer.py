@@ -63,7 +63,6 @@ def check_batch(batch: Batch, actors: list[Actor], config: RunConfig) -> set[int
     frame_stack=st.sampled_from([1, 2, 4, 4]),
     n_step=st.sampled_from([1, 3, 5]),
     clip=st.booleans(),
-    cut=st.booleans(),
     sampler=st.sampled_from(["uniform", "prioritised"]),
     capacity=st.sampled_from([24, 40, 90]),
 )
@@ -73,7 +72,6 @@ def test_it_gives_what_a_replay_of_lists_gives(
     frame_stack: int,
     n_step: int,
     clip: bool,
-    cut: bool,
     sampler: str,
     capacity: int,
 ) -> None:
@@ -84,7 +82,6 @@ def test_it_gives_what_a_replay_of_lists_gives(
         frame_stack=frame_stack,
         n_step=n_step,
         clip_rewards=clip,
-        watkins_cut=cut,
         sampler=sampler,
         capacity=capacity,
     )

@@ -1,6 +1,5 @@
 """States, returns and discounts, by hand; numbers of frames stand for the frames."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +20,7 @@ from tests.replay.replay_reference import (
 RNG = np.random.default_rng(0)
 
 
-def make_ring(
-    folder: Path, n_step: int = 1, clip: bool = False, frame_stack: int = 4, cut: bool = False
-) -> Ring:
+def make_ring(folder: Path, n_step: int = 1, clip: bool = False, frame_stack: int = 4) -> Ring:
     columns = Columns(folder, 40, 0)
     return Ring(
         columns,
@@ -31,7 +28,6 @@ def make_ring(
         n_step=n_step,
         discount=0.5,
         clip_rewards=clip,
-        watkins_cut=cut,
     )
 
 
@@ -178,35 +174,3 @@ def test_reading_what_was_evicted_meanwhile_is_noticed(tmp_path: Path) -> None:
     assert ring.read(ids, np.ones(1, np.float32)) is not None
     ring.tail = place.first + 2
     assert ring.read(ids, np.ones(1, np.float32)) is None
-
-
-def test_a_return_ends_before_a_random_action(tmp_path: Path) -> None:
-    actor = Actor("a", 4)
-    chunk = actor.live([GOES_ON, GOES_ON, GOES_ON, TERMINATES], RNG)
-    chunk = replace(
-        chunk,
-        rewards=np.array([1, 2, 4, 8], np.float32),
-        elapsed=np.array([1, 1, 2, 1], np.uint8),
-        explored=np.array([True, False, True, False]),
-    )
-    ring = make_ring(tmp_path, n_step=3, cut=True)
-    place = put(ring, chunk)
-    ids = np.arange(place.first, place.last + 1)
-    batch = ring.read(ids, np.ones(4, np.float32))
-    assert batch is not None
-    # Step 2 is random. Its own return goes on, as the first one's does over the random step 0:
-    # 1 + 2/2;  2;  4 + 8/4 to the end;  8.
-    assert batch.r_t.tolist() == [2.0, 2.0, 6.0, 8.0]
-    assert batch.discount_t.tolist() == [0.25, 0.5, 0.0, 0.0]
-    newest = [number_of(stack[-1]) for stack in batch.s_t[:2]]
-    assert newest == [3, 3]  # the state in which step 2 was chosen
-    assert ring.is_complete(ids).all()
-
-
-def test_a_cut_return_is_complete_before_later_steps_are_known(tmp_path: Path) -> None:
-    chunk = replace(Actor("a", 4).live([GOES_ON] * 3, RNG), explored=np.array([False, True, False]))
-    for cut in (False, True):
-        ring = make_ring(tmp_path / str(cut), n_step=3, cut=cut)
-        place = put(ring, chunk)
-        ids = np.arange(place.first, place.last + 1)
-        assert ring.is_complete(ids).tolist() == [cut, False, False]

@@ -115,8 +115,8 @@ def test_the_files_of_runs_on_disk_keep_their_names_types_and_bits(tmp_path: Pat
         "vectors.bin": 0,
         "priorities.bin": 0,
     }
-    bits = {name: bit_of(name) for name in ("terminated", "truncated", "valid", "explored")}
-    assert bits == {"terminated": 1, "truncated": 2, "valid": 4, "explored": 16}
+    bits = {name: bit_of(name) for name in ("terminated", "truncated", "valid")}
+    assert bits == {"terminated": 1, "truncated": 2, "valid": 4}
     assert STEP == 8
 
 

@@ -136,7 +136,10 @@ class EpochTable:
         except OSError as error:
             raise InputError(f"cannot read {self._path}: {error.strerror}.") from None
         if header != _HEADER:
-            raise self._damage("its first line does not name the columns")
+            raise InputError(
+                f"{self._path} is no table of epochs, for its first line does not name the "
+                "columns: name a run's folder or its epochs.csv, or put that line back."
+            )
         return lines
 
     def _rows(self, lines: Sequence[str]) -> list[EpochRow]:

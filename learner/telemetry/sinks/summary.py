@@ -5,7 +5,6 @@ Strict JSON: a figure that is unknown, infinite or not a number is null.
 
 import dataclasses
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 from common.metrics import METRICS
 from common.run.config import RunConfig
 from common.run.folder import write_atomically
+from common.strict_json import strict
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import ActorView, Snapshot
 
@@ -70,14 +70,3 @@ def _of_actor(actor: ActorView) -> dict[str, Any]:
         "valid_share": actor.stats.valid_share,
         "match_share": actor.stats.match_share,
     }
-
-
-def strict(value: Any) -> Any:
-    """``value`` with null for every number that JSON does not have."""
-    if isinstance(value, dict):
-        return {name: strict(inner) for name, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [strict(inner) for inner in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value

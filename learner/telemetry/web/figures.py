@@ -6,9 +6,9 @@ from typing import Any
 from common.metrics import METRICS, Metric, Value, Values, number
 from common.protocol.actor_stats import TOTALS
 from common.registry import ENVIRONMENTS
+from common.strict_json import strict
 from learner.telemetry.sinks import formats
 from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
-from learner.telemetry.web.history import finite
 
 _UNSAID = ("none", "ratio", "per second")
 
@@ -52,7 +52,7 @@ def figures(snapshot: Snapshot) -> dict[str, Any]:
         "alive": [values["stream/actors_alive"], values["stream/actors_present"]],
         "troubles": formats.troubles(values).lstrip(", "),
         "actors": [_actor(actor, values) for actor in snapshot.present],
-        "random": finite(number(values, "play/random_reward")),
+        "random": strict(number(values, "play/random_reward")),
     }
 
 

@@ -1,10 +1,10 @@
 """The curves of a run for those who open its page later: at most so many points, evenly spread."""
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
 from common.metrics import Values, number
+from common.strict_json import strict
 
 _MOST = 1_000
 """Points; beyond these every second is dropped."""
@@ -33,7 +33,7 @@ class History:
             return
         self._steps.append(int(number(values, "run/agent_steps") or 0))
         for key, curve in self._values.items():
-            curve.append(finite(number(values, key)))
+            curve.append(strict(number(values, key)))
         if len(self._steps) > self._most:
             del self._steps[1::2]
             for curve in self._values.values():
@@ -51,8 +51,3 @@ class History:
             "steps": self._steps[start:],
             "values": {key: curve[start:] for key, curve in self._values.items()},
         }
-
-
-def finite(value: float | None) -> float | None:
-    """``value``; None for what JSON has no word for."""
-    return value if value is not None and math.isfinite(value) else None

@@ -11,6 +11,7 @@ from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from common.strict_json import strict
 from common.transport.endpoint import is_loopback
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
@@ -18,7 +19,7 @@ from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 from learner.telemetry.web.address import check_web_address
 from learner.telemetry.web.figures import about, curves_of, figures
-from learner.telemetry.web.history import History, finite
+from learner.telemetry.web.history import History
 from learner.telemetry.web.server import PageServer
 
 _MOST_EVENTS = 200
@@ -85,9 +86,9 @@ class PageSink(Sink):
                     "phase": row.phase,
                     "agent_steps": agent_steps,
                     "games": row.nr_games,
-                    "score": finite(row.average_reward),
-                    "least": finite(row.min_game_reward),
-                    "most": finite(row.max_game_reward),
+                    "score": strict(row.average_reward),
+                    "least": strict(row.min_game_reward),
+                    "most": strict(row.max_game_reward),
                 }
             )
 

@@ -206,18 +206,3 @@ def test_a_chunk_is_stamped_with_the_epsilon_of_its_last_action() -> None:
         if at == 3:
             break
     assert [chunk.epsilon for chunk in made] == [0.5, 0.125]
-
-
-def test_random_actions_are_marked() -> None:
-    policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
-    policy.epsilon = 0.5
-    chunker = Chunker("run", "actor", 0, 0, 40)
-    marks: list[bool] = []
-    for step in play([NumberedEnv([GOES_ON])], policy, [0]):
-        marks.append(bool(policy.explored[0]))
-        chunk = chunker.add(step)
-        if chunk is not None:
-            break
-    assert chunk is not None
-    assert chunk.explored.tolist() == marks
-    assert 0.2 < np.mean(marks) < 0.8

@@ -39,6 +39,7 @@ class Broadcast:
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """No answer is missed for being slow."""
     monkeypatch.setattr(weights_inbox, "_FETCH_TIMEOUT", PATIENCE)
+    monkeypatch.setattr(weights_inbox, "_FETCH_PERIOD", 0.0)
 
 
 @pytest.fixture
@@ -88,6 +89,19 @@ def test_a_late_joiner_fetches_the_newest(hub: Transport, client: Transport) -> 
     assert inbox.take() is None
     inbox.fetch()
     assert inbox.take() == (12, b"weights")
+
+
+def test_nobody_asks_more_often_than_a_hub_answers(
+    hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A question that the hub drops would hold the actor up for seconds."""
+    monkeypatch.setattr(weights_inbox, "_FETCH_PERIOD", PATIENCE)
+    asked: list[bytes] = []
+    hub.serve(KEYS.latest_weights, lambda request: asked.append(request.payload) or b"")
+    inbox = WeightsClient(client, KEYS)
+    for _ in range(3):
+        inbox.fetch()
+    assert len(asked) == 1
 
 
 def test_where_there_are_no_weights_yet_fetching_finds_none(

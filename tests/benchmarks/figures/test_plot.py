@@ -443,7 +443,7 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
     broken = tmp_path / "broken.csv"
     climb(broken, "R1", 1, float("nan"))
     for figure, path, words in (
-        ("epochs", text, "is damaged"),
+        ("epochs", text, "is no table of epochs"),
         ("progress", empty, "no epoch"),
         ("epochs", tmp_path, "no epoch"),
         ("delay", text, "is no table of"),

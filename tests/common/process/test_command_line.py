@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 import pytest
+import tyro
 from annotated_types import Ge, Lt
 
 from common.checked import Patience
@@ -54,8 +55,10 @@ def test_the_preset_is_asked_for_or_suits_the_environment(arguments: list[str], 
 
 
 def test_a_preset_that_is_not_there_is_told_with_those_that_are() -> None:
-    with pytest.raises(InputError, match="no preset 'best': choose one of paper, fast, robot"):
-        preset_of(["--preset", "best"])
+    with pytest.raises(InputError, match="no preset 'zzz': choose one of paper, fast, robot"):
+        preset_of(["--preset", "zzz"])
+    with pytest.raises(InputError, match=r"no preset 'fats': did you mean fast\?"):
+        preset_of(["--preset", "fats"])
 
 
 @pytest.mark.parametrize("name", list(PRESETS))
@@ -220,17 +223,54 @@ def test_a_flag_by_its_former_name_says_the_present_one(flags: list[str], presen
 
 
 @pytest.mark.parametrize(
+    "flag", ["--learning.dueling", "--learning.weights-average=0.9", "--exploration.no-per-env"]
+)
+def test_a_flag_that_is_gone_is_said_to_be(flag: str) -> None:
+    with pytest.raises(InputError, match=r"^--\S+ is gone, because .*: omit it\.$"):
+        parse(Options, "program", [flag])
+
+
+@pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--gmae", "pong"], r"^there is no flag --gmae: did you mean --game\?$"),
         (["--zzz=1"], r"^there is no flag --zzz.*: `python -m program --help` lists the flags\.$"),
-        (["--seed"], r"^missing value for argument '--seed'.*--help` explains the flags\.$"),
-        (["--learning.target", "triple"], r"^invalid choice 'triple'[^│]*--help` explains"),
+        (["pong"], r"^there is no pong: `python -m program --help` lists the flags\.$"),
+        (["--seed"], r"^--seed needs a value: `python -m program --help` explains the flags\.$"),
+        (["--seed", "two"], r"^--seed is 'two': give a whole number; `python -m program --help` "),
+        (["--learning.discount", "x"], r"^--learning.discount is 'x': give a number; `python "),
+        (
+            ["--learning.target", "triple"],
+            r"^--learning.target is 'triple': choose one of 'dqn', 'double'; `python -m program ",
+        ),
     ],
 )
 def test_what_is_not_understood_is_told_in_a_sentence(arguments: list[str], words: str) -> None:
     with pytest.raises(InputError, match=words):
         parsed(*arguments)
+
+
+@dataclass(frozen=True)
+class Demanding:
+    """What cannot do without."""
+
+    source: tyro.conf.Positional[Path]
+    """Where it comes from."""
+    target: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Where it goes, which is a long story that does not fit a line of the box in which tyro tells
+    it."""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], r"^PATH is missing \(Where it comes from\): `python -m program --help` explains"),
+        (["a"], r"^-o PATH, --target PATH is missing \(Where it goes, which .* tyro tells it\): `"),
+    ],
+)
+def test_what_is_missing_is_told_with_its_meaning(arguments: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        parse(Demanding, "program", arguments)
 
 
 def test_settings_of_a_file_go_over_the_preset_and_below_the_flags(tmp_path: Path) -> None:

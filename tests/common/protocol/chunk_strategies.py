@@ -82,7 +82,6 @@ def example_chunk(**changes: Any) -> Chunk:
         "valid": np.array([True, False, True]),
         "follows": np.array([True, True, False]),
         "matched": np.array([False, True, True]),
-        "explored": np.array([True, False, False]),
         "vectors": np.arange(6, dtype=np.float32).reshape(3, 2),
         "final_frames": np.full((1, 84, 84), 3, np.uint8),
         "final_vectors": np.array([[8.0, 9.0]], np.float32),

@@ -4,7 +4,7 @@ import pytest
 import zenoh
 
 from common.errors import InputError
-from common.protocol.run_keys import RunKeys, check_name
+from common.protocol.run_keys import RunKeys, check_name, name_in
 
 
 @pytest.mark.parametrize("name", ["a", "7", "robot-pong.2_b", "A" * 64])
@@ -32,11 +32,19 @@ def all_keys(run: str) -> list[str]:
         keys.progress,
         keys.weights,
         keys.latest_weights,
-        keys.task,
-        keys.report,
+        keys.task("e"),
+        keys.report("e"),
         keys.live("actor", "a"),
         keys.stats("actor", "a"),
     ]
+
+
+def test_the_name_in_a_key_is_that_of_who_speaks() -> None:
+    keys = RunKeys("r")
+    named = (keys.insert, keys.task, keys.report)
+    told = (keys.live, keys.stats, keys.view)
+    spoken = [*(key("a.b") for key in named), *(key("actor", "a.b") for key in told)]
+    assert {name_in(key) for key in spoken} == {"a.b"}
 
 
 def test_every_key_of_a_run_is_its_own() -> None:

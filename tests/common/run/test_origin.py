@@ -35,7 +35,6 @@ def changed(setting: str, value: Any) -> RunConfig:
         ("play.minimal_actions", False, r"6 actions, .* 18: add --play\.minimal-actions"),
         ("play.frame_stack", 3, r"4 frames per state, .* 3: add --play\.frame-stack 4"),
         ("learning.network", "nips", r"layers of nature, .* nips: add --learning\.network nature"),
-        ("learning.dueling", True, r"add --learning\.no-dueling"),
         ("learning.algorithm", "qr_dqn", r"1 outputs per action, .*: add --learning.algorithm dqn"),
     ],
 )

@@ -13,7 +13,7 @@ from common.errors import InputError
 from common.run.conditions import CameraConfig, PlayConfig, RandomiseConfig
 from common.run.config import LearningConfig, RunConfig, StreamConfig
 from common.run.presets import PRESETS
-from common.run.stored_config import RENAMED, differences, from_mapping, to_json
+from common.run.stored_config import REMOVED, RENAMED, differences, from_mapping, to_json
 
 GOOD = PRESETS["fast"]
 
@@ -84,6 +84,17 @@ def test_a_file_may_have_the_former_names_of_fields() -> None:
     with pytest.raises(InputError, match="missing or unknown field"):
         from_mapping(RunConfig, data)
     assert from_mapping(RunConfig, data, fill=True) == GOOD
+
+
+def test_a_file_may_have_fields_that_are_gone_where_they_did_nothing() -> None:
+    data = mapping()
+    for gone, usual in REMOVED.items():
+        group, name = gone.split(".")
+        data[group][name] = usual
+    assert from_mapping(RunConfig, data, fill=True) == GOOD
+    data["learning"]["weights_average"] = 0.5
+    with pytest.raises(InputError, match=r"^run\.learning\.weights_average is 0\.5, and is gone: "):
+        from_mapping(RunConfig, data, "run", fill=True)
 
 
 def test_a_field_under_both_of_its_names_is_refused() -> None:

@@ -3,6 +3,8 @@
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from itertools import cycle
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -11,8 +13,8 @@ import pytest
 from common.errors import InputError
 from common.protocol.live_view import MAX_VIEW_BYTES
 from common.protocol.run_keys import RunKeys
-from common.transport.credentials import Role, check_certificates
-from common.transport.interface import Envelope, Transport
+from common.transport.credentials import Role, check_certificates, own_name
+from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect, open_hub
 from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
@@ -67,8 +69,8 @@ QUERIES = {
     "config": KEYS.config,
     "insert": KEYS.insert("a"),
     "latest_weights": KEYS.latest_weights,
-    "task": KEYS.task,
-    "report": KEYS.report,
+    "task": KEYS.task("a"),
+    "report": KEYS.report("a"),
     "sample": KEYS.sample,
     "priorities": KEYS.priorities,
     "held_out": KEYS.held_out,
@@ -110,13 +112,17 @@ def test_each_role_tells_what_it_may_tell(
     denied: str,
     allowed: str,
 ) -> None:
-    heard: SimpleQueue[Envelope] = SimpleQueue()
-    hub.subscribe(KEYS.all, heard.put)
+    heard: list[str] = []
+    hub.subscribe(KEYS.all, lambda message: heard.append(message.key))
     transport = join(role)
-    for key in (denied, allowed):
-        transport.publisher(key).publish(b"")
-    # They come in the order in which they are sent.
-    assert heard.get(timeout=PATIENCE).key == allowed
+    turns = cycle([transport.publisher(key) for key in (denied, allowed)])
+
+    def tell() -> bool:
+        next(turns).publish(b"")  # one at a time: two at once would be too often
+        return len(heard) >= 3
+
+    wait_until(tell, "what is allowed is heard")
+    assert set(heard) == {allowed}
 
 
 def test_an_actor_lives_as_an_actor_alone(
@@ -176,8 +182,175 @@ def test_a_learner_is_heard_by_name(hub: Transport, join: Callable[[Role], Trans
     """Evaluators ask the learner for tasks, through the hub."""
     learner, actor = join("learner"), join("actor")
 
-    learner.serve(KEYS.task, lambda _: b"task")
-    wait_until(lambda: ask(actor, KEYS.task) == [b"task"], "the actor has its task")
+    learner.serve(KEYS.task("*"), lambda _: b"task")
+    wait_until(lambda: ask(actor, KEYS.task("e")) == [b"task"], "the actor has its task")
+
+
+# ---------------------------------------------------------------------- actors by name
+
+
+@pytest.fixture
+def named(certificates: Path, tmp_path: Path) -> Path:
+    """A folder of a hub that knows two actors by name."""
+    folder = shutil.copytree(certificates, tmp_path / "named")
+    subprocess.run([SCRIPT, folder, "--actors", "left", "right"], check=True)
+    return folder
+
+
+@pytest.fixture
+def enter(address: str, named: Path) -> Iterator[Callable[[str | None], Transport]]:
+    """A hub that serves and hears all, and clients of it by name; None has the role's certificate.
+
+    They have all files but the list, as on another machine.
+    """
+    place = shutil.copytree(named, named.with_name("elsewhere"))
+    (place / "actors.txt").unlink()
+    with ExitStack() as stack:
+        hub = stack.enter_context(open_hub(address, named))
+        hub.serve(KEYS.all, lambda request: request.key.encode())
+        yield lambda name: stack.enter_context(
+            connect(address, PATIENCE, name=name, certificates=place)
+        )
+
+
+def own_keys(name: str) -> list[str]:
+    return [KEYS.insert(name), KEYS.task(name), KEYS.report(name)]
+
+
+def test_an_actor_asks_in_its_own_name_alone(enter: Callable[[str | None], Transport]) -> None:
+    left = enter("left")
+    for key in (*own_keys("left"), KEYS.config, KEYS.latest_weights):
+        assert ask(left, key) == [key.encode()]
+    for key in (*own_keys("right"), *own_keys("*"), KEYS.sample, KEYS.all):
+        assert ask(left, key, b"", 0.2) == []
+    assert ask(enter("right"), KEYS.insert("right")) == [KEYS.insert("right").encode()]
+
+
+def test_an_actor_tells_lives_and_shows_in_its_own_name_alone(
+    address: str, named: Path, enter: Callable[[str | None], Transport]
+) -> None:
+    left, learner = enter("left"), connect(address, PATIENCE, role="learner", certificates=named)
+    with learner:
+        heard: set[str] = set()
+        learner.subscribe(KEYS.stats("*", "*"), lambda message: heard.add(message.key))
+        learner.watch_presence(KEYS.live("*", "*"), lambda key, _: heard.add(key))
+        names = ("right", "left")
+        turns = cycle([left.publisher(KEYS.stats("actor", name)) for name in names])
+        for name in names:
+            left.announce(KEYS.live("actor", name))
+            left.serve(
+                KEYS.view("actor", name), lambda request: b"shown at " + request.key.encode()
+            )
+
+        def tell() -> bool:
+            next(turns).publish(b"")  # one at a time: two at once would be too often
+            return len(heard) >= 2
+
+        wait_until(tell, "left is heard")
+        assert heard == {KEYS.live("actor", "left"), KEYS.stats("actor", "left")}
+        shown = f"shown at {KEYS.view('actor', 'left')}".encode()
+        wait_until(lambda: shown in ask(learner, KEYS.view("actor", "left")), "left is seen")
+        assert ask(learner, KEYS.view("actor", "right")) == [KEYS.view("actor", "right").encode()]
+
+
+def test_where_actors_have_names_their_role_is_not_enough(
+    enter: Callable[[str | None], Transport],
+) -> None:
+    anybody = enter(None)
+    for key in (KEYS.config, *own_keys("left"), KEYS.latest_weights):
+        assert ask(anybody, key, b"", 0.2) == []
+
+
+def test_a_name_that_is_deleted_is_out_when_the_hub_starts_again(
+    address: str, named: Path, tmp_path: Path
+) -> None:
+    place = shutil.copytree(named, tmp_path / "elsewhere")
+    (place / "actors.txt").unlink()
+    (named / "actors.txt").write_text("right\n")
+    with open_hub(address, named) as hub:
+        hub.serve(KEYS.all, lambda _: b"ok")
+        for name, answer in (("right", [b"ok"]), ("left", [])):
+            with connect(address, PATIENCE, name=name, certificates=place) as actor:
+                assert ask(actor, KEYS.insert(name), b"", PATIENCE if answer else 0.2) == answer
+
+
+def test_a_hub_that_lists_nobody_lets_no_actor_in(address: str, named: Path) -> None:
+    (named / "actors.txt").write_text("")
+    with open_hub(address, named) as hub:
+        hub.serve(KEYS.all, lambda _: b"ok")
+        with connect(address, PATIENCE, certificates=named) as actor:
+            assert ask(actor, KEYS.config, b"", 0.2) == []
+        with connect(address, PATIENCE, role="learner", certificates=named) as learner:
+            assert ask(learner, KEYS.config) == [b"ok"]
+
+
+def test_a_certificate_made_anew_is_the_same_actor(address: str, named: Path) -> None:
+    before = (named / "actor.left.pem").read_bytes()
+    listed = (named / "actors.txt").read_text()
+    subprocess.run([SCRIPT, named, "--actors", "left", "third"], check=True)
+    assert (named / "actor.left.pem").read_bytes() != before
+    assert (named / "actors.txt").read_text() == f"{listed}third\n" == "left\nright\nthird\n"
+    with open_hub(address, named) as hub:
+        hub.serve(KEYS.all, lambda _: b"ok")
+        with connect(address, PATIENCE, name="left", certificates=named) as actor:
+            assert ask(actor, KEYS.insert("left")) == [b"ok"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("left\n../x\n", r"actors.txt holds '../x', which"), ("ä\n", "actors.txt cannot be read")],
+)
+def test_a_list_that_cannot_be_one_is_told(
+    address: str, named: Path, text: str, words: str
+) -> None:
+    (named / "actors.txt").write_text(text)
+    with pytest.raises(InputError, match=words):
+        open_hub(address, named)
+
+
+def test_a_list_that_was_lost_lets_nobody_in_by_accident(address: str, named: Path) -> None:
+    (named / "actors.txt").unlink()
+    with pytest.raises(InputError, match=r"by name, and no .*actors.txt: put the list back"):
+        open_hub(address, named)
+
+
+def test_a_list_edited_by_hand_is_gone_on_with(named: Path) -> None:
+    (named / "actors.txt").write_text("left\nright")
+    subprocess.run([SCRIPT, named, "--actors", "third"], check=True)
+    assert (named / "actors.txt").read_text() == "left\nright\nthird\n"
+
+
+def test_an_actor_that_is_not_on_the_list_beside_it_is_told(address: str, named: Path) -> None:
+    with pytest.raises(InputError, match=r"actors.txt does not list actor-1: make .* --actors a"):
+        check_certificates(address, named, "actor", "actor-1")
+
+
+def test_a_folder_with_one_name_says_who_its_process_is(named: Path, certificates: Path) -> None:
+    assert own_name(certificates) is None
+    with pytest.raises(InputError, match=r"has certificates of left, right: choose"):
+        own_name(named)
+    for end in (".pem", "-key.pem"):
+        (named / f"actor.right{end}").unlink()
+    assert own_name(named) == "left"
+
+
+@pytest.mark.parametrize("name", ["-a", "a/b", "a b", "", "a" * 59])
+def test_the_script_makes_nothing_for_what_cannot_be_a_name(named: Path, name: str) -> None:
+    before = sorted(named.iterdir())
+    ended = subprocess.run(
+        [SCRIPT, named, "--actors", "good", name], capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr.startswith("error: no actor can be called")
+    assert sorted(named.iterdir()) == before
+
+
+def test_the_script_names_no_actor_without_an_authority(tmp_path: Path) -> None:
+    ended = subprocess.run(
+        [SCRIPT, tmp_path / "x", "--actors", "a"], capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert "make an authority" in ended.stderr
 
 
 # ---------------------------------------------------------------------- who is let in

@@ -17,7 +17,7 @@ from common.transport.zenoh_transport import connect, open_hub
 from tests.in_process_transport import InProcessHub
 from tests.patience import PATIENCE, wait_until
 
-KEY = "ale-robot/r/task"
+KEY = "ale-robot/r/sample"
 
 
 class Place(Protocol):
@@ -138,7 +138,7 @@ def test_an_answer_has_an_attachment_and_the_servers_key(place: Place, client: T
     place.hub.serve(KEY, lambda _: Envelope(b"weights", b"12"))
     place.hub.serve("ale-robot/r/insert/*", echo)
     assert ask(client, KEY, b"") == b"weights"
-    answer = client.requester("ale-robot/*/task", PATIENCE).request(b"").result(PATIENCE)
+    answer = client.requester("ale-robot/*/sample", PATIENCE).request(b"").result(PATIENCE)
     assert answer == Envelope(b"weights", b"12", KEY)
     assert ask(client, "ale-robot/r/insert/a", b"chunk") == b"chunk"
     requester = client.requester("ale-robot/r/insert/a", PATIENCE)
@@ -280,10 +280,10 @@ def test_all_servers_of_a_pattern_are_heard_and_their_refusals_left_out(
     place.hub.serve("ale-robot/one/task", lambda _: b"no")
 
     def found() -> set[Envelope]:
-        return set(client.gather("ale-robot/*/config", PATIENCE))
+        answers = client.gather("ale-robot/*/config", PATIENCE)
+        return set(answers) if len(answers) == 2 else set()
 
-    wait_until(lambda: len(found()) == 2, "both are known")
-    assert found() == {
+    assert wait_until(found, "both are known") == {
         Envelope(b"one", b"", "ale-robot/one/config"),
         Envelope(b"two", b"2", "ale-robot/two/config"),
     }

@@ -1,7 +1,9 @@
 """Opening the hub and joining it, by Zenoh."""
 
 import socket
+import time
 from collections.abc import Callable
+from itertools import cycle
 
 import pytest
 import zenoh
@@ -103,17 +105,18 @@ def test_what_is_longer_than_anybody_sends_is_dropped_at_the_hub(
     keys, heard = RunKeys("r"), []
     zenoh_hub.subscribe(keys.stats("*", "*"), lambda told: heard.append(len(told.payload)))
     zenoh_hub.serve(keys.insert("*"), lambda request: b"%d" % len(request.payload))
-    zenoh_hub.serve(keys.task, lambda request: b"%d" % len(request.payload))
+    zenoh_hub.serve(keys.task("e"), lambda request: b"%d" % len(request.payload))
     stats = zenoh_client.publisher(keys.stats("actor", "a"))
 
-    def told() -> bool:
-        stats.publish(b"x" * 70_000)
-        stats.publish(b"x" * 60_000)
-        return bool(heard)
+    lengths = cycle((70_000, 60_000))  # one at a time: two at once would be too often
 
-    wait_until(told, "a heartbeat is heard")
+    def told() -> bool:
+        stats.publish(b"x" * next(lengths))
+        return len(heard) >= 3
+
+    wait_until(told, "heartbeats are heard")
     assert set(heard) == {60_000}
-    insert, task = (zenoh_client.requester(key, 1.0) for key in (keys.insert("a"), keys.task))
+    insert, task = (zenoh_client.requester(key, 1.0) for key in (keys.insert("a"), keys.task("e")))
     wait_until(lambda: insert.has_server and task.has_server, "both are served")
     chunk = insert.request(b"x" * 30 * 2**20)
     assert isinstance(task.request(b"x" * 70_000).exception(), Unanswered)
@@ -121,17 +124,42 @@ def test_what_is_longer_than_anybody_sends_is_dropped_at_the_hub(
     assert chunk.exception() is not None or chunk.result().payload == b"%d" % (30 * 2**20)
 
 
+def test_who_asks_or_tells_too_often_is_not_heard(
+    zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport, endpoint: str
+) -> None:
+    """Each connection has its own measure, whatever names it uses."""
+    keys, heard = RunKeys("r"), []
+    zenoh_hub.subscribe(keys.stats("*", "*"), heard.append)
+    zenoh_hub.serve(keys.latest_weights, lambda _: b"weights")
+    flood = [zenoh_client.publisher(keys.stats("actor", name)) for name in ("a", "b")]
+    asking = zenoh_client.requester(keys.latest_weights, PATIENCE)
+    wait_until(lambda: asking.has_server, "weights are served")
+    began = time.monotonic()
+    for turn in range(2_000):
+        flood[turn % 2].publish(b"")
+    answers = [asking.request(b"") for _ in range(100)]
+    given = sum(answer.exception() is None for answer in answers)  # all have ended
+    seconds = time.monotonic() - began
+    assert 1 <= len(heard) <= 1 + 100 * seconds
+    assert 1 <= given <= 1 + 5 * seconds
+    with connect(endpoint, PATIENCE) as other:
+        asking = other.requester(keys.latest_weights, PATIENCE)
+        wait_until(lambda: asking.has_server, "weights are served to others")
+        assert asking.request(b"").result().payload == b"weights"
+
+
 def test_what_was_damaged_on_its_way_is_as_good_as_not_sent(
     zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport
 ) -> None:
     raw, keys, asked, heard = zenoh_client.session, RunKeys("r"), [], []
-    zenoh_hub.serve(keys.task, lambda request: asked.append(request.payload) or b"done")
+    key = keys.insert("a")
+    zenoh_hub.serve(key, lambda request: asked.append(request.payload) or b"done")
     zenoh_hub.subscribe(keys.weights, lambda told: heard.append(told))
-    good = zenoh_client.requester(keys.task, PATIENCE)
+    good = zenoh_client.requester(key, PATIENCE)
     wait_until(lambda: good.has_server, "it is served")
-    sealed = seal(keys.task, b"payload")
-    for spoiled in (None, b"", sealed[:3], seal(keys.report, b"payload"), seal(keys.task, b"q")):
-        told = list(raw.get(keys.task, payload=b"payload", attachment=spoiled, timeout=PATIENCE))
+    sealed = seal(key, b"payload")
+    for spoiled in (None, b"", sealed[:3], seal(keys.sample, b"payload"), seal(key, b"q")):
+        told = list(raw.get(key, payload=b"payload", attachment=spoiled, timeout=PATIENCE))
         assert told == []
         raw.put(keys.weights, b"weights", attachment=spoiled)
     assert good.request(b"whole").result().payload == b"done"
@@ -153,7 +181,7 @@ def test_what_was_damaged_on_its_way_is_as_good_as_not_sent(
 def test_a_damaged_answer_is_no_answer(
     zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport, answer: Callable[[zenoh.Query], None]
 ) -> None:
-    key = RunKeys("r").task
+    key = RunKeys("r").task("e")
     served = zenoh_hub.session.declare_queryable(key, answer)
     requester = zenoh_client.requester(key, PATIENCE)
     wait_until(lambda: requester.has_server, "it is served")

@@ -172,7 +172,7 @@ def test_a_sync_of_the_target_leaves_the_online_copy_alone(
     algorithm = double_dqn(_network(), LearningConfig(), CPU_BFLOAT16)
     synced: list[Precision] = []
     monkeypatch.setattr(Precision, "sync_from_master", lambda self: synced.append(self))
-    algorithm._target.sync(algorithm._online)
+    algorithm._target.sync(algorithm.online)
     assert synced == [algorithm._target._precision]
 
 

@@ -15,8 +15,8 @@ from common.press_latency import COUNTS, KeyLatency, ms_of, place_of
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
+from common.strict_json import strict
 from learner.evaluation.results import summarise, table
-from learner.telemetry.sinks.summary import strict
 
 SYNC = ClockConfig()
 LATE_KEYS = PlayConfig(

@@ -21,12 +21,12 @@ def _coordinator(folder: Path) -> EvaluationCoordinator:
 
 
 def _ask(client: Transport, name: str) -> EvaluationJob:
-    answer = client.requester(KEYS.task, PATIENCE).request(name.encode()).result()
+    answer = client.requester(KEYS.task(name), PATIENCE).request(b"").result()
     return EvaluationJob.decode(answer.payload)
 
 
-def _report(client: Transport, payload: bytes) -> None:
-    client.requester(KEYS.report, PATIENCE).request(payload).result()
+def _report(client: Transport, payload: bytes, name: str = "e") -> None:
+    client.requester(KEYS.report(name), PATIENCE).request(payload).result()
 
 
 def test_a_job_is_asked_for_and_reported(hub: Transport, client: Transport, tmp_path: Path) -> None:
@@ -49,10 +49,35 @@ def test_junk_is_refused_and_the_service_continues(
     assert _ask(client, "e").kind == "wait"
 
 
+def test_nobody_reports_in_another_name(hub: Transport, client: Transport, tmp_path: Path) -> None:
+    coordinator = _coordinator(tmp_path)
+    serve_evaluators(hub, KEYS, coordinator)
+    coordinator.add(epoch_test(1), b"w")
+    assert _ask(client, "e").kind == "test"
+    report = EvaluationReport("e", 1, 100, (), True).encode()
+    with pytest.raises(MessageError, match=r"^a report of e at the key of other$"):
+        _report(client, report, "other")
+    assert coordinator.take_finished() is None
+    _report(client, report)
+    assert coordinator.take_finished() is not None
+
+
+@pytest.mark.parametrize("name", ["-e", "e" * 65, "*"])
+def test_an_evaluator_without_a_proper_name_has_no_job(
+    hub: Transport, client: Transport, tmp_path: Path, name: str
+) -> None:
+    coordinator = _coordinator(tmp_path)
+    serve_evaluators(hub, KEYS, coordinator)
+    coordinator.add(epoch_test(1), b"w")
+    with pytest.raises(MessageError, match="no evaluator can have this name"):
+        _ask(client, name)
+    assert _ask(client, "e").kind == "test"  # all of it is left
+
+
 def test_a_closed_transport_answers_nobody(
     hub: Transport, client: Transport, tmp_path: Path
 ) -> None:
     serve_evaluators(hub, KEYS, _coordinator(tmp_path))
     assert _ask(client, "e1").kind == "wait"
     hub.close()
-    assert not client.requester(KEYS.task, PATIENCE).has_server
+    assert not client.requester(KEYS.task("e1"), PATIENCE).has_server

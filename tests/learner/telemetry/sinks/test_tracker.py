@@ -4,6 +4,7 @@ import importlib
 import logging
 import struct
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from common.run.presets import PRESETS
 from common.run.stored_config import flat
 from learner.telemetry.sinks import tracker as module
 from learner.telemetry.sinks.tracker import TrackedRun, TrackerSink
+from tests.patience import PATIENCE
 
 RUN = TrackedRun("pong-1", "0123456789abcdef" * 2, flat(PRESETS["fast"]))
 
@@ -102,30 +104,48 @@ def test_a_tracker_that_is_not_installed_is_told(monkeypatch: pytest.MonkeyPatch
         TrackerSink("wandb", RUN)
 
 
-class Failing:
-    """A program whose server goes away after a point."""
+class Program:
+    """A tracker of the test's own: fails at its second point, or waits there to be let go."""
 
-    def __init__(self, run: TrackedRun) -> None:
+    def __init__(self, refuses: bool = False, hangs: threading.Event | None = None) -> None:
         self.points: list[int] = []
+        self.began_on = ""
+        self.closed = False
+        self._refuses, self._hangs = refuses, hangs
+
+    def begin(self, run: TrackedRun) -> None:
+        self.began_on = threading.current_thread().name
+        if self._refuses:
+            raise ConnectionError("log in first")
 
     def log(self, points: Any, agent_steps: int) -> None:
-        if self.points:
+        if self.points and self._hangs is None:
             raise ConnectionError("nobody is there")
+        if self._hangs is not None:
+            self._hangs.wait(PATIENCE)
         self.points.append(agent_steps)
 
     def close(self) -> None:
-        raise AssertionError("it was given up")
+        self.closed = True
+
+
+def begin(monkeypatch: pytest.MonkeyPatch, program: Program) -> TrackerSink:
+    monkeypatch.setitem(module.TRACKERS, "wandb", lambda: program)
+    return TrackerSink("wandb", RUN)
 
 
 def test_a_tracker_that_fails_is_given_up_once_and_the_run_goes_on(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setitem(module.TRACKERS, "wandb", Failing)
-    sink = TrackerSink("wandb", RUN)
+    program = Program()
+    sink = begin(monkeypatch, program)
     with caplog.at_level(logging.WARNING):
         for steps in (1, 2, 3):
             sink.add({"play/test_reward": 1.0}, steps)
         sink.close()
+    sink.add({"play/test_reward": 1.0}, 4)  # goes nowhere
+    assert (program.points, program.closed) == ([1], False)
+    assert program.began_on == "track wandb"
     assert [each.message for each in caplog.records] == [
         "--track wandb is given up, and the run goes on: nobody is there"
     ]
@@ -134,14 +154,32 @@ def test_a_tracker_that_fails_is_given_up_once_and_the_run_goes_on(
 def test_a_tracker_that_cannot_begin_is_given_up_too(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def refuse(run: TrackedRun) -> Failing:
-        raise ConnectionError("log in first")
-
-    monkeypatch.setitem(module.TRACKERS, "wandb", refuse)
-    sink = TrackerSink("wandb", RUN)
+    sink = begin(monkeypatch, Program(refuses=True))
     sink.add({"play/test_reward": 1.0}, 1)
     sink.close()
     assert "--track wandb is given up, and the run goes on: log in first" in caplog.text
+
+
+def test_a_tracker_that_hangs_holds_up_nobody_and_loses_points(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(module, "_MOST_WAITING", 3)
+    monkeypatch.setattr(module, "_FAREWELL", 0.05)
+    let_go = threading.Event()
+    program = Program(hangs=let_go)
+    sink = begin(monkeypatch, program)
+    for steps in range(10):  # one is under way at most, three wait
+        sink.add({"play/test_reward": 1.0}, steps)
+    assert "is too slow: it loses points" in caplog.text
+    sink.close()
+    assert "does not answer: its last points are lost" in caplog.text
+    let_go.set()
+    monkeypatch.setattr(module, "_FAREWELL", PATIENCE)
+    sink.close()
+    assert program.closed
+    assert 3 <= len(program.points) <= 4
+    assert caplog.text.count("is too slow") == 1
+    assert f"lacks {10 - len(program.points)} points" in caplog.text
 
 
 def test_settings_are_flat_and_plain() -> None:

@@ -1,0 +1,175 @@
+"""`ale-robot policies`: those that are shipped; `push` and `pull` share them through a model hub.
+
+A policy at the hub is three files: weights as safetensors, our card as JSON with their SHA-256, and
+README.md, the same for people and for the hub. Where the hub is, and who one is there, is the
+business of huggingface_hub: ``HF_ENDPOINT``, ``HF_TOKEN``, ``hf auth login``.
+"""
+
+import hashlib
+import json
+import re
+import sys
+import tempfile
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from ale_robot.model_card import model_card
+from ale_robot.policy import load_policy
+from common.checked import NAME
+from common.errors import InputError
+from common.process.command_line import parse
+from common.process.extras import extra_for
+from common.regular_file import read_file
+from common.run.folder import write_atomically
+from common.run.origin import find_weights
+from viewer.policies import Policies
+
+MAX_WEIGHTS = 64 * 2**20
+MAX_CARD = 2**20
+"""Bytes of a file that is fetched, at most."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """Put a policy with its card into a repository of a model hub."""
+
+    policy: tyro.conf.Positional[str]
+    """A published policy, as `python -m learner.publish` makes it, or a shipped one by its name."""
+    repository: tyro.conf.Positional[str]
+    """OWNER/NAME at the hub; made if it is not there."""
+    private: bool = False
+    """Make a repository that only its owner sees."""
+
+    def run(self) -> None:
+        """Uploads three files in one commit.
+
+        Raises:
+            InputError: the policy has no card, or the hub does not take it.
+        """
+        weights = find_weights(self.policy)
+        card, content = _card_of(weights), read_file(weights)
+        card["sha256"] = hashlib.sha256(content).hexdigest()
+        config = load_policy(weights).config  # whoever pulls it must be able to load it
+        hub = _Hub(self.repository)
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            (folder / weights.name).write_bytes(content)
+            (folder / f"{weights.stem}.json").write_text(json.dumps(card, indent=2) + "\n")
+            told = model_card(weights.stem, card, config, self.repository)
+            (folder / "README.md").write_text(told)
+            hub.ask("create_repo", private=self.private, exist_ok=True)
+            message = f"{weights.stem}, {card['agent_steps']:,} agent steps"
+            hub.ask("upload_folder", folder_path=folder, commit_message=message)
+        print(f"pushed {weights.stem} to {self.repository}")
+
+
+@dataclass(frozen=True)
+class Pull:
+    """Fetch a policy from a model hub, and check it."""
+
+    repository: tyro.conf.Positional[str]
+    """OWNER/NAME at the hub."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path()
+    """Folder for weights and card."""
+    revision: str = "main"
+    """Branch, tag or commit."""
+
+    def run(self) -> None:
+        """Writes NAME.safetensors and NAME.json.
+
+        Raises:
+            InputError: there is no policy, it is not what its card says, or a file is in the way.
+        """
+        hub = _Hub(self.repository)
+        with tempfile.TemporaryDirectory() as temporary:
+            info = hub.ask("model_info", revision=self.revision, files_metadata=True)
+            sizes = {file.rfilename: file.size for file in info.siblings or ()}
+            weights, card = names = _pair(self.repository, sizes)
+            for name in names:
+                if (self.output / name).exists():
+                    raise InputError(f"{self.output / name} is there already: choose a folder, -o.")
+            for name, most in zip(names, (MAX_WEIGHTS, MAX_CARD), strict=True):
+                if not 0 < (sizes[name] or 0) <= most:
+                    raise InputError(
+                        f"{name} of {self.repository} has {sizes[name]} bytes: a policy has at "
+                        f"most {most:,} there."
+                    )
+                # Of the very commit that was looked at.
+                hub.ask("hf_hub_download", filename=name, revision=info.sha, local_dir=temporary)
+            fetched = Path(temporary) / weights
+            content = read_file(fetched, MAX_WEIGHTS)
+            told = _card_of(fetched)
+            if told.get("sha256") != hashlib.sha256(content).hexdigest():
+                raise InputError(f"{weights} of {self.repository} is not what its card says.")
+            load_policy(fetched)
+            self.output.mkdir(parents=True, exist_ok=True)
+            write_atomically(self.output / weights, content)
+            write_atomically(self.output / card, read_file(fetched.with_suffix(".json")))
+        print(f"pulled {self.output / weights}: ale-robot watch --weights {self.output / weights}")
+
+
+def _pair(repository: str, files: dict[str, Any]) -> tuple[str, str]:
+    """Returns the names of weights and card; all other files are left where they are."""
+    stems = [
+        name.removesuffix(".safetensors")
+        for name in files
+        if name.endswith(".safetensors") and f"{name.removesuffix('.safetensors')}.json" in files
+    ]
+    if len(stems) != 1 or not re.fullmatch(NAME, stems[0]):
+        raise InputError(
+            f"{repository} holds no policy of ale-robot: it should have NAME.safetensors and "
+            "NAME.json once."
+        )
+    return f"{stems[0]}.safetensors", f"{stems[0]}.json"
+
+
+def _card_of(weights: Path) -> dict[str, Any]:
+    """Returns the card beside ``weights``.
+
+    Raises:
+        InputError: there is none.
+    """
+    try:
+        card = json.loads(read_file(weights.with_suffix(".json"), MAX_CARD))
+        if {"config", "evaluation", "agent_steps"} <= card.keys():
+            return dict(card)
+    except (OSError, ValueError, AttributeError, RecursionError):
+        pass
+    raise InputError(
+        f"{weights} has no card beside it: make one by python -m learner.publish runs/NAME -o NAME."
+    )
+
+
+class _Hub:
+    """The hub, as far as one repository needs it.
+
+    Raises:
+        InputError: huggingface_hub is not installed; from each method, the hub refuses.
+    """
+
+    def __init__(self, repository: str) -> None:
+        with extra_for("a model hub", "hub"):
+            from huggingface_hub import HfApi
+        self._api: Any = HfApi()
+        self._repository = repository
+
+    def ask(self, what: str, **arguments: Any) -> Any:
+        """Returns what the method ``what`` of huggingface_hub's API does."""
+        try:
+            return getattr(self._api, what)(repo_id=self._repository, **arguments)
+        except Exception as error:  # its own, and those of whatever HTTP client it uses
+            reason = str(error).strip().partition("\n")[0].rstrip(".")
+            raise InputError(f"the hub does not serve {self._repository}: {reason}.") from None
+
+
+def main() -> None:
+    """Lists what is shipped, or pushes or pulls."""
+    if not sys.argv[1:]:
+        Policies().run(threading.Event())
+    else:
+        commands: Any = Push | Pull
+        parse(commands, "policies", sys.argv[1:]).run()

@@ -1,0 +1,96 @@
+"""The model card of a policy: README.md of a model hub, for people and, on top, for the hub."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from actors.envs import env_id
+from common.press_latency import ms_of
+from common.process.extras import extra_for
+from common.run.config import RunConfig
+
+_TEXT = """
+# {name}: {game} by {how}
+
+A network of ALE-Robot, a simulated robot that learns Atari games. It sees {input},
+and chooses among {actions}. It was {trained} for {steps:,} agent steps of {milliseconds:.1f} ms.
+
+| ε | sticky actions | mean score | games |
+| --- | --- | --- | --- |
+{rows}
+
+Sticky actions: the probability that the console repeats the action of the frame before.
+
+    pip install 'ale-robot[hub]'
+    ale-robot policies pull {repository}
+    ale-robot watch --weights {name}.safetensors
+
+In Python, `ale_robot.load_policy("{name}.safetensors")` has `make_env`, `act` and `q_values`.
+
+The weights have the SHA-256 `{sha256}`.
+`{name}.json` has all settings of the training, and the score of each game.
+The network is for this game, this robot and these settings: in another world, such as with another
+latency or camera, measure it first (`ale-robot evaluate {name}.safetensors --camera.noise 8`).
+"""
+
+
+def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository: str) -> str:
+    """Returns the text of README.md.
+
+    Args:
+        card: as `learner.publish` writes it, and ``sha256``.
+        config: the settings in it.
+
+    Raises:
+        InputError: huggingface_hub is not installed.
+    """
+    with extra_for("a model hub", "hub"):
+        from huggingface_hub import EvalResult, ModelCardData
+    play, identity = config.play, env_id(config.game, robot=config.env == "robot")
+    found = card["evaluation"]
+    rows = [
+        (row["epsilon"], row.get("sticky", 0.0), f"{row['mean']:.2f} ± {row['deviation']:.2f}", row)
+        for row in found.get("rows", [found])
+    ]
+    results = [
+        EvalResult(
+            task_type="reinforcement-learning",
+            task_name="reinforcement learning",
+            dataset_type=identity,
+            dataset_name=f"{identity}, ε = {epsilon:g}, sticky {sticky:g}",
+            metric_type="mean_reward",
+            metric_name="mean score",
+            metric_value=score.replace("±", "+/-"),
+        )
+        for epsilon, sticky, score, _ in rows
+    ]
+    about = ModelCardData(
+        library_name="ale-robot",
+        license="mit",
+        pipeline_tag="reinforcement-learning",
+        tags=[
+            "reinforcement-learning",
+            "deep-reinforcement-learning",
+            "atari",
+            "robotics",
+            identity,
+        ],
+        model_name=name,
+        eval_results=results,
+    )
+    text = _TEXT.format(
+        name=name,
+        game=config.game.replace("_", " ").title(),
+        how="a robot's camera and hands" if config.env == "robot" else "the emulator alone",
+        input=f"the last {play.frame_stack} frames of 84×84 pixels"
+        + (", its commands, keys and joints" if play.vector else ""),
+        actions="the game's own actions" if play.minimal_actions else "all 18 actions",
+        trained="fine-tuned, from another network," if card.get("initial") else "trained",
+        steps=card["agent_steps"],
+        milliseconds=ms_of(play.frame_skip),
+        rows="\n".join(
+            f"| {e:g} | {s:g} | {score} | {row['games']} |" for e, s, score, row in rows
+        ),
+        repository=repository,
+        sha256=card["sha256"],
+    )
+    return f"---\n{about.to_yaml()}\n---\n{text}"

@@ -1,0 +1,148 @@
+"""`python -m benchmarks.many_actors`: what a hub carries, from one actor to a thousand.
+
+A real replay process is the hub. Each actor has a real session of its own and sends chunks at the
+pace of a robot in real time, an agent step each 66.7 ms; then weights are broadcast to all.
+"""
+
+import json
+import os
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.child import Helper
+from benchmarks.hosted_run import RUN, HostedRun
+from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
+from common.checked import FromOne
+
+_STEPS_PER_SECOND = 15
+"""Agent steps of a robot in real time: 60 frames of the game, 4 each."""
+_WEIGHTS_BYTES = 6_700_000
+"""Those of the network of Mnih et al. 2015."""
+
+
+@dataclass(frozen=True)
+class Options(BenchmarkOptions):
+    """Let more and more actors in real time send to one replay."""
+
+    numbers: Numbers = (1, 16, 64, 256, 1024)
+    """Numbers of actors."""
+    seconds: Seconds = 20.0
+    """Seconds of each number."""
+    chunk_steps: FromOne = 64
+    """Steps of a chunk."""
+    capacity: FromOne = 50_000
+    """Steps in the replay."""
+
+
+class Usage(NamedTuple):
+    """What a process has used up to now; Linux only."""
+
+    cpu_seconds: float
+    private_bytes: int
+    """Memory without pages of files."""
+
+    @classmethod
+    def of(cls, process: int) -> "Usage":
+        """Returns that of a process that runs."""
+        folder = Path(f"/proc/{process}")
+        # The name, in brackets, may hold anything; what follows it are numbers.
+        fields = (folder / "stat").read_text().rpartition(")")[2].split()
+        status = (folder / "status").read_text()
+        return cls(
+            sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK"),
+            int(status.partition("RssAnon:")[2].split()[0]) * 1024,
+        )
+
+
+def measure_number(options: Options, actors: int) -> dict[str, Any]:
+    """Returns what ``actors`` actors, and the hub, did.
+
+    Raises:
+        InputError: a process failed, and has said why.
+    """
+    with ExitStack() as stack:
+        hub = stack.enter_context(
+            HostedRun(
+                "replay",
+                *("--preset", "paper", "--replay.capacity", str(options.capacity)),
+                *("--replay.learning-starts", "64", "--replay.ratio-tolerance", str(10**9)),
+                *("--stream.chunk-steps", str(options.chunk_steps)),
+            )
+        )
+        weights = hub.transport.publisher(hub.keys.weights)  # before those who listen
+        alone = Usage.of(hub.process.pid)
+        crowd = stack.enter_context(
+            Helper(
+                "the actors",
+                "benchmarks.many_actors_client",
+                *("--actors", str(actors), "--connect", hub.endpoint, "--run", RUN),
+                *("--seconds", str(options.seconds)),
+                *("--period", str(options.chunk_steps / _STEPS_PER_SECOND)),
+            )
+        )
+        joined = json.loads(crowd.hear())
+        before, began = Usage.of(hub.process.pid), time.monotonic()
+        crowd.say("go")
+        told = json.loads(crowd.hear())
+        after = Usage.of(hub.process.pid)
+        seconds = max(time.monotonic() - began, options.seconds)
+        latencies = told.pop("latencies")
+        crowd.say("weights")
+        published = time.monotonic()
+        weights.publish(bytes(_WEIGHTS_BYTES))
+        arrivals = json.loads(crowd.hear())["arrivals"]
+        hub.check()
+    p50, p99 = np.percentile(latencies, (50, 99)).tolist()
+    return {
+        "actors": actors,
+        **joined,
+        **told,
+        "seconds": seconds,
+        "steps_per_second": told["acknowledged"] * options.chunk_steps / seconds,
+        "p50_ms": p50 * 1e3,
+        "p99_ms": p99 * 1e3,
+        "hub_cores": (after.cpu_seconds - before.cpu_seconds) / seconds,
+        "hub_bytes": after.private_bytes,
+        "hub_bytes_per_actor": (before.private_bytes - alone.private_bytes) / actors,
+        "weights_arrived": len(arrivals),
+        "weights_seconds": arrivals[-1] - published if arrivals else None,
+    }
+
+
+def row(found: dict[str, Any]) -> dict[str, Any]:
+    """One number of actors as a line of the table."""
+    return {
+        "actors": found["actors"],
+        "steps/s": found["steps_per_second"],
+        "p50 ms": found["p50_ms"],
+        "p99 ms": found["p99_ms"],
+        "late": found["held_back"],
+        "cores": found["hub_cores"],
+        "KB each": found["hub_bytes_per_actor"] / 1e3,
+        "join s": found["join_seconds"],
+        "reached": found["weights_arrived"],
+        "in s": found["weights_seconds"],
+    }
+
+
+def measure(options: Options) -> Report:
+    found = []
+    for actors in options.numbers:
+        found.append(measure_number(options, actors))
+        print(f"{actors}: {found[-1]['steps_per_second']:.0f} steps/s", flush=True)
+    return Report.of(
+        f"Actors in real time at one hub, each {_STEPS_PER_SECOND} steps/s in chunks of "
+        f"{options.chunk_steps}; late: chunks held back; cores and KB each: the hub's; "
+        f"reached: by weights of {_WEIGHTS_BYTES / 1e6:.1f} MB",
+        [row(each) for each in found],
+        {"many_actors": found},
+    )
+
+
+if __name__ == "__main__":
+    main("many_actors", Options, measure)

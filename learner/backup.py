@@ -1,0 +1,107 @@
+"""`python -m learner.backup runs/NAME -o FOLDER`: copies a run, also while it works.
+
+The copy is what a power failure would have left: `--resume` goes on from its checkpoint. The order
+of copying makes that so. The checkpoint comes first, because a replay may know of more steps than
+the checkpoint but not of fewer; then the replay's journal, because a chunk that came later is then
+not asked for. Rows that were overwritten meanwhile no longer have their checksum, and are left out.
+"""
+
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from common.errors import InputError, exit_on_input_error
+from common.process.command_line import parse
+from common.run.folder import RunFolder, check_folder
+from replay.journal import JOURNAL
+
+_BLOCK = 64 * 2**20
+_TELL_EVERY = 5.0
+"""Seconds between lines that tell how far it is."""
+
+
+@dataclass(frozen=True)
+class BackupOptions:
+    """Copy a run, also while it works, to go on with the copy somewhere else."""
+
+    run: tyro.conf.Positional[Path]
+    """Folder of the run."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder of the copy, which must not exist yet; its name is the name of the run there."""
+
+
+def back_up(options: BackupOptions) -> Path:
+    """Copies the run; returns the folder of the copy, which is whole and on the disk.
+
+    Raises:
+        InputError: there is no run, something is where the copy should be, or the disk is full.
+    """
+    source = RunFolder.at(options.run.resolve())
+    if source is None:
+        raise InputError(f"{options.run} is no run: name its folder, such as runs/first.")
+    target = RunFolder(options.output.resolve().parent, options.output.resolve().name)
+    check_folder(target.path.parent)
+    if target.path.exists():
+        raise InputError(f"{options.output} is there already: name a folder that is not.")
+    if target.path.is_relative_to(source.path):
+        raise InputError(f"{options.output} is inside of the run: name a folder that is not.")
+    # A folder that its owner alone may read, as the keys of a run on Slurm are in it.
+    unfinished = Path(tempfile.mkdtemp(prefix=f"{target.name}.", dir=target.path.parent))
+    try:
+        _copy(source, unfinished)
+        os.sync()
+        unfinished.rename(target.path)
+        os.sync()
+    except BaseException:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
+    return target.path
+
+
+def _files(source: RunFolder) -> Iterator[Path]:
+    """All files in the order in which they have to be copied."""
+    first = [source.checkpoint, source.previous, source.replay / JOURNAL]
+    yield from (path for path in first if path.exists())
+    # The replay may be a link to another disk, which would not be followed.
+    for path in sorted({*source.path.rglob("*"), *source.replay.rglob("*")}):
+        if path.is_file() and path not in first and path.suffix not in (".tmp", ".kept", ".lock"):
+            yield path
+
+
+def _copy(source: RunFolder, place: Path) -> None:
+    copied, told = 0, time.monotonic()
+    for path in _files(source):
+        try:
+            file = path.open("rb")
+        except FileNotFoundError:  # deleted meanwhile
+            continue
+        fresh = place / path.relative_to(source.path)
+        fresh.parent.mkdir(parents=True, exist_ok=True)
+        with file, fresh.open("xb") as copy:
+            os.fchmod(copy.fileno(), os.fstat(file.fileno()).st_mode & 0o777)
+            while block := file.read(_BLOCK):
+                copied += copy.write(block)
+                if time.monotonic() - told >= _TELL_EVERY:
+                    told = time.monotonic()
+                    print(f"{copied / 1e9:.1f} GB copied", file=sys.stderr, flush=True)
+
+
+def main() -> None:
+    options = parse(BackupOptions, "learner.backup", sys.argv[1:])
+    copy = back_up(options)
+    print(
+        f"{options.run} is copied to {copy}. Where it goes on: ale-robot train --resume "
+        f"--runs {copy.parent} --run {copy.name}, with its other flags."
+    )
+
+
+if __name__ == "__main__":
+    exit_on_input_error(main)

@@ -1,0 +1,45 @@
+"""`benchmarks.many_actors` with real sessions, for a moment."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import many_actors
+from benchmarks.many_actors_client import Arrivals
+from common.transport.interface import Envelope
+
+
+def test_all_actors_are_heard_and_hear_the_weights() -> None:
+    options = many_actors.Options(numbers=(3,), seconds=1.1, chunk_steps=8, capacity=2_000)
+    found = many_actors.measure_number(options, 3)
+    due = 6  # two of each: an actor has 8 steps every 8/15 s
+    assert found["chunks"] == found["acknowledged"] == due
+    assert found["seconds"] >= 1.1
+    assert found["steps_per_second"] == pytest.approx(due * 8 / found["seconds"])
+    assert 0 < found["p50_ms"] <= found["p99_ms"]
+    assert found["weights_arrived"] == 3
+    assert found["weights_seconds"] > 0
+    assert found["hub_bytes"] > 10_000_000  # Python alone has more
+    assert set(many_actors.row(found)) >= {"actors", "steps/s", "cores"}
+
+
+@pytest.mark.slow
+def test_a_hub_takes_more_sessions_than_zenoh_does_by_itself() -> None:
+    found = many_actors.measure_number(many_actors.Options(seconds=5.0), 1_024)
+    assert found["acknowledged"] == found["chunks"] == 1_200
+
+
+def test_usage_is_that_of_the_process_asked_for() -> None:
+    own = many_actors.Usage.of(int(Path("/proc/self").readlink().name))
+    first = many_actors.Usage.of(1)
+    assert own.private_bytes > 10_000_000
+    assert own.cpu_seconds > 0
+    assert own != first
+
+
+def test_arrivals_end_when_all_have_come() -> None:
+    arrivals = Arrivals(expected=2)
+    arrivals.note(Envelope(b""))
+    arrivals.note(Envelope(b""))
+    early, late = arrivals.wait()
+    assert early <= late

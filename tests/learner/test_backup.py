@@ -1,0 +1,130 @@
+"""A run is copied as a power failure would leave it."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common.errors import InputError
+from common.run.folder import RunFolder
+from learner import backup
+from learner.backup import BackupOptions, back_up
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> RunFolder:
+    folder = RunFolder(tmp_path / "runs", "r")
+    for path, content in (
+        (folder.config_file, "{}"),
+        (folder.checkpoint, "new"),
+        (folder.previous, "old"),
+        (folder.epochs, "epoch"),
+        (folder.replay / "journal.jsonl", "chunks"),
+        (folder.replay / "actions.bin", "rows"),
+        (folder.snapshots / "best.safetensors", "best"),
+        (folder.path / ".learner.lock", ""),
+        (folder.path / "checkpoint.safetensors.tmp", "half"),
+        (folder.path / "checkpoint.safetensors.kept", "old"),
+    ):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content)
+    return folder
+
+
+def content(folder: Path) -> dict[str, str]:
+    return {
+        str(path.relative_to(folder)): path.read_text()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def test_all_files_are_copied_but_for_what_is_half_written(run: RunFolder, tmp_path: Path) -> None:
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"))
+    assert copy == tmp_path / "copy"
+    assert content(copy) == {
+        "config.json": "{}",
+        "checkpoint.safetensors": "new",
+        "checkpoint.previous.safetensors": "old",
+        "epochs.csv": "epoch",
+        "replay/journal.jsonl": "chunks",
+        "replay/actions.bin": "rows",
+        "snapshots/best.safetensors": "best",
+    }
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["copy", "runs"]
+
+
+def test_the_copy_is_for_its_owner_alone(run: RunFolder, tmp_path: Path) -> None:
+    key = run.path / "certificates" / "ca-key.pem"
+    key.parent.mkdir()
+    key.touch(mode=0o600)
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"))
+    assert (copy / "certificates" / "ca-key.pem").stat().st_mode & 0o777 == 0o600
+    assert copy.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_replay_on_another_disk_is_copied(run: RunFolder, tmp_path: Path) -> None:
+    elsewhere = run.replay.rename(tmp_path / "disk")
+    run.replay.symlink_to(elsewhere)
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"))
+    assert (copy / "replay" / "actions.bin").read_text() == "rows"
+    assert not (copy / "replay").is_symlink()
+
+
+def test_what_the_copy_rests_on_comes_first(
+    run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run works on between any two files."""
+    opened: list[str] = []
+    original = Path.open
+
+    def work_on(path: Path, mode: str = "r", **how: Any) -> object:
+        if mode == "rb":
+            opened.append(path.name)
+            if len(opened) == 1:
+                (run.replay / "journal.jsonl").write_text("chunks, and one more")
+            if len(opened) == 3:
+                (run.snapshots / "best.safetensors").unlink()
+        return original(path, mode, **how)
+
+    monkeypatch.setattr(Path, "open", work_on)
+    copy = back_up(BackupOptions(run.path, tmp_path / "copy"))
+    monkeypatch.undo()
+    assert opened[:3] == [
+        "checkpoint.safetensors", "checkpoint.previous.safetensors", "journal.jsonl",
+    ]  # fmt: skip
+    found = content(copy)
+    assert found["replay/journal.jsonl"] == "chunks, and one more"
+    assert "snapshots/best.safetensors" not in found
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "words"),
+    [
+        ("runs", "copy", r"runs is no run: name its folder"),
+        ("runs/r", "runs", r"runs is there already"),
+        ("runs/r", "runs/r/copy", r"copy is inside of the run"),
+        ("runs/r", "no/copy", r"there is no folder .*no: make it"),
+        ("runs/r", "a b", r"run 'a b' cannot be used"),
+    ],
+)
+def test_what_cannot_be_copied_is_told(
+    run: RunFolder, tmp_path: Path, source: str, target: str, words: str
+) -> None:
+    before = content(tmp_path)
+    with pytest.raises(InputError, match=words):
+        back_up(BackupOptions(tmp_path / source, tmp_path / target))
+    assert content(tmp_path) == before
+
+
+def test_a_copy_that_fails_leaves_nothing(
+    run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full() -> None:
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr(backup.os, "sync", full)
+    with pytest.raises(OSError, match="No space left"):
+        back_up(BackupOptions(run.path, tmp_path / "copy"))
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
