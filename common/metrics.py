@@ -233,6 +233,7 @@ declare(
     Metric("learning/epsilon", "ratio", ".3", "Share of random actions in training",
            "exploration ε", ("Learning", 6), line="ε {learning/epsilon}", curve=True,
            summary="epsilon"),
+    Metric("learning/rate", "none", "significant", "Learning rate of the next update", curve=True),
 
     Metric("play/press_match_share", "ratio", ".3",
            "Share of the recent steps that ended with the commanded keys pressed, and no others",

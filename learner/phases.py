@@ -173,6 +173,7 @@ class Phases:
             "run/phase_length": self.phase_length,
             "run/phase_steps": self.phase_length if ended else self.phase_steps,
             "learning/epsilon": self._config.epsilon_at(self.agent_steps),
+            "learning/rate": self._config.learning.learning_rate_at(self.updates),
             "play/games": self.games,
             "play/train_reward": sum(scores) / len(scores) if scores else None,
             "play/valid_frame_share": sum(e.valid for e in judged) / steps if steps else None,

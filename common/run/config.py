@@ -88,7 +88,12 @@ class LearningConfig:
     optimizer: Literal["adam", "rmsprop"] = "adam"
     """Optimizer: Adam, or RMSprop by the formula of Keras and PyTorch."""
     learning_rate: Amount = 1e-4
-    """Learning rate of the optimizer, constant."""
+    """Learning rate of the optimizer, at first."""
+    annealing_steps: Count = 0
+    """Agent steps of the run, after learning starts, in which the learning rate falls linearly to
+    `final_learning_rate`; 0 for a constant rate."""
+    final_learning_rate: Amount = 1e-5
+    """Learning rate after `annealing_steps`."""
     rmsprop_decay: Annotated[float, Ge(0), Lt(1)] = 0.95
     """ρ of RMSprop."""
     optimizer_epsilon: Amount = 1.5e-4
@@ -121,6 +126,11 @@ class LearningConfig:
     """Updates between broadcasts of the weights."""
     checkpoint_period: FromOne = 5_000
     """Updates between checkpoints; each epoch's end and the run's end write one too."""
+
+    def learning_rate_at(self, updates: int) -> float:
+        """Returns the learning rate of the update after ``updates``."""
+        done = updates * self.train_period / self.annealing_steps if self.annealing_steps else 0.0
+        return self.learning_rate + (self.final_learning_rate - self.learning_rate) * min(done, 1.0)
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,19 @@ class BoundedOptimizer:
     def __init__(self, parameters: Iterable[nn.Parameter], config: LearningConfig) -> None:
         self._parameters = list(parameters)
         self._optimizer = build_optimizer(self._parameters, config)
-        self._longest = config.gradient_norm
+        self._config = config
 
-    def step(self, loss: Tensor) -> None:
-        """Move the parameters by their gradients; not at all where ``loss`` is not finite."""
-        if self._longest:
-            clip_gradients(self._parameters, self._longest)
+    def step(self, loss: Tensor, updates: int) -> None:
+        """Move the parameters by their gradients; not at all where ``loss`` is not finite.
+
+        Args:
+            loss: scalar.
+            updates: how many the run made before this one, from which follows the learning rate.
+        """
+        for group in self._optimizer.param_groups:
+            group["lr"] = self._config.learning_rate_at(updates)
+        if self._config.gradient_norm:
+            clip_gradients(self._parameters, self._config.gradient_norm)
         # The kernel itself looks at it, so nothing waits for the device.
         self._optimizer.found_inf = (~loss.isfinite()).float()  # type: ignore[attr-defined]
         self._optimizer.step()

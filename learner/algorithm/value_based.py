@@ -77,7 +77,7 @@ class ValueBased:
             prepared = self._with_target(prepared)
         result = self._loss(self._precision.network, prepared)
         self._precision.backward(result.loss)
-        self._optimizer.step(result.loss.detach())
+        self._optimizer.step(result.loss.detach(), self._updates)
         self._precision.sync_from_master()
         self._updates += 1
         if self._updates % self._target_update_period == 0:

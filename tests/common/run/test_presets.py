@@ -30,6 +30,7 @@ def test_paper_learns_as_the_report_did() -> None:
     assert learning.loss_mean_over == "outputs"
     assert learning.optimizer == "rmsprop"
     assert learning.learning_rate == 0.00025
+    assert learning.annealing_steps == 0
     assert learning.rmsprop_decay == 0.95
     assert learning.optimizer_epsilon == 0.01
     assert learning.gradient_norm == 0

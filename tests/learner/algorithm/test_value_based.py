@@ -71,6 +71,33 @@ def test_an_update_is_the_plain_one(target: Literal["dqn", "double"]) -> None:
         torch.testing.assert_close(ours, theirs, rtol=1e-3, atol=1e-5)
 
 
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
+def test_the_learning_rate_falls_and_goes_on_falling_after_a_resume(
+    optimizer: Literal["adam", "rmsprop"],
+) -> None:
+    config = LearningConfig(
+        optimizer=optimizer,
+        learning_rate=1e-3,
+        annealing_steps=16,
+        final_learning_rate=0.0,
+        train_period=4,
+    )
+    rates = [config.learning_rate_at(updates) for updates in range(6)]
+    assert rates == pytest.approx([1e-3, 7.5e-4, 5e-4, 2.5e-4, 0, 0])
+    batch = random_batch()
+    algorithm = double_dqn(_network(), config, CPU)
+    for _ in range(4):
+        learn(algorithm, batch)
+    resumed = double_dqn(_network(), config, CPU)
+    resumed.load_state(algorithm.state())
+    for updates, moves in ((4, False), (3, True)):
+        resumed.reseed(updates)
+        before = copy.deepcopy(resumed.online.state_dict())
+        learn(resumed, batch)
+        after = resumed.online.state_dict()
+        assert any(not torch.equal(before[name], after[name]) for name in before) is moves
+
+
 def test_the_gradient_is_bounded() -> None:
     config = LearningConfig(gradient_norm=0.01)
     algorithm = double_dqn(_network(), config, CPU)
