@@ -8,7 +8,6 @@ import signal
 import threading
 import time
 from pathlib import Path
-from urllib.request import urlopen
 
 import pytest
 from safetensors import safe_open
@@ -21,6 +20,7 @@ from common.transport.zenoh_transport import connect
 from replay.chunk_statistics import Progress
 from replay.client import RemoteReplay
 from tests.end_to_end.conftest import SMALL, Program, Stage
+from tests.http_get import get
 from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
 
@@ -60,12 +60,11 @@ def _progress(stage: Stage) -> Progress:
 
 
 def _figure(page: str, name: str) -> float:
-    """A figure that a process tells over HTTP, which also says that it is ready."""
-    with urlopen(f"http://{page}/readyz", timeout=PATIENCE) as answer:
-        assert answer.read() == b"ok\n"
-    with urlopen(f"http://{page}/metrics", timeout=PATIENCE) as answer:
-        found = re.search(f"(?m)^{re.escape(name)} (.+)$", answer.read().decode())
-    assert found is not None
+    """A figure that a process tells over HTTP."""
+    status, told = get(page, "/metrics")
+    found = re.search(f"(?m)^{re.escape(name)} (.+)$", told)
+    assert status == 200
+    assert found is not None, told
     return float(found[1])
 
 
@@ -88,6 +87,8 @@ def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stag
     before = _progress(stage)
     acked = "ale_robot_stream_chunks_acked_total"
     played = 'ale_robot_actor_steps_total{actor="a",role="actor"}'
+    for page in pages:  # the replay may have all these steps before the learner has looked around
+        wait_until(lambda page=page: get(page, "/readyz") == (200, "ok\n"), "it is ready")
     for page, figure in ((pages[0], acked), (pages[1], acked), (pages[1], played)):
         wait_until(lambda page=page, figure=figure: _figure(page, figure) >= 1, f"{figure} is told")
 

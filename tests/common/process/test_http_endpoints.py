@@ -2,8 +2,6 @@
 
 import socket
 import threading
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -12,6 +10,7 @@ from benchmarks.child import free_endpoint
 from common.errors import InputError
 from common.process import http_endpoints as module
 from common.process.http_endpoints import Page, check_address, http_endpoints, verdict
+from tests.http_get import get
 from tests.patience import PATIENCE, wait_until
 
 
@@ -31,15 +30,6 @@ def address() -> Iterator[str]:
     address = free_endpoint().removeprefix("tcp/")
     with http_endpoints(address, lambda: PAGES):
         yield address
-
-
-def get(address: str, path: str, method: str = "GET") -> tuple[int, str]:
-    request = urllib.request.Request(f"http://{address}{path}", method=method)
-    try:
-        with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
-            return answer.status, answer.read().decode()
-    except urllib.error.HTTPError as error:
-        return error.code, error.read().decode()
 
 
 def test_pages_by_their_paths(address: str) -> None:
