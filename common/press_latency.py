@@ -72,6 +72,13 @@ class KeyLatency:
 UNMEASURED = KeyLatency()
 
 
+def reached_by_age(counts: Sequence[int], goal: Goal) -> list[int]:
+    """Returns how many commands reached the goal in each frame after them, the first frame first;
+    ``counts`` are `COUNTS` of them."""
+    first = place_of(goal, True, 1)
+    return list(counts[first : first + MOST_FRAMES])
+
+
 def _percentile(reached: NDArray[np.object_], measured: int, percent: int) -> float:
     """ms after which at least so many of all have reached the goal."""
     enough = np.flatnonzero(100 * np.cumsum(reached) >= percent * measured)

@@ -81,7 +81,7 @@ def build_learner(
     feed = LiveFeed(transport, keys)
     sinks: list[Sink] = [
         display,
-        TensorBoardSink(folder.tensorboard),
+        TensorBoardSink(folder.tensorboard, flat(config)),
         GatesCsvSink(folder.gates),
         SummarySink(folder.summary, config, provenance()),
         ServiceManagerSink(),
@@ -93,7 +93,11 @@ def build_learner(
     if options.track is not None:
         tracked = TrackedRun(folder.name, replay.run_id, flat(config))
         sinks.append(TrackerSink(options.track, tracked))
-    telemetry = Telemetry(config, constants, phases, registry, epochs, sinks, clock.now)
+    held_out = HeldOut(folder.held_out)
+    telemetry = Telemetry(
+        *(config, constants, phases, registry, epochs, sinks, clock.now),
+        max_q=lambda: held_out.histogram,
+    )
     telemetry.start(state)
     learner = Learner(
         config=config,
@@ -109,7 +113,7 @@ def build_learner(
         broadcast=transport.publisher(keys.weights).publish,
         checkpoint=checkpoint,
         phases=phases,
-        held_out=HeldOut(folder.held_out),
+        held_out=held_out,
         evaluation=evaluation,
         registry=registry,
         telemetry=telemetry,

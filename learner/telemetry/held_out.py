@@ -6,6 +6,7 @@ newest steps shows whether it still sees: held-out states keep their values when
 
 from pathlib import Path
 
+import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
@@ -14,6 +15,7 @@ from common.errors import InputError
 from common.regular_file import read_file
 from common.run.folder import write_atomically
 from learner.algorithm.interface import Algorithm
+from learner.telemetry.snapshot import Histogram
 from replay.interface import Replay
 
 RECENT = 64
@@ -21,6 +23,7 @@ RECENT = 64
 RECENT_STEPS = 2_000
 """Newest frames in the ring, of which those states are."""
 LEAST_RECENT = 16
+_BINS = 30
 
 
 class HeldOut:
@@ -37,6 +40,8 @@ class HeldOut:
         self._states: tuple[torch.Tensor, torch.Tensor] | None = None
         self.max_q: tuple[float, float] | None = None
         """Mean and standard deviation of max-Q, as last measured."""
+        self.histogram: Histogram | None = None
+        """Max-Q over the held-out states, as last measured."""
         self.recent_std: float | None = None
         """Standard deviation of max-Q over the recent states."""
         if path.exists():
@@ -62,6 +67,9 @@ class HeldOut:
         if self._states is not None:
             values = algorithm.max_q(*self._states)
             self.max_q = float(values.mean()), float(values.std(unbiased=False))
+            if values.isfinite().all():
+                counts, edges = np.histogram(values.numpy(), _BINS)
+                self.histogram = Histogram(counts.tolist(), edges.tolist())
         frames, vectors = replay.held_out(RECENT, RECENT_STEPS)
         if len(frames) >= LEAST_RECENT:
             values = algorithm.max_q(torch.from_numpy(frames), torch.from_numpy(vectors))

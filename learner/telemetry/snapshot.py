@@ -1,9 +1,9 @@
 """The run at one moment, as every sink gets it: figures by key, and what is not a number."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from common.metrics import Values
 from common.protocol.actor_stats import ActorStats
@@ -41,6 +41,14 @@ class HealthCheck:
     """A run in which it keeps failing ends by itself; see `learner.health_guard`."""
 
 
+class Histogram(NamedTuple):
+    """How often values were found between each edge and the next."""
+
+    counts: Sequence[int]
+    edges: Sequence[float]
+    """Rising; one more than there are counts."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
     """The run now; whoever shows or writes figures takes them from here and nowhere else."""
@@ -53,6 +61,8 @@ class Snapshot:
     """The latest events, newest last, such as "actor-2 was lost"."""
     rewards: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """Mean score of each epoch, oldest first, by phase: ``random``, ``train`` and ``test``."""
+    histograms: Mapping[str, Histogram] = field(default_factory=dict)
+    """By names as those of figures; none of what is not known yet."""
 
     @property
     def present(self) -> tuple[ActorView, ...]:

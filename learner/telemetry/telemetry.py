@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from common.metrics import METRICS, Value, Values, number
+from common.press_latency import MOST_FRAMES, ms_of, reached_by_age
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.algorithm.interface import DeviceBatch, Update
@@ -17,11 +18,12 @@ from learner.telemetry.running_means import RunningMeans
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.summary import epochs_per_day
-from learner.telemetry.snapshot import HealthCheck, Snapshot
+from learner.telemetry.snapshot import HealthCheck, Histogram, Snapshot
 from replay.chunk_statistics import Progress
 
 _RATE_WINDOW = 15.0
 _NOTES = 20
+_FRAME_EDGES = [ms_of(frames) for frames in range(MOST_FRAMES + 1)]
 _OF_2017 = PRESETS["paper"].protocol
 """Its epochs are the unit of ``run/epochs_per_day``, whatever the run's own length."""
 
@@ -33,6 +35,7 @@ class Telemetry:
         constants: figures that stay as they are, such as the run's name.
         epochs: takes a row for each phase.
         sinks: take the figures, each as often as it wants.
+        max_q: returns how max-Q is spread over the held-out states; None while it is unknown.
         now: monotonic seconds.
     """
 
@@ -45,6 +48,7 @@ class Telemetry:
         epochs: EpochTable,
         sinks: Sequence[Sink],
         now: Callable[[], float],
+        max_q: Callable[[], Histogram | None] = lambda: None,
     ) -> None:
         self._config = config
         self._constants = {
@@ -61,6 +65,7 @@ class Telemetry:
         self._epochs = epochs
         self._sinks = [(sink, Every(sink.period, now)) for sink in sinks]
         self._now = now
+        self._max_q = max_q
         self._means = RunningMeans()
         self._latency = RecentLatency(now)
         self.rows: list[EpochRow] = []
@@ -131,7 +136,7 @@ class Telemetry:
     def _snapshot(self, loop: Values, replay: Progress) -> Snapshot:
         for text in self._registry.take_notes():
             self.note(text)
-        actors = self._registry.actors()
+        actors, key_times = self._registry.actors(), self._registry.key_times()
         updates, train_steps = number(loop, "learning/updates") or 0, self._phases.train_steps
         values: dict[str, Value] = {
             **self._constants,
@@ -139,7 +144,7 @@ class Telemetry:
             **self._phases.values(finishing=loop["run/phase"] == "finishing"),
             **self._means.values(),
             **self._registry.values(),
-            **self._latency.values(self._registry.key_times()),
+            **self._latency.values(key_times),
             **self._rewards(),
             **self._rates(int(updates)),
             **loop,
@@ -169,7 +174,17 @@ class Telemetry:
             checks=checks,
             notes=tuple(self._notes),
             rewards={phase: self.rewards(phase) for phase in ("random", "train", "test")},
+            histograms=self._histograms(key_times),
         )
+
+    def _histograms(self, key_times: tuple[int, ...]) -> dict[str, Histogram]:
+        found = {}
+        if (max_q := self._max_q()) is not None:
+            found["learning/max_q"] = max_q
+        for goal in ("press", "release") if key_times else ():
+            counts = reached_by_age(key_times, goal)
+            found[f"hands/{goal}_ms"] = Histogram(counts, _FRAME_EDGES)
+        return found
 
     def _rates(self, updates: int) -> dict[str, Value]:
         """Returns agent steps and updates per second, of late and over whole phases."""

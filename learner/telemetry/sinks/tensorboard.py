@@ -1,49 +1,175 @@
-"""The run's curves for TensorBoard, over agent steps.
+"""The run's curves for TensorBoard, over agent steps, with its settings, histograms and pictures.
 
 Written with TensorBoard's own event writer: PyTorch's wrapper around it takes seconds to import
-and brings nothing that scalars need.
+and brings nothing that is needed here.
 """
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from tensorboard.compat.proto.event_pb2 import Event, SessionLog
-from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.compat.proto.summary_pb2 import HistogramProto, Summary
+from tensorboard.compat.proto.tensor_pb2 import TensorProto
+from tensorboard.compat.proto.types_pb2 import DT_STRING
+from tensorboard.plugins.custom_scalar import layout_pb2
+from tensorboard.plugins.custom_scalar import metadata as custom_scalars
+from tensorboard.plugins.hparams import metadata as hparams
+from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionStartInfo
 from tensorboard.summary.writer.event_file_writer import EventFileWriter
 
 from common.metrics import Values
+from common.protocol.live_view import ViewRequest, size_of
+from learner.clock import Every
+from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.curves import CurvesSink
+from learner.telemetry.snapshot import Histogram, Snapshot
 
 _FLUSH_SECONDS = 10
+_PICTURE_SECONDS = 300.0
+_LAYOUT: dict[str, dict[str, list[str]]] = {
+    "Score": {
+        "score": ["play/train_reward", "play/epoch_train_reward", "play/epoch_test_reward"],
+    },
+    "Learning": {
+        "loss": ["learning/loss"],
+        "max-Q": ["learning/mean_max_q"],
+        "learning rate": ["learning/rate"],
+    },
+    "Speed": {
+        "agent steps per second": ["stream/steps_per_second"],
+        "updates per second": ["learning/updates_per_second"],
+    },
+}
+"""TensorBoard's page "Custom Scalars", which shows what matters first: curves by chart by group."""
 
 
 class TensorBoardSink(CurvesSink):
-    """Event files in ``folder``, made when it does not exist; earlier files in it stay."""
+    """Event files in ``folder``, made when it does not exist; earlier files in it stay.
 
-    def __init__(self, folder: Path) -> None:
+    Args:
+        settings: of the run, by their flags, as ``learning.n_step``.
+        now: monotonic seconds.
+    """
+
+    def __init__(
+        self, folder: Path, settings: Values, now: Callable[[], float] = time.monotonic
+    ) -> None:
         self._folder = folder
+        self._settings = settings
+        self._feed: LiveFeed | None = None
+        self._asked: Asked | None = None
+        """Whose camera was asked for a picture."""
+        self._pictures = Every(_PICTURE_SECONDS, now)
+
+    def watch(self, feed: LiveFeed) -> None:
+        """See `Sink.watch`."""
+        self._feed = feed
 
     def start(self, resumed_at: int | None) -> None:
         """Open a file; TensorBoard forgets the points after ``resumed_at``."""
         self._writer = EventFileWriter(str(self._folder), flush_secs=_FLUSH_SECONDS)
-        if resumed_at is not None:
-            restart = SessionLog(status=SessionLog.START)
-            self._writer.add_event(
-                Event(wall_time=time.time(), step=resumed_at + 1, session_log=restart)
-            )
-            self._writer.flush()
+        if resumed_at is None:
+            self._add([_session_start(self._settings), _layout()], 0)
+            return
+        restart = SessionLog(status=SessionLog.START)
+        self._writer.add_event(
+            Event(wall_time=time.time(), step=resumed_at + 1, session_log=restart)
+        )
+        self._writer.flush()
 
     def close(self) -> None:
         """Write what is still in memory and end."""
         self._writer.close()
 
+    def write(self, snapshot: Snapshot) -> None:
+        """A point on each curve, the histograms, and now and then what an actor's camera sees."""
+        super().write(snapshot)
+        steps = int(snapshot.values.get("run/agent_steps") or 0)
+        self._add([_histogram(*each) for each in snapshot.histograms.items()], steps)
+        self._add_picture(snapshot, steps)
+
+    def _add_picture(self, snapshot: Snapshot, agent_steps: int) -> None:
+        if self._feed is None:
+            return
+        if self._asked is not None:
+            view, self._asked = self._feed.latest(self._asked), None
+            if view is not None and (jpeg := view.picture or view.frame):
+                width, height = size_of(jpeg)
+                image = Summary.Image(encoded_image_string=jpeg, width=width, height=height)
+                self._add([Summary.Value(tag="play/camera", image=image)], agent_steps)
+            return
+        actors = [each.stats for each in snapshot.present if each.stats.role == "actor"]
+        if actors and self._pictures.is_due():
+            self._asked = Asked("actor", actors[0].name, ViewRequest())
+            self._feed.latest(self._asked)  # answered by the next look
+
     def add(self, points: Values, agent_steps: int) -> None:
         """See `CurvesSink.add`."""
-        values = [
-            Summary.Value(tag=tag, simple_value=value)
-            for tag, value in points.items()
-            if value is not None
-        ]
-        self._writer.add_event(
-            Event(wall_time=time.time(), step=agent_steps, summary=Summary(value=values))
+        self._add(
+            [
+                Summary.Value(tag=tag, simple_value=value)
+                for tag, value in points.items()
+                if value is not None
+            ],
+            agent_steps,
         )
+
+    def _add(self, values: list[Summary.Value], agent_steps: int) -> None:
+        summary = Summary(value=values)
+        self._writer.add_event(Event(wall_time=time.time(), step=agent_steps, summary=summary))
+
+
+def _session_start(settings: Values) -> Summary.Value:
+    """Returns what TensorBoard's page "HParams" takes a run's settings from."""
+    start = SessionStartInfo()
+    for name, value in settings.items():
+        match value:
+            case bool():
+                start.hparams[name].bool_value = value
+            case int() | float():
+                start.hparams[name].number_value = value
+            case str():
+                start.hparams[name].string_value = value
+    data = HParamsPluginData(session_start_info=start)
+    return Summary.Value(
+        tag=hparams.SESSION_START_INFO_TAG, metadata=hparams.create_summary_metadata(data)
+    )
+
+
+def _layout() -> Summary.Value:
+    charts = layout_pb2.Layout(
+        category=[
+            layout_pb2.Category(
+                title=group,
+                chart=[
+                    layout_pb2.Chart(
+                        title=title, multiline=layout_pb2.MultilineChartContent(tag=tags)
+                    )
+                    for title, tags in charts.items()
+                ],
+            )
+            for group, charts in _LAYOUT.items()
+        ]
+    )
+    return Summary.Value(
+        tag=custom_scalars.CONFIG_SUMMARY_TAG,
+        metadata=custom_scalars.create_summary_metadata(),
+        tensor=TensorProto(dtype=DT_STRING, string_val=[charts.SerializeToString()]),
+    )
+
+
+def _histogram(name: str, found: Histogram) -> Summary.Value:
+    """Returns a histogram whose values are taken to lie in the middle of their bins."""
+    middles = [(low + high) / 2 for low, high in zip(found.edges, found.edges[1:], strict=False)]
+    weighted = list(zip(found.counts, middles, strict=True))
+    proto = HistogramProto(
+        min=found.edges[0],
+        max=found.edges[-1],
+        num=sum(found.counts),
+        sum=sum(count * middle for count, middle in weighted),
+        sum_squares=sum(count * middle**2 for count, middle in weighted),
+        bucket_limit=found.edges[1:],
+        bucket=found.counts,
+    )
+    return Summary.Value(tag=name, histo=proto)

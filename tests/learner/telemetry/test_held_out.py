@@ -38,6 +38,9 @@ def test_both_sets_are_measured_apart(tmp_path: Path) -> None:
     held.measure(FIRST_PIXEL, memory)
     assert memory.asked == [(5, None), (RECENT, RECENT_STEPS)]
     assert held.max_q == (2.0, pytest.approx(2**0.5))  # of 0, 1, 2, 3 and 4
+    assert held.histogram is not None
+    assert (held.histogram.edges[0], held.histogram.edges[-1]) == (0.0, 4.0)
+    assert [count for count in held.histogram.counts if count] == [1, 1, 1, 1, 1]
     assert held.recent_std == pytest.approx(((32**2 - 1) / 12) ** 0.5)  # of 32 numbers in a row
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from common.metrics import METRICS, Metric, Value, declare
+from common.press_latency import COUNTS, place_of
 from common.protocol.actor_stats import ActorStats
 from common.run.presets import PRESETS
 from common.transport.interface import Envelope, Transport
@@ -21,7 +22,7 @@ from learner.telemetry.sinks.gates_csv import GatesCsvSink
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.summary import SummarySink
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
-from learner.telemetry.snapshot import ActorView, Snapshot
+from learner.telemetry.snapshot import ActorView, Histogram, Snapshot
 from learner.telemetry.telemetry import Telemetry
 from replay.chunk_statistics import ChunkStatistics, Progress
 from tests.epoch_rows import epoch_row
@@ -67,7 +68,9 @@ class Last(Sink):
 class Run:
     """A run that has seen `seen` chunks of 50 steps, and what its telemetry says."""
 
-    def __init__(self, folder: Path, registry: Any = None, sinks: tuple[Sink, ...] = ()) -> None:
+    def __init__(
+        self, folder: Path, registry: Any = None, sinks: tuple[Sink, ...] = (), **more: Any
+    ) -> None:
         self.now = 1_000.0
         self.actors: tuple[ActorView, ...] = ()
         self.phases = Phases(CONFIG, RunClock(lambda: self.now))
@@ -85,6 +88,7 @@ class Run:
             self.table,
             (self.last, *sinks),
             lambda: self.now,
+            **more,
         )
 
     def play(self, chunks: int) -> None:
@@ -113,7 +117,7 @@ def test_a_figure_reaches_every_sink_by_its_declaration_and_its_value(
     tmp_path: Path, toy: str
 ) -> None:
     sinks = (
-        TensorBoardSink(tmp_path / "tensorboard"),
+        TensorBoardSink(tmp_path / "tensorboard", {}),
         GatesCsvSink(tmp_path / "gates.csv"),
         SummarySink(tmp_path / "summary.json", CONFIG, {}),
     )
@@ -157,6 +161,29 @@ def test_chunks_that_were_stored_twice_are_shown_and_fail_a_check(
     (check,) = (each for each in run.last.told[-1].failed)
     assert (check.name, check.value, check.stops) == ("excess chunks", 10.0, False)
     assert values["gates/failed"] == 1
+
+
+def test_histograms_are_those_that_are_known(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    run.values()
+    assert run.last.told[-1].histograms == {}
+    counts = [0] * COUNTS
+    counts[place_of("press", True, 3)] = 7
+    counts[place_of("press", False, 5)] = 2  # given up
+    counts[place_of("release", True, 1)] = 4
+    registry = SimpleNamespace(
+        take_notes=list, actors=tuple, values=dict, key_times=lambda: tuple(counts)
+    )
+    max_q = Histogram([1, 2], [0.0, 0.5, 1.0])
+    run = Run(tmp_path, registry, max_q=lambda: max_q)
+    run.values()
+    found = run.last.told[-1].histograms
+    assert found.keys() == {"learning/max_q", "hands/press_ms", "hands/release_ms"}
+    assert found["learning/max_q"] is max_q
+    press = found["hands/press_ms"]
+    assert (press.counts[2], sum(press.counts)) == (7, 7)
+    assert (press.edges[2], press.edges[3]) == (pytest.approx(100 / 3), 50.0)
+    assert (found["hands/release_ms"].counts[0], sum(found["hands/release_ms"].counts)) == (4, 4)
 
 
 def test_an_event_is_told_once_and_kept_for_the_screen(tmp_path: Path) -> None:

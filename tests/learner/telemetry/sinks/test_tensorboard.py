@@ -6,9 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.backend.event_processing.plugin_event_multiplexer import EventMultiplexer
+from tensorboard.plugins.custom_scalar import metadata as custom_scalars
+from tensorboard.plugins.custom_scalar.layout_pb2 import Layout
+from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
+from common.metrics import METRICS, Value
+from common.protocol.actor_stats import ActorStats
+from common.protocol.live_view import LiveView, ViewRequest, size_of
+from learner.telemetry.live_feed import Asked
 from learner.telemetry.sinks.epochs_csv import EpochRow
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
+from learner.telemetry.snapshot import ActorView, Histogram
+from tests.common.protocol.test_live_view import VIEW
 from tests.learner.telemetry.snapshots import changed, snapshot
 
 STATUS = snapshot(
@@ -50,7 +60,7 @@ ROW = EpochRow(
 
 
 def started(folder: Path, resumed_at: int | None = None) -> TensorBoardSink:
-    curves = TensorBoardSink(folder)
+    curves = TensorBoardSink(folder, {"env": "ale", "learning.n_step": 5, "learning.double": True})
     curves.start(resumed_at)
     return curves
 
@@ -107,6 +117,79 @@ def test_resume_drops_what_came_after_the_checkpoint(tmp_path: Path) -> None:
     curves.write(changed(STATUS, {"run/agent_steps": 2_500, "learning/loss": 8.0}))
     curves.close()
     assert read(tmp_path)["learning/loss"] == [(1_000, 4.0), (2_000, 2.0), (2_500, 8.0)]
+
+
+def test_settings_and_layout_are_there_once(tmp_path: Path) -> None:
+    started(tmp_path).close()
+    started(tmp_path, resumed_at=2_000).close()
+    plugins = EventMultiplexer().AddRunsFromDirectory(str(tmp_path)).Reload()
+    [run] = plugins.Runs()
+    [(_, content)] = plugins.PluginRunToTagToContent("hparams")[run].items()
+    settings = HParamsPluginData.FromString(content).session_start_info.hparams
+    assert settings["env"].string_value == "ale"
+    assert settings["learning.n_step"].number_value == 5
+    assert settings["learning.double"].bool_value is True
+    [event] = plugins.Tensors(run, custom_scalars.CONFIG_SUMMARY_TAG)
+    layout = Layout.FromString(event.tensor_proto.string_val[0])
+    assert layout.category[0].title == "Score"
+    tags = {tag for each in layout.category for chart in each.chart for tag in chart.multiline.tag}
+    curves = {metric.key for metric in METRICS.values() if metric.curve}
+    assert tags - curves == {"play/epoch_train_reward", "play/epoch_test_reward"}
+
+
+def test_histograms(tmp_path: Path) -> None:
+    curves = started(tmp_path)
+    curves.write(
+        changed(STATUS, {}, histograms={"hands/press_ms": Histogram([3, 0, 1], [0, 10, 20, 40])})
+    )
+    curves.close()
+    events = EventAccumulator(str(tmp_path))
+    events.Reload()
+    [event] = events.Histograms("hands/press_ms")
+    shown = event.histogram_value
+    assert (event.step, shown.min, shown.max, shown.num) == (1_000, 0, 40, 4)
+    assert (shown.sum, shown.sum_squares) == (3 * 5 + 30, 3 * 25 + 900)
+    assert (shown.bucket_limit, shown.bucket) == ([10, 20, 40], [3, 0, 1])
+
+
+class Feed:
+    """Answers the second who asks, as a `LiveFeed` does."""
+
+    def __init__(self) -> None:
+        self.asked: list[Asked] = []
+
+    def latest(self, asked: Asked) -> LiveView | None:
+        self.asked.append(asked)
+        return VIEW if len(self.asked) % 2 == 0 else None
+
+
+def test_now_and_then_it_shows_what_an_actor_sees(tmp_path: Path) -> None:
+    seconds = [0.0]
+    feed = Feed()
+    curves = TensorBoardSink(tmp_path, {}, lambda: seconds[0])
+    curves.watch(feed)  # type: ignore[arg-type]
+    curves.start(None)
+    curves.write(STATUS)
+    assert not feed.asked  # nobody is there
+    evaluator, actor = (
+        ActorView(stats=ActorStats(name, role), alive=True)
+        for name, role in (("e", "evaluator"), ("a", "actor"))
+    )
+    for steps, wait in ((1_000, 0), (2_000, 10), (3_000, 10), (4_000, 300)):
+        seconds[0] += wait
+        values: dict[str, Value] = {"run/agent_steps": steps}
+        curves.write(changed(STATUS, values, actors=(evaluator, actor)))
+    curves.write(changed(STATUS, {"run/agent_steps": 5_000}, actors=(actor,)))
+    curves.close()
+    assert feed.asked == [Asked("actor", "a", ViewRequest())] * 4
+    events = EventAccumulator(str(tmp_path))
+    events.Reload()
+    images = events.Images("play/camera")
+    assert [(each.step, each.width, each.height) for each in images] == [
+        (2_000, *size_of(VIEW.picture)),
+        (5_000, *size_of(VIEW.picture)),
+    ]
+    assert images[0].encoded_image_string == VIEW.picture
 
 
 def test_import_is_light_and_silent() -> None:
