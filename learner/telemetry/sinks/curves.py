@@ -2,10 +2,16 @@
 
 from abc import abstractmethod
 
-from common.metrics import METRICS, Values, number
+from common.metrics import METRICS, Metric, Values, number
 from learner.telemetry.sinks.epochs_csv import EpochRow
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
+
+
+def tags_of(metric: Metric) -> list[str]:
+    """Returns the names of a figure's curves; none for one that is not drawn."""
+    gate = [f"gates/{metric.gate}"] if metric.gate else []
+    return [metric.key, *gate] if metric.curve else gate
 
 
 class CurvesSink(Sink):
@@ -22,11 +28,7 @@ class CurvesSink(Sink):
             {
                 tag: number(values, metric.key)
                 for metric in METRICS.values()
-                for tag in (
-                    metric.key if metric.curve else "",
-                    metric.gate and "gates/" + metric.gate,
-                )
-                if tag
+                for tag in tags_of(metric)
             },
             int(number(values, "run/agent_steps") or 0),
         )

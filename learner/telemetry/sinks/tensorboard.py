@@ -5,7 +5,7 @@ and brings nothing that is needed here.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from tensorboard.compat.proto.event_pb2 import Event, SessionLog
@@ -18,11 +18,11 @@ from tensorboard.plugins.hparams import metadata as hparams
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionStartInfo
 from tensorboard.summary.writer.event_file_writer import EventFileWriter
 
-from common.metrics import Values
+from common.metrics import METRICS, Value, Values
 from common.protocol.live_view import ViewRequest, size_of
 from learner.clock import Every
 from learner.telemetry.live_feed import Asked, LiveFeed
-from learner.telemetry.sinks.curves import CurvesSink
+from learner.telemetry.sinks.curves import CurvesSink, tags_of
 from learner.telemetry.snapshot import Histogram, Snapshot
 
 _FLUSH_SECONDS = 10
@@ -118,6 +118,25 @@ class TensorBoardSink(CurvesSink):
     def _add(self, values: list[Summary.Value], agent_steps: int) -> None:
         summary = Summary(value=values)
         self._writer.add_event(Event(wall_time=time.time(), step=agent_steps, summary=summary))
+
+
+def written_points(folder: Path) -> Iterator[Values]:
+    """Yields the live curves' points in the event files of ``folder``, oldest first, each with its
+    ``run/agent_steps``; none if there is no such folder."""
+    if not folder.is_dir():
+        return
+    # Its import takes long, and only a resumed run needs it.
+    from tensorboard.backend.event_processing.event_accumulator import SCALARS, EventAccumulator
+
+    events = EventAccumulator(str(folder), size_guidance={SCALARS: 0})  # 0: all of them
+    events.Reload()
+    found: dict[int, dict[str, Value]] = {}
+    for metric in METRICS.values():
+        for tag in tags_of(metric)[:1]:
+            for point in events.Scalars(tag) if tag in events.Tags()[SCALARS] else ():
+                found.setdefault(point.step, {})[metric.key] = point.value
+    for steps, values in sorted(found.items()):
+        yield {**values, "run/agent_steps": steps}
 
 
 def _session_start(settings: Values) -> Summary.Value:

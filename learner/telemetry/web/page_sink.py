@@ -16,6 +16,7 @@ from common.transport.endpoint import is_loopback
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.sinks.tensorboard import written_points
 from learner.telemetry.snapshot import Snapshot
 from learner.telemetry.web.address import check_web_address
 from learner.telemetry.web.figures import about, curves_of, figures
@@ -44,6 +45,7 @@ class PageSink(Sink):
         self._config = config
         self._folder = folder.path.resolve()
         self._epochs = EpochTable(folder.epochs)
+        self._written = folder.tensorboard
         self._lock = threading.Lock()
         self._curves = curves_of(ENVIRONMENTS.find(config.env).robot)
         self._history = History(metric.key for metric in self._curves)
@@ -66,9 +68,12 @@ class PageSink(Sink):
         self._feed = feed
 
     def start(self, resumed_at: int | None) -> None:
-        """Take the epochs of a resumed run, and begin to serve."""
+        """Take the epochs and the curves of a resumed run, and begin to serve."""
         for row in self._epochs.rows():
             self.phase(row, row.total_train_steps + self._config.replay.learning_starts)
+        if resumed_at is not None:
+            for values in written_points(self._written):
+                self._history.add(values)
         self._server.start()
 
     def write(self, snapshot: Snapshot) -> None:

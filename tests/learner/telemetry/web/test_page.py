@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from common.errors import InputError
+from common.metrics import Value
 from common.process.threads import end_with_any_thread
 from common.protocol.actor_stats import ActorStats
 from common.protocol.live_view import ViewRequest
@@ -25,13 +26,14 @@ from common.transport.interface import Request, Transport
 from learner.telemetry import live_feed
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochTable
+from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.snapshot import ActorView, HealthCheck
 from learner.telemetry.web import server
 from learner.telemetry.web.address import check_web_address, may_be_asked_as
 from learner.telemetry.web.page_sink import PageSink
 from tests.common.protocol.test_live_view import VIEW
 from tests.epoch_rows import epoch_row
-from tests.learner.telemetry.snapshots import snapshot
+from tests.learner.telemetry.snapshots import changed, snapshot
 from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")
@@ -121,6 +123,23 @@ def test_the_epochs_of_a_resumed_run_are_there(place: Place) -> None:
     place.page.write(SNAPSHOT)
     told = place.json("/state")["epochs"]
     assert [(each["epoch"], each["score"]) for each in told] == [(1, -20.5), (2, 3.0)]
+
+
+def test_the_curves_of_a_resumed_run_are_there(place: Place) -> None:
+    written = TensorBoardSink(RunFolder(place.folder.parent, "r").tensorboard, {})
+    written.start(None)
+    for steps, loss in ((1_000, 4.0), (2_000, 2.0), (3_000, 1.0)):
+        values: dict[str, Value] = {"run/agent_steps": steps, "learning/loss": loss}
+        written.write(changed(SNAPSHOT, {**values, "play/valid_frame_share": 0.5}))
+    written.close()
+    written.start(2_000)
+    place.page.start(2_000)
+    place.page.write(changed(SNAPSHOT, {"run/agent_steps": 2_500, "learning/loss": 8.0}))
+    curves = place.json("/state")["curves"]
+    assert curves["steps"] == [1_000, 2_000, 2_500]
+    assert curves["values"]["learning/loss"] == [4.0, 2.0, 8.0]
+    assert curves["values"]["play/valid_frame_share"] == [0.5, 0.5, None]
+    written.close()
 
 
 def test_it_shows_what_an_actor_shows(place: Place) -> None:
