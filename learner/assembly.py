@@ -24,6 +24,7 @@ from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.provenance import provenance
 from learner.telemetry.sinks.display import Display
 from learner.telemetry.sinks.epochs_csv import EpochTable
+from learner.telemetry.sinks.films import FilmsSink
 from learner.telemetry.sinks.gates_csv import GatesCsvSink
 from learner.telemetry.sinks.service_manager import ServiceManagerSink
 from learner.telemetry.sinks.sink import Sink
@@ -64,7 +65,7 @@ def build_learner(
     phases = Phases(config, clock)
     registry = ActorRegistry(transport, keys)
     evaluation = EvaluationCoordinator(
-        Snapshots(folder.snapshots, keep=options.keep_snapshots),
+        Snapshots(folder.snapshots, keep=options.keep_snapshots or options.films > 0),
         config.protocol,
         evaluators=lambda: registry.alive("evaluator"),
         seconds=clock.seconds,
@@ -90,6 +91,8 @@ def build_learner(
     ]
     for sink in sinks:
         sink.watch(feed)
+    if options.films:
+        sinks.append(FilmsSink(folder, options.films))
     if options.track is not None:
         tracked = TrackedRun(folder.name, replay.run_id, flat(config))
         sinks.append(TrackerSink(options.track, tracked))

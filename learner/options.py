@@ -11,7 +11,7 @@ import tyro
 from annotated_types import Gt
 from pydantic import AllowInfNan
 
-from common.checked import Count, FromOne, Patience
+from common.checked import Amount, Count, FromOne, Patience
 from common.errors import InputError
 from common.metrics import Value
 from common.process.command_line import RunFlags, WeightsFile, started_by
@@ -54,6 +54,9 @@ class LearnerOptions:
     keep_snapshots: bool = False
     """Keep each epoch's weights in the run's snapshots/, 1 to 7 MB each, as epoch-0001.safetensors
     and so on; epochs.csv tells their wall clock and steps."""
+    films: Amount = 0.0
+    """Seconds of a film of each epoch's network, films/epoch-0001.mp4 in the run's folder; 0 for no
+    films. Keeps each epoch's weights too."""
     local: bool = False
     """Local mode: start actors and evaluators on this machine, and end them with the learner."""
     actors: FromOne = 1

@@ -84,6 +84,7 @@ class RunFolder:
         self.tensorboard = path / "tensorboard"
         self.replay = path / "replay"
         """The ring, where the replay runs on this machine."""
+        self.films = path / "films"
         self.logs = path / "logs"
         """Output of local mode's actors."""
         self._locks: list[IO[str]] = []

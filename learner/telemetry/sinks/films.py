@@ -1,0 +1,80 @@
+"""``--films``: a film of each epoch's network, made by a process of its own beside training."""
+
+import logging
+
+from common.process.supervisor import Child
+from common.run.folder import RunFolder
+from learner.evaluation.snapshots import Snapshots
+from learner.telemetry.sinks.epochs_csv import EpochRow
+from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.snapshot import Snapshot
+
+_log = logging.getLogger(__name__)
+
+
+class FilmsSink(Sink):
+    """Films in the run's folder, named as the snapshots, which the run must keep.
+
+    One is made at a time, at low priority. Where epochs pass faster than films are made, those
+    between are left out; `ale-robot film --weights` makes them later.
+
+    Args:
+        seconds: of play in each film.
+        module: makes a film.
+    """
+
+    period = 1.0
+
+    def __init__(self, folder: RunFolder, seconds: float, module: str = "viewer") -> None:
+        self._folder = folder
+        self._making = folder.films / "making"
+        self._snapshots = Snapshots(folder.snapshots)
+        self._seconds = seconds
+        self._module = module
+        self._newest = 0
+        """The epoch to film next; 0 for none."""
+        self._epoch = 0
+        self._child: Child | None = None
+        """The process that films `_epoch`."""
+
+    def phase(self, row: EpochRow, agent_steps: int) -> None:
+        """See `Sink.phase`."""
+        if row.phase == "train":
+            self._newest = row.epoch
+
+    def write(self, snapshot: Snapshot) -> None:
+        """Begin the next film, once the one before has ended."""
+        if self._child is not None and self._child.poll() is None:
+            return
+        try:
+            if self._child is not None:
+                ended, self._child = self._child, None
+                self._end_film(ended)
+            if self._newest:
+                self._epoch, self._newest = self._newest, 0
+                self._child = self._begin_film()
+        except OSError as error:  # such as a full disk: a run is worth more than its films
+            _log.warning("there is no film of epoch %d: %s", self._epoch, error)
+
+    def close(self) -> None:
+        """Break off the film that is being made."""
+        if self._child is not None and self._child.poll() is None:
+            self._child.end()
+
+    def _begin_film(self) -> Child:
+        network = self._snapshots.file(self._epoch)
+        self._making.mkdir(parents=True, exist_ok=True)
+        self._folder.logs.mkdir(parents=True, exist_ok=True)
+        self._video = self._making / f"{network.stem}.mp4"
+        return Child(
+            *(self._module, "film", "--weights", str(network), "--video", str(self._video)),
+            *("--seconds", f"{self._seconds:g}"),
+            low_priority=True,
+            log=self._folder.logs / "films.log",
+        )
+
+    def _end_film(self, child: Child) -> None:
+        if child.returncode:
+            _log.warning("there is no film of epoch %d: %s", self._epoch, child.last_line())
+        else:
+            self._video.replace(self._folder.films / self._video.name)

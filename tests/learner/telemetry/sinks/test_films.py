@@ -1,0 +1,119 @@
+"""Films of epochs, by a stand-in that is quick and once by the real one."""
+
+import shutil
+from pathlib import Path
+
+import av
+import pytest
+
+from common.run.folder import RunFolder
+from learner.telemetry.sinks.films import FilmsSink
+from tests.epoch_rows import epoch_row
+from tests.learner.telemetry.snapshots import snapshot
+from tests.paths import ROOT
+from tests.patience import PATIENCE
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> RunFolder:
+    folder = RunFolder(tmp_path, "r")
+    folder.snapshots.mkdir(parents=True)
+    for epoch in range(1, 5):
+        (folder.snapshots / f"epoch-{epoch:04d}.safetensors").write_text(f"network {epoch}")
+    return folder
+
+
+def end_epoch(films: FilmsSink, epoch: int, phase: str = "train") -> None:
+    films.phase(epoch_row((1.0,), epoch=epoch, phase=phase), 0)
+
+
+def end_film(films: FilmsSink) -> None:
+    assert films._child is not None
+    films._child.wait(PATIENCE)
+
+
+def told(folder: RunFolder) -> dict[str, str]:
+    return {path.name: path.read_text() for path in folder.films.glob("*.mp4")}
+
+
+def test_one_epoch_after_the_other_and_none_twice(folder: RunFolder) -> None:
+    films = FilmsSink(folder, 2.5, "tests.learner.telemetry.sinks.filmer")
+    end_epoch(films, 0, "random")
+    films.write(snapshot({}))
+    assert not folder.films.exists()
+    end_epoch(films, 1)
+    films.write(snapshot({}))
+    end_epoch(films, 1, "test")
+    end_film(films)
+    assert told(folder) == {}  # until it is complete
+    films.write(snapshot({}))
+    assert told(folder) == {"epoch-0001.mp4": "film network 1 2.5"}
+    films.write(snapshot({}))
+    assert films._child is None
+    films.close()
+
+
+def test_epochs_that_pass_meanwhile_are_left_out(folder: RunFolder) -> None:
+    films = FilmsSink(folder, 1.0, "tests.learner.telemetry.sinks.filmer")
+    end_epoch(films, 1)
+    films.write(snapshot({}))
+    end_epoch(films, 3)
+    end_epoch(films, 4)
+    end_film(films)
+    films.write(snapshot({}))
+    end_film(films)
+    films.write(snapshot({}))
+    assert told(folder).keys() == {"epoch-0001.mp4", "epoch-0004.mp4"}
+
+
+def test_a_film_that_fails_is_told_and_the_next_is_made(
+    folder: RunFolder, caplog: pytest.LogCaptureFixture
+) -> None:
+    films = FilmsSink(folder, 1.0, "tests.learner.telemetry.sinks.filmer")
+    end_epoch(films, 2)
+    films.write(snapshot({}))
+    end_epoch(films, 3)
+    end_film(films)
+    films.write(snapshot({}))
+    assert [each.getMessage() for each in caplog.records] == [
+        "there is no film of epoch 2: no picture"
+    ]
+    end_film(films)
+    films.write(snapshot({}))
+    assert told(folder).keys() == {"epoch-0003.mp4"}
+
+
+def test_a_disk_without_room_is_told(folder: RunFolder, caplog: pytest.LogCaptureFixture) -> None:
+    folder.films.write_text("no folder")
+    films = FilmsSink(folder, 1.0)
+    end_epoch(films, 1)
+    films.write(snapshot({}))
+    films.write(snapshot({}))
+    assert [each.getMessage()[:27] for each in caplog.records] == ["there is no film of epoch 1"]
+
+
+def test_the_end_of_the_run_breaks_a_film_off(folder: RunFolder) -> None:
+    films = FilmsSink(folder, 1e6)
+    shutil.copy(
+        ROOT / "policies" / "ale_pong.safetensors", folder.snapshots / "epoch-0001.safetensors"
+    )
+    end_epoch(films, 1)
+    films.write(snapshot({}))
+    films.close()
+    assert films._child is not None
+    assert films._child.returncode is not None
+    assert told(folder) == {}
+
+
+def test_the_real_film(folder: RunFolder) -> None:
+    shutil.copy(
+        ROOT / "policies" / "ale_pong.safetensors", folder.snapshots / "epoch-0001.safetensors"
+    )
+    shutil.copy(ROOT / "policies" / "ale_pong.json", folder.snapshots / "epoch-0001.json")
+    films = FilmsSink(folder, 1.0)
+    end_epoch(films, 1)
+    films.write(snapshot({}))
+    end_film(films)
+    films.write(snapshot({}))
+    with av.open(str(folder.films / "epoch-0001.mp4")) as film:
+        assert len(list(film.decode(video=0))) == 15  # decisions of a second
