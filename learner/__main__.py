@@ -22,7 +22,7 @@ from common.process.exit_codes import INTERRUPTED, RED
 from common.process.extras import extra_for
 from common.process.http_endpoints import http_endpoints
 from common.process.lifeline import on_signals
-from common.process.log_lines import line, say_json
+from common.process.log_lines import kept_log, line, say_json
 from common.process.restarts import with_restarts
 from common.process.threads import end_with_any_thread
 from common.protocol.weights import encode_weights, load_weights_file
@@ -49,6 +49,7 @@ from learner.options import (
     stored_config,
 )
 from learner.telemetry.sinks.display import open_display
+from learner.telemetry.sinks.kept_log import KeptLogSink
 from learner.telemetry.sinks.sink import Sink
 from replay.client import RemoteReplay
 from replay.interface import Replay
@@ -197,6 +198,7 @@ def train(options: LearnerOptions, again: bool) -> int:
     with (
         folder.removed_if_unused(),
         end_with_any_thread(stop),
+        kept_log(folder.logs / "learner.jsonl", "learner") as keep,
         operators_page(options) as page,
         nullcontext(web_page(options, folder)) as web,
         place as (transport, replay, endpoint),
@@ -204,7 +206,8 @@ def train(options: LearnerOptions, again: bool) -> int:
         ExitStack() as stack,
     ):
         learner = build_learner(
-            options, folder, transport, replay, algorithm, device, display, stop, *page, *web
+            *(options, folder, transport, replay, algorithm, device, display, stop),
+            *(KeptLogSink(keep), *page, *web),
         )
         for each in web:
             display.line(f"watch the run at {each.url}")

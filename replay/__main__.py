@@ -25,7 +25,7 @@ from common.process.command_line import RunFlags, parse_run
 from common.process.extras import extra_for
 from common.process.http_endpoints import Page, http_endpoints, verdict
 from common.process.lifeline import on_signals
-from common.process.log_lines import line, say_json
+from common.process.log_lines import kept_log, line, say_json
 from common.process.output import silence
 from common.process.restarts import with_restarts
 from common.process.service_manager import tell
@@ -91,6 +91,7 @@ def serve(options: ReplayOptions, again: bool) -> None:
     with (
         folder.removed_if_unused(),
         end_with_any_thread(stop),
+        kept_log(folder.logs / "replay.jsonl", "replay"),
         open_hub(options.listen, options.certificates) as transport,
     ):
         memory = ReplayBuffer(config, folder.replay)

@@ -10,6 +10,8 @@ import threading
 import time
 
 from common.errors import MessageError
+from common.process.log_lines import Seldom
+from common.protocol.ack import Ack
 from common.protocol.announcement import Announcement
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import RunKeys, name_in
@@ -30,6 +32,8 @@ LONGEST_WAIT = 1.0
 """Seconds that a draw or a poll may wait at the server."""
 
 _log = logging.getLogger(__name__)
+_refusals = _log.getChild("refusals")
+_refusals.addFilter(Seldom())
 
 
 class ReplayServer:
@@ -79,7 +83,19 @@ class ReplayServer:
             return None
         actor = name_in(request.key)
         try:
-            chunk = Chunk.decode(request.payload)
+            return self._ack_of(request.payload, actor).encode()
+        except MessageError as error:
+            _refusals.warning("a chunk of %s was refused: %s", actor, error)
+            raise
+
+    def _ack_of(self, payload: bytes, actor: str) -> Ack:
+        """Stores a chunk.
+
+        Raises:
+            MessageError: it was refused, and counted so.
+        """
+        try:
+            chunk = Chunk.decode(payload)
             if chunk.actor != actor:
                 raise MessageError(f"a chunk of {chunk.actor} at the key of {actor}")
         except MessageError:
@@ -87,8 +103,9 @@ class ReplayServer:
             raise
         if chunk.run_id != self._keys.run_id:
             self._memory.refuse()
-            return self._memory.ack("refused").encode()
-        return self._memory.insert(chunk).encode()
+            _refusals.warning("a chunk of %s was refused: it is of another run", actor)
+            return self._memory.ack("refused")
+        return self._memory.insert(chunk)
 
     def _answer_polls(self) -> None:
         """Throttled actors wait here, each at most `LONGEST_WAIT`, while inserts go on.

@@ -1,13 +1,23 @@
-"""``--log-json``: what a process says to people, as lines of JSON for programs that gather logs."""
+"""What a process says to people: as lines of JSON for programs that gather logs (``--log-json``),
+and into a file of its run."""
 
 import json
 import logging
+import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from logging.handlers import RotatingFileHandler
+from pathlib import Path
 from typing import Any
 
 from common.strict_json import strict
 
+_MOST_BYTES = 8 * 2**20
+"""Size of a run's log, of which the one before is kept too: strangers may cause lines."""
+_REPEAT = 10.0
+"""Seconds after which the same is logged again."""
+_MOST_SUBJECTS = 1_000
 _role = ""
 """Who says it, once `say_json` was called."""
 
@@ -17,7 +27,7 @@ def say_json(role: str) -> None:
     global _role
     _role = role
     handler = logging.StreamHandler()
-    handler.setFormatter(_Formatter())
+    handler.setFormatter(_Formatter(role))
     logging.basicConfig(handlers=[handler], force=True)
 
 
@@ -27,16 +37,68 @@ def line(text: str, level: str = "info", values: Mapping[str, Any] | None = None
     Args:
         values: figures by their keys, which a line of JSON has too.
     """
-    if not _role:
-        return text
+    return as_json(_role, text, level, values) if _role else text
+
+
+def as_json(role: str, text: str, level: str, values: Mapping[str, Any] | None = None) -> str:
+    """Returns an object of JSON that says ``text``, and when."""
     now = time.time()
     stamp = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(now)) + f".{int(now % 1 * 1000):03}Z"
-    told: dict[str, Any] = {"time": stamp, "level": level, "role": _role, "message": text}
+    told: dict[str, Any] = {"time": stamp, "level": level, "role": role, "message": text}
     if values is not None:
         told["values"] = strict(dict(values))
     return json.dumps(told, ensure_ascii=True, allow_nan=False)
 
 
 class _Formatter(logging.Formatter):
+    def __init__(self, role: str) -> None:
+        super().__init__()
+        self._role = role
+
     def format(self, record: logging.LogRecord) -> str:
-        return line(super().format(record), record.levelname.lower())
+        return as_json(self._role, super().format(record), record.levelname.lower())
+
+
+@contextmanager
+def kept_log(path: Path, role: str) -> Iterator[Callable[[str], None]]:
+    """Appends all that is logged meanwhile to ``path``, as lines of JSON, and what the function
+    that it returns is given. A disk without room costs lines, and nothing else."""
+    root = logging.getLogger()
+    if not root.handlers and logging.lastResort is not None:
+        root.addHandler(logging.lastResort)  # which Python leaves out once there is another one
+    path.parent.mkdir(parents=True, exist_ok=True)
+    file = RotatingFileHandler(path, maxBytes=_MOST_BYTES, backupCount=1, delay=True)
+    file.handleError = lambda record: None  # type: ignore[method-assign]
+    file.setFormatter(_Formatter(role))
+    root.addHandler(file)
+
+    def keep(text: str) -> None:
+        file.handle(logging.makeLogRecord({"msg": text, "levelname": "INFO"}))
+
+    try:
+        yield keep
+    finally:
+        root.removeHandler(file)
+        with suppress(OSError):
+            file.close()
+
+
+class Seldom(logging.Filter):
+    """Passes warnings of one text about one subject, its first argument, at most once in `_REPEAT`
+    seconds, however often clients ask again."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._said: dict[tuple[str, object], float] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        subject = record.args[0] if isinstance(record.args, tuple) and record.args else None
+        said, now = (record.msg, subject), time.monotonic()
+        if record.levelno > logging.WARNING:
+            return True
+        if now - self._said.get(said, -math.inf) < _REPEAT:
+            return False
+        if len(self._said) >= _MOST_SUBJECTS:
+            self._said.clear()
+        self._said[said] = now
+        return True

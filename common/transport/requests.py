@@ -2,7 +2,6 @@
 
 import contextlib
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -10,6 +9,7 @@ from concurrent.futures import Future, InvalidStateError
 from functools import partial
 
 from common.errors import MessageError
+from common.process.log_lines import Seldom
 from common.process.threads import guarded
 from common.transport.interface import Answer, Envelope, Request, Requester, Unanswered
 
@@ -20,32 +20,10 @@ LONGEST_ANSWER = 10.0
 """Seconds that closing a service waits for the request that is being answered."""
 LONGEST_REASON = 500
 """Characters of a refusal, which may repeat some of what is refused."""
-_REPEAT = 10.0
-"""Seconds after which the same line is logged again."""
-_MOST_LINES = 1_000
 _log = logging.getLogger(__name__)
 
 
-class _Seldom(logging.Filter):
-    """Passes each warning at most once in `_REPEAT` seconds, however often clients ask again."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._said: dict[str, float] = {}
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        line, now = record.getMessage(), time.monotonic()
-        if record.levelno > logging.WARNING:
-            return True
-        if now - self._said.get(line, -math.inf) < _REPEAT:
-            return False
-        if len(self._said) >= _MOST_LINES:
-            self._said.clear()
-        self._said[line] = now
-        return True
-
-
-_log.addFilter(_Seldom())
+_log.addFilter(Seldom())
 
 
 def answer_request(request: Request, answer: Answer) -> None:

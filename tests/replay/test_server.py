@@ -101,11 +101,16 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
     assert insert(place.client, actor.live([GOES_ON], rng)).finished
 
 
-def test_a_chunk_at_another_actors_key_is_refused(place: Place) -> None:
+def test_a_chunk_at_another_actors_key_is_refused(
+    place: Place, caplog: pytest.LogCaptureFixture
+) -> None:
     chunk = Actor("a", 4).live([GOES_ON], np.random.default_rng(0))
-    with pytest.raises(MessageError, match="a chunk of a at the key of b"):
-        ask(place.client, KEYS.insert("b"), chunk.encode())
-    assert place.memory.progress(0).refused == 1
+    for _ in range(3):
+        with pytest.raises(MessageError, match="a chunk of a at the key of forger"):
+            ask(place.client, KEYS.insert("forger"), chunk.encode())
+    assert place.memory.progress(0).refused == 3
+    told = [each for each in caplog.messages if "forger" in each]
+    assert told == ["a chunk of forger was refused: a chunk of a at the key of forger"]
 
 
 def test_of_another_run_neither_chunks_nor_weights_nor_learners_are_taken(
@@ -123,6 +128,7 @@ def test_of_another_run_neither_chunks_nor_weights_nor_learners_are_taken(
         if place.memory.weights_version == 6:
             break
     assert caplog.messages == [
+        "a chunk of a was refused: it is of another run",
         "weights of 7 bytes were passed over: weights of another run than test"
     ]
     learner = RemoteReplay(place.client, RunKeys(RUN, "other"), make_config())

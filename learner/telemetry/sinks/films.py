@@ -60,6 +60,7 @@ class FilmsSink(Sink):
         """Break off the film that is being made."""
         if self._child is not None and self._child.poll() is None:
             self._child.end()
+            self._video.unlink(missing_ok=True)
 
     def _begin_film(self) -> Child:
         network = self._snapshots.file(self._epoch)

@@ -1,11 +1,16 @@
 """Lines for people as they are, or as JSON with time, level, role and figures."""
 
 import json
+import logging
 import math
 import subprocess
 import sys
+from pathlib import Path
 
-from common.process.log_lines import line
+import pytest
+
+from common.process import log_lines
+from common.process.log_lines import Seldom, kept_log, line
 from tests.paths import ROOT
 
 CODE = """
@@ -39,3 +44,63 @@ def test_lines_logs_and_errors_as_json() -> None:
     assert told[0]["values"] == {"a/b": 1, "c/d": None, "e/f": None}
     assert {each["role"] for each in told} == {"replay"}
     assert all(each["time"].endswith("Z") and len(each["time"]) == 24 for each in told)
+
+
+def test_a_run_keeps_what_was_logged_and_said(tmp_path: Path) -> None:
+    path = tmp_path / "logs" / "learner.jsonl"
+    log = logging.getLogger("kept")
+    for name in ("a", "b"):  # a second process goes on in the file of the first
+        with kept_log(path, "learner") as keep:
+            keep(f"{name} joined: 100 %")
+            log.warning("%s is slow", name)
+        log.warning("said afterwards")
+    told = [json.loads(each) for each in path.read_text().splitlines()]
+    assert [(each["level"], each["message"]) for each in told] == [
+        ("info", "a joined: 100 %"),
+        ("warning", "a is slow"),
+        ("info", "b joined: 100 %"),
+        ("warning", "b is slow"),
+    ]
+    assert {each["role"] for each in told} == {"learner"}
+
+
+def test_a_warning_is_still_on_the_terminal(tmp_path: Path) -> None:
+    code = (
+        "import logging, pathlib, sys; from common.process.log_lines import kept_log\n"
+        "with kept_log(pathlib.Path(sys.argv[1]), 'x'): logging.getLogger('y').warning('late')"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "log")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stderr == "late\n"
+
+
+def test_the_kept_log_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(log_lines, "_MOST_BYTES", 2_000)
+    with kept_log(tmp_path / "log", "x") as keep:
+        for index in range(200):
+            keep(f"event {index}")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["log", "log.1"]
+    assert all(path.stat().st_size <= 2_000 for path in tmp_path.iterdir())
+    assert "event 199" in (tmp_path / "log").read_text()
+
+
+def test_a_full_disk_costs_lines_alone() -> None:
+    with kept_log(Path("/dev/full"), "x") as keep:
+        keep("nobody hears")
+
+
+def test_the_same_is_logged_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(log_lines.time, "monotonic", lambda: now[0])
+    seldom = Seldom()
+
+    def passes(subject: str, reason: str, level: int = logging.WARNING) -> bool:
+        args = (subject, reason)
+        return bool(seldom.filter(logging.LogRecord("x", level, "", 0, "%s: %s", args, None)))
+
+    assert passes("a", "1")
+    assert not passes("a", "2")  # whatever a stranger makes of the reason
+    assert passes("b", "1")
+    assert passes("a", "1", logging.ERROR)
+    now[0] = 10.0
+    assert passes("a", "2")

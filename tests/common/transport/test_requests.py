@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from common.errors import MessageError
+from common.process import log_lines
 from common.transport import requests
 from common.transport.interface import Envelope, Request, Unanswered
 from common.transport.requests import LONGEST_REASON, Window, answer_request
@@ -20,7 +21,8 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(requests, "time", SimpleNamespace(monotonic=lambda: clock.now))
+    for module in (requests, log_lines):
+        monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock.now))
     return clock
 
 

@@ -102,6 +102,7 @@ def test_the_end_of_the_run_breaks_a_film_off(folder: RunFolder) -> None:
     films.close()
     assert films._child is not None
     assert films._child.returncode is not None
+    assert not list((folder.films / "making").iterdir())
     assert told(folder) == {}
 
 
