@@ -92,9 +92,9 @@ class Hub(HostedRun):
     def _next_chunk(self, name: str) -> Mark:
         """Waits for the actor's next chunk."""
         while True:
-            now, facts = self.next_chunks()
-            if facts[-1].actor == name:
-                return Mark(now, facts[-1].agent_steps)
+            now, chunks = self.next_chunks()
+            if chunks[-1].actor == name:
+                return Mark(now, chunks[-1].agent_steps)
 
 
 def measure(options: Options) -> Report:

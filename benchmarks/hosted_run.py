@@ -75,10 +75,10 @@ class HostedRun:
     def next_chunks(self) -> tuple[float, tuple[ChunkStatistics, ...]]:
         """Waits for chunks; returns the moment at which they were seen, and their statistics."""
         while True:
-            facts = self._replay.progress(self._seen).statistics
+            chunks = self._replay.progress(self._seen).statistics
             now = time.monotonic()
             self.check()
-            if facts:
-                self._seen = facts[-1].index + 1
-                return now, facts
+            if chunks:
+                self._seen = chunks[-1].index + 1
+                return now, chunks
             time.sleep(_POLL)

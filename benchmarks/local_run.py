@@ -80,15 +80,15 @@ class Mark(NamedTuple):
     """The run at one moment."""
 
     at: float
-    facts: ChunkStatistics
-    """Statistics with the newest chunk."""
+    newest: ChunkStatistics
+    """Statistics with that chunk."""
     cpu: dict[int, tuple[str, float]]
     """Role and seconds of processor time, by process."""
 
     @property
     def begun(self) -> int:
         """Updates begun when that chunk came."""
-        return self.facts.weights_version + self.facts.staleness
+        return self.newest.weights_version + self.newest.staleness
 
 
 class Pace(NamedTuple):
@@ -133,7 +133,7 @@ class LocalRun(HostedRun):
         self._setting = setting
         self._lock = threading.Lock()
         self._heard: list[Beat] = []
-        self._facts: list[ChunkStatistics] = []
+        self._chunks: list[ChunkStatistics] = []
 
     def __enter__(self) -> Self:
         super().__enter__()
@@ -159,7 +159,7 @@ class LocalRun(HostedRun):
                 continue
             began = mark.at if began is None else began
             drawn = mark.begun * self._limiter.batch_size
-            deficit = self._limiter.deficit(mark.facts.agent_steps, drawn)
+            deficit = self._limiter.deficit(mark.newest.agent_steps, drawn)
             # Seen as a chunk has just come, which the learner had to wait for.
             settled = deficit >= most or deficit <= 2 * steps * ratio - most
             waited = mark.at - began
@@ -188,9 +188,9 @@ class LocalRun(HostedRun):
 
     def _mark(self) -> Mark:
         """The moment at which the next chunk is accepted."""
-        now, facts = self.next_chunks()
-        self._facts += facts
-        return Mark(now, facts[-1], _cpu_times(self.process.pid))
+        now, chunks = self.next_chunks()
+        self._chunks += chunks
+        return Mark(now, chunks[-1], _cpu_times(self.process.pid))
 
     # ------------------------------------------------------------------ measuring
 
@@ -209,14 +209,14 @@ class LocalRun(HostedRun):
         """Watch for so many seconds, and until the next chunk."""
         self._mark()  # so that all that came before is taken
         begin = self._mark()
-        self._facts.clear()
+        self._chunks.clear()
         time.sleep(seconds)
         self._mark()
         end = self._mark()
         wall = end.at - begin.at
-        steps = end.facts.agent_steps - begin.facts.agent_steps
+        steps = end.newest.agent_steps - begin.newest.agent_steps
         updates = end.begun - begin.begun
-        staleness = [facts.staleness for facts in self._facts]
+        staleness = [chunk.staleness for chunk in self._chunks]
         heard = self._heard_between(begin.at, end.at)
         return Pace(
             seconds=wall,

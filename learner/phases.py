@@ -45,8 +45,8 @@ class Phases:
     def __init__(self, config: RunConfig, clock: RunClock) -> None:
         self._config = config
         self._clock = clock
-        self.facts_seen = 0
-        """Index of the next chunk to book."""
+        self.chunks_seen = 0
+        """Index of the next chunk to count."""
         self.agent_steps = 0
         self.games = 0
         """Games that ended after the warm-up."""
@@ -63,15 +63,15 @@ class Phases:
 
     # ------------------------------------------------------------------ counting
 
-    def book(self, facts: Iterable[ChunkStatistics]) -> Iterator[PhaseEnd]:
+    def count(self, chunks: Iterable[ChunkStatistics]) -> Iterator[PhaseEnd]:
         """Count chunks; yields each phase that one of them completes, before going on.
 
         A chunk belongs whole to the phase in which it arrives.
         """
-        for chunk in facts:
-            if chunk.index < self.facts_seen:
+        for chunk in chunks:
+            if chunk.index < self.chunks_seen:
                 continue
-            self.facts_seen = chunk.index + 1
+            self.chunks_seen = chunk.index + 1
             self.agent_steps = chunk.agent_steps
             self.phase_steps += chunk.steps
             scores = [game.score for game in chunk.games]
@@ -185,7 +185,7 @@ class Phases:
 
     # ------------------------------------------------------------------ checkpoints
 
-    _COUNTERS = ("facts_seen", "agent_steps", "epoch", "phase_steps", "games")
+    _COUNTERS = ("agent_steps", "epoch", "phase_steps", "games")
 
     def state(self) -> dict[str, Any]:
         """Everything, of JSON's types."""
@@ -195,6 +195,7 @@ class Phases:
             "phase_loss": float(self._loss),
             "phase_began": self._began,
             "books": {
+                "facts_seen": self.chunks_seen,
                 **{name: getattr(self, name) for name in self._COUNTERS},
                 "phase_scores": self._scores,
                 "recent_scores": list(self._recent_scores),
@@ -208,6 +209,7 @@ class Phases:
         self._loss = float(state["phase_loss"])
         self._began = float(state["phase_began"])
         books = state["books"]
+        self.chunks_seen = int(books["facts_seen"])
         for name in self._COUNTERS:
             setattr(self, name, int(books[name]))
         self._scores = [float(score) for score in books["phase_scores"]]

@@ -108,7 +108,7 @@ class Learner:
         Raises:
             InputError: the replay has lost steps that the checkpoint knows of.
         """
-        self._replay_progress = self.replay.progress(self.phases.facts_seen)
+        self._replay_progress = self.replay.progress(self.phases.chunks_seen)
         self._check_replay()
         self._publish()
         self._checkpoint()
@@ -269,19 +269,19 @@ class Learner:
         """Count what actors have sent since the last look into phases."""
         while True:
             self._replay_progress = self.replay.progress(
-                self.phases.facts_seen, finished=self._finished
+                self.phases.chunks_seen, finished=self._finished
             )
-            facts = self._replay_progress.statistics
-            for ended in self.phases.book(self._credited(facts)):
+            chunks = self._replay_progress.statistics
+            for ended in self.phases.count(self._credited(chunks)):
                 self._end_phase(ended)
-            if len(facts) < MAX_STATISTICS:
+            if len(chunks) < MAX_STATISTICS:
                 return
 
-    def _credited(self, facts: Iterable[ChunkStatistics]) -> Iterator[ChunkStatistics]:
+    def _credited(self, chunks: Iterable[ChunkStatistics]) -> Iterator[ChunkStatistics]:
         """Credits each chunk to its actor just before it is counted, so that a checkpoint at the
         end of a phase knows of the same chunks in both."""
-        for chunk in facts:
-            if chunk.index >= self.phases.facts_seen:
+        for chunk in chunks:
+            if chunk.index >= self.phases.chunks_seen:
                 self.registry.accepted(chunk)
             yield chunk
 

@@ -1,4 +1,4 @@
-"""Phases counted from the facts of chunks, and their rows, by hand."""
+"""Phases counted from the statistics of chunks, and their rows, by hand."""
 
 from dataclasses import replace
 
@@ -48,7 +48,7 @@ def phases(seconds: float = 0.0) -> Phases:
 
 def test_warm_up_then_epochs() -> None:
     counted = phases()
-    ends = list(counted.book(_chunks(11)))
+    ends = list(counted.count(_chunks(11)))
     assert [(end.epoch, end.steps, end.scores) for end in ends] == [
         (0, 100, (0.0, 1.0)),
         (1, 200, (2.0, 3.0, 4.0, 5.0)),
@@ -74,27 +74,27 @@ def test_warm_up_then_epochs() -> None:
 
 def test_shares_are_over_the_newest_chunks() -> None:
     counted = phases()
-    list(counted.book(_chunks(20, valid=0)))
-    list(counted.book(_chunks(60, first=20)))
+    list(counted.count(_chunks(20, valid=0)))
+    list(counted.count(_chunks(60, first=20)))
     assert counted.values(finishing=False)["play/valid_frame_share"] == 0.75
-    list(counted.book(_chunks(20, first=80)))
+    list(counted.count(_chunks(20, first=80)))
     assert counted.values(finishing=False)["play/valid_frame_share"] == 1.0
 
 
 def test_facts_that_were_seen_before_count_once() -> None:
     counted = phases()
-    list(counted.book(_chunks(3)))
-    list(counted.book(_chunks(3)))
-    list(counted.book(_chunks(2, first=2)))
+    list(counted.count(_chunks(3)))
+    list(counted.count(_chunks(3)))
+    list(counted.count(_chunks(2, first=2)))
     assert (counted.agent_steps, counted.epoch, counted.phase_steps) == (200, 1, 100)
 
 
 def test_it_goes_on_from_its_state() -> None:
     whole, first, second = (phases(seconds=80.0) for _ in range(3))
-    expected = list(whole.book(_chunks(20)))
-    ends = list(first.book(_chunks(9)))
+    expected = list(whole.count(_chunks(20)))
+    ends = list(first.count(_chunks(9)))
     second.restore(first.state())
-    ends += second.book(_chunks(20))
+    ends += second.count(_chunks(20))
     assert ends == expected
     assert second.state() == whole.state()
     assert second.state()["phase_began"] == 80.0
@@ -102,21 +102,21 @@ def test_it_goes_on_from_its_state() -> None:
 
 def test_an_end_that_is_asked_for_starts_the_next_phase() -> None:
     counted = phases()
-    list(counted.book(_chunks(3)))
+    list(counted.count(_chunks(3)))
     ended = counted.close_phase()
     assert (ended.epoch, ended.steps) == (1, 50)
-    (next_end,) = counted.book(_chunks(5, first=3))
+    (next_end,) = counted.count(_chunks(5, first=3))
     assert (next_end.epoch, next_end.steps) == (2, 200)
 
 
 def test_at_the_very_end_the_last_epoch_is_told_whole() -> None:
     counted = phases()
-    list(counted.book(_chunks(6)))
+    list(counted.count(_chunks(6)))
     shown = ("run/epoch", "run/phase_steps", "run/phase_length")
     for finishing, expected in ((False, [2, 0, 200]), (True, [1, 200, 200])):
         values = counted.values(finishing=finishing)
         assert [values[key] for key in shown] == expected
-    list(counted.book(_chunks(1, first=6)))  # a few more, which are no epoch of their own
+    list(counted.count(_chunks(1, first=6)))  # a few more, which are no epoch of their own
     values = counted.values(finishing=True)
     assert [values[key] for key in shown] == [2, 50, 200]
 
@@ -125,7 +125,7 @@ def test_the_rows_of_a_phase_and_of_its_snapshots_test() -> None:
     counted = phases(seconds=80.0)
     for loss in (1.0, 3.0):
         counted.add(torch.tensor(loss))
-    _, ended = counted.book(_chunks(6))
+    _, ended = counted.count(_chunks(6))
     row, test = counted.end(ended, stored=290, meanq=0.75)
     assert (row.epoch, row.phase, row.steps, row.nr_games) == (1, "train", 200, 4)
     assert (row.total_train_steps, row.replay_memory_count, row.meanq) == (200, 290, 0.75)
@@ -143,7 +143,7 @@ def test_the_rows_of_a_phase_and_of_its_snapshots_test() -> None:
 
 def test_the_warm_up_has_no_training_steps_even_if_it_is_longer_than_asked() -> None:
     counted = phases()
-    (ended,) = counted.book(_chunks(2, steps=60))
+    (ended,) = counted.count(_chunks(2, steps=60))
     row, _ = counted.end(ended, stored=120, meanq=None)
     assert (row.steps, row.total_train_steps, counted.train_steps) == (120, 0, 20)
 
@@ -152,5 +152,5 @@ def test_a_phases_loss_is_the_mean_over_its_updates() -> None:
     counted = phases()
     for loss in (1.0, 5.0, float("nan")):  # the last update was skipped
         counted.add(torch.tensor(loss))
-    (ended,) = counted.book(_chunks(2))
+    (ended,) = counted.count(_chunks(2))
     assert ended.loss == 2.0

@@ -65,7 +65,7 @@ class World:
     last_update: int = 10**9
     """No minibatch comes after so many updates."""
     now: float = 1_000.0
-    facts: list[ChunkStatistics] = field(default_factory=list)
+    chunks: list[ChunkStatistics] = field(default_factory=list)
     lost: int = 0
     """Steps that the replay has lost."""
     told_finished: list[bool] = field(default_factory=list)
@@ -92,7 +92,7 @@ class World:
 
     def __post_init__(self) -> None:
         self.stop = Stop(self)
-        self.agent_steps = sum(each.steps for each in self.facts)
+        self.agent_steps = sum(each.steps for each in self.chunks)
         self.rows: list[Any] = []
         self.online = torch.nn.Linear(1, 1, bias=False)
         self.credited: list[int] = []
@@ -116,9 +116,9 @@ class World:
 
     def play(self, steps: int) -> None:
         """The actors send a chunk in which a game ended, whose score is the chunk's number."""
-        index = len(self.facts)
+        index = len(self.chunks)
         self.agent_steps += steps
-        self.facts.append(
+        self.chunks.append(
             ChunkStatistics(
                 *(index, self.agent_steps, steps, "a", 1.0, 0, 0, steps, steps),
                 games=(Game(float(index), 10),),
@@ -150,7 +150,7 @@ class World:
             self.told_finished.append(finished)
         known = self.agent_steps - self.lost
         # One that is counted already is told again: each counts once all the same.
-        told = tuple(self.facts[max(since - 1, 0) :])
+        told = tuple(self.chunks[max(since - 1, 0) :])
         return Progress(known, known, 0, 0, 0, 0, False, 0, 0, 0, told)
 
     # ---------------------------------------------------------------- algorithm
@@ -356,7 +356,7 @@ def test_a_resumed_run_has_all_its_counters() -> None:
     assert last["phase_updates"] < 90
     assert last["phase_loss"] == pytest.approx(0.5 * last["phase_updates"])
 
-    second = World(facts=first.facts)
+    second = World(chunks=first.chunks)
     second.rows = first.rows
     second.first = last["books"]["facts_seen"]
     learner = second.learner()
@@ -588,7 +588,7 @@ def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) ->
     world.stops_at(200)
     run(world)
     known = world.checkpoints[-1]["books"]["agent_steps"]
-    again = World(facts=world.facts, lost=world.agent_steps - known + 100 + beyond)
+    again = World(chunks=world.chunks, lost=world.agent_steps - known + 100 + beyond)
     again.rows = world.rows
     again.first = len(world.credited)
     learner = again.learner()

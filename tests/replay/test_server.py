@@ -129,7 +129,7 @@ def test_of_another_run_neither_chunks_nor_weights_nor_learners_are_taken(
             break
     assert caplog.messages == [
         "a chunk of a was refused: it is of another run",
-        "weights of 7 bytes were passed over: weights of another run than test"
+        "weights of 7 bytes were passed over: weights of another run than test",
     ]
     learner = RemoteReplay(place.client, RunKeys(RUN, "other"), make_config())
     with pytest.raises(InputError, match="serves another run under this name now"):

@@ -92,8 +92,8 @@ class Run:
         )
 
     def play(self, chunks: int) -> None:
-        seen = self.phases.facts_seen
-        list(self.phases.book(chunk(index) for index in range(seen, seen + chunks)))
+        seen = self.phases.chunks_seen
+        list(self.phases.count(chunk(index) for index in range(seen, seen + chunks)))
 
     def values(self, **loop: Value) -> Any:
         """The figures after one second more."""
