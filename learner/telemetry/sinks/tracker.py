@@ -13,7 +13,8 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from importlib import import_module
+from typing import Any, Literal
 
 from common.metrics import Value, Values
 from common.process.extras import extra_for
@@ -22,6 +23,7 @@ from learner.telemetry.sinks.curves import CurvesSink
 TrackerName = Literal["wandb", "mlflow", "trackio"]
 PROJECT = "ale-robot"
 _STEPS = "agent_steps"
+_TAG = "ale_robot.run"
 _MOST_WAITING = 256
 """Points that a slow tracker may still have before it: several minutes of a run."""
 _FAREWELL = 30.0
@@ -40,108 +42,57 @@ class TrackedRun:
     """By their flags, as ``learning.n_step``."""
 
 
-class Tracker(Protocol):
-    """A program that keeps the curves of one run; all but its creation on one thread."""
-
-    def begin(self, run: TrackedRun) -> None:
-        """Begin a run, or go on with it after a restart."""
-
-    def log(self, points: Mapping[str, float], agent_steps: int) -> None:
-        """Add a point to each of some curves; steps may go back, to those of a test's weights."""
-
-    def close(self) -> None:
-        """Finish the run."""
+Log = Callable[[Mapping[str, float], int], object]
+"""Adds a point to each of some curves; agent steps may go back, to those of a test's weights."""
+Close = Callable[[], object]
 
 
-class Wandb:
-    """Weights & Biases."""
-
-    def __init__(self) -> None:
-        import wandb
-
-        self._wandb = wandb
-
-    def begin(self, run: TrackedRun) -> None:
-        wandb = self._wandb
-        self._run = wandb.init(
-            project=PROJECT,
-            name=run.name,
-            id=run.identity,
-            resume="allow",
-            config=dict(run.settings),
-            settings=wandb.Settings(silent=True),
-        )
-        # Not its own step, which may not go back.
-        self._run.define_metric(_STEPS)
-        self._run.define_metric("*", step_metric=_STEPS)
-
-    def log(self, points: Mapping[str, float], agent_steps: int) -> None:
-        self._run.log({_STEPS: agent_steps, **points})
-
-    def close(self) -> None:
-        self._run.finish()
+def _wandb(wandb: Any, run: TrackedRun) -> tuple[Log, Close]:
+    kept = wandb.init(
+        project=PROJECT,
+        name=run.name,
+        id=run.identity,
+        resume="allow",
+        config=dict(run.settings),
+        settings=wandb.Settings(silent=True),
+    )
+    # Not its own step, which may not go back.
+    kept.define_metric(_STEPS)
+    kept.define_metric("*", step_metric=_STEPS)
+    return lambda points, agent_steps: kept.log({_STEPS: agent_steps, **points}), kept.finish
 
 
-class Mlflow:
-    """MLflow."""
-
-    _TAG = "ale_robot.run"
-
-    def __init__(self) -> None:
-        import mlflow
-
-        self._mlflow = mlflow
-
-    def begin(self, run: TrackedRun) -> None:
-        mlflow = self._mlflow
-        mlflow.set_experiment(PROJECT)
-        found: Any = mlflow.search_runs(
-            filter_string=f"tags.`{self._TAG}` = '{run.identity}'", output_format="list"
-        )
-        if found:
-            mlflow.start_run(run_id=found[0].info.run_id)
-        else:
-            mlflow.start_run(run_name=run.name, tags={self._TAG: run.identity})
-            mlflow.log_params(dict(run.settings))
-
-    def log(self, points: Mapping[str, float], agent_steps: int) -> None:
-        self._mlflow.log_metrics(dict(points), step=agent_steps)
-
-    def close(self) -> None:
-        self._mlflow.end_run()
+def _mlflow(mlflow: Any, run: TrackedRun) -> tuple[Log, Close]:
+    mlflow.set_experiment(PROJECT)
+    found = mlflow.search_runs(
+        filter_string=f"tags.`{_TAG}` = '{run.identity}'", output_format="list"
+    )
+    if found:
+        mlflow.start_run(run_id=found[0].info.run_id)
+    else:
+        mlflow.start_run(run_name=run.name, tags={_TAG: run.identity})
+        mlflow.log_params(dict(run.settings))
+    return lambda points, agent_steps: mlflow.log_metrics(points, step=agent_steps), mlflow.end_run
 
 
-class Trackio:
-    """Trackio."""
-
-    def __init__(self) -> None:
-        import trackio
-
-        self._trackio = trackio
-
-    def begin(self, run: TrackedRun) -> None:
-        # It knows a run by its name alone.
-        name = f"{run.name}-{run.identity[:8]}"
-        self._trackio.init(
-            project=PROJECT,
-            name=name,
-            config=dict(run.settings),
-            resume="allow",
-            auto_log_gpu=False,
-        )
-
-    def log(self, points: Mapping[str, float], agent_steps: int) -> None:
-        self._trackio.log(dict(points), step=agent_steps)
-
-    def close(self) -> None:
-        self._trackio.finish()
+def _trackio(trackio: Any, run: TrackedRun) -> tuple[Log, Close]:
+    trackio.init(
+        project=PROJECT,
+        name=f"{run.name}-{run.identity[:8]}",  # it knows a run by its name alone
+        config=dict(run.settings),
+        resume="allow",
+        auto_log_gpu=False,
+    )
+    return lambda points, agent_steps: trackio.log(points, step=agent_steps), trackio.finish
 
 
-TRACKERS: dict[TrackerName, Callable[[], Tracker]] = {
-    "wandb": Wandb,
-    "mlflow": Mlflow,
-    "trackio": Trackio,
+TRACKERS: dict[TrackerName, Callable[[Any, TrackedRun], tuple[Log, Close]]] = {
+    "wandb": _wandb,
+    "mlflow": _mlflow,
+    "trackio": _trackio,
 }
+"""What begins a run with a program, given its module, or goes on with it after a restart; and how
+points are added and the run is finished. All of it happens on one thread."""
 
 
 class TrackerSink(CurvesSink):
@@ -155,12 +106,11 @@ class TrackerSink(CurvesSink):
         self._name = name
         self._lost = 0
         with extra_for(f"--track {name}", name):
-            tracker = TRACKERS[name]()
-        self._points: queue.Queue[tuple[Mapping[str, float], int] | None]
-        self._points = queue.Queue(_MOST_WAITING)
+            program = import_module(name)
+        self._points = queue.Queue[tuple[dict[str, float], int] | None](_MOST_WAITING)
         # A daemon: what a hanging server still lacks must not keep the process.
         self._thread = threading.Thread(
-            target=self._work, args=(tracker, run), name=f"track {name}", daemon=True
+            target=self._work, args=(program, run), name=f"track {name}", daemon=True
         )
         self._thread.start()
 
@@ -187,11 +137,11 @@ class TrackerSink(CurvesSink):
         elif self._lost:
             _log.warning("--track %s lacks %d points of this run", self._name, self._lost)
 
-    def _work(self, tracker: Tracker, run: TrackedRun) -> None:
+    def _work(self, program: Any, run: TrackedRun) -> None:
         try:
-            tracker.begin(run)
+            log, close = TRACKERS[self._name](program, run)
             while (point := self._points.get()) is not None:
-                tracker.log(*point)
-            tracker.close()
+                log(*point)
+            close()
         except Exception as error:  # a run is worth more than its curves elsewhere
             _log.warning("--track %s is given up, and the run goes on: %s", self._name, error)

@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -113,10 +114,11 @@ class Program:
         self.closed = False
         self._refuses, self._hangs = refuses, hangs
 
-    def begin(self, run: TrackedRun) -> None:
+    def begin(self, module: Any, run: TrackedRun) -> tuple[Any, Any]:
         self.began_on = threading.current_thread().name
         if self._refuses:
             raise ConnectionError("log in first")
+        return self.log, self.close
 
     def log(self, points: Any, agent_steps: int) -> None:
         if self.points and self._hangs is None:
@@ -130,7 +132,8 @@ class Program:
 
 
 def begin(monkeypatch: pytest.MonkeyPatch, program: Program) -> TrackerSink:
-    monkeypatch.setitem(module.TRACKERS, "wandb", lambda: program)
+    monkeypatch.setitem(sys.modules, "wandb", ModuleType("wandb"))
+    monkeypatch.setitem(module.TRACKERS, "wandb", program.begin)
     return TrackerSink("wandb", RUN)
 
 
