@@ -11,25 +11,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-PACKAGES = (
-    "ale-robot",
-    "ale-py",
-    "av",
-    "eclipse-zenoh",
-    "gymnasium",
-    "msgpack",
-    "numpy",
-    "opencv-python-headless",
-    "pybullet",
-    "pydantic",
-    "rich",
-    "safetensors",
-    "tensorboard",
-    "torch",
-    "tyro",
-)
-"""This distribution and those it depends on, as `pyproject.toml` names them."""
-
 
 def provenance() -> dict[str, Any]:
     """Returns versions, commit and machine of this process, under the keys of ``summary.json``.
@@ -54,14 +35,24 @@ def provenance() -> dict[str, Any]:
 
 
 def package_versions() -> dict[str, str | None]:
-    """Version by distribution name, ``python`` first; None for what is not installed."""
+    """Versions of ``python``, of this distribution and of those that it depends on; None for what
+    is not installed."""
     versions: dict[str, str | None] = {"python": platform.python_version()}
-    for package in PACKAGES:
+    for package in ("ale-robot", *_dependencies()):
         try:
             versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             versions[package] = None
     return versions
+
+
+def _dependencies() -> list[str]:
+    """Returns what `pyproject.toml` names, extras left out; none in a checkout without `pip`."""
+    try:
+        required = metadata.requires("ale-robot") or []
+    except metadata.PackageNotFoundError:
+        return []
+    return [re.split(r"[^\w.-]", each)[0] for each in required if "extra ==" not in each]
 
 
 def git_state(file: Path) -> tuple[str | None, bool | None]:
