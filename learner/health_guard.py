@@ -10,9 +10,9 @@ in good health.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from common.protocol.run_status import HealthCheck
 from learner.phases import JUDGED_CHUNKS
 from learner.telemetry.sinks import formats
-from learner.telemetry.snapshot import HealthCheck
 
 RED_MINUTES = 5.0
 STALL_MINUTES = 10.0

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from common.errors import InputError
 from common.metrics import Value
 from common.process.supervisor import Supervisor
+from common.protocol.run_status import HealthCheck
 from common.protocol.weights import encode_weights
 from common.protocol.wire import encode_version
 from common.run.config import RunConfig
@@ -30,7 +31,7 @@ from learner.phases import PhaseEnd, Phases
 from learner.prefetch import Prefetched, Prefetcher
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
-from learner.telemetry.snapshot import HealthCheck, Phase
+from learner.telemetry.snapshot import Phase
 from learner.telemetry.telemetry import Telemetry
 from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics, Progress
 from replay.interface import Replay

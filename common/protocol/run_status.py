@@ -14,15 +14,20 @@ MOST_ACTORS = 1_000
 _Any = Annotated[float, AllowInfNan(True)]
 
 
-class CheckStatus(NamedTuple):
-    """A health check as it is now."""
+class HealthCheck(NamedTuple):
+    """A condition without which learning cannot be trusted, as it is now."""
 
     name: str
     value: _Any | None
+    """None while it has not been measured."""
     bound: str
+    """What is asked of the value, such as ``≥ 0.99``."""
     passed: bool | None
+    """None while that cannot be said."""
     why: str
-    stops: bool
+    """One line: what a failure means."""
+    stops: bool = True
+    """A run in which it keeps failing ends by itself; see `learner.health_guard`."""
 
 
 class ActorStatus(NamedTuple):
@@ -50,5 +55,5 @@ class RunStatus(Message):
     """Seconds since the training loop looked around."""
     values: Annotated[dict[str, bool | int | _Any | str | None], MaxLen(1_000)]
     """Figures by their keys in `common.metrics`."""
-    checks: Annotated[Rows[CheckStatus], MaxLen(1_000)]
+    checks: Annotated[Rows[HealthCheck], MaxLen(1_000)]
     actors: Annotated[Rows[ActorStatus], MaxLen(MOST_ACTORS)]

@@ -19,11 +19,11 @@ import math
 from dataclasses import replace
 
 from common.metrics import METRICS, PRESS_MS, Values, number
+from common.protocol.run_status import HealthCheck
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
 from learner.telemetry.recent_latency import LEAST_MEASURED
-from learner.telemetry.snapshot import HealthCheck
 
 _PRESS_FRAMES = 4
 """Emulator frames in which the arms have nearly always pressed what they are told to, p99 of

@@ -2,8 +2,7 @@
 
 from collections.abc import Iterable
 
-from common.protocol.run_status import CheckStatus
-from learner.telemetry.snapshot import HealthCheck
+from common.protocol.run_status import HealthCheck
 
 LONGEST_SILENCE = 60.0
 """Seconds without a look of the training loop after which the learner counts as hanging."""
@@ -16,7 +15,7 @@ def hanging(silent_for: float) -> list[str]:
     return [f"the training loop has not looked around for {silent_for:.0f} s: see its log"]
 
 
-def reasons(silent_for: float, checks: Iterable[HealthCheck | CheckStatus]) -> list[str]:
+def reasons(silent_for: float, checks: Iterable[HealthCheck]) -> list[str]:
     """Returns why the learner is not in good health; none if it is."""
     return hanging(silent_for) + [
         f"health check {check.name!r} is red: {check.why}"

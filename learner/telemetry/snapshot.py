@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 
 from common.metrics import Values
 from common.protocol.actor_stats import ActorStats
+from common.protocol.run_status import HealthCheck
 
 Phase = Literal["warm-up", "training", "finishing"]
 
@@ -22,23 +23,6 @@ class ActorView:
     """Seconds since it was last heard of."""
     left: bool = False
     """It took its leave a while ago: no longer shown, still counted."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class HealthCheck:
-    """A condition without which learning cannot be trusted, as it is now."""
-
-    name: str
-    value: float | None
-    """None while it has not been measured."""
-    passed: bool | None
-    """None while that cannot be said."""
-    bound: str
-    """What is asked of the value, such as ``≥ 0.99``."""
-    why: str
-    """One line: what a failure means."""
-    stops: bool = True
-    """A run in which it keeps failing ends by itself; see `learner.health_guard`."""
 
 
 class Histogram(NamedTuple):

@@ -6,6 +6,7 @@ from typing import Any
 
 from common.metrics import METRICS, Value, Values, number
 from common.press_latency import MOST_FRAMES, ms_of, reached_by_age
+from common.protocol.run_status import HealthCheck
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.algorithm.interface import DeviceBatch, Update
@@ -18,7 +19,7 @@ from learner.telemetry.running_means import RunningMeans
 from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.summary import epochs_per_day
-from learner.telemetry.snapshot import HealthCheck, Histogram, Snapshot
+from learner.telemetry.snapshot import Histogram, Snapshot
 from replay.chunk_statistics import Progress
 
 _RATE_WINDOW = 15.0

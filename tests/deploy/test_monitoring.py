@@ -14,8 +14,9 @@ import pytest
 from benchmarks.child import free_endpoint
 from common.process.http_endpoints import http_endpoints
 from common.protocol.actor_stats import ActorStats
+from common.protocol.run_status import HealthCheck
 from learner.telemetry.sinks.prometheus import PrometheusSink
-from learner.telemetry.snapshot import ActorView, HealthCheck
+from learner.telemetry.snapshot import ActorView
 from tests.learner.telemetry.snapshots import snapshot
 from tests.paths import ROOT
 from tests.patience import wait_until

@@ -25,7 +25,7 @@ from common.protocol.announcement import Announcement
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.protocol.live_view import LiveView, ViewRequest
-from common.protocol.run_status import ActorStatus, CheckStatus, RunStatus
+from common.protocol.run_status import ActorStatus, HealthCheck, RunStatus
 from common.protocol.weights import encode_weights, load_weights
 from common.protocol.wire import encode_version
 from common.run.config import ProtocolConfig
@@ -223,7 +223,7 @@ class Targets:
             "0.1.0",
             0.5,
             {"learning/updates": 3, "run/phase": "training", "learning/loss": 0.25},
-            (CheckStatus("sees", 0.9, "≥ 0.5", True, "", True),),
+            (HealthCheck("sees", 0.9, "≥ 0.5", True, "", True),),
             (ActorStatus("a", "actor", True, 0.1, "0.1.0", 12.5, 3, 0.0),),
         )
         view = LiveView(

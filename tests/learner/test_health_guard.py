@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from common.protocol.run_status import HealthCheck
 from learner.health_guard import HealthGuard
-from learner.telemetry.snapshot import HealthCheck
 
 SECONDS = 300.0
 CHUNK_STEPS = 64

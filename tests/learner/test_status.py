@@ -14,11 +14,12 @@ from rich.console import Console
 from common.errors import Unreachable
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
+from common.protocol.run_status import HealthCheck
 from common.transport.interface import Transport
 from learner.status import Report, ask
 from learner.telemetry.readiness import LONGEST_SILENCE
 from learner.telemetry.sinks.status import StatusSink
-from learner.telemetry.snapshot import ActorView, HealthCheck
+from learner.telemetry.snapshot import ActorView
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 from tests.in_process_transport import InProcessHub

@@ -16,13 +16,13 @@ from safetensors.torch import load
 
 from common.errors import InputError
 from common.protocol.chunk import Game
+from common.protocol.run_status import HealthCheck
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.algorithm.interface import Update
 from learner.clock import RunClock
 from learner.health_guard import HealthGuard
 from learner.phases import Phases
-from learner.telemetry.snapshot import HealthCheck
 from learner.training import Learner
 from replay.chunk_statistics import ChunkStatistics, Progress
 

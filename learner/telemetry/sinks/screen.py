@@ -15,6 +15,7 @@ from rich.text import Text
 
 from common.metrics import Metric, Values, number
 from common.protocol.actor_stats import TOTALS
+from common.protocol.run_status import HealthCheck
 from common.registry import ENVIRONMENTS
 from learner.telemetry.sinks import formats
 from learner.telemetry.sinks.formats import (
@@ -25,7 +26,7 @@ from learner.telemetry.sinks.formats import (
     troubles,
 )
 from learner.telemetry.sinks.live_picture import LivePicture
-from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
+from learner.telemetry.snapshot import ActorView, Snapshot
 
 _WIDEST = 200
 _ECHO = 2

@@ -7,7 +7,7 @@ from common.checked import MAX_TEXT
 from common.errors import MessageError
 from common.metrics import Value, number
 from common.protocol.run_keys import RunKeys
-from common.protocol.run_status import MOST_ACTORS, ActorStatus, CheckStatus, RunStatus
+from common.protocol.run_status import MOST_ACTORS, ActorStatus, RunStatus
 from common.transport.interface import Request, Transport
 from common.version import VERSION
 from learner.telemetry.sinks.sink import Sink
@@ -44,10 +44,7 @@ def status_of(snapshot: Snapshot, silent_for: float) -> RunStatus:
         VERSION,
         silent_for,
         {key: _brief(value) for key, value in snapshot.values.items()},
-        tuple(
-            CheckStatus(each.name, each.value, each.bound, each.passed, each.why, each.stops)
-            for each in snapshot.checks
-        ),
+        snapshot.checks,
         tuple(
             ActorStatus(
                 each.stats.name,

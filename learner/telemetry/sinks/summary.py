@@ -54,7 +54,7 @@ class SummarySink(Sink):
                 into = summary.setdefault(outer, {}) if outer else summary
                 into[inner] = snapshot.values.get(metric.key)
         summary |= {
-            "gates": [dataclasses.asdict(check) for check in snapshot.checks],
+            "gates": [check._asdict() for check in snapshot.checks],
             "actors": [_of_actor(actor) for actor in snapshot.actors],
             "config": dataclasses.asdict(self._config),
             **self._provenance,

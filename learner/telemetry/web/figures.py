@@ -8,7 +8,7 @@ from common.protocol.actor_stats import TOTALS
 from common.registry import ENVIRONMENTS
 from common.strict_json import strict
 from learner.telemetry.sinks import formats
-from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
+from learner.telemetry.snapshot import ActorView, Snapshot
 
 _UNSAID = ("none", "ratio", "per second")
 
@@ -48,7 +48,10 @@ def figures(snapshot: Snapshot) -> dict[str, Any]:
             for title, metrics in formats.panels_of(values).items()
         },
         "verdict": snapshot.verdict,
-        "checks": [_check(check) for check in snapshot.checks],
+        "checks": [
+            check._asdict() | {"value": formats.written("significant", check.value)}
+            for check in snapshot.checks
+        ],
         "alive": [values["stream/actors_alive"], values["stream/actors_present"]],
         "troubles": formats.troubles(values).lstrip(", "),
         "actors": [_actor(actor, values) for actor in snapshot.present],
@@ -72,17 +75,6 @@ def _progress(progress: formats.Progress, values: Values) -> dict[str, Any]:
 def _row(metric: Metric, values: Values) -> dict[str, str]:
     label, text = formats.label_and_text(metric, values)
     return {"label": label, "text": text, "meaning": metric.meaning}
-
-
-def _check(check: HealthCheck) -> dict[str, Any]:
-    return {
-        "name": check.name,
-        "passed": check.passed,
-        "value": formats.written("significant", check.value),
-        "bound": check.bound,
-        "why": check.why,
-        "stops": check.stops,
-    }
 
 
 def _actor(actor: ActorView, values: Values) -> dict[str, Any]:

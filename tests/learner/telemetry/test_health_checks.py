@@ -7,10 +7,10 @@ import pytest
 
 from common.metrics import METRICS, Bound, Metric, Value, declare
 from common.press_latency import UNMEASURED, KeyLatency, ms_of
+from common.protocol.run_status import HealthCheck
 from common.run.conditions import PlayConfig, RandomiseConfig
 from common.run.presets import PRESETS
 from learner.telemetry.health_checks import judge, keys_can_follow
-from learner.telemetry.snapshot import HealthCheck
 
 HEALTHY: dict[str, Value] = {
     "play/valid_frame_share": 0.995,

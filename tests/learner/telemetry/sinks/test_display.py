@@ -20,13 +20,14 @@ from rich.console import Console
 
 from common.metrics import Value
 from common.protocol.actor_stats import ActorStats
+from common.protocol.run_status import HealthCheck
 from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
 from learner.telemetry.health_checks import judge
 from learner.telemetry.sinks import formats
 from learner.telemetry.sinks.display import LiveDisplay, PlainDisplay, open_display
 from learner.telemetry.sinks.screen import Screen
-from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
+from learner.telemetry.snapshot import ActorView, Snapshot
 from tests.learner.telemetry.snapshots import changed, snapshot
 
 HANDS: dict[str, Value] = {

@@ -3,9 +3,10 @@
 from collections.abc import Iterable
 
 from common.protocol.actor_stats import ActorStats
+from common.protocol.run_status import HealthCheck
 from learner.telemetry.readiness import LONGEST_SILENCE
 from learner.telemetry.sinks.prometheus import MOST_ACTORS, PrometheusSink
-from learner.telemetry.snapshot import ActorView, HealthCheck
+from learner.telemetry.snapshot import ActorView
 from tests.learner.telemetry.snapshots import snapshot
 
 

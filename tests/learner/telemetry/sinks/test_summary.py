@@ -6,7 +6,6 @@ import platform
 import re
 import subprocess
 import tomllib
-from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,11 @@ import pytest
 
 from common.metrics import Value
 from common.protocol.actor_stats import ActorStats
+from common.protocol.run_status import HealthCheck
 from common.run.presets import PRESETS
-from learner.telemetry.provenance import PACKAGES, git_state, package_versions, provenance
+from learner.telemetry.provenance import git_state, package_versions, provenance
 from learner.telemetry.sinks.summary import SummarySink, epochs_per_day
-from learner.telemetry.snapshot import ActorView, HealthCheck, Snapshot
+from learner.telemetry.snapshot import ActorView, Snapshot
 from tests.learner.telemetry.snapshots import changed, snapshot
 from tests.paths import ROOT
 
@@ -231,7 +231,7 @@ def test_figures_of_the_run(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, None])
 def test_what_is_no_number_is_null(tmp_path: Path, value: float | None) -> None:
-    check = replace(STATUS.checks[0], value=value)
+    check = STATUS.checks[0]._replace(value=value)
     values: dict[str, Value] = {"learning/mean_max_q": value, "stream/staleness_p95": value}
     diverged = changed(STATUS, values, checks=(check,))
     summary = written(tmp_path / "summary.json", diverged)
@@ -265,8 +265,8 @@ def test_versions_of_all_that_pyproject_names() -> None:
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     project = tomllib.loads(text)["project"]
     named = {re.split(r"[<>=~!\[; ]", text)[0] for text in project["dependencies"]}
-    assert set(PACKAGES) == named | {project["name"]}
     versions = package_versions()
+    assert versions.keys() == named | {project["name"], "python"}
     assert versions["python"] == platform.python_version()
     assert versions["torch"] == metadata.version("torch")
 

@@ -20,6 +20,7 @@ from common.process.threads import end_with_any_thread
 from common.protocol.actor_stats import ActorStats
 from common.protocol.live_view import ViewRequest
 from common.protocol.run_keys import RunKeys
+from common.protocol.run_status import HealthCheck
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from common.transport.interface import Request, Transport
@@ -27,7 +28,7 @@ from learner.telemetry import live_feed
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
-from learner.telemetry.snapshot import ActorView, HealthCheck
+from learner.telemetry.snapshot import ActorView
 from learner.telemetry.web import server
 from learner.telemetry.web.address import check_web_address, may_be_asked_as
 from learner.telemetry.web.page_sink import PageSink
