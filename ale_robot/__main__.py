@@ -6,7 +6,7 @@ from importlib import import_module
 from itertools import takewhile
 
 from ale_robot import __version__
-from ale_robot.commands import COMMANDS, overview
+from ale_robot.commands import PROGRAMS, help_of, overview
 from common.errors import InputError, choice, exit_on_input_error
 from common.process.lifeline import leave_at_interrupt
 
@@ -20,19 +20,19 @@ def run() -> int | None:
     if name in ("-h", "--help", "--help-all"):
         print(overview(everything=name == "--help-all"))
         return 0
-    if (command := COMMANDS.get(name)) is None:
-        raise InputError(f"there is no command {name!r}: {choice(name, list(COMMANDS))}")
+    if name not in PROGRAMS:
+        raise InputError(f"there is no command {name!r}: {choice(name, list(PROGRAMS))}")
     if {"-h", "--help"} & {*arguments}:
-        print(command.help(name))
+        print(help_of(name))
         return 0
-    given = command.arguments
+    module, *given = PROGRAMS[name]
     if "--help-all" in arguments:
-        given, arguments = tuple(takewhile(str.isalpha, given)), ["--help"]
-    elif given == ("--evaluate",) and (not arguments or arguments[0].startswith("-")):
+        given, arguments = [*takewhile(str.isalpha, given)], ["--help"]
+    elif name == "evaluate" and (not arguments or arguments[0].startswith("-")):
         raise InputError("name a network first, as in `ale-robot evaluate robot_pong`.")
     sys.argv = [f"ale-robot {name}", *given, *arguments]
     try:
-        program = import_module(command.module)
+        program = import_module(module)
     except ModuleNotFoundError as error:
         raise InputError(
             f"`ale-robot {name}` needs the package {error.name}, which is not installed: "

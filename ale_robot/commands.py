@@ -1,35 +1,35 @@
-"""The commands of `ale-robot`: the program behind each, and what its short help says.
+"""The commands of `ale-robot`: the program behind each, and its short help.
 
 `--help` shows this text at once; `--help-all` loads the program, whose own help has every flag.
 """
 
 import textwrap
-from dataclasses import dataclass
 
 from common.games import GAMES
 
+PROGRAMS: dict[str, tuple[str, ...]] = {
+    "watch": ("viewer.__main__", "watch"),
+    "train": ("learner.__main__", "--local"),
+    "join": ("actors.__main__",),
+    "replay": ("replay.__main__",),
+    "launch": ("deploy.__main__",),
+    "status": ("learner.status",),
+    "play": ("viewer.__main__", "play"),
+    "human": ("viewer.__main__", "human"),
+    "check": ("viewer.__main__", "check"),
+    "film": ("viewer.__main__", "film"),
+    "evaluate": ("learner.__main__", "--evaluate"),
+    "plot": ("learner.figures.plot",),
+    "backup": ("learner.backup",),
+    "policies": ("ale_robot.hub",),
+}
+"""By the command's name, the module whose ``main`` it calls, and what comes before the user's
+arguments."""
 
-@dataclass(frozen=True)
-class Command:
-    """A program's ``main`` in ``module``, called with ``arguments`` before the user's."""
+HELP = {
+    "watch": """\
+Watch a trained robot play in this terminal.
 
-    module: str
-    arguments: tuple[str, ...]
-    summary: str
-    text: str
-    """Examples, and the flags that are used most."""
-
-    def help(self, name: str) -> str:
-        """Returns at most one screen of 24 lines and 80 columns."""
-        return f"{self.summary}\n{self.text.rstrip()}\n\nAll flags: ale-robot {name} --help-all"
-
-
-COMMANDS = {
-    "watch": Command(
-        "viewer.__main__",
-        ("watch",),
-        "Watch a trained robot play in this terminal.",
-        """
   ale-robot watch                                  the shipped robot at Pong
   ale-robot watch --weights runs/NAME/snapshots/best.safetensors
   ale-robot watch --env ale --weights ale_pong     the emulator, without a robot
@@ -40,12 +40,9 @@ COMMANDS = {
   --games N            number of whole games; 0, the default, plays until q
   --seed N             seed of the games
 """,
-    ),
-    "train": Command(
-        "learner.__main__",
-        ("--local",),
-        "Train a robot on this machine until Ctrl-C.",
-        """
+    "train": """\
+Train a robot on this machine until Ctrl-C.
+
   ale-robot train --run first                      NAO learns Pong
   ale-robot train --run first --resume             go on
   ale-robot train --env ale --game breakout        the emulator, without a robot
@@ -64,12 +61,9 @@ COMMANDS = {
   --device cuda        hardware of the learner: auto, cpu or cuda
   --no-local           replay and learner only; actors join from elsewhere
 """,
-    ),
-    "join": Command(
-        "actors.__main__",
-        (),
-        "Join a run as an actor, from another terminal or machine.",
-        """
+    "join": """\
+Join a run as an actor, from another terminal or machine.
+
   ale-robot join                                   a run on this machine
   ale-robot join --connect tcp/HOST:7447           a run elsewhere
   ale-robot join --evaluator                       play the tests of epochs
@@ -81,12 +75,9 @@ COMMANDS = {
   --no-sync            play in real time
   --patience SECONDS   time to wait for the run; inf for ever
 """,
-    ),
-    "replay": Command(
-        "replay.__main__",
-        (),
-        "Serve the replay of a run as a process of its own.",
-        """
+    "replay": """\
+Serve the replay of a run as a process of its own.
+
   ale-robot replay --run pong
   ale-robot train --no-local --run pong --connect tcp/127.0.0.1:7447
 
@@ -94,12 +85,9 @@ COMMANDS = {
   --listen ADDRESS     address where learner and actors find it
   --resume             go on with what is stored
 """,
-    ),
-    "launch": Command(
-        "deploy.__main__",
-        (),
-        "Launch a run on Slurm, Kubernetes or Compose.",
-        """
+    "launch": """\
+Launch a run on Slurm, Kubernetes or Compose.
+
   ale-robot launch slurm --actors 8 --submit       the robot learns Pong
   ale-robot launch slurm --gpus 1 --time 04:00:00 -- --game breakout
   ale-robot launch kubernetes --image HOST/ale-robot:1
@@ -110,12 +98,9 @@ COMMANDS = {
   --evaluators N       number of those that play the tests of epochs
   --submit             submit the jobs of Slurm too, rather than only write them
 """,
-    ),
-    "status": Command(
-        "learner.status",
-        (),
-        "Tell how a run does, wherever it is; the exit code says it too.",
-        """
+    "status": """\
+Tell how a run does, wherever it is; the exit code says it too.
+
   ale-robot status                                 a run on this machine
   ale-robot status --connect tcp/HOST:7447 --json
 
@@ -126,12 +111,9 @@ COMMANDS = {
 
   exit code: 0 healthy, 1 something is red, 4 nobody answers
 """,
-    ),
-    "play": Command(
-        "viewer.__main__",
-        ("play",),
-        "Play whole games, and print their scores.",
-        """
+    "play": """\
+Play whole games, and print their scores.
+
   ale-robot play --weights robot_pong --games 5
   ale-robot play --viewer rerun                    the room in 3-D, with figures
   ale-robot play --save game.rrd                   the same as a file; both need
@@ -146,35 +128,26 @@ COMMANDS = {
   --save FILE.rrd      recording for that viewer
   --no-sync            real time
 """,
-    ),
-    "human": Command(
-        "viewer.__main__",
-        ("human",),
-        "Play yourself, through the robot's hands: arrow keys, space, q.",
-        """
+    "human": """\
+Play yourself, through the robot's hands: arrow keys, space, q.
+
   ale-robot human --game breakout
   ale-robot human --robot robotroller
 
   --game GAME          game, such as breakout
   --robot NAME         robot: nao or robotroller
 """,
-    ),
-    "check": Command(
-        "viewer.__main__",
-        ("check",),
-        "Check a robot's sight and touch, and write a picture.",
-        """
+    "check": """\
+Check a robot's sight and touch, and write a picture.
+
   ale-robot check -o check.png                     exit code 1 if a check is red
 
   --env, --game, --robot, --seed    what is checked
   -o FILE.png          picture
 """,
-    ),
-    "film": Command(
-        "viewer.__main__",
-        ("film",),
-        "Film a game, or how a run learned: room, camera, hands and network.",
-        """
+    "film": """\
+Film a game, or how a run learned: room, camera, hands and network.
+
   ale-robot film                                   writes film.mp4
   ale-robot film --weights runs/NAME/snapshots/best.safetensors --video best.mp4
   ale-robot film --seconds 20 --video short.gif
@@ -185,12 +158,9 @@ COMMANDS = {
   --video FILE         film: .mp4, or .gif of at most 120 s
   --seconds S          seconds of play; 0 for a whole game
 """,
-    ),
-    "evaluate": Command(
-        "learner.__main__",
-        ("--evaluate",),
-        "Test a network by whole games, in several processes.",
-        """
+    "evaluate": """\
+Test a network by whole games, in several processes.
+
   ale-robot evaluate robot_pong
   ale-robot evaluate runs/NAME/snapshots/best.safetensors --headline --json FILE
   ale-robot evaluate robot_pong --camera.noise 8   in another world
@@ -202,12 +172,9 @@ COMMANDS = {
   --json FILE          file of the results
   --no-sync            real time
 """,
-    ),
-    "plot": Command(
-        "learner.figures.plot",
-        (),
-        "Draw runs: reward and mean max-Q by epoch.",
-        """
+    "plot": """\
+Draw runs: reward and mean max-Q by epoch.
+
   ale-robot plot runs/A runs/B -o figure.png
   ale-robot plot runs/A --figure progress --phase train -o figure.png
   ale-robot plot evaluation.json --figure histogram -o figure.png
@@ -216,34 +183,32 @@ COMMANDS = {
   --phase NAME         test or train
   -o FILE              picture: .png, .svg or .pdf
 """,
-    ),
-    "backup": Command(
-        "learner.backup",
-        (),
-        "Copy a run, also while it works, to go on with it elsewhere.",
-        """
+    "backup": """\
+Copy a run, also while it works, to go on with it elsewhere.
+
   ale-robot backup runs/NAME -o /mnt/backup/NAME
   ale-robot train --runs /mnt/backup --run NAME --resume       go on with it
 
   -o FOLDER            folder of the copy, which must not exist yet
 """,
-    ),
-    "policies": Command(
-        "ale_robot.hub",
-        (),
-        "List the trained policies that are shipped; push and pull others.",
-        """
+    "policies": """\
+List the trained policies that are shipped; push and pull others.
+
   ale-robot policies                               those that are shipped
   ale-robot watch --weights ale_pong               watch one
   ale-robot policies pull OWNER/NAME -o FOLDER     from a hub of models
   ale-robot policies push robot_pong OWNER/NAME    both need
                                                    pip install huggingface_hub
 """,
-    ),
 }
-
-
+"""One line of what the command does, examples, and the flags that are used most: with the last line
+of `help_of` at most one screen of 24 lines and 80 columns."""
 _VERSION = "  ale-robot --version"
+
+
+def help_of(name: str) -> str:
+    """Returns what `ale-robot NAME --help` prints."""
+    return f"{HELP[name]}\nAll flags: ale-robot {name} --help-all"
 
 
 def overview(*, everything: bool) -> str:
@@ -254,7 +219,7 @@ def overview(*, everything: bool) -> str:
         "  ale-robot watch      see the shipped robot play",
         "  ale-robot train      train one on this machine until Ctrl-C",
         "",
-        *(f"  {name:<10} {command.summary}" for name, command in COMMANDS.items()),
+        *(f"  {name:<10} {text.splitlines()[0]}" for name, text in HELP.items()),
         "",
         "  ale-robot COMMAND --help        examples, and the flags that are used most",
         "  ale-robot COMMAND --help-all    every flag",

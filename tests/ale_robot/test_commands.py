@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 import ale_robot.__main__ as command_line
-from ale_robot.commands import COMMANDS, Command, overview
+from ale_robot.commands import HELP, PROGRAMS, overview
 from common.errors import InputError
 
 
@@ -17,7 +17,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int | None:
     return command_line.run()
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", PROGRAMS)
 def test_the_short_help_fits_a_screen(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -29,13 +29,13 @@ def test_the_short_help_fits_a_screen(
     assert any(line.startswith(f"  ale-robot {name}") for line in lines)
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", PROGRAMS)
 def test_every_flag_of_the_short_help_is_one_of_the_program(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if name == "plot":
         pytest.importorskip("matplotlib")
-    listed = [line for line in COMMANDS[name].text.splitlines() if line.startswith("  -")]
+    listed = [line for line in HELP[name].splitlines() if line.startswith("  -")]
     told = set(re.findall(r"(?<!\S)--?[a-z][\w.-]*", "\n".join(listed)))
     with pytest.raises(SystemExit) as left:
         run(monkeypatch, name, "--help-all")
@@ -72,7 +72,7 @@ def test_an_evaluation_without_a_network_is_told(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(COMMANDS, "plot", Command("nobodys", (), "", ""))
+    monkeypatch.setitem(PROGRAMS, "plot", ("nobodys",))
     with pytest.raises(InputError, match=r"needs the package nobodys.*: pip install nobodys"):
         run(monkeypatch, "plot", "a")
 
