@@ -16,7 +16,6 @@ import tyro
 from rich.console import Console
 from rich.table import Column, Table
 
-from actors.envs import make_env
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
 from actors.robots.latency import AGENT_STEP_MS, MOST_STRAYS, Change, Latency, changes
@@ -25,7 +24,7 @@ from common.metrics import KEYS_AS_COMMANDED, PIXEL_DEVIATION, VALID_FRAMES, Bou
 from common.registry import ROBOTS
 from viewer.panels import Panels
 from viewer.picture import write_picture
-from viewer.player import File, Played, ShownPolicy
+from viewer.player import File, Played, ShownPolicy, shown_env
 
 AGENT_STEPS = 200
 MOST_CORNER_ERROR = 1.5
@@ -61,8 +60,8 @@ class Check(Played):
         config = self.config()
         console = Console(highlight=False)
         with (
-            closing(make_env(config, training=False)) as env,
-            closing(Panels(env, config.play, self.nao_urdf)) as panels,
+            shown_env(config) as env,
+            closing(Panels(env, self.nao_urdf)) as panels,
         ):
             policy = ShownPolicy.of_file(config, None, 1.0, config.seed)
             figures = []

@@ -14,7 +14,6 @@ import tyro
 from numpy.typing import NDArray
 from rich.progress import TimeRemainingColumn
 
-from actors.envs import make_env
 from actors.loop import play
 from common.checked import Amount, Fraction
 from common.errors import InputError
@@ -24,7 +23,7 @@ from common.run.origin import find_weights
 from viewer import overlay
 from viewer.movie import filming, open_movie
 from viewer.panels import Panels
-from viewer.player import File, Played, ShownPolicy
+from viewer.player import File, Played, ShownPolicy, shown_env
 from viewer.show import ROOM_EVERY, Play
 
 _CHAPTER = 8.0
@@ -88,8 +87,8 @@ class Film(Played):
         rate = 60 / config.play.frame_skip
         steps = round((self.seconds or _CHAPTER) * rate)
         with (
-            closing(make_env(config, training=False)) as env,
-            closing(Panels(env, config.play, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
+            shown_env(config) as env,
+            closing(Panels(env, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
             open_movie(video, rate) as film,
             filming(TimeRemainingColumn()) as progress,
         ):

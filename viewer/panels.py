@@ -3,10 +3,8 @@ camera with what was found in it, the hands on the keys, and what the network ge
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +17,6 @@ from actors.vision.layout import border_of
 from actors.vision.screen_detector import Detection
 from common.actions import Keys
 from common.errors import InputError
-from common.run.conditions import PlayConfig
 from viewer import overlay
 
 PANEL = (512, 384)
@@ -32,30 +29,24 @@ class Panels:
     """Draws one environment.
 
     Args:
-        play: the environment's settings.
         room_every: pictures per rendering of the whole room, which takes more time than all else;
             the game on its screen is always new.
         nao_urdf: another NAO to show in place of the one that plays, see `OwnNao`.
 
     Raises:
-        InputError: that robot cannot be shown, or no NAO plays; or it is an environment of another
-            kind, which has no such panels.
+        InputError: that robot cannot be shown, or no NAO plays.
     """
 
     def __init__(
         self,
-        env: gymnasium.Env[Any, Any],
-        play: PlayConfig,
+        env: RobotEnv | AtariEnv,
         nao_urdf: Path | None = None,
         *,
         room_every: int = 1,
     ) -> None:
-        if not isinstance(env, RobotEnv | AtariEnv):
-            raise InputError("only robots and emulators are shown: choose another --env.")
         self._env = env
         self._drawn = 0
         self._room_every = room_every
-        self._actions = actions_of(env, play)
         self._own_nao: OwnNao | None = None
         if isinstance(env, RobotEnv):
             self._view = env.robot.view
@@ -70,7 +61,7 @@ class Panels:
         """Returns the picture after ``step``, whose action was chosen by Q-values ``values``:
         ``uint8 [768, 1024, 3]``, of an emulator alone ``[384, 1024, 3]``."""
         env, emulator = self._env, self._env.emulator
-        network = network_panel(emulator.game, step, self._actions, values)
+        network = network_panel(emulator.game, step, env.actions, values)
         if not isinstance(env, RobotEnv):
             # As wide as a television shows it.
             return np.hstack((_panel(emulator.screen_rgb(), "emulator"), network))
@@ -92,11 +83,6 @@ class Panels:
         """Close what shows another NAO; the environment stays open."""
         if self._own_nao is not None:
             self._own_nao.close()
-
-
-def actions_of(env: RobotEnv | AtariEnv, play: PlayConfig) -> tuple[int, ...]:
-    """Returns ALE's numbers of the actions on offer."""
-    return env.emulator.minimal_actions if play.minimal_actions else tuple(range(18))
 
 
 def camera_panel(seen: NDArray[np.uint8], detection: Detection) -> NDArray[np.uint8]:

@@ -1,5 +1,7 @@
 """What is played for show, and by whom: random actions, or a network with its values kept."""
 
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -9,13 +11,31 @@ import tyro
 from annotated_types import Ge, Lt
 from numpy.typing import NDArray
 
+from actors.envs import make_env
+from actors.envs.ale import AtariEnv
+from actors.envs.robot import RobotEnv
 from actors.policy import Policy
+from common.errors import InputError
 from common.registry import ENVIRONMENTS
+from common.run.clock import ClockConfig
 from common.run.config import MAX_SEED, RunConfig
 from common.run.origin import check_fit, origin_of
 from common.run.presets import PRESETS
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+
+
+@contextmanager
+def shown_env(config: RunConfig, clock: ClockConfig | None = None) -> Iterator[RobotEnv | AtariEnv]:
+    """Makes the environment of ``config``, of which there is something to show, and closes it.
+
+    Raises:
+        InputError: it is an environment of another kind.
+    """
+    with closing(make_env(config, clock, training=False)) as env:
+        if not isinstance(env, RobotEnv | AtariEnv):
+            raise InputError("only robots and emulators are shown: choose another --env.")
+        yield env
 
 
 @dataclass(frozen=True)

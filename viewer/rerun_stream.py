@@ -9,7 +9,6 @@ from types import ModuleType
 from typing import Any
 
 import cv2
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +26,6 @@ from common.errors import InputError
 from common.run.conditions import PlayConfig
 from viewer import overlay
 from viewer.movie import check_writable
-from viewer.panels import actions_of
 from viewer.rerun_viewer import RerunViewer
 
 _QUALITY = 90
@@ -54,14 +52,12 @@ class RerunStream:
 
     Raises:
         InputError: Rerun is not installed, its viewer cannot be started here, or the file cannot
-            be written; or it is an environment of another kind.
+            be written.
     """
 
     def __init__(
-        self, env: gymnasium.Env[Any, Any], play: PlayConfig, *, live: bool, save: Path | None
+        self, env: RobotEnv | AtariEnv, play: PlayConfig, *, live: bool, save: Path | None
     ) -> None:
-        if not isinstance(env, RobotEnv | AtariEnv):
-            raise InputError("only robots and emulators are shown: choose another --env.")
         if save is not None and save.suffix != ".rrd":
             raise InputError(f"the name {save} does not end in .rrd: choose one that does.")
         if save is not None:
@@ -75,7 +71,7 @@ class RerunStream:
         room = env.robot if isinstance(env, RobotEnv) and isinstance(env.robot, Room) else None
         self._scene = None if room is None else room.scene()
         self._game = "game" if room is None else "room/screen/game"
-        self._q = [_name_of(KEYS_OF_ACTION[action]) for action in actions_of(env, play)]
+        self._q = [_name_of(KEYS_OF_ACTION[action]) for action in env.actions]
         self._viewer = RerunViewer(rerun) if live else None
         self._stream = rerun.RecordingStream("ale-robot")
         self._stream.set_log_time_enabled(False)  # the game's time is enough

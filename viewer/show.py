@@ -3,14 +3,14 @@
 import threading
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
-import gymnasium
 import numpy as np
 import tyro
 from rich.progress import TextColumn
 
-from actors.envs import make_env
+from actors.envs.ale import AtariEnv
+from actors.envs.robot import RobotEnv
 from actors.loop import play
 from common.checked import Amount, Fraction, FromOne
 from common.errors import InputError
@@ -19,7 +19,7 @@ from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
 from viewer.movie import filming, open_movie
 from viewer.panels import Panels
-from viewer.player import File, Played, ShownPolicy
+from viewer.player import File, Played, ShownPolicy, shown_env
 from viewer.rerun_stream import RerunStream
 
 ROOM_EVERY = 4
@@ -75,9 +75,9 @@ class Play(Played):
         policy = ShownPolicy.of_file(config, self.weights, self.epsilon, policy_seed)
         rate = 60 / config.play.frame_skip
         with (
-            closing(make_env(config, self.clock, training=False)) as env,
+            shown_env(config, self.clock) as env,
             nullcontext() if self.video is None else open_movie(self.video, rate) as film,
-            closing(Panels(env, config.play, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
+            closing(Panels(env, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
             nullcontext() if self.video is None else filming(_SECONDS_FILMED) as progress,
             self._stream(env, config.play) as stream,
         ):
@@ -121,7 +121,7 @@ class Play(Played):
         return 0
 
     def _stream(
-        self, env: gymnasium.Env[Any, Any], play: PlayConfig
+        self, env: RobotEnv | AtariEnv, play: PlayConfig
     ) -> AbstractContextManager[RerunStream | None]:
         if self.viewer is None and self.save is None:
             return nullcontext()

@@ -8,14 +8,12 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs import make_env
 from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
@@ -28,7 +26,7 @@ from common.run.config import RunConfig
 from common.run.origin import find_weights
 from viewer import overlay
 from viewer.human import keys_text
-from viewer.player import Played, ShownPolicy
+from viewer.player import Played, ShownPolicy, shown_env
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys
 from viewer.terminal.terminal import Terminal
@@ -73,9 +71,7 @@ class Watch(Played):
             raise InputError("there is no terminal to draw into: run it in one, or make a film.")
         policy = ShownPolicy.of_file(config, weights, self.epsilon, config.seed)
         keys, scores = HeldKeys(), list[float]()
-        with closing(make_env(config, training=False)) as env, Terminal() as terminal:
-            if not isinstance(env, RobotEnv | AtariEnv):
-                raise InputError("only robots and emulators are shown: choose another --env.")
+        with shown_env(config) as env, Terminal() as terminal:
             if any(have < least for have, least in zip(terminal.size, LEAST_SIZE, strict=True)):
                 raise InputError(
                     f"the terminal has {terminal.size[0]} × {terminal.size[1]} characters: make it "
@@ -105,8 +101,6 @@ class WatchScreen:
         self._env = env
         self._name = name
         self._title = f"{config.game.replace('_', ' ')} ({config.env})"
-        minimal = env.emulator.minimal_actions
-        self._actions = minimal if config.play.minimal_actions else tuple(range(18))
         self._size = (0, 0)
         self._blocks = HalfBlocks(1, 1)
 
@@ -201,7 +195,7 @@ class WatchScreen:
             bar = "█" * round((value - least) / span * (width - 16))
             colour = _CHOSEN if index == step.a_tm1 else ""
             lines.append(
-                f"{colour}{keys_text(KEYS_OF_ACTION[self._actions[index]])} {value:7.3f} {bar}"
+                f"{colour}{keys_text(KEYS_OF_ACTION[env.actions[index]])} {value:7.3f} {bar}"
             )
         return lines
 

@@ -99,6 +99,11 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         """The console; another one after a reset with a seed."""
         return self._game.emulator
 
+    @property
+    def actions(self) -> tuple[int, ...]:
+        """ALE's numbers of the actions on offer."""
+        return self._game.actions
+
     def ram(self) -> NDArray[np.uint8]:
         """Returns the console's memory, ``uint8 [128]``."""
         return self._game.emulator.ram()

@@ -49,8 +49,6 @@ class LiveViews:
     ) -> None:
         self._envs = envs
         self._policy = policy
-        play = member.config.play
-        self._minimal_actions = play.minimal_actions
         self._waiting: deque[tuple[Request, ViewRequest]] = deque()
         self._next = 0.0
         """Monotonic seconds from which the next look may be."""
@@ -89,7 +87,7 @@ class LiveViews:
         actions: tuple[int, ...] = ()
         if isinstance(env, RobotEnv | AtariEnv):
             wanted, pressed = env.wanted, env.pressed
-            actions = env.emulator.minimal_actions if self._minimal_actions else tuple(range(18))
+            actions = env.actions
         if isinstance(env, AtariEnv):
             picture = env.emulator.screen_rgb()
         elif isinstance(env, RobotEnv):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 
 import cv2
 import gymnasium
@@ -9,7 +10,6 @@ import numpy as np
 import pytest
 
 from actors.envs.ale import AtariEnv
-from actors.envs.game import DEFAULT_PLAY
 from actors.envs.robot import RobotEnv
 from actors.envs.step_info import StepInfo
 from actors.loop import Step
@@ -17,8 +17,12 @@ from actors.vision.layout import GAME_IN_PICTURE
 from actors.vision.screen_detector import Detection
 from common.actions import Keys
 from common.errors import InputError
+from common.registry import ENVIRONMENTS, Environment
+from common.run.presets import PRESETS
+from tests.extending.whole_run import added
 from viewer import overlay
 from viewer.panels import PANEL, Panels, border_of, camera_panel, hands_panel, network_panel
+from viewer.player import shown_env
 
 WIDTH, HEIGHT = PANEL
 CORNERS = np.array([[100, 60], [220, 60], [220, 150], [100, 150]], np.float32)
@@ -50,7 +54,7 @@ def robot() -> Iterator[tuple[RobotEnv, Step]]:
 
 def test_four_panels_for_a_robot(robot: tuple[RobotEnv, Step]) -> None:
     env, step = robot
-    with closing(Panels(env, DEFAULT_PLAY)) as panels:
+    with closing(Panels(env)) as panels:
         picture = panels.draw(step, None)
     assert picture.shape == (2 * HEIGHT, 2 * WIDTH, 3)
     screen = env.emulator.screen_rgb()
@@ -78,7 +82,7 @@ def test_the_room_is_rendered_now_and_then(
         return np.zeros((height, width, 3), np.uint8)
 
     monkeypatch.setattr(env.robot, "view", view)
-    panels = Panels(env, DEFAULT_PLAY, room_every=2)
+    panels = Panels(env, room_every=2)
     for _ in range(3):
         panels.draw(step, None)
     assert [moved for place, moved in moves if place == "room"] == [True, False, True]
@@ -89,7 +93,7 @@ def test_two_panels_for_an_emulator() -> None:
     env = AtariEnv("pong")
     state, _ = env.reset(seed=3)
     step = stepped(state)
-    picture = Panels(env, DEFAULT_PLAY).draw(step, None)
+    picture = Panels(env).draw(step, None)
     assert picture.shape == (HEIGHT, 2 * WIDTH, 3)
     screen = cv2.resize(env.emulator.screen_rgb(), PANEL)
     np.testing.assert_array_equal(picture[: HEIGHT - 24, :WIDTH], screen[:-24])
@@ -98,8 +102,13 @@ def test_two_panels_for_an_emulator() -> None:
 
 
 def test_other_environments_are_refused() -> None:
-    with pytest.raises(InputError, match="choose another --env"):
-        Panels(gymnasium.Env(), DEFAULT_PLAY)
+    other = Environment("other", lambda *_, **__: gymnasium.Env(), lambda _: 3)
+    with (
+        added(ENVIRONMENTS, other),
+        pytest.raises(InputError, match="choose another --env"),
+        shown_env(replace(PRESETS["fast"], env="other")),
+    ):
+        pass
 
 
 def test_the_network_gets_what_is_shown_enlarged() -> None:

@@ -75,9 +75,12 @@ def test_what_does_not_change_is_not_written_again(robot: Any) -> None:
     assert len(screen.draw((80, 24), step, VALUES, [])) < len(first) / 5
 
 
-def test_where_there_is_no_room_the_best_actions_are_shown(robot: Any) -> None:
+def test_where_there_is_no_room_the_best_actions_are_shown(
+    robot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     values = np.arange(18, dtype=np.float32)
     config = replace(PRESETS["robot"], play=replace(PLAY, minimal_actions=False))
+    monkeypatch.setattr(robot._game, "actions", tuple(range(18)))
     step: Any = Step()
     told = texts(WatchScreen(robot, config, "r").draw(LEAST_SIZE, step, values, [])).values()
     numbers = [float(text.split()[1]) for text in told if re.search(r"\d\.000", text)]
