@@ -4,6 +4,7 @@ import threading
 from functools import partial
 
 from common.protocol.run_keys import RunKeys
+from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from common.run.stored_config import flat
 from common.transport.interface import Transport
@@ -23,7 +24,6 @@ from learner.telemetry.held_out import HeldOut
 from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.provenance import provenance
 from learner.telemetry.sinks.display import Display
-from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.sinks.films import FilmsSink
 from learner.telemetry.sinks.gates_csv import GatesCsvSink
 from learner.telemetry.sinks.service_manager import ServiceManagerSink

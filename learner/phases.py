@@ -10,9 +10,9 @@ from torch import Tensor
 
 from common.metrics import Value
 from common.run.config import RunConfig
+from common.run.epochs import EpochRow
 from learner.clock import RunClock
 from learner.evaluation.coordinator import EpochTest
-from learner.telemetry.sinks.epochs_csv import EpochRow
 from replay.chunk_statistics import ChunkStatistics
 
 RECENT_GAMES = 50

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from learner.telemetry.sinks.epochs_csv import EpochRow
+from common.run.epochs import EpochRow
 
 
 def epoch_row(scores: Sequence[float] = (), **columns: Any) -> EpochRow:

@@ -1,8 +1,7 @@
 """`python -m viewer film`: a film of one network's play, or of how a run learned."""
 
-import csv
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
@@ -18,6 +17,7 @@ from actors.loop import play
 from common.checked import Amount, Fraction
 from common.errors import InputError
 from common.process.command_line import WeightsFile
+from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
 from common.run.origin import find_weights
 from viewer import overlay
@@ -116,39 +116,26 @@ def chapters_of(folder: Path) -> list[Chapter]:
     """
     if (run := RunFolder.at(folder)) is None:
         raise InputError(f"{folder} is no run's folder: name one, such as runs/NAME.")
-    files = sorted(run.snapshots.glob("epoch-[0-9][0-9][0-9][0-9]*.safetensors"))
+    kept = run.snapshots.glob("epoch-*.safetensors")
+    files = sorted(file for file in kept if file.stem.removeprefix("epoch-").isdecimal())
     if not files:
         raise InputError(
             f"{folder} has kept no snapshots: train with --keep-snapshots, or film one network by "
             f"--weights {folder}."
         )
-    rows = _rows(run.epochs)
-    try:
-        titles = [_title(int(file.stem.removeprefix("epoch-")), rows) for file in files]
-    except (KeyError, ValueError) as error:
-        raise InputError(f"{run.epochs} is damaged ({error!r}): mend it, or move it.") from None
+    rows = EpochTable(run.epochs).rows()
+    titles = [_title(int(file.stem.removeprefix("epoch-")), rows) for file in files]
     return [Chapter("random play", None), *map(Chapter, titles, files)]
 
 
-def _rows(table: Path) -> list[dict[str, str]]:
-    """Returns the rows of ``epochs.csv`` by the names of its columns; none if there is no file."""
-    try:
-        with table.open(newline="") as file:
-            return list(csv.DictReader(file))
-    except FileNotFoundError:
-        return []
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"{table} cannot be read: {error}.") from None
-
-
-def _title(epoch: int, rows: Iterable[Mapping[str, str]]) -> str:
-    found = {row["phase"]: row for row in rows if row["epoch"] == str(epoch)}
+def _title(epoch: int, rows: Iterable[EpochRow]) -> str:
+    found = {row.phase: row for row in rows if row.epoch == epoch}
     parts = [f"epoch {epoch}"]
     if trained := found.get("train"):
-        hours, rest = divmod(round(float(trained["total_time"])), 3600)
-        parts += [f"{int(trained['total_train_steps']):,} steps", f"{hours}:{rest // 60:02} h"]
-    if (tested := found.get("test")) and tested["average_reward"]:
-        parts.append(f"test score {float(tested['average_reward']):.1f}")
+        hours, rest = divmod(round(trained.total_time), 3600)
+        parts += [f"{trained.total_train_steps:,} steps", f"{hours}:{rest // 60:02} h"]
+    if (tested := found.get("test")) and tested.average_reward is not None:
+        parts.append(f"test score {tested.average_reward:.1f}")
     return "   ".join(parts)
 
 

@@ -21,7 +21,7 @@ from benchmarks.figures.commits import Source, sources
 from benchmarks.lab.ladder import MILESTONES
 from benchmarks.report import cell
 from common.errors import InputError, exit_on_input_error
-from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
+from common.run.epochs import EpochRow, EpochTable
 
 PAGE = Path(__file__).resolve().parents[1] / "RESULTS.md"
 CURVE = (100_000, 200_000, 250_000, 300_000, 400_000, 500_000, 600_000, 800_000, 1_000_000)

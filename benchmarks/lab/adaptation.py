@@ -22,10 +22,10 @@ from common.errors import InputError
 from common.process.command_line import WeightsFile
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
+from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
-from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 
 ADAPTING = {
     "learning.learning-rate": "1e-4",

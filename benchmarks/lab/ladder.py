@@ -29,8 +29,8 @@ import tyro
 from benchmarks.child import run_module
 from benchmarks.lab.policy import EPSILON, evaluate, present_names, train
 from common.errors import InputError, exit_on_input_error
+from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, write_atomically
-from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 
 Rung = Literal["R0", "R1", "R2", "R3", "R4", "R5"]
 

@@ -28,11 +28,11 @@ from benchmarks.report import BenchmarkOptions, Report, Table, main, resumed, wr
 from common.checked import FromOne
 from common.errors import InputError
 from common.run.config import PresetName, ProtocolConfig, RunConfig
+from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from learner.evaluation.offline import EvaluationOptions
 from learner.evaluation.snapshots import Snapshots
 from learner.phases import RECENT_GAMES
-from learner.telemetry.sinks.epochs_csv import EpochTable
 
 _PEER = "stable-baselines3 DQN"
 _TEST_EPSILON = ProtocolConfig.test_epsilon

@@ -26,8 +26,8 @@ from common.errors import InputError
 from common.process.extras import extra_for
 from common.process.supervisor import Child
 from common.protocol.run_keys import check_name
+from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
-from learner.telemetry.sinks.epochs_csv import EpochTable
 
 if TYPE_CHECKING:
     from optuna import Study, Trial

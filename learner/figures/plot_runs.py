@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from common.errors import InputError
+from common.run.epochs import EpochRow, EpochTable
 from learner.figures.plot_style import (
     Points,
     Series,
@@ -21,7 +22,6 @@ from learner.figures.plot_style import (
     legend,
     panels,
 )
-from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 
 Phase = Literal["test", "train"]
 _SEED = re.compile(r"[-_]?(seed)?[-_]?\d+$")

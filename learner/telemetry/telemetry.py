@@ -8,6 +8,7 @@ from common.metrics import METRICS, Value, Values, number
 from common.press_latency import MOST_FRAMES, ms_of, reached_by_age
 from common.protocol.run_status import HealthCheck
 from common.run.config import RunConfig
+from common.run.epochs import EpochRow, EpochTable
 from common.run.presets import PRESETS
 from learner.algorithm.interface import DeviceBatch, Update
 from learner.clock import Every
@@ -16,7 +17,6 @@ from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.health_checks import judge
 from learner.telemetry.recent_latency import RecentLatency
 from learner.telemetry.running_means import RunningMeans
-from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.summary import epochs_per_day
 from learner.telemetry.snapshot import Histogram, Snapshot

@@ -7,7 +7,7 @@ import signal
 import pytest
 from safetensors.numpy import load_file
 
-from learner.telemetry.sinks.epochs_csv import COLUMNS
+from common.run.epochs import COLUMNS
 from tests.end_to_end.conftest import SMALL, Stage
 from tests.paths import ROOT
 from tests.patience import wait_until

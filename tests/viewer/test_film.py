@@ -11,10 +11,10 @@ import pytest
 from common.errors import InputError
 from common.network import build_network
 from common.protocol.weights import encode_weights
+from common.run.epochs import COLUMNS, EpochTable
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
-from learner.telemetry.sinks.epochs_csv import EpochTable
-from tests.learner.telemetry.sinks.test_epochs_csv import TRAIN as ROW
+from tests.common.run.test_epochs import TRAIN as ROW
 from viewer.film import Chapter, Film, chapters_of, titled
 
 CONFIG = replace(PRESETS["fast"], learning=replace(PRESETS["fast"].learning, network="nips"))
@@ -77,7 +77,7 @@ def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
         Film(folder=tmp_path).run(threading.Event())
     with pytest.raises(InputError, match="omit --weights"):
         Film(folder=run, weights=run / "x").run(threading.Event())
-    (run / "epochs.csv").write_text("epoch,phase,total_time\n1,train,soon\n")
+    (run / "epochs.csv").write_text(",".join(COLUMNS) + "\n1,train,soon\n")
     with pytest.raises(InputError, match=r"epochs\.csv is damaged"):
         chapters_of(run)
     for file in (run / "snapshots").glob("epoch-*"):

@@ -3,7 +3,7 @@
 from abc import abstractmethod
 
 from common.metrics import METRICS, Metric, Values, number
-from learner.telemetry.sinks.epochs_csv import EpochRow
+from common.run.epochs import EpochRow
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 

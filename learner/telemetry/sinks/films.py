@@ -3,9 +3,9 @@
 import logging
 
 from common.process.supervisor import Child
+from common.run.epochs import EpochRow
 from common.run.folder import RunFolder
 from learner.evaluation.snapshots import Snapshots
-from learner.telemetry.sinks.epochs_csv import EpochRow
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 

@@ -1,10 +1,8 @@
 """How figures are written for people: aligned, with separators, and a dash for the unknown."""
 
-import csv
-import io
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -150,13 +148,6 @@ def _brief(number: int) -> str:
 def one_line(text: str) -> str:
     """``text`` without line ends and control characters, which would break the screen."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
-
-
-def csv_line(cells: Iterable[Any]) -> str:
-    """One line of a CSV file, its end included; None is an empty cell."""
-    line = io.StringIO()
-    csv.writer(line, lineterminator="\n").writerow(cells)
-    return line.getvalue()
 
 
 def columns_of(values: Sequence[float], width: int) -> list[float]:

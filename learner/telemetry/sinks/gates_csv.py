@@ -4,12 +4,12 @@ What TensorBoard shows, for everybody who has none.
 """
 
 import csv
+import io
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from common.metrics import METRICS, number
 from common.run.folder import no_links, write_atomically
-from learner.telemetry.sinks.formats import csv_line
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 
@@ -39,8 +39,10 @@ class GatesCsvSink(Sink):
                 whole = None not in row and None not in row.values()
                 if whole and steps.isdecimal() and int(steps) <= resumed_at:
                     rows.append(row)
-        header = dict(zip(self.columns, self.columns, strict=True))
-        write_atomically(self._path, "".join(map(self._line, [header, *rows])).encode())
+        table = io.StringIO()
+        self._writer(table).writeheader()
+        self._writer(table).writerows(rows)
+        write_atomically(self._path, table.getvalue().encode())
 
     def write(self, snapshot: Snapshot) -> None:
         """Add a row."""
@@ -54,8 +56,8 @@ class GatesCsvSink(Sink):
         row["agent_steps"] = str(values["run/agent_steps"])
         row["red"] = "; ".join(check.name for check in snapshot.failed)
         with open(self._path, "a", encoding="utf-8", opener=no_links) as file:
-            file.write(self._line(row))
+            self._writer(file).writerow(row)
 
-    def _line(self, row: dict[str, Any]) -> str:
-        """Cells by their columns' names; those that are missing stay empty."""
-        return csv_line(row.get(name) for name in self.columns)
+    def _writer(self, file: TextIO) -> "csv.DictWriter[str]":
+        """What is missing in a row stays empty, and what has no column is left out."""
+        return csv.DictWriter(file, self.columns, extrasaction="ignore", lineterminator="\n")

@@ -1,7 +1,7 @@
 """What takes a run's figures: a file, a program beside it, or the terminal."""
 
+from common.run.epochs import EpochRow
 from learner.telemetry.live_feed import LiveFeed
-from learner.telemetry.sinks.epochs_csv import EpochRow
 from learner.telemetry.snapshot import Snapshot
 
 

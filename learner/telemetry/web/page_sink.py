@@ -10,11 +10,11 @@ from typing import Any, get_args
 from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
+from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
 from common.strict_json import strict
 from common.transport.endpoint import is_loopback
 from learner.telemetry.live_feed import Asked, LiveFeed
-from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.tensorboard import written_points
 from learner.telemetry.snapshot import Snapshot

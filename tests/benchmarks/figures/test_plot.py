@@ -21,10 +21,10 @@ from benchmarks.lab import actuation_latency as late_keys
 from benchmarks.lab.ladder import COLUMNS, Rung, add_row
 from benchmarks.lab.ladder import Options as LadderOptions
 from common.errors import InputError
+from common.run.epochs import EpochTable
 from common.run.presets import PRESETS
 from learner.figures.plot import Options
 from learner.figures.plot_style import RANDOM, mean_line
-from learner.telemetry.sinks.epochs_csv import EpochTable
 from tests.epoch_rows import epoch_row
 from tests.paths import ROOT
 

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.figures.results_page import PAGE, render
 from benchmarks.lab.ladder import COLUMNS, add_row
 from common.errors import InputError
-from learner.telemetry.sinks.epochs_csv import EpochPhase, EpochRow, EpochTable
+from common.run.epochs import EpochPhase, EpochRow, EpochTable
 from tests.epoch_rows import epoch_row
 
 MEASUREMENT = {

@@ -13,11 +13,11 @@ from benchmarks.report import run
 from common.errors import InputError
 from common.process.command_line import parse_run
 from common.run.config import RunConfig
+from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from learner.options import LearnerOptions
-from learner.telemetry.sinks.epochs_csv import EpochTable
 from tests.end_to_end.conftest import SMALL
 from tests.epoch_rows import epoch_row
 from tests.paths import ROOT

@@ -10,9 +10,9 @@ import pytest
 
 from benchmarks.lab.ladder import COLUMNS, FLAGS, Options, Rung, add_row, row_of
 from common.process.command_line import parse_run
+from common.run.epochs import EpochPhase, EpochRow, EpochTable
 from learner.figures.plot_histogram import read_evaluations
 from learner.options import LearnerOptions
-from learner.telemetry.sinks.epochs_csv import EpochPhase, EpochRow, EpochTable
 from tests.epoch_rows import epoch_row
 from tests.patience import PATIENCE
 

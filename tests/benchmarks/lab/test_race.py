@@ -23,12 +23,12 @@ from common.process.command_line import parse_run
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
+from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from learner.evaluation import offline
 from learner.evaluation.offline import EvaluationOptions
 from learner.figures.plot import Options as Drawing
 from learner.options import LearnerOptions
-from learner.telemetry.sinks.epochs_csv import EpochTable
 from tests.end_to_end import catch
 from tests.end_to_end.conftest import Stage
 from tests.epoch_rows import epoch_row

@@ -12,12 +12,12 @@ import pytest
 from common.metrics import METRICS, Metric, Value, declare
 from common.press_latency import COUNTS, place_of
 from common.protocol.actor_stats import ActorStats
+from common.run.epochs import EpochTable
 from common.run.presets import PRESETS
 from common.transport.interface import Envelope, Transport
 from learner.clock import RunClock
 from learner.phases import Phases
 from learner.telemetry.actor_registry import ActorRegistry
-from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.sinks.gates_csv import GatesCsvSink
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.summary import SummarySink

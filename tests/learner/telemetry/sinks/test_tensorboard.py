@@ -14,8 +14,8 @@ from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 from common.metrics import METRICS, Value
 from common.protocol.actor_stats import ActorStats
 from common.protocol.live_view import LiveView, ViewRequest, size_of
+from common.run.epochs import EpochRow
 from learner.telemetry.live_feed import Asked
-from learner.telemetry.sinks.epochs_csv import EpochRow
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.snapshot import ActorView, Histogram
 from tests.common.protocol.test_live_view import VIEW

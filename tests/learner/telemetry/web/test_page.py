@@ -21,12 +21,12 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.live_view import ViewRequest
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import HealthCheck
+from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from common.transport.interface import Request, Transport
 from learner.telemetry import live_feed
 from learner.telemetry.live_feed import Asked, LiveFeed
-from learner.telemetry.sinks.epochs_csv import EpochTable
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.snapshot import ActorView
 from learner.telemetry.web import server

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import InputError
-from learner.telemetry.sinks.epochs_csv import EpochRow, EpochTable
+from common.run.epochs import EpochRow, EpochTable
 
 HEADER = (
     "epoch,phase,steps,nr_games,average_reward,min_game_reward,max_game_reward,"

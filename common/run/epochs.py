@@ -19,7 +19,6 @@ from pydantic import AllowInfNan
 from common.checked import Count, Invalid, build
 from common.errors import InputError
 from common.run.folder import no_links, write_atomically
-from learner.telemetry.sinks.formats import csv_line
 
 EpochPhase = Literal["random", "train", "test"]
 Figure = Annotated[float, AllowInfNan(True)]
@@ -79,7 +78,7 @@ class EpochRow:
 
 
 COLUMNS = tuple(field.name for field in dataclasses.fields(EpochRow))
-_HEADER = csv_line(COLUMNS)
+_HEADER = ",".join(COLUMNS) + "\n"
 
 
 class EpochTable:
@@ -93,7 +92,8 @@ class EpochTable:
         if not self._path.exists():
             write_atomically(self._path, _HEADER.encode())
         with open(self._path, "a", encoding="utf-8", opener=no_links) as file:
-            file.write(csv_line(map(_cell, dataclasses.astuple(row))))
+            cells = map(_cell, dataclasses.astuple(row))
+            csv.writer(file, lineterminator="\n").writerow(cells)
             file.flush()
             os.fsync(file.fileno())
 
