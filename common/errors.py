@@ -3,8 +3,10 @@
 import errno
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
+from pathlib import Path
 
 from common.process.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, UNREACHABLE
 from common.process.log_lines import line
@@ -37,6 +39,15 @@ def choice(given: str, known: Sequence[str]) -> str:
 
 class MessageError(ValueError):
     """A message from another process that is malformed, oversized or addressed to another one."""
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raises InputError where the system refuses what is written to ``path`` meanwhile."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}.") from None
 
 
 def exit_on_input_error(main: Callable[[], int | None]) -> None:

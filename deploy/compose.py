@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from common.errors import InputError
+from common.errors import InputError, writing
 from common.run.folder import write_atomically
 from deploy.containers import actor_command, learner_command
 from deploy.description import RunDescription
@@ -36,12 +36,10 @@ def launch(run: RunDescription) -> str:
     }
     # Compose fills in what follows a dollar.
     text = json.dumps({"services": services}, indent=2).replace("$", "$$")
-    try:
+    with writing(place):
         place.mkdir(parents=True, exist_ok=True)
         shutil.copy(Path(__file__).parent / "compose" / "compose.yaml", place)
         write_atomically(place / "compose.override.yaml", f"{text}\n".encode())
-    except OSError as error:
-        raise InputError(f"{place} cannot be written: {error.strerror}.") from None
     return f"The run is in {place}. Start it:\n  cd {place} && docker compose up --detach"
 
 

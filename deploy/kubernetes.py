@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from common.errors import InputError
+from common.errors import InputError, writing
 from common.run.folder import write_atomically
 from deploy.containers import actor_command, learner_command
 from deploy.description import RunDescription
@@ -27,14 +27,12 @@ def launch(run: RunDescription) -> str:
         raise InputError(
             f"run {name!r} cannot be a namespace: choose small letters, digits and '-' for --run."
         )
-    try:
+    with writing(place):
         shutil.copytree(_HERE / "kubernetes", place / "base", dirs_exist_ok=True)
         if run.options.tls:
             _make_certificates(place / "certificates")
         text = json.dumps(_kustomization(run), indent=2)
         write_atomically(place / "kustomization.yaml", f"{text}\n".encode())
-    except OSError as error:
-        raise InputError(f"{place} cannot be written: {error.strerror}.") from None
     return (
         f"The run is in {place}. Start it:\n"
         f"  kubectl create namespace {name}\n  kubectl apply -k {place}"

@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from common.errors import InputError
+from common.errors import InputError, writing
 from common.run.folder import write_atomically
 from deploy.description import RunDescription
 
@@ -22,15 +22,13 @@ _NOTICE = 90
 def launch(run: RunDescription) -> str:
     """Writes the scripts, submits them if asked to, and returns what the user should know."""
     options, place = run.options, run.folder.path / "slurm"
-    try:
+    with writing(place):
         place.mkdir(parents=True, exist_ok=True)
         run.folder.logs.mkdir(exist_ok=True)
         shutil.copy(_HERE / "certificates.sh", place)
         for part, text in (("learner", _learner(run)), ("actors", _actors(run))):
             body = (_HERE / "slurm" / f"{part}.sh").read_text()
             write_atomically(place / f"{part}.sh", f"{text}\n{body}".encode())
-    except OSError as error:
-        raise InputError(f"{place} cannot be written: {error.strerror}.") from None
     command = ["sbatch", str(place / "learner.sh")]
     if not options.submit:
         return f"The jobs are in {place}. Submit them:\n  {shlex.join(command)}"

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from common.errors import InputError
+from common.errors import InputError, writing
 from common.run.folder import write_atomically
 
 JOURNAL = "journal.jsonl"
@@ -68,10 +68,8 @@ class Journal:
         """
         self._path = path
         self._file = -1
-        try:
+        with writing(path):
             self.rewrite(entries)
-        except OSError as error:
-            raise InputError(f"{path} cannot be written: {error.strerror}.") from None
 
     def append(self, entry: Entry) -> None:
         """Write one line, whole or not at all."""

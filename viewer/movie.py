@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
 
-from common.errors import InputError
+from common.errors import InputError, writing
 
 Add = Callable[[NDArray[np.uint8]], None]
 """Takes the film's next picture, ``uint8 [height, width, 3]``; all are of one size."""
@@ -21,7 +21,7 @@ def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
     """Returns a film at ``rate`` pictures a second, complete once its context is left.
 
     Raises:
-        InputError: neither .mp4 nor .gif; the file cannot be written; PyAV or Pillow is missing.
+        InputError: neither .mp4 nor .gif; the file cannot be written; Pillow is missing.
     """
     kind = {".mp4": _mp4, ".gif": _gif}.get(path.suffix.lower())
     if kind is None:
@@ -32,11 +32,9 @@ def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
 
 def check_writable(path: Path) -> None:
     """Make the folder of ``path``; raises InputError if the file cannot be written."""
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("ab").close()
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}.") from None
 
 
 def filming(*columns: ProgressColumn) -> Progress:
@@ -51,12 +49,8 @@ def filming(*columns: ProgressColumn) -> Progress:
 @contextmanager
 def _mp4(path: Path, rate: float) -> Iterator[Add]:
     """H.264 with its index first, as every browser plays it."""
-    try:
-        import av
-    except ImportError:
-        raise InputError(
-            "an .mp4 needs PyAV: pip install av, or use a name that ends in .gif."
-        ) from None
+    import av
+
     with av.open(str(path), "w", options={"movflags": "+faststart"}) as film:
         stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1_000))
         stream.pix_fmt = "yuv420p"

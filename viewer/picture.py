@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import InputError
+from common.errors import InputError, writing
 
 
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
@@ -16,13 +16,11 @@ def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
         InputError: it cannot be written there.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        encoded, content = cv2.imencode(path.suffix or ".png", picture[:, :, ::-1])
-        assert encoded
-        path.write_bytes(content.tobytes())
+        _, content = cv2.imencode(path.suffix or ".png", picture[:, :, ::-1])
     except cv2.error:
         raise InputError(
             f"{path} does not name a picture: choose a name that ends in .png."
         ) from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}.") from None
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content.tobytes())

@@ -50,12 +50,6 @@ def test_a_film_that_ends_by_an_error_has_what_was_taken(tmp_path: Path) -> None
         raise ValueError("nothing was taken")
 
 
-def test_an_mp4_without_pyav(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(InputError, match="pip install av"), open_movie(tmp_path / "f.mp4", 15.0):
-        pass
-
-
 def test_a_gif(tmp_path: Path) -> None:
     image = pytest.importorskip("PIL.Image")
     path = tmp_path / "film.GIF"
