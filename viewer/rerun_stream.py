@@ -74,6 +74,7 @@ class RerunStream:
         self._q = [_name_of(KEYS_OF_ACTION[action]) for action in env.actions]
         self._viewer = RerunViewer(rerun) if live else None
         self._stream = rerun.RecordingStream("ale-robot")
+        self._log = self._stream.log
         self._stream.set_log_time_enabled(False)  # the game's time is enough
         sinks = ([rerun.GrpcSink()] if live else []) + ([rerun.FileSink(save)] if save else [])
         self._stream.set_sinks(*sinks)
@@ -119,9 +120,6 @@ class RerunStream:
         if self._viewer is not None:
             self._viewer.close()
 
-    def _log(self, path: str, value: Any, *more: Any, static: bool = False) -> None:
-        self._stream.log(path, value, *more, static=static)
-
     def _log_room(self, shapes: dict[str, list[DrawnShape]]) -> None:
         rerun = self._rerun
         self._log("/", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -138,7 +136,12 @@ class RerunStream:
             mat3x3=np.stack([right / edges[0], down / edges[1], (1.0, 0.0, 0.0)], axis=1),
         )
         size = np.array(_GAME) + 2 * np.array(_GAME_BORDER)
-        eye = _pinhole(rerun, size, _BEFORE_SCREEN * size / edges, _BEFORE_SCREEN, _THIN)
+        eye = rerun.Pinhole(
+            resolution=size,
+            focal_length=_BEFORE_SCREEN * size / edges,
+            image_plane_distance=_BEFORE_SCREEN,
+            line_width=_THIN,
+        )
         self._log(self._game, place, eye, static=True)
 
     def _show_robot(self, env: RobotEnv) -> None:
@@ -173,7 +176,10 @@ class RerunStream:
                 place = rerun.Transform3D(translation=eye.position, mat3x3=eye.attitude)
                 size = np.array(env.seen.shape[1::-1])
                 focal = size / 2 / np.tan(np.radians([WIDTH_ANGLE, HEIGHT_ANGLE]) / 2)
-                self._log("robot/camera", place, _pinhole(rerun, size, focal, _FRUSTUM))
+                frustum = rerun.Pinhole(
+                    resolution=size, focal_length=focal, image_plane_distance=_FRUSTUM
+                )
+                self._log("robot/camera", place, frustum)
         found = env.detection
         quads = [] if found.corners is None else [border_of(found.corners), found.corners]
         # The viewer's pixels begin at whole numbers; ours have their centres there.
@@ -191,19 +197,6 @@ class RerunStream:
             return False
         self._sent[path] = pose
         return True
-
-
-def _pinhole(
-    rerun: ModuleType,
-    size: NDArray[np.int_],
-    focal: NDArray[np.float64],
-    distance: float,
-    line_width: float | None = None,
-) -> Any:
-    """Returns a camera whose picture, of ``size`` pixels, is drawn at ``distance``, m."""
-    return rerun.Pinhole(
-        resolution=size, focal_length=focal, image_plane_distance=distance, line_width=line_width
-    )
 
 
 def _drawn(rerun: ModuleType, kind: str, shapes: list[DrawnShape]) -> Any:
