@@ -63,12 +63,7 @@ class Human(Played):
             config.play.robot, console.emulator.screen_shape, CameraConfig(), config.play
         )
         with closing(robot), Terminal() as terminal:
-            columns, rows = terminal.size
-            if columns < _LEAST_SIZE[0] or rows < _LEAST_SIZE[1]:
-                raise InputError(
-                    f"the terminal has {columns} × {rows} characters: make it "
-                    f"{_LEAST_SIZE[0]} × {_LEAST_SIZE[1]} or larger."
-                )
+            terminal.check(_LEAST_SIZE)
             world = World(robot, ROBOTS.find(config.play.robot).joints, console, config.play)
             seat = _Seat(terminal, console, robot, world)
             scores = seat.play(np.random.default_rng(config.seed), stop)

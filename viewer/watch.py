@@ -72,11 +72,7 @@ class Watch(Played):
         policy = ShownPolicy.of_file(config, weights, self.epsilon, config.seed)
         keys, scores = HeldKeys(), list[float]()
         with shown_env(config) as env, Terminal() as terminal:
-            if any(have < least for have, least in zip(terminal.size, LEAST_SIZE, strict=True)):
-                raise InputError(
-                    f"the terminal has {terminal.size[0]} × {terminal.size[1]} characters: make it "
-                    f"{LEAST_SIZE[0]} × {LEAST_SIZE[1]} or larger."
-                )
+            terminal.check(LEAST_SIZE)
             screen = WatchScreen(env, config, weights.stem)
             period, due = config.play.frame_skip / 60, time.monotonic()
             for step in play([env], policy, [config.seed]):

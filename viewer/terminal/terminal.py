@@ -6,6 +6,8 @@ import sys
 import termios
 from typing import Any, Self
 
+from common.errors import InputError
+
 # The other screen, no cursor, nothing on it; and, where the terminal knows how (the protocol of
 # kitty, which others ignore), tell when arrow keys are let go, and whether it will.
 _OPEN = "\x1b[?1049h\x1b[?25l\x1b[2J\x1b[>2u\x1b[?u"
@@ -64,6 +66,12 @@ class Terminal:
     def size(self) -> tuple[int, int]:
         """Columns and rows."""
         return size_of(self._out)
+
+    def check(self, least: tuple[int, int]) -> None:
+        """Raises InputError if it has fewer columns or rows."""
+        if any(have < wanted for have, wanted in zip(self.size, least, strict=True)):
+            have, wanted = (" × ".join(map(str, size)) for size in (self.size, least))
+            raise InputError(f"the terminal has {have} characters: make it {wanted} or larger.")
 
     def write(self, text: str) -> None:
         """Write all of ``text``, however slowly it is taken."""
