@@ -41,7 +41,7 @@ class RerunViewer:
             raise InputError(
                 "--viewer rerun finds no program called rerun: pip install rerun-sdk again."
             )
-        if sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+        if any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
             rerun.spawn(executable_path=program, connect=False)
         else:
             self._serve(program)

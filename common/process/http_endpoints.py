@@ -99,7 +99,6 @@ class _Server(ThreadingHTTPServer):
 
     def __init__(self, place: tuple[str, int], pages: dict[str, Callable[[], Page]]) -> None:
         self.pages = pages
-        self._room = threading.BoundedSemaphore(_AT_ONCE)
         self._open: dict[Any, float] = {}
         """Requests that are served, and until when."""
         if ":" in place[0]:
@@ -111,7 +110,7 @@ class _Server(ThreadingHTTPServer):
         socketserver.TCPServer.server_bind(self)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        if self._room.acquire(blocking=False):
+        if len(self._open) < _AT_ONCE:
             self._open[request] = time.monotonic() + _SLOWEST
             super().process_request(request, client_address)
         else:
@@ -122,7 +121,6 @@ class _Server(ThreadingHTTPServer):
             super().process_request_thread(request, client_address)
         finally:
             del self._open[request]
-            self._room.release()
 
     def service_actions(self) -> None:
         """Hang up on the slow; a timeout of the socket would begin anew with each byte."""

@@ -40,15 +40,11 @@ def read_evaluations(path: Path) -> list[Evaluation]:
     """
     try:
         found = json.loads(path.read_text())
-        evaluations = (
-            [_evaluation(path.stem, found)]
-            if "rows" not in found
-            else [
-                _evaluation(f"{path.stem}, ε = {row['epsilon']:g}, sticky {row['sticky']:g}", row)
-                for row in found["rows"]
-            ]
-        )
-    except (OSError, ValueError, TypeError, KeyError) as error:
+        evaluations = [
+            _evaluation(f"{path.stem}, ε = {row['epsilon']:g}, sticky {row['sticky']:g}", row)
+            for row in found.get("rows", ())
+        ] or [_evaluation(path.stem, found)]
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputError(
             f"{path} holds no evaluation ({error!r}): write one with "
             "python -m learner --evaluate FILE --json FILE."

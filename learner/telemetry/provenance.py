@@ -92,9 +92,6 @@ def _git(folder: Path, *arguments: str) -> str | None:
 
 
 def _cpu_model() -> str | None:
-    try:
-        told = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        told = ""
+    told = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     found = re.search(r"^model name\s*:\s*(.+)$", told, re.MULTILINE)
     return found[1] if found else platform.processor() or None
