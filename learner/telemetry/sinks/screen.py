@@ -110,9 +110,7 @@ def _title(text: str) -> Rule:
 def _grid(*columns: Column, gap: int = 1) -> Table:
     for column in columns:
         column.no_wrap, column.overflow = True, "ellipsis"
-    return Table(
-        *columns, box=None, show_header=False, expand=True, pad_edge=False, padding=(0, gap, 0, 0)
-    )
+    return Table.grid(*columns, expand=True, padding=(0, gap, 0, 0))
 
 
 def _header(values: Values) -> Table:
@@ -160,19 +158,12 @@ def _figures(values: Values, rows: int) -> Table:
     return grid
 
 
-def _panel(title: str, metrics: Sequence[Metric], values: Values, rows: int) -> Table:
+def _panel(title: str, metrics: Sequence[Metric], values: Values, rows: int) -> Group:
     grid = _grid(Column(), Column(ratio=1, justify="right"))
     for metric in metrics[:rows]:
         label, text = label_and_text(metric, values)
         grid.add_row(_text(label, _LABEL), _text(text))
-    return _titled(title, grid)
-
-
-def _titled(title: str, body: RenderableType) -> Table:
-    grid = _grid(Column(ratio=1), gap=0)
-    grid.add_row(_title(title))
-    grid.add_row(body)
-    return grid
+    return Group(_title(title), grid)
 
 
 def _history(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:
@@ -208,13 +199,12 @@ def _actors_and_checks(snapshot: Snapshot, width: int, rows: int) -> Table:
     alive, present = (number(snapshot.values, f"stream/actors_{n}") for n in ("alive", "present"))
     grid = _grid(Column(ratio=1), Column(width=38), gap=3)
     wrong = troubles(snapshot.values)
-    grid.add_row(
-        _titled(
-            f"Actors {alive}/{present}{wrong}" if wrong else f"Actors, {alive} of {present} alive",
-            _actors(snapshot.present, rows, width, values=snapshot.values),
-        ),
-        _titled(f"Checks, {snapshot.verdict}", _checks(snapshot.checks, rows)),
-    )
+    title = f"Actors {alive}/{present}{wrong}" if wrong else f"Actors, {alive} of {present} alive"
+    actors = _actors(snapshot.present, rows, width, values=snapshot.values)
+    for _ in range(rows - actors.row_count):
+        actors.add_row("")
+    checks = _checks(snapshot.checks, rows)
+    grid.add_row(Group(_title(title), actors), Group(_title(f"Checks, {snapshot.verdict}"), checks))
     return grid
 
 
@@ -224,8 +214,6 @@ def _actors(actors: Sequence[ActorView], rows: int, width: int, values: Values) 
         grid = _grid(Column(ratio=1))
         join = values.get("run/join")
         grid.add_row(_text(f"start one: {join}" if join else "none yet", _ACCENT))
-        for _ in range(rows - 1):
-            grid.add_row("")
         return grid
     right = [Column(justify="right") for _ in range(6 if machines else 5 if roomy else 2)]
     grid = _grid(Column(width=1), Column(ratio=1, min_width=8), *right, gap=2 if roomy else 1)
@@ -258,8 +246,6 @@ def _actors(actors: Sequence[ActorView], rows: int, width: int, values: Values) 
         grid.add_row(mark, _text(stats.name, style), *cells)
     if len(shown) < len(order):
         grid.add_row("", _text(f"and {len(order) - len(shown)} more", _LABEL))
-    for _ in range(rows - grid.row_count):
-        grid.add_row("")
     return grid
 
 

@@ -1,4 +1,9 @@
-"""Serves the page over HTTP from a thread of its own; nothing can be changed through it."""
+"""Serves the page over HTTP from a thread of its own; nothing can be changed through it.
+
+It is another server than that of ``--http`` (`common.process.http_endpoints`), which hangs up on
+everybody after seconds and needs no package: a browser keeps its connections and asks for parts of
+films.
+"""
 
 import asyncio
 import base64
@@ -12,7 +17,8 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
-from starlette.routing import Route
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
@@ -145,10 +151,6 @@ class _Guarded:
 
 
 def _application(state: State, view: View, film: Film) -> Starlette:
-    def give_page(request: Request) -> Response:
-        name = request.url.path.removeprefix("/") or "index.html"
-        return FileResponse(_PAGE / name)
-
     def give_state(request: Request) -> Response:
         return JSONResponse(state(_number(request, "thinned"), _number(request, "count")))
 
@@ -168,13 +170,12 @@ def _application(state: State, view: View, film: Film) -> Starlette:
             else FileResponse(found)
         )
 
-    pages = [Route(f"/{name}", give_page) for name in ("", "page.css", "page.js", "charts.js")]
     return Starlette(
         routes=[
-            *pages,
             Route("/state", give_state),
             Route("/view/{role}/{name}", give_view),
             Route("/films/{name}", give_film),
+            Mount("/", StaticFiles(directory=_PAGE, html=True)),
         ]
     )
 
