@@ -26,7 +26,7 @@ def launch(run: RunDescription) -> str:
         place.mkdir(parents=True, exist_ok=True)
         run.folder.logs.mkdir(exist_ok=True)
         shutil.copy(_HERE / "certificates.sh", place)
-        for part, text in (("learner", _learner(run)), ("actors", _actors(run))):
+        for part, text in _heads(run).items():
             body = (_HERE / "slurm" / f"{part}.sh").read_text()
             write_atomically(place / f"{part}.sh", f"{text}\n{body}".encode())
     command = ["sbatch", str(place / "learner.sh")]
@@ -45,42 +45,35 @@ def launch(run: RunDescription) -> str:
     )
 
 
-def _learner(run: RunDescription) -> str:
+def _heads(run: RunDescription) -> dict[str, str]:
+    """Returns the lines of each script that are the run's own."""
     options = run.options
     own = (str(run.folder.path.parent), "--threads", str(options.cpus), "--restart", "3")
-    more = [f"--gpus={options.gpus}"] if options.gpus else []
-    return _head(
-        run,
-        [
+    return {
+        "learner": _head(
+            run,
             f"--job-name={run.folder.name}",
             f"--output={run.folder.logs}/learner.log",
             f"--cpus-per-task={options.cpus}",
             f"--mem={options.memory}G",
-            *more,
-        ],
-        begin=run.begin(*own),
-        resume=run.resume(*own),
-    )
-
-
-def _actors(run: RunDescription) -> str:
-    options = run.options
-    return _head(
-        run,
-        [
+            *([f"--gpus={options.gpus}"] if options.gpus else []),
+            begin=run.begin(*own),
+            resume=run.resume(*own),
+        ),
+        "actors": _head(
+            run,
             f"--job-name={run.folder.name}-actors",
             f"--output={run.folder.logs}/actor-%a.log",
             f"--array=1-{options.actors + options.evaluators}",
             "--cpus-per-task=1",
             f"--mem={options.actor_memory}G",
-        ],
-        actors=[str(options.actors)],
-        flags=run.actor(),
-    )
+            actors=[str(options.actors)],
+            flags=run.actor(),
+        ),
+    }
 
 
-def _head(run: RunDescription, directives: list[str], **lists: list[str]) -> str:
-    """Returns the lines of a script that are the run's own."""
+def _head(run: RunDescription, *directives: str, **lists: list[str]) -> str:
     options = run.options
     shared = [
         *("--requeue", "--open-mode=append", f"--signal=B:USR1@{_NOTICE}"),

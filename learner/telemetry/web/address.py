@@ -3,17 +3,12 @@
 import ipaddress
 import re
 import socket
+from functools import partial
 
 from common.process.http_endpoints import check_address
 
-
-def check_web_address(address: str) -> tuple[str, int]:
-    """Returns host and port; port 0 stands for any that is free.
-
-    Raises:
-        InputError: it is not an address.
-    """
-    return check_address(address, "--web", "127.0.0.1:8080", least_port=0)
+check_web_address = partial(check_address, flag="--web", usual="127.0.0.1:8080", least_port=0)
+"""As `check_address`, where port 0 stands for any that is free."""
 
 
 def may_be_asked_as(header: str, host: str) -> bool:
