@@ -16,23 +16,16 @@ def launch(run: RunDescription) -> str:
     options, place = run.options, run.folder.path / "compose"
     if options.gpus > 0:
         raise InputError("--gpus is for slurm and kubernetes: omit it, and see deploy/README.md.")
-    actors = {"image": options.image, **_limits(1, options.actor_memory)}
+    learner, actor, evaluator = (
+        learner_command(run, "127.0.0.1", "tcp"),
+        actor_command(run, "tcp"),
+        actor_command(run, "tcp", "--evaluator"),
+    )
+    memory = options.actor_memory
     services = {
-        "learner": {
-            "image": options.image,
-            "entrypoint": learner_command(run, "127.0.0.1", "tcp"),
-            **_limits(options.cpus, options.memory),
-        },
-        "actor": {
-            **actors,
-            "entrypoint": actor_command(run, "tcp"),
-            "scale": options.actors,
-        },
-        "evaluator": {
-            **actors,
-            "entrypoint": actor_command(run, "tcp", "--evaluator"),
-            "scale": options.evaluators,
-        },
+        "learner": _service(run, learner, options.cpus, options.memory),
+        "actor": _service(run, actor, 1, memory) | {"scale": options.actors},
+        "evaluator": _service(run, evaluator, 1, memory) | {"scale": options.evaluators},
     }
     # Compose fills in what follows a dollar.
     text = json.dumps({"services": services}, indent=2).replace("$", "$$")
@@ -43,5 +36,8 @@ def launch(run: RunDescription) -> str:
     return f"The run is in {place}. Start it:\n  cd {place} && docker compose up --detach"
 
 
-def _limits(cpus: int, gibibytes: int) -> dict[str, Any]:
-    return {"cpus": cpus, "mem_limit": f"{gibibytes}g"}
+def _service(
+    run: RunDescription, entrypoint: list[str], cpus: int, gibibytes: int
+) -> dict[str, Any]:
+    limits = {"cpus": cpus, "mem_limit": f"{gibibytes}g"}
+    return {"image": run.options.image, "entrypoint": entrypoint, **limits}

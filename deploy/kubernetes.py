@@ -44,9 +44,7 @@ def _kustomization(run: RunDescription) -> dict[str, Any]:
     options = run.options
     scheme = "tls" if options.tls else "tcp"
     image, tag = options.image.rsplit(":", 1)
-    learner = _resources(options.cpus, options.memory, options.gpus)
-    actor = _resources(1, options.actor_memory)
-    evaluator = {"command": actor_command(run, scheme, "--evaluator"), **actor}
+    actor_size = (1, options.actor_memory)
     bounds = {
         "/spec/minReplicas": options.actors,
         "/spec/maxReplicas": max(options.actors, options.max_actors),
@@ -58,36 +56,33 @@ def _kustomization(run: RunDescription) -> dict[str, Any]:
         "replicas": [{"name": "evaluators", "count": options.evaluators}],
         "secretGenerator": [_secret(role) for role in ("hub", "actor") if options.tls],
         "patches": [
-            _patch(
-                "StatefulSet",
-                "learner",
-                _container(command=learner_command(run, "0.0.0.0", scheme), **learner),
+            _workload(
+                *("StatefulSet", "learner", learner_command(run, "0.0.0.0", scheme)),
+                *(options.cpus, options.memory, options.gpus),
             ),
-            _patch(
-                "Deployment",
-                "actors",
-                _container(command=actor_command(run, scheme), **actor),
+            _workload("Deployment", "actors", actor_command(run, scheme), *actor_size),
+            _workload(
+                "Deployment", "evaluators", actor_command(run, scheme, "--evaluator"), *actor_size
             ),
-            _patch("Deployment", "evaluators", _container(**evaluator)),
             _patch("HorizontalPodAutoscaler", "actors", bounds),
         ],
     }
 
 
-def _container(**fields: Any) -> dict[str, Any]:
-    """Returns values by their paths."""
-    return {f"{_CONTAINER}/{field}": value for field, value in fields.items()}
+def _workload(
+    kind: str, name: str, command: list[str], cpus: int, gibibytes: int, gpus: int = 0
+) -> dict[str, Any]:
+    memory = f"{gibibytes}Gi"
+    limits = {"memory": memory} | ({"nvidia.com/gpu": str(gpus)} if gpus else {})
+    resources = {"requests": {"cpu": str(cpus), "memory": memory}, "limits": limits}
+    return _patch(
+        kind, name, {f"{_CONTAINER}/command": command, f"{_CONTAINER}/resources": resources}
+    )
 
 
 def _patch(kind: str, name: str, values: dict[str, Any]) -> dict[str, Any]:
     steps = [{"op": "replace", "path": path, "value": value} for path, value in values.items()]
     return {"target": {"kind": kind, "name": name}, "patch": json.dumps(steps)}
-
-
-def _resources(cpus: int, gibibytes: int, gpus: int = 0) -> dict[str, Any]:
-    memory = f"{gibibytes}Gi"
-    limits = {"memory": memory} | ({"nvidia.com/gpu": str(gpus)} if gpus else {})
-    return {"resources": {"requests": {"cpu": str(cpus), "memory": memory}, "limits": limits}}
 
 
 def _secret(role: str) -> dict[str, Any]:
