@@ -212,11 +212,12 @@ def status_line(snapshot: Snapshot) -> str:
         where += ", finishing"
     elif values.get("run/seconds_left") is not None:
         where += fill(", {run/seconds_left} left", values)
+    metrics = formats.metrics_of(values["run/env"])
     actors = fill("{stream/actors_alive} of {stream/actors_present} actors", values)
     return " | ".join(
         (
             where,
-            *(fill(each.line, values) for each in formats.metrics_of(values) if each.line),
+            *(fill(each.line, values) for each in metrics if each.line),
             actors + troubles(values),
             f"checks {snapshot.verdict}",
         )

@@ -82,16 +82,16 @@ def fill(template: str, values: Values) -> str:
     return re.sub(r"\{([^{}]+)\}", lambda found: figure(found[1], values), template)
 
 
-def metrics_of(values: Values) -> list[Metric]:
-    """The metrics of such a run: those of hands only where a robot plays."""
-    robot = ENVIRONMENTS.find(str(values["run/env"])).robot
+def metrics_of(env: object) -> list[Metric]:
+    """The metrics of an environment, by its name: those of hands only where a robot plays."""
+    robot = ENVIRONMENTS.find(str(env)).robot
     return [metric for metric in METRICS.values() if robot or not metric.robot]
 
 
 def panels_of(values: Values) -> dict[str, list[Metric]]:
     """The metrics of such a run by the title of their panel, in their places."""
     panels: dict[str, list[Metric]] = {}
-    for metric in metrics_of(values):
+    for metric in metrics_of(values["run/env"]):
         if metric.panel:
             panels.setdefault(metric.panel[0], []).append(metric)
     for metrics in panels.values():

@@ -13,12 +13,6 @@ from learner.telemetry.snapshot import ActorView, Snapshot
 _UNSAID = ("none", "ratio", "per second")
 
 
-def curves_of(robot: bool) -> list[Metric]:
-    """The metrics that are drawn over time: of hands only where a robot plays."""
-    curves = [metric for metric in METRICS.values() if metric.curve or metric.gate]
-    return [metric for metric in curves if robot or not metric.robot]
-
-
 def about(metric: Metric) -> dict[str, str]:
     """How a curve is called, and what it means."""
     label = re.sub(r"[,\s]*{[^}]*}", "", metric.label) or metric.gate.replace("_", " ")

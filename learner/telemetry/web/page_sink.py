@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any, get_args
 
 from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
-from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
 from common.strict_json import strict
 from common.transport.endpoint import is_loopback
 from learner.telemetry.live_feed import Asked, LiveFeed
+from learner.telemetry.sinks.formats import metrics_of
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.tensorboard import written_points
 from learner.telemetry.snapshot import Snapshot
 from learner.telemetry.web.address import check_web_address
-from learner.telemetry.web.figures import about, curves_of, figures
+from learner.telemetry.web.figures import about, figures
 from learner.telemetry.web.history import History
 from learner.telemetry.web.server import PageServer
 
@@ -47,7 +47,7 @@ class PageSink(Sink):
         self._epochs = EpochTable(folder.epochs)
         self._written = folder.tensorboard
         self._lock = threading.Lock()
-        self._curves = curves_of(ENVIRONMENTS.find(config.env).robot)
+        self._curves = [each for each in metrics_of(config.env) if each.curve or each.gate]
         self._history = History(metric.key for metric in self._curves)
         self._rows: list[dict[str, Any]] = []
         self._events: deque[dict[str, Any]] = deque(maxlen=_MOST_EVENTS)
