@@ -37,12 +37,12 @@ def check_writable(path: Path) -> None:
         path.open("ab").close()
 
 
-def filming(*columns: ProgressColumn) -> Progress:
+def filming(*columns: ProgressColumn, shown: bool = True) -> Progress:
     """Returns a bar, with ``columns`` at its end, that shows in a terminal how far a film is."""
     return Progress(
         *(TextColumn("{task.description}"), BarColumn(), *columns),
         transient=True,
-        disable=not sys.stdout.isatty(),
+        disable=not (shown and sys.stdout.isatty()),
     )
 
 

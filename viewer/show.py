@@ -78,11 +78,10 @@ class Play(Played):
             shown_env(config, self.clock) as env,
             nullcontext() if self.video is None else open_movie(self.video, rate) as film,
             closing(Panels(env, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
-            nullcontext() if self.video is None else filming(_SECONDS_FILMED) as progress,
+            filming(_SECONDS_FILMED, shown=self.video is not None) as progress,
             self._stream(env, config.play) as stream,
         ):
-            if progress is not None:
-                progress.add_task("filming", total=self.seconds or None)
+            task = progress.add_task("filming", total=self.seconds or None)
             scores: list[float] = []
             missed = 0
             # Agent steps that are still to be shown.
@@ -93,8 +92,7 @@ class Play(Played):
                     # A step that took longer is seen for longer.
                     for _ in range(step.info.elapsed):
                         film(picture)
-                    if progress is not None:
-                        progress.advance(progress.task_ids[0], step.info.elapsed / rate)
+                    progress.advance(task, step.info.elapsed / rate)
                 if stream is not None:
                     stream.show(step, policy.values)
                 missed += step.info.missed_deadlines
