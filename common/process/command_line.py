@@ -165,13 +165,16 @@ _SAID = {
         r"\1 is \2: give a whole number;"
     ),
     r"Error parsing (\S+): could not convert string to float: (.*)": r"\1 is \2: give a number;",
+    r"(?:Error parsing )?(\S+): no type matching \S+\|INT could be .* from \['(.*)'\].*": (
+        r"\1 is '\2': give a whole number;"
+    ),
     r"[Ii]nvalid choice (.*) for argument '(\S+)'\. Expected one of \((.*)\)\.": (
         r"\2 is \1: choose one of \3;"
     ),
     r"Missing value for argument '(\S+)'.*": r"\1 needs a value:",
-    r"Missing from .*?: ((?:\S+ )*?)((?:STR|PATH)) (.*?)\.? \(required\).*": (
-        r"\1\2 is missing (\3):"
-    ),
+    r"Missing from .*?: \{(.*?)\} (.*?)\.? \(required\).*": r"name one of \1 (\2):",
+    r"Missing from .*?: STR (.*?)\.? \(required\).*": r"a name is missing (\1):",
+    r"Missing from .*?: ((?:\S+ )*?)(STR|PATH) (.*?)\.? \(required\).*": r"\1\2 is missing (\3):",
 }
 """What tyro says, and the same for people."""
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import pytest
 import tyro
@@ -271,6 +271,37 @@ class Demanding:
 def test_what_is_missing_is_told_with_its_meaning(arguments: list[str], words: str) -> None:
     with pytest.raises(InputError, match=words):
         parse(Demanding, "program", arguments)
+
+
+@dataclass(frozen=True)
+class Choosing:
+    """What must be told which."""
+
+    engine: tyro.conf.Positional[Literal["one", "two"]]
+    """Engine that runs it."""
+    steps: int | None = None
+    """Number of steps."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """What must be told who."""
+
+    name: tyro.conf.Positional[str]
+    """OWNER/NAME at the hub."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "arguments", "words"),
+    [
+        (Choosing, [], r"^name one of one,two \(Engine that runs it\): `python -m program --help`"),
+        (Choosing, ["one", "--steps", "x"], r"^--steps is 'x': give a whole number; `python -m "),
+        (Named, [], r"^a name is missing \(OWNER/NAME at the hub\): `python -m program --help` "),
+    ],
+)
+def test_a_missing_choice_or_name_is_told(kind: type, arguments: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        parse(kind, "program", arguments)
 
 
 def test_settings_of_a_file_go_over_the_preset_and_below_the_flags(tmp_path: Path) -> None:
