@@ -88,7 +88,7 @@ class Film(Played):
         steps = round((self.seconds or _CHAPTER) * rate)
         with (
             shown_env(config) as env,
-            closing(Panels(env, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
+            closing(Panels(env, self.nao_urdf, room_every=ROOM_EVERY, drifting=True)) as panels,
             open_movie(video, rate) as film,
             filming(TimeRemainingColumn()) as progress,
         ):

@@ -21,6 +21,10 @@ from viewer import overlay
 
 PANEL = (512, 384)
 """Width and height of each of the four."""
+_LARGE = (640, 480)
+"""Width and height of the room's picture of which a drifting panel shows a part."""
+_DRIFT_PICTURES = 360
+"""Pictures until a drifting panel is where it began: at 15 a second, 24 s."""
 _INPUT = 336
 """Edge of the enlarged input: four pixels for each."""
 
@@ -31,6 +35,7 @@ class Panels:
     Args:
         room_every: pictures per rendering of the whole room, which takes more time than all else;
             the game on its screen is always new.
+        drifting: whether the view of the room wanders slowly.
         nao_urdf: another NAO to show in place of the one that plays, see `OwnNao`.
 
     Raises:
@@ -43,10 +48,12 @@ class Panels:
         nao_urdf: Path | None = None,
         *,
         room_every: int = 1,
+        drifting: bool = False,
     ) -> None:
         self._env = env
         self._drawn = 0
         self._room_every = room_every
+        self._drifting = drifting
         self._own_nao: OwnNao | None = None
         if isinstance(env, RobotEnv):
             self._view = env.robot.view
@@ -68,8 +75,7 @@ class Panels:
         # All of one moment: a world in real time would go on from picture to picture.
         with env.still():
             screen = emulator.screen_rgb()
-            moved = self._drawn % self._room_every == 0
-            room = _panel(self._view(screen, *PANEL, "room", moved=moved), "room")
+            room = _panel(self._room(screen), "room")
             camera = camera_panel(env.seen, env.detection)
             hands = hands_panel(self._view(screen, *PANEL, "hands"), env.wanted, env.pressed)
         self._drawn += 1
@@ -78,6 +84,16 @@ class Panels:
         picture[:, width - 2 : width + 2] = overlay.PAPER
         picture[height - 2 : height + 2] = overlay.PAPER
         return picture
+
+    def _room(self, screen: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        moved = self._drawn % self._room_every == 0
+        if not self._drifting:
+            return self._view(screen, *PANEL, "room", moved=moved)
+        large = self._view(screen, *_LARGE, "room", moved=moved)
+        spare = (np.array(_LARGE) - PANEL) / 2
+        turn = 2 * np.pi * self._drawn / _DRIFT_PICTURES
+        centre = (np.array(_LARGE) - 1) / 2 + spare * (np.sin(turn), np.sin(2 * turn))
+        return np.asarray(cv2.getRectSubPix(large, PANEL, centre.tolist()), np.uint8)
 
     def close(self) -> None:
         """Close what shows another NAO; the environment stays open."""

@@ -21,6 +21,7 @@ from common.registry import ENVIRONMENTS, Environment
 from common.run.presets import PRESETS
 from tests.extending.whole_run import added
 from viewer import overlay
+from viewer import panels as panels_module
 from viewer.panels import PANEL, Panels, border_of, camera_panel, hands_panel, network_panel
 from viewer.player import shown_env
 
@@ -69,6 +70,21 @@ def test_four_panels_for_a_robot(robot: tuple[RobotEnv, Step]) -> None:
         # Without the lines between the panels and the captions below.
         inner = picture[top + 2 : top + HEIGHT - 24, left + 2 : left + WIDTH - 2]
         np.testing.assert_array_equal(inner, panel[2:-24, 2:-2])
+
+
+def test_a_drifting_view_of_the_room_wanders(
+    robot: tuple[RobotEnv, Step], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(panels_module, "_DRIFT_PICTURES", 4)
+    env, step = robot
+    with closing(Panels(env, room_every=10_000, drifting=True)) as panels:
+        rooms = [panels.draw(step, None)[2 : HEIGHT - 24, 2 : WIDTH - 2] for _ in range(4)]
+    large = env.robot.view(env.emulator.screen_rgb(), 640, 480, "room").astype(int)
+    middle, right, _, left = rooms
+    for room, at in ((middle, 64), (right, 128), (left, 0)):
+        expected = large[48 + 2 : 48 + HEIGHT - 24, at + 2 : at + WIDTH - 2]
+        assert np.abs(room - expected).mean() < 8  # half a pixel apart
+        assert np.abs(room - large[48 + 2 : 48 + HEIGHT - 24, 30 : 30 + WIDTH - 4]).mean() > 8
 
 
 def test_the_room_is_rendered_now_and_then(
