@@ -21,7 +21,7 @@ from viewer import overlay
 
 PANEL = (512, 384)
 """Width and height of each of the four."""
-_LARGE = (640, 480)
+_LARGE = (560, 420)
 """Width and height of the room's picture of which a drifting panel shows a part."""
 _DRIFT_PICTURES = 360
 """Pictures until a drifting panel is where it began: at 15 a second, 24 s."""
@@ -92,7 +92,7 @@ class Panels:
         large = self._view(screen, *_LARGE, "room", moved=moved)
         spare = (np.array(_LARGE) - PANEL) / 2
         turn = 2 * np.pi * self._drawn / _DRIFT_PICTURES
-        centre = (np.array(_LARGE) - 1) / 2 + spare * (np.sin(turn), np.sin(2 * turn))
+        centre = (np.array(_LARGE) - 1) / 2 + spare * (np.sin(turn), np.sin(2 * turn) / 2)
         return np.asarray(cv2.getRectSubPix(large, PANEL, centre.tolist()), np.uint8)
 
     def close(self) -> None:
