@@ -4,14 +4,13 @@ It is a generator, so streaming, statistics and stopping stay with whoever itera
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.envs.step_info import StepInfo
-from actors.policy import Policy
 
 NO_VECTOR: NDArray[np.float32] = np.zeros(0, np.float32)
 
@@ -45,6 +44,23 @@ class Step(NamedTuple):
     """Its ε then."""
 
 
+class Player(Protocol):
+    """Who chooses the actions: a `actors.policy.Policy`, or a person."""
+
+    weights_version: int
+    epsilon: float
+    explored: NDArray[np.bool_]
+    """Which of the last actions were random, ``[E]``."""
+
+    def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
+        """One action for each environment, ``[E]``.
+
+        Args:
+            frames: states ``[E, frame_stack, 84, 84]``.
+            vectors: vector observations ``[E, P]``.
+        """
+
+
 def frames_and_vector(observation: Any) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Both parts of an environment's observation; the vector is empty where it shows none."""
     if isinstance(observation, dict):
@@ -53,7 +69,7 @@ def frames_and_vector(observation: Any) -> tuple[NDArray[np.uint8], NDArray[np.f
 
 
 def play(
-    envs: Sequence[gymnasium.Env[Any, Any]], policy: Policy, seeds: Sequence[int]
+    envs: Sequence[gymnasium.Env[Any, Any]], policy: Player, seeds: Sequence[int]
 ) -> Iterator[Step]:
     """Endless steps, environment by environment; an ended episode is followed by a reset."""
     first = [env.reset(seed=seed) for env, seed in zip(envs, seeds, strict=True)]

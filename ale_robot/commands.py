@@ -16,6 +16,7 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
     "status": ("learner.status",),
     "play": ("viewer.__main__", "play"),
     "human": ("viewer.__main__", "human"),
+    "record": ("viewer.__main__", "record"),
     "check": ("viewer.__main__", "check"),
     "film": ("viewer.__main__", "film"),
     "evaluate": ("learner.__main__", "--evaluate"),
@@ -56,6 +57,7 @@ Train a robot on this machine until Ctrl-C.
   --steps N            agent steps after which it ends; 500,000 take an hour
   --seed N             seed of weights, minibatches and games
   --initial NAME|FILE  network to begin with, instead of a fresh one
+  --demonstrations FOLDER   recorded games with which the replay begins
   --play.vector        commands, keys and joints too, beside the camera's frames
   --no-sync            robots in real time
   --device cuda        hardware of the learner: auto, cpu or cuda
@@ -133,9 +135,27 @@ Play yourself, through the robot's hands: arrow keys, space, q.
 
   ale-robot human --game breakout
   ale-robot human --robot robotroller
+  ale-robot human --record FOLDER                  for `train --demonstrations`;
+                                                   needs pip install pyarrow
 
   --game GAME          game, such as breakout
   --robot NAME         robot: nao or robotroller
+  --record FOLDER      LeRobot dataset of what is played
+""",
+    "record": """\
+Record a network's games as a LeRobot dataset.
+
+  ale-robot record robot_pong -o FOLDER --minutes 10
+  ale-robot record ale_pong -o FOLDER --games 3
+  ale-robot train --demonstrations FOLDER          begin with them; all need
+                                                   pip install pyarrow
+
+  -o FOLDER            folder of the recording, which must not exist yet
+  --games N            number of whole games
+  --minutes M          minutes of game time, instead of whole games
+  --env, --game, --robot, --seed    what is played
+  --epsilon SHARE      share of random actions, 0 to 1
+  --no-sync            real time
 """,
     "check": """\
 Check a robot's sight and touch, and write a picture.
@@ -215,9 +235,7 @@ def overview(*, everything: bool) -> str:
     """Returns what the commands are; with ``everything``, the games too."""
     lines = [
         "A simulated robot learns Atari games through its camera and its hands.",
-        "",
-        "  ale-robot watch      see the shipped robot play",
-        "  ale-robot train      train one on this machine until Ctrl-C",
+        "Begin with `ale-robot watch`, and then `ale-robot train`.",
         "",
         *(f"  {name:<10} {text.splitlines()[0]}" for name, text in HELP.items()),
         "",

@@ -142,6 +142,8 @@ declare(
     Metric("run/seed", "none", "count", "Seed of the run", summary="seed"),
     Metric("run/initial", "none", "text", "Whether the run began with a network that was given",
            summary="initial"),
+    Metric("run/demonstrations", "steps", "count", "Recorded steps that the replay began with",
+           summary="demonstrations"),
     Metric("run/sync", "none", "text", "Whether the world waits for the agent, in local mode",
            summary="sync"),
     Metric("run/wait_action", "none", "text",

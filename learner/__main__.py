@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ from common.process.lifeline import on_signals
 from common.process.log_lines import kept_log, line, say_json
 from common.process.restarts import with_restarts
 from common.process.threads import end_with_any_thread
+from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights, load_weights_file
 from common.run.folder import RunFolder, write_atomically
 from common.run.join import find_run, patiently
@@ -36,6 +38,7 @@ from common.transport.zenoh_transport import connect, open_hub
 from learner import status
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
+from learner.demonstrations import begin_with
 from learner.device import choose_device
 from learner.evaluation.offline import evaluate
 from learner.local_launcher import launch
@@ -178,6 +181,7 @@ def train(options: LearnerOptions, again: bool) -> int:
     config = options.config
     folder = RunFolder(options.runs, run_name(options))
     network = first_network(options, folder)
+    demonstrations = begin_with(options.demonstrations, config, folder, resume=options.resume)
     device = choose_device(options.device, options.precision)
     algorithm = build_algorithm(config, network, device)
     keep_large_blocks()
@@ -190,6 +194,10 @@ def train(options: LearnerOptions, again: bool) -> int:
         write_atomically(folder.initial, encode_weights(network))
     elif not options.resume:
         folder.initial.unlink(missing_ok=True)  # of a start that failed
+    if demonstrations is not None:
+        demonstrations.begun.write(folder)
+    elif not options.resume:
+        folder.demonstrations.unlink(missing_ok=True)
     place = (
         hosted_replay(options, folder)
         if options.connect is None
@@ -211,6 +219,10 @@ def train(options: LearnerOptions, again: bool) -> int:
         )
         for each in web:
             display.line(f"watch the run at {each.url}")
+        if demonstrations is not None:
+            keys = RunKeys(folder.name, replay.run_id)
+            if demonstrations.insert(transport, keys, stop, display.line):
+                replace(demonstrations.begun, complete=True).write(folder)
         learner.start()
         children = None
         if options.local:

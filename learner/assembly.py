@@ -11,6 +11,7 @@ from common.transport.interface import Transport
 from learner.algorithm.interface import Algorithm
 from learner.checkpoint import Checkpoint
 from learner.clock import RunClock
+from learner.demonstrations import Begun
 from learner.device import Device
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators
@@ -75,6 +76,7 @@ def build_learner(
         "run/run": keys.run,
         "run/device": device.name,
         "run/initial": folder.initial.exists(),
+        "run/demonstrations": 0 if (shown := Begun.of(folder)) is None else shown.steps,
         "run/steps_goal": options.steps,
         "run/join": join_command(options),
     }

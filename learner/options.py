@@ -48,6 +48,9 @@ class LearnerOptions:
     initial: WeightsFile | None = None
     """Network to begin with, such as ale_pong or a FILE, instead of a fresh one;
     --exploration.start then says how much of its play is random at first."""
+    demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
+    """Recorded games, of `ale-robot record` or `human --record`, with which the replay begins. They
+    count as steps of the run."""
     steps: int | None = None
     """Agent steps, the warm-up included, after which the run ends by itself: at the first update
     after them. What the actors play until then counts too."""
@@ -196,7 +199,7 @@ def resume_flags(arguments: Sequence[str], run: str, *, done: bool) -> list[str]
         done: whether it has all the steps it was asked for.
     """
     told: list[str] = []
-    omitted = {"--initial", *(["--steps"] if done else [])}
+    omitted = {"--initial", "--demonstrations", *(["--steps"] if done else [])}
     added = (
         started_by("learner").startswith("ale-robot ") or "--no-local" in arguments
     )  # `train` adds --local

@@ -38,6 +38,7 @@ DOORS: dict[str, str | tuple[str, ...]] = {
     "trackio": "learner/telemetry/sinks/",
     "optuna": "benchmarks/lab/sweep.py",
     "huggingface_hub": "ale_robot/",
+    "pyarrow": "common/dataset/",
 }
 """By foreign package, the file or folder that alone imports it."""
 

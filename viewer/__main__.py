@@ -20,10 +20,11 @@ from viewer.draws import Draws
 from viewer.film import Film
 from viewer.human import Human
 from viewer.policies import Policies
+from viewer.record import Record
 from viewer.show import Play
 from viewer.watch import Watch
 
-EVERY: Any = Watch | Play | Film | Human | Check | Draws | Policies
+EVERY: Any = Watch | Play | Film | Record | Human | Check | Draws | Policies
 COMMANDS: dict[str, Any] = {kind.__name__.lower(): kind for kind in get_args(EVERY)}
 
 

@@ -10,7 +10,7 @@ from actors.loop import Step
 from common.protocol.chunk import Chunk, Game
 from common.protocol.step_fields import STEP_FIELDS
 
-_VALUES: dict[str, Callable[[Step], Any]] = {
+STEP_VALUES: dict[str, Callable[[Step], Any]] = {
     "frames": lambda step: step.s_tm1,
     "actions": lambda step: step.a_tm1,
     "rewards": lambda step: step.r_t,
@@ -22,7 +22,7 @@ _VALUES: dict[str, Callable[[Step], Any]] = {
     "matched": lambda step: step.info.keys_match,
     "vectors": lambda step: step.x_tm1,
 }
-"""What a step says for each field of the table."""
+"""What a step says for each field of the table; of its state's frames only the newest is meant."""
 
 
 class Chunker:
@@ -83,7 +83,7 @@ class Chunker:
             ),
             **{
                 name: np.array([value(step) for step in steps], STEP_FIELDS[name].dtype)
-                for name, value in _VALUES.items()
+                for name, value in STEP_VALUES.items()
             },
         )
         self._sequence += 1

@@ -7,6 +7,8 @@ from common.checked import NAME
 from common.errors import InputError
 
 NAMESPACE = "ale-robot"
+DEMONSTRATIONS = "demonstrations"
+"""Name of the actor in whose place a learner sends recorded games."""
 
 
 def check_name(kind: str, name: str) -> str:

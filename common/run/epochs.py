@@ -32,7 +32,7 @@ class EpochRow:
     epoch: Count
     """0 for the warm-up, then 1, 2, 3 …"""
     phase: EpochPhase
-    """``random`` is a warm-up in which all actions were."""
+    """``random`` is a warm-up in which all actions were, but those of demonstrations."""
     steps: Count
     """Agent steps in this phase."""
     nr_games: Count

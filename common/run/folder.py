@@ -70,6 +70,8 @@ class RunFolder:
         """The `RunConfig`, written once."""
         self.initial = path / "initial.safetensors"
         """The weights that it began with, where they were not fresh ones."""
+        self.demonstrations = path / "demonstrations.json"
+        """Which recording its replay began with, if with any."""
         self.checkpoint = path / "checkpoint.safetensors"
         """The learner's whole state."""
         self.previous = path / "checkpoint.previous.safetensors"
@@ -156,7 +158,12 @@ class RunFolder:
         try:
             yield
         finally:
-            at_first = {self.config_file, self.initial, *map(self._lock, self._claimed)}
+            at_first = {
+                self.config_file,
+                self.initial,
+                self.demonstrations,
+                *map(self._lock, self._claimed),
+            }
             if self._made and at_first.issuperset(self.path.iterdir()):
                 shutil.rmtree(self.path)
 

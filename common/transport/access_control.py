@@ -11,7 +11,7 @@ from typing import Any
 
 from common.protocol.actor_stats import MOST_HEARTBEATS
 from common.protocol.live_view import MAX_VIEW_BYTES
-from common.protocol.run_keys import RunKeys
+from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.transport.credentials import common_name
 
@@ -20,9 +20,10 @@ _WORKERS = ("actor", "evaluator")
 _LEARNER = {
     "query": [
         *(_ANY.config, _ANY.sample, _ANY.priorities, _ANY.held_out, _ANY.progress),
-        *(_ANY.status, _ANY.view("*", "*")),
+        *(_ANY.status, _ANY.view("*", "*"), _ANY.insert(DEMONSTRATIONS)),
     ],
-    "put": [_ANY.weights],
+    "put": [_ANY.weights, _ANY.stats("actor", DEMONSTRATIONS)],
+    "liveliness_token": [_ANY.live("actor", DEMONSTRATIONS)],
     "declare_subscriber": [_ANY.stats("*", "*")],
     "declare_liveliness_subscriber": [_ANY.live("*", "*")],
     "declare_queryable": [_ANY.task("*"), _ANY.report("*"), _ANY.status],

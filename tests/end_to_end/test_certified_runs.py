@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.actors.numbered_env import GAME_OVER, GOES_ON
 from tests.end_to_end.conftest import SMALL, Stage
 from tests.paths import ROOT
+from tests.recordings import record
 
 
 @pytest.fixture
@@ -83,3 +85,18 @@ def test_a_replay_of_its_own_with_an_actor_and_an_evaluator(
     evaluator.ends()
     assert balanced(stage)
     assert {row["phase"] for row in stage.rows()} == {"random", "train", "test"}
+
+
+def test_a_learner_may_send_demonstrations_to_a_replay_of_its_own(
+    stage: Stage, certificates: Path
+) -> None:
+    record(stage.folder / "d", [*[GOES_ON] * 9, GAME_OVER], 800)
+    flags = ("--certificates", str(certificates), "--env=ale", *SMALL)
+    hub = stage.start("-m", "replay", "--listen", stage.endpoint, "--run=r", *flags)
+    hub.says("replay of run r")
+    place = ("--run=r", "--connect", stage.endpoint, "--threads=1", "--steps=700")
+    given = ("--demonstrations", str(stage.folder / "d"))
+    learner = stage.start("-m", "learner", *place, *flags, *given)
+    assert "demonstrations joined" in learner.ends()
+    assert balanced(stage)
+    assert [each["name"] for each in stage.summary()["actors"]] == ["demonstrations"]

@@ -3,6 +3,7 @@
 import fcntl
 import os
 import pty
+import re
 import select
 import struct
 import subprocess
@@ -10,6 +11,7 @@ import sys
 import termios
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -18,6 +20,7 @@ import viewer.human
 import viewer.terminal.terminal
 from actors.envs.world import World
 from common.actions import Keys
+from common.dataset.reader import Dataset
 from common.errors import InputError
 from tests.paths import ROOT
 from tests.viewer.person import Person
@@ -32,7 +35,7 @@ def person() -> Iterator[Person]:
 
 
 def test_a_person_presses_keys_through_the_hands(person: Person) -> None:
-    person.sees("you ·····  keys ·····  latency –")
+    person.sees("you ·····  keys .*latency")
     person.sees("▀")
     person.sees("keys ↑···●.*latency [0-9]+ ms \\(p99 [0-9]+\\)", typing=b"\x1b[A ")
     person.types(b"q")
@@ -130,3 +133,20 @@ def test_an_error_gives_the_terminal_back(
 def test_keys_as_text() -> None:
     assert keys_text(Keys.NONE) == "·····"
     assert keys_text(Keys.UP | Keys.RIGHT | Keys.FIRE) == "↑··→●"
+
+
+def test_what_a_person_plays_is_recorded(tmp_path: Path) -> None:
+    person = Person("human", "--record", str(tmp_path / "d"), "--minimal-actions")
+    try:
+        # Right and down are no action of Pong: down alone is not either, right is.
+        person.sees("you ···→·", typing=b"\x1b[C")
+        person.types(b"q")
+        assert person.leaves() == 0
+        assert re.search(rb"wrote 1 game of [0-9,]+ steps", person.seen)
+    finally:
+        person.close()
+    dataset = Dataset(tmp_path / "d")
+    (rows,) = dataset.read()
+    assert 3 in rows["actions"] or 2 in rows["actions"]
+    assert rows["truncated"][-1]
+    assert dataset.config.action_count == 6

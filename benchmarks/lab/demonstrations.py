@@ -1,0 +1,110 @@
+"""`python -m benchmarks.lab.demonstrations FOLDER --learner="--env ale"`: what recorded play saves.
+
+FOLDER is a recording of a trained policy (`ale-robot record POLICY -o FOLDER --minutes 10`) or of a
+person (`ale-robot human --record FOLDER`). For each seed one run begins without it and one with it,
+under the same settings. The table tells the agent steps that the run's own actors had played when
+the test of an epoch first had the score asked for; the recorded ones are not among them. The same
+command resumes a training that was interrupted.
+"""
+
+import json
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from benchmarks.lab.policy import train
+from benchmarks.report import BenchmarkOptions, Report, main
+from common.checked import FromOne
+from common.run.epochs import EpochTable
+from common.run.folder import RunFolder
+
+_WITHOUT, _WITH = _BOTH = ("without", "with")
+
+
+@dataclass(frozen=True)
+class Options(BenchmarkOptions):
+    """Train with and without demonstrations, and compare how soon the tests have a score."""
+
+    recording: tyro.conf.Positional[Path]
+    """Folder of the recording."""
+    score: float = 18.0
+    """Mean score of a test at which a run is there."""
+    steps: FromOne = 500_000
+    """Agent steps of each run, the warm-up and the recorded ones included."""
+    seeds: FromOne = 1
+    """Number of pairs of runs."""
+    seed: FromOne = 1
+    """Seed of the first pair; those of the others follow it."""
+    learner: str = ""
+    """Flags of the training, as in --learner="--env ale --protocol.epoch-steps 25000"."""
+    run: str = "demonstrations"
+    """First part of the runs' names."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs."""
+
+
+def measure(options: Options) -> Report:
+    rows = [
+        _train(options, seed, how)
+        for seed in range(options.seed, options.seed + options.seeds)
+        for how in _BOTH
+    ]
+    reached = {how: [row["own steps"] for row in rows if row["runs"] == how] for how in _BOTH}
+    saved = [
+        None if None in pair else pair[0] - pair[1]
+        for pair in zip(reached[_WITHOUT], reached[_WITH], strict=True)
+    ]
+    told = [each for each in saved if each is not None]
+    note = (
+        "in no pair did both runs come to the score"
+        if not told
+        else f"saved agent steps: {', '.join(f'{each:,}' for each in told)}; "
+        f"recorded: {rows[-1]['recorded']:,}"
+    )
+    title = f"agent steps until a test's mean score is {options.score:g}"
+    summary = {"learner": options.learner, "score": options.score, "saved": saved}
+    return Report.of(title, rows, summary | {"steps": options.steps}, note)
+
+
+def _train(options: Options, seed: int, how: str) -> dict[str, Any]:
+    folder = RunFolder(options.runs, f"{options.run}-{how}-seed-{seed}")
+    given = ["--demonstrations", str(options.recording)] if how == _WITH else []
+    flags = [*shlex.split(options.learner), "--seed", f"{seed}", *given]
+    if not _is_done(folder, options.steps):
+        train(folder, options.steps, flags)
+    summary = json.loads(folder.summary.read_text())
+    recorded = summary["demonstrations"]
+    own = summary["config"]["replay"]["learning_starts"] - recorded
+    tests = [row for row in EpochTable(folder.epochs).rows() if row.phase == "test"]
+    there = next((row for row in tests if _at_least(row.average_reward, options.score)), None)
+    return {
+        "runs": how,
+        "seed": seed,
+        "recorded": recorded,
+        "own steps": there and there.total_train_steps + own,
+        "updates": there and there.weight_updates,
+        "minutes": there and there.total_time / 60,
+        "best test": _best([row.average_reward for row in tests]),
+    }
+
+
+def _is_done(folder: RunFolder, steps: int) -> bool:
+    if not folder.summary.exists():
+        return False
+    return bool(json.loads(folder.summary.read_text())["agent_steps"] >= steps)
+
+
+def _at_least(score: float | None, least: float) -> bool:
+    return score is not None and score >= least
+
+
+def _best(scores: Sequence[float | None]) -> float | None:
+    return max((score for score in scores if score is not None), default=None)
+
+
+if __name__ == "__main__":
+    main("lab.demonstrations", Options, measure)

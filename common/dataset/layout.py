@@ -1,0 +1,98 @@
+"""What a recording looks like on disk: a LeRobot dataset, version v3.0, with a file per game.
+
+One row is one step of an environment, as an actor would send it, so every field of `STEP_FIELDS`
+is a column, lossless. Beside them stand what only people and robot policies need: the camera's
+video, the keys, the joints. An episode is a whole game, or what there is of one that was cut short.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+from annotated_types import Ge, Le
+
+from common.protocol.step_fields import STEP_FIELDS
+
+VERSION = "v3.0"
+INFO = "meta/info.json"
+STATISTICS = "meta/stats.json"
+TASKS = "meta/tasks.parquet"
+CHUNK_FILES = 1_000
+"""Files per folder."""
+DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+EPISODES_PATH = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+MAX_EPISODES = 100_000
+MAX_EPISODE_STEPS = 110_000
+"""Steps of a game; at 15 per second, two hours."""
+
+CAMERA = "observation.images.camera"
+COLUMNS = {
+    "frames": "observation.frame",
+    "valid": "observation.valid",
+    "vectors": "observation.vector",
+    "actions": "action",
+    "rewards": "next.reward",
+    "terminated": "next.terminated",
+    "truncated": "next.truncated",
+    "elapsed": "next.elapsed",
+    "follows": "next.follows",
+    "matched": "next.matched",
+}
+"""Column of each field of `STEP_FIELDS`; the vector only where there is one."""
+
+
+class Feature(NamedTuple):
+    """A column, or a video."""
+
+    dtype: str
+    """NumPy's name, or "video"."""
+    shape: tuple[int, ...]
+    names: list[str] | None = None
+
+    @property
+    def width(self) -> int:
+        """Numbers of one row."""
+        rows, *columns = self.shape
+        return rows * columns[0] if columns else rows
+
+
+def step_features(vector_width: int) -> dict[str, Feature]:
+    """Returns the columns that hold `STEP_FIELDS`, by their names there."""
+    sizes = {"T": 1, "P": vector_width}
+    return {
+        COLUMNS[name]: Feature(str(field.dtype), field.array.shape_for(sizes)[1:] or (1,))
+        for name, field in STEP_FIELDS.items()
+        if name != "vectors" or vector_width
+    }
+
+
+BOOKKEEPING = {
+    "timestamp": Feature("float32", (1,)),
+    "frame_index": Feature("int64", (1,)),
+    "episode_index": Feature("int64", (1,)),
+    "index": Feature("int64", (1,)),
+    "task_index": Feature("int64", (1,)),
+}
+"""Columns that every LeRobot dataset has."""
+
+
+@dataclass(frozen=True)
+class Info:
+    """The part of `INFO` that is read again."""
+
+    codebase_version: str
+    total_episodes: Annotated[int, Ge(1), Le(MAX_EPISODES)]
+    ale_robot: dict[str, Any]
+    """The `RunConfig` that was played under."""
+
+
+def file_of(folder: Path, pattern: str, episode: int, **more: str) -> Path:
+    """Returns the file of an episode, which it has for itself."""
+    return folder / pattern.format(**place_of(episode), **more)
+
+
+def place_of(episode: int) -> dict[str, int]:
+    """Returns where the files of an episode are, by the words of the patterns."""
+    chunk_index, file_index = divmod(episode, CHUNK_FILES)
+    return {"chunk_index": chunk_index, "file_index": file_index}

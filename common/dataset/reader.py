@@ -1,0 +1,135 @@
+"""Reads a recording again, and trusts nothing in it."""
+
+import hashlib
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from common.checked import build
+from common.dataset.layout import (
+    COLUMNS,
+    DATA_PATH,
+    INFO,
+    MAX_EPISODE_STEPS,
+    VERSION,
+    Info,
+    file_of,
+    step_features,
+)
+from common.errors import InputError
+from common.protocol.step_fields import STEP_FIELDS
+from common.regular_file import read_file
+from common.run.config import RunConfig
+from common.run.stored_config import from_mapping
+
+_MAX_INFO_BYTES = 2**20
+_MAX_FILE_BYTES = 2**31
+Rows = dict[str, NDArray[Any]]
+"""Rows of an episode by the names of `STEP_FIELDS`, ``[T, *shape]`` each."""
+
+
+class Dataset:
+    """A recording of `common.dataset.writer`, of which the fields of `STEP_FIELDS` are read."""
+
+    def __init__(self, folder: Path) -> None:
+        """Read what is said of it.
+
+        Raises:
+            InputError: it is no such recording, or is damaged.
+        """
+        self._folder = folder
+        path = folder / INFO
+        try:
+            content = read_file(path, _MAX_INFO_BYTES)
+            told = json.loads(content)
+            info = build(Info, {name: told[name] for name in Info.__annotations__})
+        except (FileNotFoundError, NotADirectoryError):
+            raise InputError(
+                f"{folder} holds no whole game ({INFO} is missing): name the folder of a "
+                "recording by `ale-robot record`."
+            ) from None
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise InputError(
+                f"{path} is not that of a recording by `ale-robot record` ({error}): name another."
+            ) from None
+        if info.codebase_version != VERSION:
+            raise InputError(
+                f"{folder} has version {info.codebase_version!r} of LeRobot's format: name a "
+                f"recording of version {VERSION}."
+            )
+        self.config = from_mapping(RunConfig, info.ale_robot, str(path), fill=True)
+        """The settings that were played under."""
+        self.config.check()
+        self.episodes = info.total_episodes
+        self._info = content
+        self.fingerprint = ""
+        """SHA-256, in hexadecimal digits, of all that `read` has read to its end."""
+
+    def read(self) -> Iterator[Rows]:
+        """The rows of one episode after the other.
+
+        Raises:
+            InputError: a file is missing or damaged.
+        """
+        digest = hashlib.sha256(self._info)
+        for episode in range(self.episodes):
+            path = file_of(self._folder, DATA_PATH, episode)
+            try:
+                content = read_file(path, _MAX_FILE_BYTES)
+                digest.update(content)
+                yield self._rows(content)
+            except (OSError, ValueError, pa.ArrowException) as error:
+                raise InputError(
+                    f"{path} is damaged ({error}): record again, or name another recording."
+                ) from None
+        self.fingerprint = digest.hexdigest()
+
+    def _rows(self, content: bytes) -> Rows:
+        features = step_features(self.config.vector_width)
+        file = pq.ParquetFile(io.BytesIO(content))
+        steps = file.metadata.num_rows
+        if not 1 <= steps <= MAX_EPISODE_STEPS:
+            raise ValueError(f"it has {steps} rows")
+        # Before anything is unpacked: a small file may claim to hold a great deal.
+        held: dict[str, int] = {}
+        for group in range(file.metadata.num_row_groups):
+            for at in range(file.metadata.num_columns):
+                column = file.metadata.row_group(group).column(at)
+                name = column.path_in_schema.removesuffix(".list.element" * 2)
+                name = name.removesuffix(".list.element")
+                held[name] = held.get(name, 0) + column.num_values
+        for name, feature in features.items():
+            if held.get(name) != steps * feature.width:
+                raise ValueError(f"{name} has {held.get(name, 0)} values in {steps} rows")
+            kind = _kind(file.schema_arrow.field(name).type)
+            if kind != pa.from_numpy_dtype(np.dtype(feature.dtype)):
+                raise ValueError(f"{name} has {kind} instead of {feature.dtype}")
+        table = file.read(list(features))
+        rows: Rows = {"vectors": np.zeros((steps, 0), np.float32)}
+        for name, column in COLUMNS.items():
+            if column not in features:
+                continue
+            array = table[column].combine_chunks()
+            while pa.types.is_nested(array.type):
+                array = array.flatten()
+            if array.null_count:
+                raise ValueError(f"{column} has gaps")
+            feature = features[column]
+            values = array.to_numpy(zero_copy_only=False)
+            row = () if feature.shape == (1,) else feature.shape
+            rows[name] = values.reshape(steps, *row).astype(STEP_FIELDS[name].dtype)
+        return rows
+
+
+def _kind(column: pa.DataType) -> pa.DataType:
+    """Returns the type of a column's values, whatever lists they are in."""
+    while pa.types.is_list(column) or pa.types.is_fixed_size_list(column):
+        column = column.value_type
+    return column

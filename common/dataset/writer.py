@@ -1,0 +1,211 @@
+"""Writes a recording game by game, so that it is whole at every moment."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from common.dataset.layout import (
+    BOOKKEEPING,
+    CAMERA,
+    CHUNK_FILES,
+    DATA_PATH,
+    EPISODES_PATH,
+    INFO,
+    STATISTICS,
+    TASKS,
+    VERSION,
+    VIDEO_PATH,
+    Feature,
+    file_of,
+    place_of,
+)
+from common.run.config import RunConfig
+from common.run.folder import write_atomically
+
+_PANDAS = {
+    "index_columns": ["task"],
+    "columns": [
+        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": dtype}
+        for name, kind, dtype in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
+    ],
+    "column_indexes": [],
+}
+"""By which pandas finds the tasks' texts as the index, where LeRobot looks for them."""
+
+
+class DatasetWriter:
+    """Adds episodes to a new dataset; one that was killed has all that were added.
+
+    The columns of an episode are written first and `INFO`, which counts it, last.
+
+    Args:
+        features: the columns, and the camera's video if there is one.
+        robot: what LeRobot calls the robot's type.
+    """
+
+    def __init__(
+        self, folder: Path, config: RunConfig, features: Mapping[str, Feature], robot: str
+    ) -> None:
+        self.folder = folder
+        self._config = config
+        self._columns = {
+            name: feature
+            for name, feature in {**features, **BOOKKEEPING}.items()
+            if feature.dtype != "video"
+        }
+        self._features = {**features, **BOOKKEEPING}
+        self._robot = robot
+        self._statistics = {name: _Statistics() for name in self._features}
+        self.episodes = self.steps = 0
+        tasks = {"task_index": [0], "task": [self._task]}
+        self._write(folder / TASKS, pa.table(tasks), {"pandas": json.dumps(_PANDAS)})
+
+    @property
+    def rate(self) -> float:
+        """Rows per second of game time."""
+        return 60 / self._config.play.frame_skip
+
+    @property
+    def video(self) -> Path:
+        """Where the next episode's video belongs."""
+        return file_of(self.folder, VIDEO_PATH, self.episodes, video_key=CAMERA)
+
+    @property
+    def _task(self) -> str:
+        return f"Play {self._config.game}."
+
+    def add(
+        self, rows: Mapping[str, NDArray[Any]], pictures: Sequence[NDArray[np.uint8]] = ()
+    ) -> None:
+        """Add an episode, whose video, if there is one, is complete at `video`.
+
+        Args:
+            rows: the columns, ``[T, *shape]`` each.
+            pictures: some of the video, ``uint8 [rows, columns, 3]``, for the statistics.
+
+        Raises:
+            OSError: it cannot be written; the episodes before are whole.
+        """
+        steps = len(next(iter(rows.values())))
+        place, frame = place_of(self.episodes), np.arange(steps)
+        columns = {
+            **rows,
+            "timestamp": frame / self.rate,
+            "frame_index": frame,
+            "episode_index": np.full(steps, self.episodes),
+            "index": self.steps + frame,
+            "task_index": np.zeros(steps),
+        }
+        table = {
+            name: _column(columns[name].astype(feature.dtype, copy=False), feature)
+            for name, feature in self._columns.items()
+        }
+        self._write(file_of(self.folder, DATA_PATH, self.episodes), pa.table(table))
+        for name in self._columns:
+            self._statistics[name].add(columns[name])
+        for picture in pictures:  # each channel by itself, from 0 to 1
+            self._statistics[CAMERA].add(picture.reshape(-1, 3, 1, 1) / 255)
+        episode = {
+            "episode_index": self.episodes,
+            "tasks": [self._task],
+            "length": steps,
+            "dataset_from_index": self.steps,
+            "dataset_to_index": self.steps + steps,
+            **{f"{of}/{key}": at for of in ("data", "meta/episodes") for key, at in place.items()},
+        }
+        if CAMERA in self._features:
+            times = {"from_timestamp": 0.0, "to_timestamp": steps / self.rate}
+            episode |= {f"videos/{CAMERA}/{key}": at for key, at in {**place, **times}.items()}
+        path = file_of(self.folder, EPISODES_PATH, self.episodes)
+        self._write(path, pa.table({name: [value] for name, value in episode.items()}))
+        self.episodes += 1
+        self.steps += steps
+        told = {name: statistics.told() for name, statistics in self._statistics.items()}
+        write_atomically(self.folder / STATISTICS, json.dumps(told).encode())
+        write_atomically(self.folder / INFO, json.dumps(self._info(), indent=2).encode())
+
+    def _info(self) -> dict[str, Any]:
+        rate = int(self.rate) if self.rate.is_integer() else self.rate
+        features = {name: feature._asdict() for name, feature in self._features.items()}
+        if CAMERA in features:
+            features[CAMERA]["info"] = {
+                "video.fps": rate,
+                "video.codec": "h264",
+                "video.pix_fmt": "yuv420p",
+                "video.is_depth_map": False,
+                "has_audio": False,
+            }
+        return {
+            "codebase_version": VERSION,
+            "robot_type": self._robot,
+            "total_episodes": self.episodes,
+            "total_frames": self.steps,
+            "total_tasks": 1,
+            "chunks_size": CHUNK_FILES,
+            "data_files_size_in_mb": 100,
+            "video_files_size_in_mb": 200,
+            "fps": rate,
+            "splits": {"train": f"0:{self.episodes}"},
+            "data_path": DATA_PATH,
+            "video_path": VIDEO_PATH if CAMERA in features else None,
+            "features": features,
+            "ale_robot": asdict(self._config),
+        }
+
+    def _write(
+        self, path: Path, table: pa.Table, metadata: Mapping[str, str] | None = None
+    ) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        content = BytesIO()
+        pq.write_table(table.replace_schema_metadata(metadata), content, compression="zstd")
+        write_atomically(path, content.getvalue())
+
+
+def _column(values: NDArray[Any], feature: Feature) -> pa.Array:
+    """Returns ``values [T, *shape]`` as numbers, or as lists, or as lists of lists."""
+    array = pa.array(values.reshape(-1))
+    if feature.shape == (1,):
+        return array
+    if len(feature.shape) == 1:
+        return pa.FixedSizeListArray.from_arrays(array, feature.width)
+    for size in reversed(feature.shape):
+        array = pa.ListArray.from_arrays(np.arange(0, len(array) + 1, size, dtype=np.int32), array)
+    return array
+
+
+class _Statistics:
+    """Least, greatest, mean and deviation of a column's rows, number by number."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._sum: Any = 0.0
+        self._squares: Any = 0.0
+        self._least: Any = np.inf
+        self._most: Any = -np.inf
+
+    def add(self, rows: NDArray[Any]) -> None:
+        wide = rows.reshape(len(rows), *(rows.shape[1:] or (1,))).astype(np.float64)
+        self._count += len(wide)
+        self._sum = self._sum + wide.sum(axis=0)
+        self._squares = self._squares + np.square(wide).sum(axis=0)
+        self._least = np.minimum(self._least, wide.min(axis=0))
+        self._most = np.maximum(self._most, wide.max(axis=0))
+
+    def told(self) -> dict[str, Any]:
+        mean = self._sum / self._count
+        variance = np.maximum(self._squares / self._count - np.square(mean), 0.0)
+        return {
+            "min": self._least.tolist(),
+            "max": self._most.tolist(),
+            "mean": mean.tolist(),
+            "std": np.sqrt(variance).tolist(),
+            "count": [self._count],
+        }

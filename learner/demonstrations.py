@@ -1,0 +1,250 @@
+"""Recorded games with which a run's replay begins.
+
+They are sent as an actor named `DEMONSTRATIONS` would send them: the same chunks by the same
+requests, checked and counted like any other, so a replay of its own gets them as one in this
+process does. Their steps are steps of the run. So the warm-up is shorter by them, ε falls from
+after them, and before actors go on the limiter has the learner make the updates that they call
+for. Their games are not told, because the scores of a run are those of its own play.
+
+A chunk is the same whenever it is made, down to the incarnation of its sender. So the replay
+recognises one that it has, and a start that was interrupted is repeated without harm.
+"""
+
+import json
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from common.checked import Count, build
+from common.errors import InputError, MessageError
+from common.process.extras import extra_for
+from common.protocol.ack import Ack
+from common.protocol.actor_stats import ActorStats
+from common.protocol.chunk import Chunk
+from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
+from common.run.config import RunConfig
+from common.run.folder import RunFolder, write_atomically
+from common.run.stored_config import flat
+from common.transport.interface import Envelope, Transport
+from common.transport.requests import Window
+
+_ALIKE = (
+    "game",
+    "play.frame_stack",
+    "play.frame_skip",
+    "play.minimal_actions",
+    "play.vector",
+    "play.vector_commands",
+    "play.vector_key_frames",
+    "learning.clip_rewards",
+)
+"""Settings that a state, an action or a reward depends on."""
+_DEADLINE = 5.0
+"""Seconds without an answer after which a chunk is sent again."""
+_PAUSE = 0.2
+
+
+@dataclass(frozen=True)
+class Begun:
+    """What a run's folder says of its demonstrations."""
+
+    path: str
+    fingerprint: str
+    """Of the recording, see `common.dataset.reader.Dataset`."""
+    steps: Count
+    complete: bool = False
+    """The replay has all of them."""
+
+    @classmethod
+    def of(cls, folder: RunFolder) -> "Begun | None":
+        """Returns it; None for a run without any.
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        try:
+            return build(cls, json.loads(folder.demonstrations.read_bytes()))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, RecursionError) as error:
+            raise InputError(
+                f"{folder.demonstrations} is damaged ({error}): mend it, or put it back."
+            ) from None
+
+    def write(self, folder: RunFolder) -> None:
+        """Keep it in the run's folder."""
+        write_atomically(folder.demonstrations, json.dumps(asdict(self)).encode())
+
+
+class Demonstrations:
+    """A recording as the chunks of a run."""
+
+    def __init__(self, path: Path, config: RunConfig) -> None:
+        """Read it all, and compare it with the run's ``config``.
+
+        Raises:
+            InputError: it is damaged, was played under settings that are not the run's, or does not
+                fit its replay; or pyarrow is missing.
+        """
+        with extra_for("--demonstrations", "record"):
+            from common.dataset.reader import Dataset
+        self._config = config
+        self._dataset = Dataset(path)
+        self._refuse_others(path)
+        self._stats = ActorStats(DEMONSTRATIONS, "actor", epsilon=0.0)
+        for chunk in self._chunks("", 0):
+            self._stats.made += 1
+            self._stats.steps += len(chunk)
+            self._stats.valid += int(np.count_nonzero(chunk.valid))
+            self._stats.matched += int(np.count_nonzero(chunk.matched))
+            self._stats.decisions += int(chunk.elapsed.sum())
+            try:
+                Chunk.decode(chunk.encode())
+            except MessageError as error:
+                raise InputError(f"{path} is damaged ({error}): name another recording.") from None
+            if (chunk.actions >= config.action_count).any():
+                raise InputError(f"{path} has an action that the run has not: name another.")
+        waits = self._stats.decisions > self._stats.steps
+        if waits and self._dataset.config.learning.discount != config.learning.discount:
+            raise InputError(
+                f"{path} has rewards within steps of several agent steps, discounted otherwise "
+                "than the run's: record others, or give the run its --learning.discount."
+            )
+        if self._stats.steps > config.replay.capacity:
+            raise InputError(
+                f"{path} has {self._stats.steps:,} steps, which the replay does not hold: raise "
+                "--replay.capacity, or record fewer."
+            )
+        self.begun = Begun(str(path.resolve()), self._dataset.fingerprint, self._stats.steps)
+        self._stats.incarnation = int(self.begun.fingerprint[:15], 16)
+
+    def _refuse_others(self, path: Path) -> None:
+        recorded, wanted = (flat(each) for each in (self._dataset.config, self._config))
+        unequal = [
+            f"{name} {recorded[name]} instead of {wanted[name]}"
+            for name in _ALIKE
+            if recorded[name] != wanted[name]
+        ]
+        widths = self._dataset.config.vector_width, self._config.vector_width
+        if not unequal and widths[0] != widths[1]:
+            unequal = ["vectors of {} numbers instead of {}".format(*widths)]
+        if unequal:
+            raise InputError(
+                f"the demonstrations in {path} have {', '.join(unequal)}: record others, or give "
+                "the run their settings."
+            )
+
+    def _chunks(self, run_id: str, incarnation: int) -> Iterator[Chunk]:
+        """The steps, episode by episode.
+
+        The last state of an episode that was cut short is known only as that of its last step. So
+        this step is left out, and the one before it is truncated.
+        """
+        length, context = self._config.stream.chunk_steps, self._config.play.frame_stack - 1
+        sequence = 0
+        for rows in self._dataset.read():
+            ends = np.flatnonzero(rows["terminated"] | rows["truncated"]) + 1
+            if not ends.size or ends[-1] != len(rows["actions"]):
+                raise InputError("a recorded game has no end: record it again.")
+            for begin, end in zip([0, *ends[:-1].tolist()], ends.tolist(), strict=True):
+                truncated = bool(rows["truncated"][end - 1])
+                last = end - truncated
+                for first in range(begin, last, length):
+                    after = min(first + length, last)
+                    part: dict[str, Any] = {
+                        name: values[first:after].copy() for name, values in rows.items()
+                    }
+                    closes = truncated and after == last
+                    part["truncated"][-1] = closes
+                    final = slice(last, last + closes)
+                    yield Chunk(
+                        run_id=run_id,
+                        actor=DEMONSTRATIONS,
+                        incarnation=incarnation,
+                        stream=0,
+                        sequence=sequence,
+                        weights_version=0,
+                        epsilon=0.0,
+                        context=rows["frames"][max(begin, first - context) : first],
+                        final_frames=rows["frames"][final],
+                        final_vectors=rows["vectors"][final],
+                        **part,
+                    )
+                    sequence += 1
+
+    def insert(
+        self,
+        transport: Transport,
+        keys: RunKeys,
+        stop: threading.Event,
+        tell: Callable[[str], None],
+    ) -> bool:
+        """Send all to the run's replay; returns whether it has them, or ``stop`` was set before.
+
+        Raises:
+            InputError: the replay refuses one.
+        """
+        refusals: list[str] = []
+
+        def settle(outcome: Envelope | MessageError) -> None:
+            if isinstance(outcome, MessageError):
+                refusals.append(str(outcome))
+            elif Ack.decode(outcome.payload).status == "refused":
+                refusals.append("it serves another run")
+
+        requester = transport.requester(keys.insert(DEMONSTRATIONS), _DEADLINE)
+        presence = transport.announce(keys.live("actor", DEMONSTRATIONS))
+        window = Window(requester, settle)
+
+        def wait(most: int) -> bool:
+            while not (stop.is_set() or refusals):
+                if window.wait(most, _PAUSE):
+                    break
+            if refusals:
+                raise InputError(f"the replay refused a demonstration: {refusals[0]}.")
+            return not stop.is_set()
+
+        try:
+            for chunk in self._chunks(keys.run_id, self._stats.incarnation):
+                window.send(chunk.encode())
+                if not wait(self._config.stream.window - 1):
+                    return False
+            if not wait(0):
+                return False
+            told = replace(self._stats, leaving=True, acked=self._stats.made)
+            transport.publisher(keys.stats("actor", DEMONSTRATIONS)).publish(told.encode())
+        finally:
+            requester.close()
+            presence.close()
+        tell(f"the replay begins with {self._stats.steps:,} steps of {self.begun.path}.")
+        return True
+
+
+def begin_with(
+    given: Path | None, config: RunConfig, folder: RunFolder, *, resume: bool
+) -> Demonstrations | None:
+    """Returns the demonstrations that are still to be sent, of those ``given`` by the user.
+
+    A run that was interrupted while they were sent goes on with them.
+
+    Raises:
+        InputError: they cannot be used, or the run did not begin with them.
+    """
+    begun = Begun.of(folder) if resume else None
+    path = given
+    if path is None and begun is not None and not begun.complete:
+        path = Path(begun.path)
+    if path is None:
+        return None
+    found = Demonstrations(path, config)
+    other = begun is not None and begun.fingerprint != found.begun.fingerprint
+    if other or (begun is None and resume and folder.checkpoint.exists()):
+        raise InputError(
+            f"the run in {folder.path} did not begin with the demonstrations in {path}: omit "
+            "--demonstrations, or name another run."
+        )
+    return None if begun is not None and begun.complete else found

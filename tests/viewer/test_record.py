@@ -1,0 +1,148 @@
+"""`record`: a dataset of a network's games that LeRobot itself reads."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from itertools import islice
+from pathlib import Path
+
+import av
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from actors.envs import make_env
+from actors.loop import play
+from actors.policy import Policy
+from common.dataset.layout import CAMERA, DATA_PATH, INFO, VIDEO_PATH, file_of
+from common.dataset.reader import Dataset
+from common.errors import InputError
+from learner.demonstrations import Demonstrations
+from tests.actors.numbered_env import GAME_OVER, GOES_ON
+from tests.paths import ROOT
+from tests.recordings import CONFIG, record
+from viewer.record import Record
+
+POLICIES = ROOT / "policies"
+ALE = POLICIES / "ale_pong.safetensors"
+LEROBOT = os.environ.get("LEROBOT_PYTHON")
+"""An interpreter that has the package lerobot, which needs an older PyTorch than this project."""
+
+
+def test_a_recording_has_the_play_the_video_and_the_keys(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "d"
+    command = Record(weights=ALE, output=folder, minutes=0.1, epsilon=0.5)
+    assert command.run(threading.Event()) == 0
+    assert capsys.readouterr().out == f"wrote 1 game of 90 steps to {folder}\n"
+
+    # Another player of the same seeds sees and does the same.
+    config = command.config(ALE)
+    policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
+    policy = Policy.of_file(config, ALE, 0.5, policy_seed)
+    env = make_env(config, training=True)
+    (rows,) = Dataset(folder).read()
+    screens = []
+    for at, step in enumerate(islice(play([env], policy, [env_seed]), 90)):
+        assert np.array_equal(rows["frames"][at], step.s_tm1[-1])
+        assert (rows["actions"][at], rows["rewards"][at]) == (step.a_tm1, step.r_t)
+        screens.append(env.unwrapped.emulator.screen_rgb())  # type: ignore[attr-defined]
+    assert rows["truncated"].tolist() == [False] * 89 + [True]
+
+    with av.open(str(file_of(folder, VIDEO_PATH, 0, video_key=CAMERA))) as film:
+        shown = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    assert len(shown) == 90
+    # The picture of a row is what was seen before its action, but for the loss of the video.
+    errors = [np.abs(a.astype(int) - b).mean() for a, b in zip(shown[1:], screens, strict=False)]
+    assert max(errors) < 4
+    table = pq.read_table(file_of(folder, DATA_PATH, 0))
+    commands, keys = table["command"].to_pylist(), table["observation.keys"].to_pylist()
+    assert keys[1:] == commands[:-1]  # the emulator's hands are prompt
+    told = json.loads((folder / INFO).read_text())
+    assert told["features"]["command"]["names"] == ["up", "down", "left", "right", "fire"]
+    assert told["features"][CAMERA]["shape"] == [210, 160, 3]
+
+
+def test_a_robots_joints_are_recorded(tmp_path: Path) -> None:
+    weights = POLICIES / "robot_pong.safetensors"
+    Record(weights=weights, output=tmp_path / "d", minutes=0.03).run(threading.Event())
+    table = pq.read_table(file_of(tmp_path / "d", DATA_PATH, 0))
+    joints = np.array(table["observation.state"].to_pylist())
+    assert joints.shape == (27, 8)
+    assert np.ptp(joints, axis=0).max() > 0.01
+    assert np.abs(joints).max() <= 1
+    (rows,) = Dataset(tmp_path / "d").read()
+    assert rows["vectors"].shape[1] > 0  # of this network
+
+
+def test_what_was_recorded_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stop = threading.Event()
+    stop.set()
+    command = Record(weights=ALE, output=tmp_path / "d", games=3)
+    assert command.run(stop) == 0
+    assert "wrote 1 game of 1 steps" in capsys.readouterr().out
+    with pytest.raises(InputError, match=r"d is there already: name a folder that is not"):
+        command.run(stop)
+    with pytest.raises(InputError, match="omit one of them"):
+        Record(weights=ALE, output=tmp_path / "e", games=3, minutes=1).run(stop)
+    assert not (tmp_path / "e").exists()
+
+
+def test_without_pyarrow_it_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in ("common.dataset.writer", "common.dataset.reader"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(InputError, match=r"a recording needs the package pyarrow.*\[record\]"):
+        Record(weights=ALE, output=tmp_path / "d").run(threading.Event())
+    assert not (tmp_path / "d").exists()
+    with pytest.raises(InputError, match=r"--demonstrations needs the package pyarrow"):
+        Demonstrations(tmp_path / "d", CONFIG)
+
+
+def test_one_that_was_killed_has_the_games_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Neither its video nor any file of the game that was going on is in the way.
+    monkeypatch.setattr("viewer.recorder.Recorder.close", lambda recorder: None)
+    record(tmp_path / "d", [GOES_ON, GOES_ON, GAME_OVER], 5)
+    (rows,) = Dataset(tmp_path / "d").read()
+    assert len(rows["actions"]) == 3
+
+
+@pytest.mark.skipif(LEROBOT is None, reason="LEROBOT_PYTHON names no interpreter with lerobot")
+def test_lerobot_reads_what_was_recorded(tmp_path: Path) -> None:
+    assert LEROBOT is not None
+    Record(weights=ALE, output=tmp_path / "d", minutes=0.2).run(threading.Event())
+    (rows,) = Dataset(tmp_path / "d").read()
+    script = """
+import json, sys
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+found = LeRobotDataset("local/recording", root=sys.argv[1])
+rows = [found.hf_dataset[at] for at in range(len(found))]
+print(json.dumps({
+    "episodes": found.num_episodes, "fps": found.fps, "task": found.meta.tasks.index.tolist(),
+    "video": str(found.meta.get_video_file_path(0, found.meta.video_keys[0])),
+    "frames": [row["observation.frame"].sum().item() for row in rows],
+    "corner": [row["observation.frame"][40, 40:44].tolist() for row in rows],
+    "actions": [row["action"].item() for row in rows],
+    "rewards": [row["next.reward"].item() for row in rows],
+    "truncated": [row["next.truncated"].item() for row in rows],
+    "mean": found.meta.stats["next.reward"]["mean"].tolist(),
+}))
+"""
+    arguments = [LEROBOT, "-c", script, str(tmp_path / "d")]
+    offline = os.environ | {"HF_HUB_OFFLINE": "1", "HF_HOME": str(tmp_path / "cache")}
+    done = subprocess.run(arguments, env=offline, check=True, capture_output=True, text=True)
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert (found["episodes"], found["fps"], found["task"]) == (1, 15, ["Play pong."])
+    assert (tmp_path / "d" / found["video"]).is_file()
+    assert found["frames"] == rows["frames"].sum(axis=(1, 2)).tolist()
+    assert found["corner"] == rows["frames"][:, 40, 40:44].tolist()
+    for name in ("actions", "rewards", "truncated"):
+        assert found[name] == rows[name].tolist()
+    assert found["mean"] == pytest.approx([rows["rewards"].mean()])

@@ -1,0 +1,87 @@
+"""`python -m viewer record`: games of one network, recorded as a dataset."""
+
+import threading
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich.progress import TimeRemainingColumn
+
+from actors.envs import make_env
+from actors.loop import play
+from actors.policy import Policy
+from common.checked import Amount, Count, Fraction
+from common.errors import InputError
+from common.process.command_line import WeightsFile
+from common.run.clock import ClockConfig
+from viewer.movie import filming
+from viewer.player import Played
+from viewer.recorder import Recorder
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record(Played):
+    """Record a network's games as a LeRobot dataset: camera, keys, joints, commands and rewards.
+
+    A run begins with them by `ale-robot train --demonstrations FOLDER`. Each game is added when it
+    ends, so a recording that was interrupted has all games before.
+    """
+
+    weights: tyro.conf.Positional[WeightsFile]
+    """Network that plays, such as robot_pong or runs/NAME/snapshots/best.safetensors."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder of the recording, which must not exist yet."""
+    games: Count = 0
+    """Number of whole games; 1 by default."""
+    minutes: Amount = 0.0
+    """Minutes of game time, instead of whole games; the last game is cut short."""
+    epsilon: Fraction = 0.001
+    """Share of random actions."""
+    clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
+
+    def run(self, stop: threading.Event) -> int:
+        """Record the games, or for the minutes, or until ``stop``; returns the exit status.
+
+        Raises:
+            InputError: clock, weights or folder cannot be used.
+        """
+        if self.games and self.minutes:
+            raise InputError("a recording has --games or --minutes: omit one of them.")
+        config = self.config(self.weights)
+        self.clock.check(config.env)
+        policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
+        policy = Policy.of_file(config, self.weights, self.epsilon, policy_seed)
+        minute = 60 * 60 / config.play.frame_skip
+        total = self.minutes * minute or self.games or 1
+        # Episodes as the actors of a run have them: they end at a lost life.
+        env = make_env(config, self.clock, training=True)
+        with (
+            closing(env),
+            closing(Recorder(env, config, self.output)) as recorder,
+            filming(TimeRemainingColumn()) as progress,
+        ):
+            task = progress.add_task("recording", total=total)
+            done = 0.0
+            for step in play([recorder], policy, [env_seed]):
+                recorder.add(step)
+                advanced = step.info.elapsed if self.minutes else step.info.game_over
+                progress.advance(task, advanced)
+                done += advanced
+                if step.info.game_over:
+                    score, steps = step.info.game_score, step.info.game_steps
+                    games = recorder.dataset.episodes
+                    print(f"game {games}: score {score:g} in {steps} steps", flush=True)
+                if done >= total or stop.is_set():
+                    break
+        print(told(recorder))
+        return 0
+
+
+def told(recorder: Recorder) -> str:
+    """Returns what a recording that is closed has."""
+    dataset = recorder.dataset
+    games = "1 game" if dataset.episodes == 1 else f"{dataset.episodes:,} games"
+    return f"wrote {games} of {dataset.steps:,} steps to {dataset.folder}"

@@ -1,0 +1,152 @@
+"""Records what an environment gives, game by game, as a dataset."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.envs.ale import AtariEnv
+from actors.envs.robot import RobotEnv
+from actors.loop import Step
+from actors.stream.chunker import STEP_VALUES
+from common.actions import Keys
+from common.dataset.layout import CAMERA, COLUMNS, Feature, step_features
+from common.errors import InputError
+from common.process.extras import extra_for
+from common.registry import ENVIRONMENTS, ROBOTS
+from common.run.config import RunConfig
+from viewer.movie import Add, open_movie
+
+_SAMPLE_EVERY = 30
+"""Pictures for each one that the statistics count."""
+
+
+class _Seen(NamedTuple):
+    """What a state is beside the network's input."""
+
+    columns: dict[str, NDArray[Any]]
+    picture: NDArray[np.uint8] | None
+    """Of the camera, ``uint8 [rows, columns, 3]``."""
+
+
+class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """An environment whose steps are recorded, each with what was seen when its action was chosen.
+
+    It looks before each `step`; whoever plays hands the steps to `add`.
+    Columns are in memory until their game ends, and the video is written meanwhile.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], config: RunConfig, folder: Path) -> None:
+        """Begin a recording.
+
+        Raises:
+            InputError: something is at ``folder``, it cannot be written, or pyarrow is missing.
+        """
+        with extra_for("a recording", "record"):
+            from common.dataset.writer import DatasetWriter
+        super().__init__(env)
+        inner = env.unwrapped
+        features = step_features(config.vector_width)
+        if isinstance(inner, RobotEnv | AtariEnv):
+            keys = Feature("bool", (len(_KEYS),), [str(key.name).lower() for key in _KEYS])
+            features |= {"observation.keys": keys, "command": keys}
+            picture = _picture(inner)
+            features[CAMERA] = Feature("video", picture.shape, ["height", "width", "channels"])
+        if isinstance(inner, RobotEnv):
+            joints = ROBOTS.find(config.play.robot).joints
+            features["observation.state"] = Feature("float32", (joints,))
+        robot = config.play.robot if ENVIRONMENTS.find(config.env).robot else config.env
+        try:
+            folder.mkdir(parents=True)
+            self.dataset = DatasetWriter(folder, config, features, robot)
+        except FileExistsError:
+            raise InputError(f"{folder} is there already: name a folder that is not.") from None
+        except OSError as error:
+            raise InputError(f"{folder} cannot be written: {error.strerror}.") from None
+        self._features = features
+        self._rows: list[dict[str, Any]] = []
+        self._sampled: list[NDArray[np.uint8]] = []
+        self._film: Add
+        self._filming = ExitStack()
+        self._seen = _Seen({}, None)
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """As the environment does."""
+        self._seen = self._look()
+        return self.env.step(action)
+
+    def add(self, step: Step) -> None:
+        """Record the step that was just played."""
+        row = {COLUMNS[name]: value(step) for name, value in STEP_VALUES.items()}
+        # The loop overwrites its states in place.
+        row[COLUMNS["frames"]] = step.s_tm1[-1].copy()
+        row[COLUMNS["vectors"]] = step.x_tm1.copy()
+        inner = self.unwrapped
+        if isinstance(inner, RobotEnv | AtariEnv):
+            row["command"] = _flags(inner.wanted)
+        if self._seen.picture is not None:
+            if not self._rows:
+                rate = self.dataset.rate
+                self._film = self._filming.enter_context(open_movie(self.dataset.video, rate))
+            self._film(self._seen.picture)
+            if len(self._rows) % _SAMPLE_EVERY == 0:
+                self._sampled.append(self._seen.picture)
+        self._rows.append(row | self._seen.columns)
+        if step.info.game_over:
+            self.cut()
+
+    def cut(self) -> None:
+        """End the present game here: its last step is truncated, unless it ended by itself.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        self._filming.close()
+        if not self._rows:
+            return
+        rows, self._rows = self._rows, []
+        sampled, self._sampled = self._sampled, []
+        last = rows[-1]
+        last[COLUMNS["truncated"]] = not last[COLUMNS["terminated"]]
+        columns = {
+            name: np.array([row[name] for row in rows], feature.dtype)
+            for name, feature in self._features.items()
+            if feature.dtype != "video"
+        }
+        try:
+            self.dataset.add(columns, sampled)
+        except OSError as error:
+            raise InputError(
+                f"{self.dataset.folder} cannot be written ({error.strerror}): make room, and "
+                "record into another folder. The games before are whole."
+            ) from None
+
+    def close(self) -> None:
+        """Keep what there is of the present game, and close the environment."""
+        self.cut()
+        super().close()
+
+    def _look(self) -> _Seen:
+        inner = self.unwrapped
+        columns: dict[str, NDArray[Any]] = {}
+        if not isinstance(inner, RobotEnv | AtariEnv):
+            return _Seen(columns, None)
+        columns["observation.keys"] = _flags(inner.pressed)
+        if isinstance(inner, RobotEnv):
+            with inner.still():
+                columns["observation.state"] = inner.robot.proprioception()[0].astype(np.float32)
+        return _Seen(columns, _picture(inner))
+
+
+_KEYS = [key for key in Keys if key]
+
+
+def _flags(keys: Keys) -> NDArray[np.bool_]:
+    return np.array([bool(keys & key) for key in _KEYS])
+
+
+def _picture(env: RobotEnv | AtariEnv) -> NDArray[np.uint8]:
+    return env.seen if isinstance(env, RobotEnv) else env.emulator.screen_rgb()
