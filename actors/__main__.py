@@ -37,7 +37,7 @@ from common.process.lifeline import leave_with_parent, on_signals
 from common.process.log_lines import say_json
 from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
-from common.protocol.run_keys import check_name
+from common.protocol.run_keys import DEMONSTRATIONS, check_name
 from common.run.clock import ClockConfig
 from common.run.config import MAX_SEED, RunConfig
 from common.run.join import find_run, patiently
@@ -134,6 +134,8 @@ def main() -> int:
     if name is None and options.certificates is not None:
         name = own_name(options.certificates)
     name = check_name("actor", name or default_name())
+    if name == DEMONSTRATIONS:
+        raise InputError(f"{name!r} stands for recorded games: choose another --name.")
     stop = threading.Event()
     on_signals(stop)
     if options.leash:

@@ -190,14 +190,6 @@ def train(options: LearnerOptions, again: bool) -> int:
     on_signals(stop)
     begun = folder.checkpoint if folder.checkpoint.exists() else folder.previous
     folder.claim("learner", config, begun=begun, resume=options.resume)
-    if options.initial is not None:
-        write_atomically(folder.initial, encode_weights(network))
-    elif not options.resume:
-        folder.initial.unlink(missing_ok=True)  # of a start that failed
-    if demonstrations is not None:
-        demonstrations.begun.write(folder)
-    elif not options.resume:
-        folder.demonstrations.unlink(missing_ok=True)
     place = (
         hosted_replay(options, folder)
         if options.connect is None
@@ -213,6 +205,15 @@ def train(options: LearnerOptions, again: bool) -> int:
         open_display(as_json=options.log_json) as display,
         ExitStack() as stack,
     ):
+        # Not before the replay is ours too: a start that is refused changes nothing.
+        if options.initial is not None:
+            write_atomically(folder.initial, encode_weights(network))
+        elif not options.resume:
+            folder.initial.unlink(missing_ok=True)  # of a start that failed
+        if demonstrations is not None:
+            demonstrations.begun.write(folder)
+        elif not options.resume:
+            folder.demonstrations.unlink(missing_ok=True)
         learner = build_learner(
             *(options, folder, transport, replay, algorithm, device, display, stop),
             *(KeptLogSink(keep), *page, *web),

@@ -58,9 +58,7 @@ def build_learner(
     checkpoint = Checkpoint(
         folder.checkpoint, folder.previous, algorithm, config.learning.algorithm
     )
-    # A run that ended before its first checkpoint has no table either.
-    begun = any(path.exists() for path in (folder.checkpoint, folder.previous, folder.epochs))
-    state = checkpoint.load(display.line) if options.resume and begun else None
+    state = checkpoint.load(display.line) if options.resume and folder.has_begun else None
     keys = RunKeys(folder.name, replay.run_id)
     clock = RunClock()
     phases = Phases(config, clock)

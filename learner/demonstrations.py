@@ -15,9 +15,10 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import StringConstraints
 
 from common.checked import Count, build
 from common.errors import InputError, MessageError
@@ -46,13 +47,15 @@ _ALIKE = (
 _DEADLINE = 5.0
 """Seconds without an answer after which a chunk is sent again."""
 _PAUSE = 0.2
+_LONGEST_PATH = 4_096
+"""Characters of a path on Linux."""
 
 
 @dataclass(frozen=True)
 class Begun:
     """What a run's folder says of its demonstrations."""
 
-    path: str
+    path: Annotated[str, StringConstraints(max_length=_LONGEST_PATH)]
     fingerprint: str
     """Of the recording, see `common.dataset.reader.Dataset`."""
     steps: Count
@@ -107,12 +110,17 @@ class Demonstrations:
             except MessageError as error:
                 raise InputError(f"{path} is damaged ({error}): name another recording.") from None
             if (chunk.actions >= config.action_count).any():
-                raise InputError(f"{path} has an action that the run has not: name another.")
+                raise InputError(
+                    f"{path} has actions that are not on offer in this run: record with the same "
+                    "--play.minimal-actions."
+                )
+        if not self._stats.steps:
+            raise InputError(f"{path} has no step to learn from: record whole games.")
         waits = self._stats.decisions > self._stats.steps
         if waits and self._dataset.config.learning.discount != config.learning.discount:
             raise InputError(
-                f"{path} has rewards within steps of several agent steps, discounted otherwise "
-                "than the run's: record others, or give the run its --learning.discount."
+                f"the rewards in {path} were discounted with another --learning.discount: give "
+                f"the run {self._dataset.config.learning.discount:g}, or record others."
             )
         if self._stats.steps > config.replay.capacity:
             raise InputError(
@@ -215,6 +223,10 @@ class Demonstrations:
                     return False
             if not wait(0):
                 return False
+            if self._dataset.fingerprint != self.begun.fingerprint:
+                raise InputError(
+                    f"{self.begun.path} was changed while it was read: begin a new run with it."
+                )
             told = replace(self._stats, leaving=True, acked=self._stats.made)
             transport.publisher(keys.stats("actor", DEMONSTRATIONS)).publish(told.encode())
         finally:
@@ -242,7 +254,7 @@ def begin_with(
         return None
     found = Demonstrations(path, config)
     other = begun is not None and begun.fingerprint != found.begun.fingerprint
-    if other or (begun is None and resume and folder.checkpoint.exists()):
+    if other or (begun is None and resume and folder.has_begun):
         raise InputError(
             f"the run in {folder.path} did not begin with the demonstrations in {path}: omit "
             "--demonstrations, or name another run."

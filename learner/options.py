@@ -58,8 +58,8 @@ class LearnerOptions:
     """Keep each epoch's weights in the run's snapshots/, 1 to 7 MB each, as epoch-0001.safetensors
     and so on; epochs.csv tells their wall clock and steps."""
     films: Amount = 0.0
-    """Seconds of a film of each epoch's network, films/epoch-0001.mp4 in the run's folder; 0 for no
-    films. Keeps each epoch's weights too."""
+    """Seconds of a film of each epoch's network, as far as there is time to make it, in the run's
+    films/ as epoch-0001.mp4 and so on; 0 for no films. Keeps each epoch's weights too."""
     local: bool = False
     """Local mode: start actors and evaluators on this machine, and end them with the learner."""
     actors: FromOne = 1

@@ -70,21 +70,21 @@ class Human(Played):
         env = RobotEnv.of_run(config, REAL_TIME, training=self.record is not None)
         played: gymnasium.Env[Any, Any] = env
         recorder = None
-        with closing(env), ExitStack() as end:
+        with closing(env), ExitStack() as end, Terminal() as terminal:
+            terminal.check(_LEAST_SIZE)
             if self.record is not None:
-                played = recorder = end.enter_context(closing(Recorder(env, config, self.record)))
-            with Terminal() as terminal:
-                terminal.check(_LEAST_SIZE)
-                seat = _Seat(terminal, env)
-                scores = []
-                for step in play([played], seat, [config.seed]):
-                    if recorder is not None:
-                        recorder.add(step)
-                    if step.info.game_over:
-                        scores.append(step.info.game_score)
-                    if stop.is_set() or seat.wants_out:
-                        break
-                    seat.show(step)
+                recorder = Recorder(env, config, self.record)
+                played = end.enter_context(closing(recorder))
+            seat = _Seat(terminal, env)
+            scores = []
+            for step in play([played], seat, [config.seed]):
+                if recorder is not None:
+                    recorder.add(step)
+                if step.info.game_over:
+                    scores.append(step.info.game_score)
+                if stop.is_set() or seat.wants_out:
+                    break
+                seat.show(step)
         for number, score in enumerate(scores, 1):
             print(f"game {number}: score {score:g}")
         if recorder is not None:

@@ -51,7 +51,8 @@ def _mp4(path: Path, rate: float) -> Iterator[Add]:
     """H.264 with its index first, as every browser plays it."""
     import av
 
-    with av.open(str(path), "w", options={"movflags": "+faststart"}) as film:
+    # An absolute path: FFmpeg takes what is before a colon for a protocol.
+    with av.open(str(path.absolute()), "w", options={"movflags": "+faststart"}) as film:
         stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1_000))
         stream.pix_fmt = "yuv420p"
         # Text and lines stay sharp; a film of 20 s takes about a megabyte.

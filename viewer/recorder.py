@@ -1,6 +1,8 @@
 """Records what an environment gives, game by game, as a dataset."""
 
-from contextlib import ExitStack
+import shutil
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -63,7 +65,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             folder.mkdir(parents=True)
             self.dataset = DatasetWriter(folder, config, features, robot)
         except FileExistsError:
-            raise InputError(f"{folder} is there already: name a folder that is not.") from None
+            raise InputError(f"{folder} is there already: name a new folder.") from None
         except OSError as error:
             raise InputError(f"{folder} cannot be written: {error.strerror}.") from None
         self._features = features
@@ -91,7 +93,8 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             if not self._rows:
                 rate = self.dataset.rate
                 self._film = self._filming.enter_context(open_movie(self.dataset.video, rate))
-            self._film(self._seen.picture)
+            with self._writing():
+                self._film(self._seen.picture)
             if len(self._rows) % _SAMPLE_EVERY == 0:
                 self._sampled.append(self._seen.picture)
         self._rows.append(row | self._seen.columns)
@@ -104,11 +107,12 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         Raises:
             InputError: it cannot be written.
         """
-        self._filming.close()
-        if not self._rows:
-            return
         rows, self._rows = self._rows, []
         sampled, self._sampled = self._sampled, []
+        with self._writing():
+            self._filming.close()
+        if not rows:
+            return
         last = rows[-1]
         last[COLUMNS["truncated"]] = not last[COLUMNS["terminated"]]
         columns = {
@@ -116,18 +120,31 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             for name, feature in self._features.items()
             if feature.dtype != "video"
         }
-        try:
+        with self._writing():
             self.dataset.add(columns, sampled)
-        except OSError as error:
-            raise InputError(
-                f"{self.dataset.folder} cannot be written ({error.strerror}): make room, and "
-                "record into another folder. The games before are whole."
-            ) from None
 
     def close(self) -> None:
-        """Keep what there is of the present game, and close the environment."""
-        self.cut()
-        super().close()
+        """Keep what there is of the present game, and close the environment; a recording without
+        any game leaves nothing."""
+        try:
+            self.cut()
+        finally:
+            if not self.dataset.episodes:
+                shutil.rmtree(self.dataset.folder, ignore_errors=True)
+            super().close()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Raises InputError where the recording cannot be written; the present game is lost."""
+        try:
+            yield
+        except OSError as error:
+            self._rows.clear()
+            whole = f"; the {self.dataset.episodes:,} games before are whole"
+            raise InputError(
+                f"{self.dataset.folder} cannot be written ({error.strerror}): make room, and "
+                f"record into another folder{whole if self.dataset.episodes else ''}."
+            ) from None
 
     def _look(self) -> _Seen:
         inner = self.unwrapped

@@ -31,6 +31,7 @@ from common.run.stored_config import from_mapping
 
 _MAX_INFO_BYTES = 2**20
 _MAX_FILE_BYTES = 2**31
+_MAX_UNPACKED_BYTES = 2**31
 Rows = dict[str, NDArray[Any]]
 """Rows of an episode by the names of `STEP_FIELDS`, ``[T, *shape]`` each."""
 
@@ -42,7 +43,7 @@ class Dataset:
         """Read what is said of it.
 
         Raises:
-            InputError: it is no such recording, or is damaged.
+            InputError: the folder is not a recording, or is damaged.
         """
         self._folder = folder
         path = folder / INFO
@@ -57,7 +58,7 @@ class Dataset:
             ) from None
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise InputError(
-                f"{path} is not that of a recording by `ale-robot record` ({error}): name another."
+                f"{path} was not written by `ale-robot record` ({error}): name another recording."
             ) from None
         if info.codebase_version != VERSION:
             raise InputError(
@@ -98,13 +99,20 @@ class Dataset:
         if not 1 <= steps <= MAX_EPISODE_STEPS:
             raise ValueError(f"it has {steps} rows")
         # Before anything is unpacked: a small file may claim to hold a great deal.
+        missing = features.keys() - set(file.schema_arrow.names)
+        if missing:
+            raise ValueError(f"it has no {', '.join(sorted(missing))}")
         held: dict[str, int] = {}
+        unpacked = 0
         for group in range(file.metadata.num_row_groups):
             for at in range(file.metadata.num_columns):
                 column = file.metadata.row_group(group).column(at)
                 name = column.path_in_schema.removesuffix(".list.element" * 2)
                 name = name.removesuffix(".list.element")
                 held[name] = held.get(name, 0) + column.num_values
+                unpacked += column.total_uncompressed_size
+        if unpacked > _MAX_UNPACKED_BYTES:
+            raise ValueError(f"it has {unpacked} bytes when unpacked")
         for name, feature in features.items():
             if held.get(name) != steps * feature.width:
                 raise ValueError(f"{name} has {held.get(name, 0)} values in {steps} rows")

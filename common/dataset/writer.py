@@ -41,6 +41,9 @@ _PANDAS = {
 """By which pandas finds the tasks' texts as the index, where LeRobot looks for them."""
 
 
+_SLICE = 512
+
+
 class DatasetWriter:
     """Adds episodes to a new dataset; one that was killed has all that were added.
 
@@ -192,6 +195,10 @@ class _Statistics:
         self._most: Any = -np.inf
 
     def add(self, rows: NDArray[Any]) -> None:
+        for first in range(0, len(rows), _SLICE):  # a whole game's frames would fill the memory
+            self._add(rows[first : first + _SLICE])
+
+    def _add(self, rows: NDArray[Any]) -> None:
         wide = rows.reshape(len(rows), *(rows.shape[1:] or (1,))).astype(np.float64)
         self._count += len(wide)
         self._sum = self._sum + wide.sum(axis=0)

@@ -4,9 +4,11 @@ and into a file of its run."""
 import json
 import logging
 import math
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from io import TextIOWrapper
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from typing import Any
@@ -59,16 +61,30 @@ class _Formatter(logging.Formatter):
         return as_json(self._role, super().format(record), record.levelname.lower())
 
 
+class _KeptFile(RotatingFileHandler):
+    def _open(self) -> TextIOWrapper:
+        # Not where a link leads: whoever may write into the run's folder may have put one there.
+        def no_links(name: str, flags: int) -> int:
+            return os.open(name, flags | os.O_NOFOLLOW, 0o644)
+
+        return open(self.baseFilename, "a", encoding="utf-8", opener=no_links)
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """A line that cannot be written is lost."""
+
+
 @contextmanager
 def kept_log(path: Path, role: str) -> Iterator[Callable[[str], None]]:
     """Appends all that is logged meanwhile to ``path``, as lines of JSON, and what the function
     that it returns is given. A disk without room costs lines, and nothing else."""
     root = logging.getLogger()
-    if not root.handlers and logging.lastResort is not None:
-        root.addHandler(logging.lastResort)  # which Python leaves out once there is another one
-    path.parent.mkdir(parents=True, exist_ok=True)
-    file = RotatingFileHandler(path, maxBytes=_MOST_BYTES, backupCount=1, delay=True)
-    file.handleError = lambda record: None  # type: ignore[method-assign]
+    # Python leaves its last resort, the terminal, out once there is another handler.
+    terminal = None if root.handlers else logging.lastResort
+    if terminal is not None:
+        root.addHandler(terminal)
+    with suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    file = _KeptFile(path, maxBytes=_MOST_BYTES, backupCount=1, delay=True)
     file.setFormatter(_Formatter(role))
     root.addHandler(file)
 
@@ -79,6 +95,8 @@ def kept_log(path: Path, role: str) -> Iterator[Callable[[str], None]]:
         yield keep
     finally:
         root.removeHandler(file)
+        if terminal is not None:
+            root.removeHandler(terminal)
         with suppress(OSError):
             file.close()
 

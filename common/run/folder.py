@@ -88,10 +88,16 @@ class RunFolder:
         """The ring, where the replay runs on this machine."""
         self.films = path / "films"
         self.logs = path / "logs"
-        """Output of local mode's actors."""
+        """Output of local mode's actors and of films, and what `kept_log` keeps."""
         self._locks: list[IO[str]] = []
         self._made = False
         self._claimed: set[Part] = set()
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether a learner worked here; one that ended before its first checkpoint left a table
+        at most."""
+        return any(path.exists() for path in (self.checkpoint, self.previous, self.epochs))
 
     @classmethod
     def at(cls, path: Path) -> Self | None:
@@ -162,6 +168,7 @@ class RunFolder:
                 self.config_file,
                 self.initial,
                 self.demonstrations,
+                self.logs,
                 *map(self._lock, self._claimed),
             }
             if self._made and at_first.issuperset(self.path.iterdir()):

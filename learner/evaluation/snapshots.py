@@ -48,5 +48,10 @@ class Snapshots:
         except (OSError, ValueError, TypeError, KeyError):
             return None
 
+    def newest(self) -> int:
+        """The newest epoch whose weights are there; 0 for none."""
+        names = (file.stem.removeprefix("epoch-") for file in self._folder.glob("*.safetensors"))
+        return max((int(name) for name in names if name.isdecimal()), default=0)
+
     def file(self, epoch: int) -> Path:
         return self._folder / f"epoch-{epoch:04d}.safetensors"

@@ -48,6 +48,15 @@ def test_a_run_begins_with_them_once(stage: Stage, recording: Path) -> None:
     assert after["chunks"]["duplicate"] == 0
     assert "--demonstrations" not in resumed.splitlines()[-1]
 
+    # A start that is refused changes nothing, though there is no checkpoint, as before the first.
+    told = stage.run / "demonstrations.json"
+    before = told.read_bytes()
+    for checkpoint in stage.run.glob("checkpoint*"):
+        checkpoint.unlink()
+    refused = stage.learner("--local", "--env=ale", *SMALL).ends(status=2)
+    assert "already holds a run" in refused
+    assert told.read_bytes() == before
+
 
 def test_a_replay_of_its_own_gets_them_too(stage: Stage, recording: Path) -> None:
     settings = ("--env=ale", *SMALL)

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from common.dataset.layout import DATA_PATH, file_of
 from common.errors import InputError
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
@@ -75,6 +77,7 @@ def test_the_replay_gets_what_the_network_saw_and_did(
     config = run_config(WITH_VECTOR if vector else CONFIG, length=length)
     with tempfile.TemporaryDirectory() as folder:
         moments = record(Path(folder) / "d", script, steps, config).moments
+        assume(expected(moments))
         chunks = chunks_of(Path(folder) / "d", config)
 
     wanted = iter(expected(moments))
@@ -153,6 +156,33 @@ def test_a_stop_ends_the_sending_and_a_replay_of_another_run_refuses(tmp_path: P
         assert 1 <= memory.progress(0).refused <= config.stream.window
 
 
+def test_a_recording_that_is_changed_while_it_is_read_is_refused(tmp_path: Path) -> None:
+    config = run_config()
+    record(tmp_path / "d", SCRIPT, 48)
+    found = Demonstrations(tmp_path / "d", config)
+    path = file_of(tmp_path / "d", DATA_PATH, 1)
+    pq.write_table(pq.read_table(path), path, compression="gzip")
+    with (
+        replay(tmp_path / "replay", config) as (memory, transport),
+        pytest.raises(InputError, match="was changed while it was read: begin a new run"),
+    ):
+        send(found, memory, transport)
+
+
+def test_a_recording_without_a_whole_step_is_refused(tmp_path: Path) -> None:
+    record(tmp_path / "d", SCRIPT, 1)
+    with pytest.raises(InputError, match="has no step to learn from: record whole games"):
+        Demonstrations(tmp_path / "d", CONFIG)
+
+
+def test_a_long_path_is_a_path(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path, "r")
+    folder.path.mkdir()
+    begun = Begun("/" + "a/" * 1_000, "0" * 64, 5)
+    begun.write(folder)
+    assert Begun.of(folder) == begun
+
+
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
@@ -169,7 +199,7 @@ def test_a_stop_ends_the_sending_and_a_replay_of_another_run_refuses(tmp_path: P
         ),
         (
             replace(CONFIG, learning=replace(CONFIG.learning, discount=0.5)),
-            "add|give the run its --learning.discount",  # some steps took several agent steps
+            r"discounted with another --learning.discount: give the run 0.99, or",
         ),
         (run_config(capacity=40), "which the replay does not hold: raise --replay.capacity"),
     ],
@@ -211,9 +241,11 @@ def test_a_run_begins_with_one_recording_and_goes_on_where_that_was_interrupted(
     with pytest.raises(InputError, match=r"did not begin with the demonstrations .* omit --demo"):
         begun("other", resume=True)
     folder.demonstrations.unlink()
-    folder.checkpoint.touch()
-    with pytest.raises(InputError, match="did not begin with"):
-        begun("d", resume=True)
+    for told in (folder.checkpoint, folder.previous, folder.epochs):
+        told.touch()
+        with pytest.raises(InputError, match="did not begin with"):
+            begun("d", resume=True)
+        told.unlink()
     folder.demonstrations.write_text("{}")
     with pytest.raises(InputError, match=r"demonstrations.json is damaged .*: mend it"):
         begun(None, resume=True)

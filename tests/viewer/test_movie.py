@@ -39,6 +39,12 @@ def test_an_mp4(tmp_path: Path) -> None:
     assert content.index(b"moov") < content.index(b"mdat")
 
 
+def test_a_name_with_a_colon_is_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    film(Path("file:z/film.mp4"))  # to FFmpeg, "file:" is a protocol
+    assert cv2.VideoCapture(str(tmp_path / "file:z" / "film.mp4")).read()[0]
+
+
 def test_a_film_that_ends_by_an_error_has_what_was_taken(tmp_path: Path) -> None:
     pytest.importorskip("av")
     path = tmp_path / "film.mp4"

@@ -1,10 +1,13 @@
 """`record`: a dataset of a network's games that LeRobot itself reads."""
 
+import errno
 import json
 import os
 import subprocess
 import sys
 import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
@@ -84,11 +87,28 @@ def test_what_was_recorded_stays(tmp_path: Path, capsys: pytest.CaptureFixture[s
     command = Record(weights=ALE, output=tmp_path / "d", games=3)
     assert command.run(stop) == 0
     assert "wrote 1 game of 1 steps" in capsys.readouterr().out
-    with pytest.raises(InputError, match=r"d is there already: name a folder that is not"):
+    with pytest.raises(InputError, match=r"d is there already: name a new folder"):
         command.run(stop)
     with pytest.raises(InputError, match="omit one of them"):
         Record(weights=ALE, output=tmp_path / "e", games=3, minutes=1).run(stop)
     assert not (tmp_path / "e").exists()
+
+
+@contextmanager
+def full_at_the_end(path: Path, rate: float) -> Iterator[Callable[[object], None]]:
+    """A film that needs more room when it ends than there is."""
+    yield lambda picture: None
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_game_whose_film_cannot_be_written_is_not_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("viewer.recorder.open_movie", full_at_the_end)
+    command = Record(weights=ALE, output=tmp_path / "d", minutes=0.01)
+    with pytest.raises(InputError, match=r"d cannot be written \(No space .* another folder\.$"):
+        command.run(threading.Event())
+    assert not (tmp_path / "d").exists()
 
 
 def test_without_pyarrow_it_says_what_to_install(

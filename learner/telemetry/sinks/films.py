@@ -1,6 +1,8 @@
 """``--films``: a film of each epoch's network, made by a process of its own beside training."""
 
 import logging
+import shutil
+from pathlib import Path
 
 from common.process.supervisor import Child
 from common.run.epochs import EpochRow
@@ -16,7 +18,8 @@ class FilmsSink(Sink):
     """Films in the run's folder, named as the snapshots, which the run must keep.
 
     One is made at a time, at low priority. Where epochs pass faster than films are made, those
-    between are left out; `ale-robot film --weights` makes them later.
+    between are left out, and so is one that the run's end breaks off: `ale-robot film --weights`
+    makes them later. A resumed run begins with that of its newest epoch.
 
     Args:
         seconds: of play in each film.
@@ -36,6 +39,12 @@ class FilmsSink(Sink):
         self._epoch = 0
         self._child: Child | None = None
         """The process that films `_epoch`."""
+
+    def start(self, resumed_at: int | None) -> None:
+        """Take up the newest epoch that has no film yet."""
+        shutil.rmtree(self._making, ignore_errors=True)
+        if newest := self._snapshots.newest():
+            self._newest = newest if not self._film(newest).exists() else 0
 
     def phase(self, row: EpochRow, agent_steps: int) -> None:
         """See `Sink.phase`."""
@@ -58,18 +67,24 @@ class FilmsSink(Sink):
 
     def close(self) -> None:
         """Break off the film that is being made."""
-        if self._child is not None and self._child.poll() is None:
+        if self._child is None:
+            return
+        if self._child.poll() is None:
             self._child.end()
             self._video.unlink(missing_ok=True)
+            _log.warning("the film of epoch %d was broken off", self._epoch)
+        else:
+            self._end_film(self._child)
 
     def _begin_film(self) -> Child:
         network = self._snapshots.file(self._epoch)
         self._making.mkdir(parents=True, exist_ok=True)
         self._folder.logs.mkdir(parents=True, exist_ok=True)
-        self._video = self._making / f"{network.stem}.mp4"
+        self._video = self._making / self._film(self._epoch).name
         return Child(
             *(self._module, "film", "--weights", str(network), "--video", str(self._video)),
             *("--seconds", f"{self._seconds:g}"),
+            leash=True,
             low_priority=True,
             log=self._folder.logs / "films.log",
         )
@@ -78,4 +93,7 @@ class FilmsSink(Sink):
         if child.returncode:
             _log.warning("there is no film of epoch %d: %s", self._epoch, child.last_line())
         else:
-            self._video.replace(self._folder.films / self._video.name)
+            self._video.replace(self._film(self._epoch))
+
+    def _film(self, epoch: int) -> Path:
+        return self._folder.films / f"{self._snapshots.file(epoch).stem}.mp4"

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from common.dataset import reader
 from common.dataset.layout import DATA_PATH, INFO, MAX_EPISODE_STEPS, file_of
 from common.dataset.reader import Dataset
 from common.errors import InputError
@@ -34,7 +35,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
         Dataset(tmp_path / "nothing")
     (tmp_path / "meta").mkdir()
     (tmp_path / INFO).write_text('{"codebase_version": "v3.0", "total_episodes": 1}')
-    with pytest.raises(InputError, match="is not that of a recording by"):
+    with pytest.raises(InputError, match="was not written by `ale-robot record`"):
         Dataset(tmp_path)
 
 
@@ -64,10 +65,22 @@ def put(name: str, values: list[Any], kind: pa.DataType) -> Callable[[pa.Table],
     return lambda table: table.drop_columns([name]).append_column(name, pa.array(values, kind))
 
 
+def within_struct(name: str) -> Callable[[pa.Table], pa.Table]:
+    """Column ``next.NAME`` as the field NAME of a column ``next``, which has the same path."""
+
+    def change(table: pa.Table) -> pa.Table:
+        [values] = table[f"next.{name}"].chunks
+        inner = pa.StructArray.from_arrays([values], [name])
+        return table.drop_columns([f"next.{name}"]).append_column("next", inner)
+
+    return change
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (without("action"), "action has 0 values in 3 rows"),
+        (without("action"), "it has no action"),
+        (within_struct("elapsed"), "it has no next.elapsed"),
         (lambda table: table.slice(0, 0), "it has 0 rows"),
         (put("action", [1, None, 2], pa.uint8()), "action has gaps"),
         (put("action", [1, 2, 70_000], pa.int64()), "action has int64 instead of uint8"),
@@ -100,6 +113,14 @@ def test_columns_are_what_they_should_be(
     with pytest.raises(InputError, match=reason) as refused:
         list(Dataset(folder).read())
     assert "is damaged" in str(refused.value)
+
+
+def test_a_small_file_that_holds_a_great_deal_is_not_unpacked(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reader, "_MAX_UNPACKED_BYTES", 1_000)
+    with pytest.raises(InputError, match=r"it has \d+ bytes when unpacked"):
+        list(Dataset(folder).read())
 
 
 def test_a_file_that_is_missing_or_cut_off_is_told(folder: Path) -> None:

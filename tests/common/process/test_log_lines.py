@@ -89,6 +89,21 @@ def test_a_full_disk_costs_lines_alone() -> None:
         keep("nobody hears")
 
 
+def test_without_a_folder_lines_are_lost_alone(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    handlers = list(logging.getLogger().handlers)
+    with kept_log(tmp_path / "file" / "log", "x") as keep:
+        keep("nobody hears")
+    assert logging.getLogger().handlers == handlers
+
+
+def test_it_writes_nothing_where_a_link_leads(tmp_path: Path) -> None:
+    (tmp_path / "log").symlink_to(tmp_path / "elsewhere")
+    with kept_log(tmp_path / "log", "x") as keep:
+        keep("nobody hears")
+    assert not (tmp_path / "elsewhere").exists()
+
+
 def test_the_same_is_logged_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
     monkeypatch.setattr(log_lines.time, "monotonic", lambda: now[0])

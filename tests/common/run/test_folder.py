@@ -212,6 +212,8 @@ def test_whoever_holds_the_old_file_open_reads_it_to_its_end(tmp_path: Path) -> 
 def test_a_start_that_fails_leaves_no_folder(tmp_path: Path) -> None:
     folder = claim(tmp_path)
     folder.initial.touch()
+    folder.logs.mkdir()
+    (folder.logs / "learner.jsonl").touch()
     with pytest.raises(InputError), folder.removed_if_unused():
         raise InputError("cannot listen at tcp/127.0.0.1:7447.")
     assert not folder.path.exists()

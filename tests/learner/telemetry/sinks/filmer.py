@@ -1,12 +1,16 @@
-"""Stands for `python -m viewer`: writes what it was asked for as its film, and fails at epoch 2."""
+"""Stands for `python -m viewer`: writes what it was asked for as its film, fails at epoch 2, and at
+epoch 3 goes on until it is asked to leave."""
 
 import sys
 from pathlib import Path
 
 if __name__ == "__main__":
-    film, *flags = sys.argv[1:]
+    film, *flags, leash = sys.argv[1:]
+    assert leash == "--leash"
     asked = dict(zip(flags[::2], flags[1::2], strict=True))
     weights, video = Path(asked["--weights"]), Path(asked["--video"])
     video.write_text(f"{film} {weights.read_text()} {asked['--seconds']}")
     if weights.stem == "epoch-0002":
         sys.exit("error: no picture.")
+    if weights.stem == "epoch-0003":
+        sys.stdin.read()

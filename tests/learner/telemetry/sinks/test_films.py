@@ -11,7 +11,9 @@ from learner.telemetry.sinks.films import FilmsSink
 from tests.epoch_rows import epoch_row
 from tests.learner.telemetry.snapshots import snapshot
 from tests.paths import ROOT
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, wait_until
+
+FILMER = "tests.learner.telemetry.sinks.filmer"
 
 
 @pytest.fixture
@@ -37,7 +39,7 @@ def told(folder: RunFolder) -> dict[str, str]:
 
 
 def test_one_epoch_after_the_other_and_none_twice(folder: RunFolder) -> None:
-    films = FilmsSink(folder, 2.5, "tests.learner.telemetry.sinks.filmer")
+    films = FilmsSink(folder, 2.5, FILMER)
     end_epoch(films, 0, "random")
     films.write(snapshot({}))
     assert not folder.films.exists()
@@ -54,7 +56,7 @@ def test_one_epoch_after_the_other_and_none_twice(folder: RunFolder) -> None:
 
 
 def test_epochs_that_pass_meanwhile_are_left_out(folder: RunFolder) -> None:
-    films = FilmsSink(folder, 1.0, "tests.learner.telemetry.sinks.filmer")
+    films = FilmsSink(folder, 1.0, FILMER)
     end_epoch(films, 1)
     films.write(snapshot({}))
     end_epoch(films, 3)
@@ -69,10 +71,10 @@ def test_epochs_that_pass_meanwhile_are_left_out(folder: RunFolder) -> None:
 def test_a_film_that_fails_is_told_and_the_next_is_made(
     folder: RunFolder, caplog: pytest.LogCaptureFixture
 ) -> None:
-    films = FilmsSink(folder, 1.0, "tests.learner.telemetry.sinks.filmer")
+    films = FilmsSink(folder, 1.0, FILMER)
     end_epoch(films, 2)
     films.write(snapshot({}))
-    end_epoch(films, 3)
+    end_epoch(films, 4)
     end_film(films)
     films.write(snapshot({}))
     assert [each.getMessage() for each in caplog.records] == [
@@ -80,7 +82,7 @@ def test_a_film_that_fails_is_told_and_the_next_is_made(
     ]
     end_film(films)
     films.write(snapshot({}))
-    assert told(folder).keys() == {"epoch-0003.mp4"}
+    assert told(folder).keys() == {"epoch-0004.mp4"}
 
 
 def test_a_disk_without_room_is_told(folder: RunFolder, caplog: pytest.LogCaptureFixture) -> None:
@@ -92,18 +94,44 @@ def test_a_disk_without_room_is_told(folder: RunFolder, caplog: pytest.LogCaptur
     assert [each.getMessage()[:27] for each in caplog.records] == ["there is no film of epoch 1"]
 
 
-def test_the_end_of_the_run_breaks_a_film_off(folder: RunFolder) -> None:
-    films = FilmsSink(folder, 1e6)
-    shutil.copy(
-        ROOT / "policies" / "ale_pong.safetensors", folder.snapshots / "epoch-0001.safetensors"
-    )
+def test_the_end_of_the_run_breaks_a_film_off(
+    folder: RunFolder, caplog: pytest.LogCaptureFixture
+) -> None:
+    films = FilmsSink(folder, 1.0, FILMER)
+    end_epoch(films, 3)
+    films.write(snapshot({}))
+    half = folder.films / "making" / "epoch-0003.mp4"
+    wait_until(half.exists, "the film is being made")
+    films.close()
+    assert not half.exists()
+    assert told(folder) == {}
+    assert [each.getMessage() for each in caplog.records] == ["the film of epoch 3 was broken off"]
+
+
+def test_a_film_that_is_made_at_the_end_is_kept(folder: RunFolder) -> None:
+    films = FilmsSink(folder, 1.0, FILMER)
     end_epoch(films, 1)
     films.write(snapshot({}))
+    end_film(films)
     films.close()
-    assert films._child is not None
-    assert films._child.returncode is not None
-    assert not list((folder.films / "making").iterdir())
-    assert told(folder) == {}
+    assert told(folder).keys() == {"epoch-0001.mp4"}
+
+
+def test_a_resumed_run_films_its_newest_epoch(folder: RunFolder) -> None:
+    for resumed, expected in ((1_000, {"epoch-0004.mp4"}), (2_000, {"epoch-0004.mp4"})):
+        making = folder.films / "making"
+        making.mkdir(parents=True)
+        (making / "epoch-0001.mp4").touch()  # of a learner that was killed
+        films = FilmsSink(folder, 1.0, FILMER)
+        films.start(resumed)
+        films.write(snapshot({}))
+        if resumed == 1_000:
+            end_film(films)
+            films.write(snapshot({}))
+        assert films._child is None
+        assert told(folder).keys() == expected
+        films.close()
+        shutil.rmtree(making, ignore_errors=True)
 
 
 def test_the_real_film(folder: RunFolder) -> None:
