@@ -47,6 +47,8 @@ _ALIKE = (
 _DEADLINE = 5.0
 """Seconds without an answer after which a chunk is sent again."""
 _PAUSE = 0.2
+_PATIENCE = 10.0
+"""Seconds after which people are told that the replay does not answer."""
 _LONGEST_PATH = 4_096
 """Characters of a path on Linux."""
 
@@ -209,9 +211,13 @@ class Demonstrations:
         window = Window(requester, settle)
 
         def wait(most: int) -> bool:
+            patience = _PATIENCE
             while not (stop.is_set() or refusals):
                 if window.wait(most, _PAUSE):
                     break
+                patience -= _PAUSE
+                if -_PAUSE < patience <= 0:
+                    tell("the replay does not answer; waiting for it with the demonstrations.")
             if refusals:
                 raise InputError(f"the replay refused a demonstration: {refusals[0]}.")
             return not stop.is_set()

@@ -20,6 +20,7 @@ from common.protocol.chunk import Chunk
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from learner import demonstrations
 from learner.demonstrations import Begun, Demonstrations, begin_with
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
@@ -167,6 +168,24 @@ def test_a_recording_that_is_changed_while_it_is_read_is_refused(tmp_path: Path)
         pytest.raises(InputError, match="was changed while it was read: begin a new run"),
     ):
         send(found, memory, transport)
+
+
+def test_a_replay_that_does_not_answer_is_waited_for_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(demonstrations, "_PATIENCE", 0.3)
+    record(tmp_path / "d", SCRIPT, 48)
+    found = Demonstrations(tmp_path / "d", run_config())
+    stop = threading.Event()
+    told: list[str] = []
+
+    def tell(text: str) -> None:
+        told.append(text)
+        stop.set()
+
+    nobody = InProcessTransport(InProcessHub())
+    assert not found.insert(nobody, RunKeys("r", "run"), stop, tell)
+    assert told == ["the replay does not answer; waiting for it with the demonstrations."]
 
 
 def test_a_recording_without_a_whole_step_is_refused(tmp_path: Path) -> None:
