@@ -8,7 +8,6 @@ noise of their own.
 import json
 import shutil
 import threading
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
+from common.crc32 import crc32
 from common.errors import InputError
 from common.process.service_manager import alive
 from common.run.folder import write_atomically
@@ -142,7 +142,7 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Tensor], dict[str, Any]
 
 
 def _crc32(tensors: dict[str, Tensor], text: str = "") -> int:
-    checksum = zlib.crc32(text.encode())
+    checksum = crc32(text.encode())
     for name in sorted(tensors):
-        checksum = zlib.crc32(tensors[name].numpy().tobytes(), zlib.crc32(name.encode(), checksum))
+        checksum = crc32(tensors[name].numpy().tobytes(), crc32(name.encode(), checksum))
     return checksum

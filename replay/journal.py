@@ -8,11 +8,11 @@ it, so that a disk that loses or changes some costs no more than those.
 
 import json
 import os
-import zlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from common.crc32 import crc32
 from common.errors import InputError, writing
 from common.run.folder import write_atomically
 
@@ -40,7 +40,7 @@ def read_journal(path: Path) -> list[Entry | None]:
 
 def _entry(line: bytes, checked: bool) -> Entry | None:
     body, mark, told = line.rpartition(_MARK)
-    if told != b"%d}" % zlib.crc32(body) if mark else checked:
+    if told != b"%d}" % crc32(body) if mark else checked:
         return None
     try:
         entry = json.loads(line)
@@ -105,4 +105,4 @@ class Journal:
 
 def _line(entry: Entry) -> bytes:
     body = json.dumps(entry, separators=(",", ":")).encode()[:-1]
-    return b"%b%b%d}\n" % (body, _MARK, zlib.crc32(body))
+    return b"%b%b%d}\n" % (body, _MARK, crc32(body))

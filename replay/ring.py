@@ -14,12 +14,12 @@ Two links per slot make every walk a fixed number of array look-ups, without a c
   newest step of a stream, -1 until the next chunk comes.
 """
 
-import zlib
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from common.crc32 import crc32
 from common.protocol.chunk import Chunk
 from common.protocol.step_fields import STEP_FIELDS, Column, Flag, bit_of, drawn_fields
 from replay.batch import Batch, SharedBatch
@@ -117,7 +117,7 @@ class Ring:
             for part in parts:
                 columns.write(name, row, part)
                 row += len(part)
-                crc = zlib.crc32(np.ascontiguousarray(part).reshape(-1).view(np.uint8).data, crc)
+                crc = crc32(np.ascontiguousarray(part).reshape(-1).view(np.uint8).data, crc)
         return placement._replace(crc=crc)
 
     def is_whole(self, placement: Placement) -> bool:
@@ -126,7 +126,7 @@ class Ring:
         for name in ("flags", *(name for name in STEP_FIELDS if name in self._rows)):
             ids = np.arange(self._begin(name, placement), placement.end)
             rows = self._rows[name].take(ids % self._capacity, axis=0)
-            crc = zlib.crc32(rows.reshape(-1).view(np.uint8).data, crc)
+            crc = crc32(rows.reshape(-1).view(np.uint8).data, crc)
         return placement.crc in (crc, -1)
 
     def _begin(self, name: str, placement: Placement) -> int:

@@ -5,7 +5,7 @@ does not match is as good as not sent: a request or its answer is sent again, a 
 followed by the next.
 """
 
-import zlib
+from common.crc32 import crc32
 
 _BYTES = 4
 
@@ -32,4 +32,4 @@ def unseal(key: str, payload: bytes, sealed: bytes) -> bytes:
 
 
 def _checksum(key: str, payload: bytes, attachment: bytes) -> bytes:
-    return zlib.crc32(payload, zlib.crc32(attachment, zlib.crc32(key.encode()))).to_bytes(_BYTES)
+    return crc32(payload, crc32(attachment, crc32(key.encode()))).to_bytes(_BYTES)
