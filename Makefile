@@ -87,6 +87,7 @@ docs: setup  ## build the documentation's site in build/site, and check its link
 wheel: setup  ## build the wheel that pip installs anywhere, in dist/
 	rm -rf build
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation -w dist .
+	rm -rf *.egg-info  # it would stand for the installed metadata
 
 check: setup  ## ruff and mypy
 	$(BIN)/ruff check .
