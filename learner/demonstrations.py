@@ -59,7 +59,7 @@ class Begun:
 
     path: Annotated[str, StringConstraints(max_length=_LONGEST_PATH)]
     fingerprint: str
-    """Of the recording, see `common.dataset.reader.Dataset`."""
+    """Hash of the recording, see `common.dataset.reader.Dataset`."""
     steps: Count
     complete: bool = False
     """The replay has all of them."""

@@ -31,7 +31,7 @@ class _Seen(NamedTuple):
 
     columns: dict[str, NDArray[Any]]
     picture: NDArray[np.uint8] | None
-    """Of the camera, ``uint8 [rows, columns, 3]``."""
+    """The camera's picture, ``uint8 [rows, columns, 3]``."""
 
 
 class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):

@@ -38,7 +38,7 @@ _PANDAS = {
     ],
     "column_indexes": [],
 }
-"""By which pandas finds the tasks' texts as the index, where LeRobot looks for them."""
+"""Tells pandas that the tasks' texts are the index, where LeRobot looks for them."""
 
 
 _SLICE = 512

@@ -59,7 +59,7 @@ class TensorBoardSink(CurvesSink):
         self._settings = settings
         self._feed: LiveFeed | None = None
         self._asked: Asked | None = None
-        """Whose camera was asked for a picture."""
+        """The request for a picture that is under way."""
         self._pictures = Every(_PICTURE_SECONDS, now)
 
     def watch(self, feed: LiveFeed) -> None:
