@@ -1,4 +1,4 @@
-"""Reads a file that somebody named: a regular one, at most so long."""
+"""Opens files that somebody named or may have replaced: regular ones, and no links."""
 
 import errno
 import os
@@ -17,3 +17,8 @@ def read_file(path: Path, most: int = -1) -> bytes:
         if not stat.S_ISREG(os.fstat(file).st_mode):
             raise OSError(errno.EINVAL, "it is not a regular file", str(path))
         return opened.read(most)
+
+
+def no_links(path: str, flags: int) -> int:
+    """Opens a file, but not where a link leads; for `open`."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o644)

@@ -79,10 +79,10 @@ def build_learner(
         "run/join": join_command(options),
     }
     epochs = EpochTable(folder.epochs)
-    feed = LiveFeed(transport, keys)
+    feed, settings = LiveFeed(transport, keys), flat(config)
     sinks: list[Sink] = [
         display,
-        TensorBoardSink(folder.tensorboard, flat(config)),
+        TensorBoardSink(folder.tensorboard, settings),
         GatesCsvSink(folder.gates),
         SummarySink(folder.summary, config, provenance()),
         ServiceManagerSink(),
@@ -94,7 +94,7 @@ def build_learner(
     if options.films:
         sinks.append(FilmsSink(folder, options.films))
     if options.track is not None:
-        tracked = TrackedRun(folder.name, replay.run_id, flat(config))
+        tracked = TrackedRun(folder.name, replay.run_id, settings)
         sinks.append(TrackerSink(options.track, tracked))
     held_out = HeldOut(folder.held_out)
     telemetry = Telemetry(

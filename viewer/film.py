@@ -18,7 +18,7 @@ from common.checked import Amount, Fraction
 from common.errors import InputError
 from common.process.command_line import WeightsFile
 from common.run.epochs import EpochRow, EpochTable
-from common.run.folder import RunFolder
+from common.run.folder import RunFolder, kept_networks
 from common.run.origin import find_weights
 from viewer import overlay
 from viewer.movie import filming, open_movie
@@ -116,16 +116,15 @@ def chapters_of(folder: Path) -> list[Chapter]:
     """
     if (run := RunFolder.at(folder)) is None:
         raise InputError(f"{folder} is no run's folder: name one, such as runs/NAME.")
-    kept = run.snapshots.glob("epoch-*.safetensors")
-    files = sorted(file for file in kept if file.stem.removeprefix("epoch-").isdecimal())
-    if not files:
+    networks = kept_networks(run.snapshots)
+    if not networks:
         raise InputError(
             f"{folder} has kept no snapshots: train with --keep-snapshots, or film one network by "
             f"--weights {folder}."
         )
     rows = EpochTable(run.epochs).rows()
-    titles = [_title(int(file.stem.removeprefix("epoch-")), rows) for file in files]
-    return [Chapter("random play", None), *map(Chapter, titles, files)]
+    titles = [_title(epoch, rows) for epoch in networks]
+    return [Chapter("random play", None), *map(Chapter, titles, networks.values())]
 
 
 def _title(epoch: int, rows: Iterable[EpochRow]) -> str:

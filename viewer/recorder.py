@@ -16,7 +16,7 @@ from actors.loop import Step
 from actors.stream.chunker import STEP_VALUES
 from common.actions import Keys
 from common.dataset.layout import CAMERA, COLUMNS, Feature, step_features
-from common.errors import InputError
+from common.errors import InputError, writing
 from common.process.extras import extra_for
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.config import RunConfig
@@ -61,13 +61,12 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             joints = ROBOTS.find(config.play.robot).joints
             features["observation.state"] = Feature("float32", (joints,))
         robot = config.play.robot if ENVIRONMENTS.find(config.env).robot else config.env
-        try:
-            folder.mkdir(parents=True)
+        with writing(folder):
+            try:
+                folder.mkdir(parents=True)
+            except FileExistsError:
+                raise InputError(f"{folder} is there already: name a new folder.") from None
             self.dataset = DatasetWriter(folder, config, features, robot)
-        except FileExistsError:
-            raise InputError(f"{folder} is there already: name a new folder.") from None
-        except OSError as error:
-            raise InputError(f"{folder} cannot be written: {error.strerror}.") from None
         self._features = features
         self._rows: list[dict[str, Any]] = []
         self._sampled: list[NDArray[np.uint8]] = []

@@ -59,12 +59,10 @@ class DatasetWriter:
     ) -> None:
         self.folder = folder
         self._config = config
-        self._columns = {
-            name: feature
-            for name, feature in {**features, **BOOKKEEPING}.items()
-            if feature.dtype != "video"
-        }
         self._features = {**features, **BOOKKEEPING}
+        self._columns = {
+            name: feature for name, feature in self._features.items() if feature.dtype != "video"
+        }
         self._robot = robot
         self._statistics = {name: _Statistics() for name in self._features}
         self.episodes = self.steps = 0

@@ -4,7 +4,6 @@ and into a file of its run."""
 import json
 import logging
 import math
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -13,6 +12,7 @@ from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from typing import Any
 
+from common.regular_file import no_links
 from common.strict_json import strict
 
 _MOST_BYTES = 8 * 2**20
@@ -63,10 +63,6 @@ class _Formatter(logging.Formatter):
 
 class _KeptFile(RotatingFileHandler):
     def _open(self) -> TextIOWrapper:
-        # Not where a link leads: whoever may write into the run's folder may have put one there.
-        def no_links(name: str, flags: int) -> int:
-            return os.open(name, flags | os.O_NOFOLLOW, 0o644)
-
         return open(self.baseFilename, "a", encoding="utf-8", opener=no_links)
 
     def handleError(self, record: logging.LogRecord) -> None:

@@ -18,7 +18,8 @@ from pydantic import AllowInfNan
 
 from common.checked import Count, Invalid, build
 from common.errors import InputError
-from common.run.folder import no_links, write_atomically
+from common.regular_file import no_links
+from common.run.folder import write_atomically
 
 EpochPhase = Literal["random", "train", "test"]
 Figure = Annotated[float, AllowInfNan(True)]

@@ -11,6 +11,7 @@ from typing import IO, Literal, Self, get_args
 
 from common.errors import InputError
 from common.protocol.run_keys import check_name
+from common.regular_file import no_links
 from common.run.config import RunConfig
 from common.run.stored_config import differences, from_mapping, to_json
 
@@ -52,9 +53,12 @@ def write_atomically(path: Path, content: bytes, former: Path | None = None) -> 
         os.close(folder)
 
 
-def no_links(path: str, flags: int) -> int:
-    """Opens a file, but not where a link leads; for `open`."""
-    return os.open(path, flags | os.O_NOFOLLOW, 0o644)
+def kept_networks(snapshots: Path) -> dict[int, Path]:
+    """Returns the files of the epochs' weights in a run's ``snapshots/`` by epoch, oldest first."""
+    names = {
+        path.stem.removeprefix("epoch-"): path for path in snapshots.glob("epoch-*.safetensors")
+    }
+    return dict(sorted((int(name), path) for name, path in names.items() if name.isdecimal()))
 
 
 Part = Literal["learner", "replay"]

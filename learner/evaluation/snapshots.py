@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from common.run.folder import write_atomically
+from common.run.folder import kept_networks, write_atomically
 
 
 class Snapshots:
@@ -50,8 +50,7 @@ class Snapshots:
 
     def newest(self) -> int:
         """The newest epoch whose weights are there; 0 for none."""
-        names = (file.stem.removeprefix("epoch-") for file in self._folder.glob("*.safetensors"))
-        return max((int(name) for name in names if name.isdecimal()), default=0)
+        return max(kept_networks(self._folder), default=0)
 
     def file(self, epoch: int) -> Path:
         return self._folder / f"epoch-{epoch:04d}.safetensors"

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from common.metrics import METRICS, number
-from common.run.folder import no_links, write_atomically
+from common.regular_file import no_links
+from common.run.folder import write_atomically
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 
