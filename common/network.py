@@ -31,14 +31,22 @@ LAYERS: dict[NetworkName, Layers] = {
 }
 
 
-def as_pixels(frames: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
+def as_pixels(frames: Tensor, dtype: torch.dtype = torch.float32, *, center: bool) -> Tensor:
     """uint8 frames in the type and memory layout that the first convolution wants.
 
-    Whoever puts the same frames through two networks does this once. 0 to 255 are exact in
-    bfloat16 too.
+    Whoever puts the same frames through two networks does this once.
+
+    Args:
+        frames: ``uint8 [batch, frame_stack, height, width]``.
+        dtype: of the result; bfloat16 too has all of its values exactly, -255 to 255.
+        center: subtracts from each state the mean of its pixels, rounded to a whole grey level.
     """
     # In two steps: together they would take PyTorch's slow path, twice as long.
-    return frames.to(dtype).contiguous(memory_format=torch.channels_last)
+    pixels = frames.to(dtype).contiguous(memory_format=torch.channels_last)
+    if center:
+        mean = frames.flatten(1).float().mean(dim=1).round()
+        pixels -= mean.to(dtype).view(-1, 1, 1, 1)
+    return pixels
 
 
 class QNetwork(nn.Module):
@@ -46,6 +54,9 @@ class QNetwork(nn.Module):
 
     Args:
         network: which `LAYERS`.
+        scale_pixels: grey levels are divided by 255, or, where they are centered, by 64, which is
+            about their deviation.
+        center_pixels: see `as_pixels`.
         atoms: numbers that the last layer has for each action; their mean is its value.
     """
 
@@ -57,13 +68,15 @@ class QNetwork(nn.Module):
         *,
         network: NetworkName = "nature",
         scale_pixels: bool = True,
+        center_pixels: bool = False,
         vector_scale: float = 1.0,
         glorot: bool = False,
         atoms: int = 1,
     ) -> None:
         super().__init__()
         self.action_count = actions
-        self.pixel_scale = 1 / 255 if scale_pixels else 1.0
+        self.pixel_scale = (1 / 64 if center_pixels else 1 / 255) if scale_pixels else 1.0
+        self._center_pixels = center_pixels
         self.vector_scale = vector_scale
         layers = LAYERS[network]
         convolutions: list[nn.Module] = []
@@ -82,12 +95,16 @@ class QNetwork(nn.Module):
         # Channels last is the layout in which the CPU's and the GPU's convolutions are fastest.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
+    def as_pixels(self, frames: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
+        """Returns ``frames`` as this network's first layer wants them, see `as_pixels`."""
+        return as_pixels(frames, dtype, center=self._center_pixels)
+
     def forward(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns Q-values, ``float32 [batch, actions]``.
 
         Args:
-            frames: ``uint8 [batch, frame_stack, 84, 84]``, newest last; or those `as_pixels`, whose
-                precision is then that of all layers.
+            frames: ``uint8 [batch, frame_stack, 84, 84]``, newest last; or those by `as_pixels`,
+                whose precision is then that of all layers.
             vectors: ``float32 [batch, P]``; P may be 0.
         """
         return self.atoms(frames, vectors).mean(dim=2)
@@ -100,7 +117,7 @@ class QNetwork(nn.Module):
 
     def _features(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns what the first dense layer sees, ``[batch, features]``."""
-        pixels = frames if frames.is_floating_point() else as_pixels(frames)
+        pixels = frames if frames.is_floating_point() else self.as_pixels(frames)
         first, *others = self.convolutions
         assert isinstance(first, nn.Conv2d)
         # Scaling the first layer's few weights is the same sum as scaling a million pixels.
@@ -127,6 +144,7 @@ def build_network(config: RunConfig, actions: int) -> QNetwork:
             config.vector_width,
             network=config.learning.network,
             scale_pixels=config.learning.scale_pixels,
+            center_pixels=config.learning.center_pixels,
             vector_scale=config.learning.vector_scale,
             glorot=config.learning.initial_weights == "glorot",
             atoms=kind.atoms(config.learning),

@@ -40,7 +40,7 @@ all actions are the policy's."""
 _EPOCHS = 10
 _NEAR = 2.0
 """Points below the score in its own world from which a policy plays as before."""
-_OF_NETWORK = ("algorithm", "quantiles", "network", "scale_pixels", "vector_scale")
+_OF_NETWORK = ("algorithm", "quantiles", "network", "scale_pixels", "center_pixels", "vector_scale")
 """Settings of learning without which a network's weights do not fit."""
 
 

@@ -103,7 +103,10 @@ class LearningConfig:
     initial_weights: Literal["torch", "glorot"] = "torch"
     """Initial weights: PyTorch's, or Keras' (Glorot uniform with zero biases)."""
     scale_pixels: bool = True
-    """Scaling of pixels by 1/255 before the first layer."""
+    """Scaling of pixels by 1/255 before the first layer; by 1/64 with `center_pixels`."""
+    center_pixels: bool = False
+    """Subtraction of a state's mean grey level from its pixels. A picture is mostly background,
+    whose grey would otherwise drive the first layers' units to 0 for all pictures."""
     vector_scale: Amount = 1.0
     """Factor of the vector observation where it joins the convolutions' features. These are about
     0.04 at first, so values near 1 dominate the next layer."""

@@ -11,7 +11,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from common.network import QNetwork, as_pixels
+from common.network import QNetwork
 from common.run.config import LearningConfig
 from learner.algorithm.augmentation import RandomShift
 from learner.algorithm.interface import DeviceBatch, Prepared, Update
@@ -62,7 +62,8 @@ class ValueBased:
     def prepare(self, batch: DeviceBatch) -> Prepared:
         batch = self._augmentation(batch)
         dtype = self._precision.dtype
-        pixels_tm1, pixels_t = as_pixels(batch.s_tm1, dtype), as_pixels(batch.s_t, dtype)
+        pixels_tm1 = self.online.as_pixels(batch.s_tm1, dtype)
+        pixels_t = self.online.as_pixels(batch.s_t, dtype)
         return self._with_target(Prepared(batch, pixels_tm1, pixels_t))
 
     def _with_target(self, prepared: Prepared) -> Prepared:

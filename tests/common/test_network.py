@@ -23,14 +23,19 @@ def network_of(seed: int = 0, actions: int = 6, **settings: float | bool | str) 
     return QNetwork(actions, **settings)  # type: ignore[arg-type]
 
 
-def plain(network: QNetwork, frames: Tensor, vectors: Tensor, scale: float) -> Tensor:
+def plain(
+    network: QNetwork, frames: Tensor, vectors: Tensor, scale: float, *, center: bool = False
+) -> Tensor:
     """Mnih et al. 2015: 32 8×8 stride 4, 64 4×4 stride 2, 64 3×3 stride 1, 512, actions."""
     weights = {
         name: value.detach().clone(memory_format=torch.contiguous_format)
         for name, value in network.named_parameters()
     }
     names = iter(weights.values())
-    x = frames.to(torch.float32) * scale
+    x = frames.to(torch.float32)
+    if center:
+        x = torch.stack([state - state.mean().round() for state in x])
+    x = x * scale
     for stride in (4, 2, 1):
         x = relu(conv2d(x, next(names), next(names), stride=stride))
     x = torch.cat((x.reshape(len(x), -1), vectors), dim=1)
@@ -76,17 +81,25 @@ def test_the_number_of_weights_is_that_of_the_paper() -> None:
     assert sum(weight.numel() for weight in network_of().parameters()) == by_hand
 
 
-@pytest.mark.parametrize(("scale_pixels", "scale"), [(True, 1 / 255), (False, 1.0)])
+@pytest.mark.parametrize(
+    ("scale_pixels", "center", "scale"),
+    [(True, False, 1 / 255), (False, False, 1.0), (True, True, 1 / 64), (False, True, 1.0)],
+)
 @pytest.mark.parametrize(("frame_stack", "width", "share"), [(4, 0, 1.0), (4, 7, 0.1), (2, 0, 1.0)])
 def test_it_computes_what_the_plain_network_computes(
-    scale_pixels: bool, scale: float, frame_stack: int, width: int, share: float
+    scale_pixels: bool, center: bool, scale: float, frame_stack: int, width: int, share: float
 ) -> None:
     network = network_of(
-        frame_stack=frame_stack, vector_width=width, scale_pixels=scale_pixels, vector_scale=share
+        frame_stack=frame_stack,
+        vector_width=width,
+        scale_pixels=scale_pixels,
+        center_pixels=center,
+        vector_scale=share,
     )
     frames = frames_of(5, frame_stack)
     vectors = torch.randn(5, width, generator=torch.Generator().manual_seed(1))
-    expected = plain(network, frames, share * vectors, scale)
+    frames[0] //= 2  # Another mean than the other states'.
+    expected = plain(network, frames, share * vectors, scale, center=center)
     with torch.no_grad():
         torch.testing.assert_close(network(frames, vectors), expected, rtol=1e-4, atol=1e-4)
 
@@ -110,19 +123,30 @@ def test_its_gradients_are_those_of_the_plain_network() -> None:
     assert weight.grad[where].item() == pytest.approx(slope, rel=0.05)
 
 
-def test_frames_that_are_pixels_already_give_the_same_values() -> None:
-    network, frames = network_of(), frames_of(3)
+@pytest.mark.parametrize("center", [False, True])
+def test_frames_that_are_pixels_already_give_the_same_values(center: bool) -> None:
+    network, frames = network_of(center_pixels=center), frames_of(3)
     with torch.no_grad():
         bare = network(frames, torch.zeros(3, 0))
-        assert torch.equal(network(as_pixels(frames), torch.zeros(3, 0)), bare)
+        assert torch.equal(network(network.as_pixels(frames), torch.zeros(3, 0)), bare)
 
 
-def test_pixels_keep_their_values() -> None:
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_pixels_keep_their_values(dtype: torch.dtype) -> None:
     every = torch.arange(256, dtype=torch.uint8).reshape(1, 4, 8, 8)
-    assert (as_pixels(every) == every).all()
-    assert as_pixels(every).dtype == torch.float32
-    assert as_pixels(every, torch.bfloat16).dtype == torch.bfloat16
-    assert (as_pixels(every, torch.bfloat16) == every).all()
+    assert as_pixels(every, dtype, center=False).dtype == dtype
+    assert (as_pixels(every, dtype, center=False) == every).all()
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_pixels_are_centered_state_by_state_without_rounding_errors(dtype: torch.dtype) -> None:
+    rising = torch.arange(256, dtype=torch.uint8).reshape(1, 4, 8, 8)  # Mean 127.5.
+    dark = torch.zeros_like(rising)
+    dark[0, 3, 7, 7] = 255  # Mean 0.996.
+    found = as_pixels(torch.cat((rising, dark)), dtype, center=True)
+    assert found.dtype == dtype
+    assert (found[0].float() == rising[0].float() - 128).all()
+    assert (found[1].float() == dark[0].float() - 1).all()
 
 
 def test_a_vector_changes_the_values() -> None:
@@ -189,7 +213,10 @@ def test_building_leaves_the_random_state_alone() -> None:
 
 
 def test_the_configuration_shapes_the_network() -> None:
-    assert build_network(PRESETS["fast"], 6).pixel_scale == 1 / 255
+    fast = PRESETS["fast"]
+    for center, scale in ((False, 1 / 255), (True, 1 / 64)):
+        learning = replace(fast.learning, center_pixels=center)
+        assert build_network(replace(fast, learning=learning), 6).pixel_scale == scale
     paper = build_network(replace(PRESETS["paper"], play=PlayConfig(frame_stack=3)), 4)
     assert paper.pixel_scale == 1
     shapes = [tuple(weight.shape) for weight in paper.parameters()]
