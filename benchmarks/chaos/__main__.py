@@ -35,7 +35,8 @@ _ROOM = 0.9
 FLAGS = (
     *("--env", "ale", "--preset", "fast", "--learning.network", "nips"),
     # An update for each step: few steps, so that long runs can be audited, in small chunks.
-    *("--learning.train-period", "1", "--stream.chunk-steps", "16"),
+    *("--learning.batch-size", "32", "--learning.train-period", "1"),
+    *("--stream.chunk-steps", "16"),
     *("--replay.learning-starts", "500", "--replay.ratio-tolerance", "2048"),
     *("--learning.publish-period", "20", "--learning.checkpoint-period", "100"),
     *("--protocol.held-out-states", "64", "--protocol.epoch-steps", "1000000"),

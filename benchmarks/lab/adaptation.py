@@ -29,6 +29,7 @@ from common.run.presets import PRESETS
 
 ADAPTING = {
     "learning.learning-rate": "1e-4",
+    "learning.annealing-steps": "0",
     "replay.learning-starts": "2000",
     "replay.capacity": "100000",
     "exploration.start": "0.05",

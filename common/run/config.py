@@ -245,6 +245,12 @@ class RunConfig:
             )
         ALGORITHMS.find(self.learning.algorithm)
         learning, replay, stream = self.learning, self.replay, self.stream
+        if learning.annealing_steps and learning.final_learning_rate > learning.learning_rate:
+            raise InputError(
+                f"learning.learning_rate {learning.learning_rate:g} would rise to "
+                f"learning.final_learning_rate {learning.final_learning_rate:g}: lower that too, or "
+                "set learning.annealing_steps to 0 for a constant rate."
+            )
         if self.vector_width > MAX_VECTOR:
             raise InputError(
                 f"the vector observation has {self.vector_width} numbers: lower "

@@ -13,6 +13,7 @@ def test_it_learns_to_catch(stage: Stage) -> None:
         "--replay.capacity", "20000",
         "--replay.ratio-tolerance", "256",
         "--learning.network", "nips",
+        "--learning.batch-size", "32",
         "--learning.train-period", "4",
         "--learning.learning-rate", "0.0005",
         "--learning.n-step", "1",

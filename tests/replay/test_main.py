@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from benchmarks.child import free_endpoint
-from common.run.config import RunConfig
 from common.run.join import find_run
 from common.run.presets import PRESETS
 from common.transport.zenoh_transport import connect
@@ -24,9 +23,10 @@ from tests.replay.replay_requests import insert
 
 FLAGS = [
     *("--play.no-minimal-actions", "--replay.capacity", "400", "--replay.learning-starts", "50"),
-    *("--stream.chunk-steps", "16"),
+    *("--stream.chunk-steps", "16", "--learning.batch-size", "32"),
 ]
-CONFIG: RunConfig = PRESETS["fast"]
+_FAST = PRESETS["fast"]
+CONFIG = replace(_FAST, learning=replace(_FAST.learning, batch_size=32))
 
 
 class Process:

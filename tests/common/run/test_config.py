@@ -158,6 +158,16 @@ def test_a_mean_over_squares_must_forget() -> None:
     changed("learning.rmsprop_decay", 0.99).check()
 
 
+def test_an_annealed_learning_rate_never_rises() -> None:
+    annealed = changed("learning.annealing_steps", 1_000)
+    low = changed("learning.final_learning_rate", 1e-5, annealed)
+    changed("learning.learning_rate", 1e-5, low).check()
+    with pytest.raises(InputError, match=r"^learning.learning_rate 5e-06 would rise to .* 1e-05"):
+        changed("learning.learning_rate", 5e-6, low).check()
+    constant = changed("learning.annealing_steps", 0, low)
+    changed("learning.learning_rate", 5e-6, constant).check()
+
+
 @pytest.mark.parametrize(
     ("field", "most", "beyond"),
     [
@@ -195,10 +205,10 @@ def test_a_chunk_has_at_most_1024_steps() -> None:
 
 
 def test_the_warm_up_fills_a_minibatch() -> None:
-    # 32 transitions of 5 steps each.
-    changed("replay.learning_starts", 37).check()
-    with pytest.raises(InputError, match=r"^replay.learning_starts is 36: .* at least 37 steps"):
-        changed("replay.learning_starts", 36).check()
+    # 128 transitions of 5 steps each.
+    changed("replay.learning_starts", 133).check()
+    with pytest.raises(InputError, match=r"^replay.learning_starts is 132: .* at least 133 steps"):
+        changed("replay.learning_starts", 132).check()
 
 
 def test_the_ring_holds_the_warm_up_and_two_chunks() -> None:

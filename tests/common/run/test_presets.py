@@ -39,6 +39,7 @@ def test_paper_learns_as_the_report_did() -> None:
     assert learning.batch_size == 32
     assert learning.train_period == 4
     assert not learning.scale_pixels
+    assert not learning.center_pixels
     # "every 10000 steps, the target network is updated"; here it is counted in updates.
     assert learning.target_update_period * learning.train_period == 10_000
 
@@ -66,6 +67,17 @@ def test_the_short_presets_offer_the_games_own_actions() -> None:
     assert PRESETS["fast"].env == "ale"
     for name in ("fast", "robot"):
         assert PRESETS[name].play.minimal_actions
+
+
+@pytest.mark.parametrize("name", ["fast", "robot"])
+def test_the_short_presets_sample_as_often_as_mnih_et_al_in_larger_minibatches(name: str) -> None:
+    preset = PRESETS[name]  # type: ignore[index]
+    learning = preset.learning
+    assert preset.samples_per_insert == 8
+    assert learning.target_update_period * learning.train_period == 4_000
+    assert learning.learning_rate_at(0) == 5e-4
+    end = learning.annealing_steps // learning.train_period + 1
+    assert learning.learning_rate_at(end) == 2.5e-5
 
 
 def test_no_network_is_told_of_its_own_body_unless_asked_for() -> None:

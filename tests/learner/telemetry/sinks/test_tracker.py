@@ -187,6 +187,6 @@ def test_a_tracker_that_hangs_holds_up_nobody_and_loses_points(
 
 def test_settings_are_flat_and_plain() -> None:
     assert RUN.settings["game"] == "pong"
-    assert RUN.settings["learning.learning_rate"] == 2.5e-4
+    assert RUN.settings["learning.learning_rate"] == 5e-4
     assert RUN.settings["exploration.ez_greedy"] is True
     assert all(isinstance(value, bool | int | float | str) for value in RUN.settings.values())
