@@ -5,8 +5,8 @@ The page's text is written by hand; between ``<!-- NAME.json -->`` and ``<!-- en
 ``benchmarks/results/NAME.json`` says, so that no figure is copied by hand. A file of several tables
 has them under names of their own: ``<!-- NAME.json kinds -->``. What was learned, rung by rung, is
 ``<!-- ladder.csv -->``, how fast by each run ``<!-- ladder-*-pong-*.csv -->``: the files that have
-such names. ``<!-- not reproducible -->`` lists the results that their commit alone does not bring
-back.
+such names. The table of a file ``race*.json`` is a row for each of its runs. ``<!-- not
+reproducible -->`` lists the results that their commit alone does not bring back.
 """
 
 import csv
@@ -55,6 +55,8 @@ def render(page: str, folder: Path) -> str:
         text = file.read_text(encoding="utf-8")
         if file.suffix == ".csv":
             body = learned(csv.DictReader(io.StringIO(text)))
+        elif file.name.startswith("race"):
+            body = raced(json.loads(text))
         else:
             body = markdown(json.loads(text), rows)
         return _between(mark, body)
@@ -74,8 +76,6 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
     """
     rows = measurement[which or "rows"]
     names = list(rows[0])
-    machine = measurement["machine"]
-    commit = commit_of(measurement["git_commit"], measurement.get("git_dirty"))
     aligned = ["---" if isinstance(rows[0][name], str) else "---:" for name in names]
     cells = [[cell(row[name]) for name in names] for row in rows]
     return "\n".join(
@@ -83,10 +83,39 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
             *(() if which else (measurement["title"], "")),
             *_lines(names, aligned, cells),
             "",
-            f"{machine['cpu']}, {machine['cores']} cores, "
-            f"torch {measurement['versions']['torch']}, commit {commit}.",
+            _where(measurement),
         )
     )
+
+
+def raced(race: Mapping[str, Any]) -> str:
+    """Each run of a race, as `benchmarks.lab.race` wrote it: how long it took, when its training
+    games first had each score, and the scores of its last weights."""
+    names = ["seed", "agent steps", "minutes", "steps/s"]
+    names += [f"≥ {score:g}" for score in MILESTONES.values()]
+    names += [
+        f"ε = {row['epsilon']:g}" + (f", sticky {row['sticky']:g}" if row["sticky"] else "")
+        for row in race["runs"][0]["headline"]
+    ]
+    cells = [
+        [
+            f"{run['seed']}",
+            f"{run['agent_steps']:,}",
+            f"{run['wall_seconds'] / 60:.1f}",
+            f"{run['steps_per_second']:.0f}",
+            *(f"{at['seconds'] / 60:.1f} min" if at else "–" for at in run["training"].values()),
+            *(f"{row['mean']:.2f} ± {row['deviation']:.2f}" for row in run["headline"]),
+        ]
+        for run in race["runs"]
+    ]
+    return "\n".join((*_lines(names, ["---:"] * len(names), cells), "", _where(race)))
+
+
+def _where(measurement: Mapping[str, Any]) -> str:
+    """Returns the machine and the commit of a measurement, as a sentence."""
+    machine, torch = measurement["machine"], measurement["versions"]["torch"]
+    commit = commit_of(measurement["git_commit"], measurement.get("git_dirty"))
+    return f"{machine['cpu']}, {machine['cores']} cores, torch {torch}, commit {commit}."
 
 
 def commit_of(commit: str | None, dirty: bool | None) -> str:

@@ -248,8 +248,8 @@ class RunConfig:
         if learning.annealing_steps and learning.final_learning_rate > learning.learning_rate:
             raise InputError(
                 f"learning.learning_rate {learning.learning_rate:g} would rise to "
-                f"learning.final_learning_rate {learning.final_learning_rate:g}: lower that too, or "
-                "set learning.annealing_steps to 0 for a constant rate."
+                f"learning.final_learning_rate {learning.final_learning_rate:g}: lower that too, "
+                "or set learning.annealing_steps to 0 for a constant rate."
             )
         if self.vector_width > MAX_VECTOR:
             raise InputError(

@@ -9,7 +9,7 @@ from typing import Any
 from common.errors import InputError
 from common.pinned_file import path_of
 from common.registry import ALGORITHMS
-from common.run.config import RunConfig
+from common.run.config import LearningConfig, RunConfig
 from common.run.folder import RunFolder
 from common.run.stored_config import from_mapping
 
@@ -72,13 +72,23 @@ _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = 
         ("learning.algorithm", "learning.quantiles"),
     ),
     ("layers of {}", lambda config: config.learning.network, ("learning.network",)),
+    (
+        "pixels that are {}",
+        lambda config: _pixels_are(config.learning),
+        ("learning.scale_pixels", "learning.center_pixels"),
+    ),
 )
-"""What gives a network its shape, in words; how much of it there is; and the settings it follows
-from."""
+"""What a network cannot do without, in words: its shape, and how it takes pixels; how much of it
+there is, or which; and the settings it follows from."""
+
+
+def _pixels_are(learning: LearningConfig) -> str:
+    changes = {"scaled": learning.scale_pixels, "centered": learning.center_pixels}
+    return " and ".join(name for name, done in changes.items() if done) or "as they are"
 
 
 def check_fit(weights: Path, trained: RunConfig | None, config: RunConfig) -> None:
-    """Refuses to play or learn under ``config`` with a network of another shape.
+    """Refuses to play or learn under ``config`` with a network that was made for something else.
 
     Args:
         trained: settings under which ``weights`` were trained; None if nobody knows.
@@ -88,15 +98,21 @@ def check_fit(weights: Path, trained: RunConfig | None, config: RunConfig) -> No
     """
     if trained is None:
         return
+    needs: list[str] = []
+    has: list[str] = []
+    flags: list[str] = []
     for words, measure, settings in _SHAPING:
         needed, given = measure(trained), measure(config)
         if needed != given:
-            flags = [_flag(name, trained) for name in settings if _differ(name, trained, config)]
-            flags = flags or [_flag("env", trained)]
-            raise InputError(
-                f"{weights}, which plays {trained.game} ({trained.env}), was trained with "
-                f"{words.format(needed)}, and here it would have {given}: add {' '.join(flags)}."
-            )
+            needs.append(words.format(needed))
+            has.append(str(given))
+            found = [_flag(name, trained) for name in settings if _differ(name, trained, config)]
+            flags += found or [_flag("env", trained)]
+    if flags:
+        raise InputError(
+            f"{weights}, which plays {trained.game} ({trained.env}), was trained with "
+            f"{', '.join(needs)}, and here it would have {', '.join(has)}: add {' '.join(flags)}."
+        )
 
 
 def _differ(setting: str, trained: RunConfig, config: RunConfig) -> bool:

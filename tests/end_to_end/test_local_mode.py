@@ -72,6 +72,7 @@ def test_a_run_is_trained_and_tested_under_its_sticky_actions(stage: Stage, env:
 
 def test_a_run_that_begins_with_a_given_network_plays_by_it_at_once(stage: Stage) -> None:
     policy = ("--initial", str(POLICIES / "ale_pong.safetensors"), "--env", "ale")
+    policy = (*policy, "--learning.no-center-pixels")  # as it was trained
     skilled = ("--exploration.start=0", "--exploration.end=0")
     long = [
         f"--replay.learning-starts={WARMUP}" if "learning-starts" in flag else flag
@@ -104,7 +105,7 @@ def test_a_given_network_that_does_not_fit_is_told_and_nothing_begun(stage: Stag
     policy = str(POLICIES / "robot_pong.safetensors")
     output = stage.learner("--env", "robot", "--initial", policy).ends(status=2)
     assert "robot_pong.safetensors, which plays pong" in output
-    assert "here it would have 0: add --play.vector." in output
+    assert "here it would have 0, scaled and centered: add --play.vector" in output
     assert not stage.run.exists()
 
 

@@ -35,6 +35,14 @@ def changed(setting: str, value: Any) -> RunConfig:
         ("play.minimal_actions", False, r"6 actions, .* 18: add --play\.minimal-actions"),
         ("play.frame_stack", 3, r"4 frames per state, .* 3: add --play\.frame-stack 4"),
         ("learning.network", "nips", r"layers of nature, .* nips: add --learning\.network nature"),
+        (
+            *("learning.center_pixels", False),
+            r"pixels that are scaled and centered, .* scaled: add --learning\.center-pixels",
+        ),
+        (
+            *("learning.scale_pixels", False),
+            r"pixels that are scaled and centered, .* centered: add --learning\.scale-pixels",
+        ),
         ("learning.algorithm", "qr_dqn", r"1 outputs per action, .*: add --learning.algorithm dqn"),
     ],
 )
@@ -43,6 +51,17 @@ def test_a_network_of_another_shape_says_the_flag_under_which_it_fits(
 ) -> None:
     with pytest.raises(InputError, match=rf"^p\.safetensors, which plays pong .*{words}\.$"):
         check_fit(FILE, TRAINED, changed(setting, value))
+
+
+def test_all_that_does_not_fit_is_told_at_once() -> None:
+    raw = replace(TRAINED.learning, scale_pixels=False, center_pixels=False)
+    words = (
+        r"with 144 numbers of proprioception, pixels that are scaled and centered, and here it "
+        r"would have 0, as they are: "
+        r"add --play\.vector --learning\.scale-pixels --learning\.center-pixels\.$"
+    )
+    with pytest.raises(InputError, match=words):
+        check_fit(FILE, TRAINED, replace(changed("play.vector", False), learning=raw))
 
 
 @pytest.mark.parametrize(
