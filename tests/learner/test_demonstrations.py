@@ -36,6 +36,7 @@ def run_config(config: RunConfig = CONFIG, *, capacity: int = 2_000, length: int
     return replace(
         config,
         replay=replace(config.replay, capacity=capacity, learning_starts=100),
+        learning=replace(config.learning, batch_size=32),
         stream=replace(config.stream, chunk_steps=length),
     )
 
