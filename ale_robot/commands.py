@@ -88,17 +88,21 @@ Serve the replay of a run as a process of its own.
   --resume             go on with what is stored
 """,
     "launch": """\
-Launch a run on Slurm, Kubernetes or Compose.
+Launch a run on Slurm, Kubernetes, Compose or Ray.
 
   ale-robot launch slurm --actors 8 --submit       the robot learns Pong
   ale-robot launch slurm --gpus 1 --time 04:00:00 -- --game breakout
   ale-robot launch kubernetes --image HOST/ale-robot:1
+  ale-robot launch ray --run pong --actors 8       on a Ray cluster; again, with
+                                                   another number, to scale it
 
   -- FLAGS             flags of ale-robot train
   --run NAME           name of the run, a folder below runs/
   --actors N           number of robots that play at a time
   --evaluators N       number of those that play the tests of epochs
   --submit             submit the jobs of Slurm too, rather than only write them
+  --address HOST:PORT  address of the Ray cluster
+  --stop               end the run on Ray, with a checkpoint
 """,
     "status": """\
 Tell how a run does, wherever it is; the exit code says it too.

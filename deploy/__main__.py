@@ -4,13 +4,23 @@ import sys
 
 from common.errors import exit_on_input_error
 from common.process.command_line import parse
+from common.process.extras import extra_for
 from deploy import compose, kubernetes, slurm
-from deploy.description import LaunchOptions, describe
+from deploy.description import LaunchOptions, RunDescription, describe
+
+
+def _ray(run: RunDescription) -> str:
+    """As the others; what talks to Ray is loaded only where it is wanted."""
+    with extra_for("launch ray", "ray"):
+        from deploy import ray_cluster
+    return ray_cluster.launch(run)
+
 
 _ENGINES = {
     "slurm": slurm.launch,
     "kubernetes": kubernetes.launch,
     "compose": compose.launch,
+    "ray": _ray,
 }
 
 

@@ -23,17 +23,17 @@ _SET_HERE = ("listen", "connect", "certificates", "local", "resume", "actors", "
 
 @dataclass(frozen=True)
 class LaunchOptions:
-    """Launch a run on an engine: write what the engine needs into the run's folder.
+    """Launch a run on an engine: write what it needs into the run's folder; Ray starts at once.
 
     What follows `--` are flags of `ale-robot train`.
     """
 
-    engine: tyro.conf.Positional[Literal["slurm", "kubernetes", "compose"]]
+    engine: tyro.conf.Positional[Literal["slurm", "kubernetes", "compose", "ray"]]
     """Engine that runs it."""
     run: str | None = None
     """Name of the run; by default made of environment, game and preset."""
     runs: Path = Path("runs")
-    """Folder that holds the runs; all nodes of Slurm must share it."""
+    """Folder that holds the runs; all nodes of Slurm or Ray must share it."""
     actors: FromOne = 2
     """Number of training actors, each a process with one core."""
     max_actors: Count = 0
@@ -62,6 +62,14 @@ class LaunchOptions:
     """Account that the jobs of Slurm are charged to."""
     submit: bool = False
     """Submit the jobs to Slurm too."""
+    address: str = "auto"
+    """Address of the Ray cluster, as HOST:PORT; 'auto' takes RAY_ADDRESS, or the cluster of which
+    this machine is a node."""
+    stop: bool = False
+    """End the run on Ray, with a checkpoint."""
+    wait: bool = False
+    """Wait until the run on Ray is over, and exit with the learner's exit code; Ctrl-C ends the
+    run, with a checkpoint."""
     image: str = "ale-robot:latest"
     """Image of the containers, which deploy/Containerfile makes, as NAME:TAG."""
 

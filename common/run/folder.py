@@ -141,7 +141,7 @@ class RunFolder:
                 "or name another with --run."
             )
         # A start that failed, for want of space or by a setting, binds nobody to its settings.
-        bound = resume or self.checkpoint.exists() or self.replay.exists() or self._is_at_work()
+        bound = resume or self.checkpoint.exists() or self.replay.exists() or self.is_at_work()
         if bound and stored is not None and (unequal := differences(stored, config)):
             raise InputError(
                 f"the run in {self.path} has another configuration ({'; '.join(unequal[:5])}): "
@@ -181,7 +181,7 @@ class RunFolder:
     def _lock(self, part: Part) -> Path:
         return self.path / f".{part}.lock"
 
-    def _is_at_work(self) -> bool:
+    def is_at_work(self) -> bool:
         """Whether a process, this one or another, holds any part."""
         for part in get_args(Part):
             try:
