@@ -98,7 +98,7 @@ def _evaluation(
     found = evaluate(asked, config, config, ClockConfig(), stop)
     if found is None:
         raise InputError("the evaluation was stopped: publish again, for the card has no scores.")
-    return found
+    return found | {"weights": weights.stem}  # not where they lie on this machine
 
 
 def _write(output: Path, card: dict[str, Any]) -> None:

@@ -60,6 +60,7 @@ def test_a_policy_plays_from_its_two_files_alone(
     assert weights.stat().st_size < 4_000_000
     assert (card["agent_steps"], card["snapshot"]["epoch"]) == (12_345, 3)
     evaluation = card["evaluation"]
+    assert evaluation["weights"] == "breakout"
     assert [(row["epsilon"], row["sticky"]) for row in evaluation["rows"]] == [
         (0.001, 0.0), (0.05, 0.0), (0.001, 0.25)
     ]  # fmt: skip
