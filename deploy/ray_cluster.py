@@ -126,6 +126,8 @@ def _place(learner: Any, run: RunDescription) -> str:
         reason = str(error).strip().splitlines()[-1]
         raise InputError(f"Ray cannot start the learner: {reason.rstrip('.')}.") from None
     except RayError:
+        if run.folder.is_at_work():
+            return "on its way: it waits until the run's former learner has ended"
         options = run.options
         gpus = f", {options.gpus} GPUs" if options.gpus else ""
         return (
@@ -142,10 +144,13 @@ def _stop(run: RunDescription, learner: Any) -> str:
     while _find(LEARNER) is not None:
         try:
             ray.get(learner.stop.remote(), timeout=_ANSWER)
-        except GetTimeoutError:  # it waits for a node; a learner that is there ends as by SIGTERM
-            ray.kill(learner)
+        except GetTimeoutError:
+            if not run.folder.is_at_work():  # it waits for a node; Ray would kill a learner too
+                ray.kill(learner)
         except RayError:  # it is being started again, or is gone
             pass
+        time.sleep(_LOOK)
+    while run.folder.is_at_work():  # the learner writes its checkpoint
         time.sleep(_LOOK)
     return f"The run {run.folder.name} is over. The same command as before goes on with it."
 

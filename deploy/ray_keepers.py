@@ -13,7 +13,8 @@ import socket
 import subprocess
 import threading
 import time
-from collections.abc import Sequence
+import traceback
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -85,15 +86,16 @@ class LearnerKeeper:
             cwd=directory,
             preexec_fn=_leave_with_keeper,
         )
-        threading.Thread(target=self._watch, daemon=True).start()
+        _in_thread(self._watch)
 
     def join(self) -> tuple[str, tuple[str, ...]]:
         """Returns the folder of the logs, and the flags by which an actor joins the run."""
         return self._join
 
     def status(self) -> int | None:
-        """Returns the learner's exit code; None while it works."""
-        return self._child.poll()
+        """Returns the learner's exit code; None while it works, or is about to be started again."""
+        status = self._child.poll()
+        return None if status is not None and status < 0 and not self._asked else status
 
     def stop(self) -> int | None:
         """Asks the learner to end with a checkpoint; returns its exit code as soon as it has."""
@@ -108,11 +110,14 @@ class LearnerKeeper:
             time.sleep(_PAUSE)
             os._exit(1)  # killed: Ray starts it again
         time.sleep(_PAUSE)
-        for name in ray.util.list_named_actors():
-            if name != LEARNER:
-                with suppress(ValueError):
-                    ray.kill(ray.get_actor(name))
-        ray.kill(ray.get_actor(LEARNER))
+        while True:  # started again, this keeper would go on with a run that is over
+            with suppress(RayError):
+                for name in ray.util.list_named_actors():
+                    if name != LEARNER:
+                        with suppress(ValueError):
+                            ray.kill(ray.get_actor(name))
+                ray.kill(ray.get_actor(LEARNER))
+            time.sleep(_LOOK)
 
 
 class ActorKeeper:
@@ -127,7 +132,7 @@ class ActorKeeper:
         self._name, self._role = name, role
         self._child: Child | None = None
         self._leaving = False
-        threading.Thread(target=self._keep, daemon=True).start()
+        _in_thread(self._keep)
 
     def leave(self) -> None:
         """Ends the process, which leaves the run."""
@@ -166,8 +171,23 @@ class ActorKeeper:
         os._exit(1)  # Ray starts it again
 
 
+def _in_thread(work: Callable[[], None]) -> None:
+    """Does ``work`` beside the keeper's answers; if it fails, Ray starts the keeper again."""
+
+    def run() -> None:
+        try:
+            work()
+        except BaseException:
+            traceback.print_exc()
+            time.sleep(_PAUSE)
+            os._exit(1)
+
+    threading.Thread(target=run, daemon=True).start()
+
+
 def _leave_with_keeper() -> None:
-    """In the child: has it end as by SIGTERM where its keeper is gone, also by kill -9."""
+    """In the child: has it end as by SIGTERM where its keeper is gone, as by kill -9; Ray itself
+    ends it by SIGKILL."""
     _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 

@@ -91,8 +91,8 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
 def raced(race: Mapping[str, Any]) -> str:
     """Each run of a race, as `benchmarks.lab.race` wrote it: how long it took, when its training
     games first had each score, and the scores of its last weights."""
-    names = ["seed", "agent steps", "minutes", "steps/s"]
-    names += [f"≥ {score:g}" for score in MILESTONES.values()]
+    scores = list(race["runs"][0]["training"])
+    names = ["seed", "agent steps", "minutes", "steps/s", *(f"≥ {score}" for score in scores)]
     names += [
         f"ε = {row['epsilon']:g}" + (f", sticky {row['sticky']:g}" if row["sticky"] else "")
         for row in race["runs"][0]["headline"]
@@ -103,7 +103,10 @@ def raced(race: Mapping[str, Any]) -> str:
             f"{run['agent_steps']:,}",
             f"{run['wall_seconds'] / 60:.1f}",
             f"{run['steps_per_second']:.0f}",
-            *(f"{at['seconds'] / 60:.1f} min" if at else "–" for at in run["training"].values()),
+            *(
+                f"{at['seconds'] / 60:.1f} min" if (at := run["training"][score]) else "–"
+                for score in scores
+            ),
             *(f"{row['mean']:.2f} ± {row['deviation']:.2f}" for row in run["headline"]),
         ]
         for run in race["runs"]

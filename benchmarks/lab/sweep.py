@@ -69,7 +69,7 @@ class Axis(NamedTuple):
         except ValueError:
             raise InputError(
                 f"--vary {text} names no settings to try: write it as learning.n-step=3,5,10 or "
-                "learning.learning-rate=1e-5:1e-3:log."
+                "learning.learning-rate=5e-5:1e-3:log."
             ) from None
         whole = all(part.strip().isdigit() for part in parts[:2])
         return cls(flag.lstrip("-"), low=low, high=high, log=bool(parts[2:]), whole=whole)

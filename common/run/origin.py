@@ -73,6 +73,11 @@ _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = 
     ),
     ("layers of {}", lambda config: config.learning.network, ("learning.network",)),
     (
+        "proprioception times {}",
+        lambda config: config.learning.vector_scale if config.vector_width else 1.0,
+        ("learning.vector_scale",),
+    ),
+    (
         "pixels that are {}",
         lambda config: _pixels_are(config.learning),
         ("learning.scale_pixels", "learning.center_pixels"),
@@ -83,8 +88,9 @@ there is, or which; and the settings it follows from."""
 
 
 def _pixels_are(learning: LearningConfig) -> str:
-    changes = {"scaled": learning.scale_pixels, "centered": learning.center_pixels}
-    return " and ".join(name for name, done in changes.items() if done) or "as they are"
+    changes = {"scaled": learning.scale_pixels, "centred": learning.center_pixels}
+    told = " and ".join(name for name, done in changes.items() if done)
+    return told or "neither scaled nor centred"
 
 
 def check_fit(weights: Path, trained: RunConfig | None, config: RunConfig) -> None:
@@ -105,7 +111,7 @@ def check_fit(weights: Path, trained: RunConfig | None, config: RunConfig) -> No
         needed, given = measure(trained), measure(config)
         if needed != given:
             needs.append(words.format(needed))
-            has.append(str(given))
+            has.append(words.format(given))
             found = [_flag(name, trained) for name in settings if _differ(name, trained, config)]
             flags += found or [_flag("env", trained)]
     if flags:

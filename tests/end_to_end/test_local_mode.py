@@ -105,7 +105,8 @@ def test_a_given_network_that_does_not_fit_is_told_and_nothing_begun(stage: Stag
     policy = str(POLICIES / "robot_pong.safetensors")
     output = stage.learner("--env", "robot", "--initial", policy).ends(status=2)
     assert "robot_pong.safetensors, which plays pong" in output
-    assert "here it would have 0, scaled and centered: add --play.vector" in output
+    assert "here it would have 0 numbers of proprioception, " in output
+    assert "add --play.vector --learning.no-center-pixels." in output
     assert not stage.run.exists()
 
 

@@ -27,21 +27,22 @@ def changed(setting: str, value: Any) -> RunConfig:
 @pytest.mark.parametrize(
     ("setting", "value", "words"),
     [
-        ("play.vector", False, "144 numbers of proprioception, and here .* 0: add --play.vector"),
-        ("play.robot", "robotroller", "and here it would have 134: add --robot nao"),
-        ("env", "ale", "144 numbers .* 128: add --env robot"),
+        ("play.vector", False, "144 numbers of .* have 0 numbers of .*: add --play.vector"),
+        ("play.robot", "robotroller", "here it would have 134 numbers of .*: add --robot nao"),
+        ("env", "ale", "144 numbers .* 128 numbers .*: add --env robot"),
         ("play.vector_commands", 9, r"add --play\.vector-commands 6"),
-        ("game", "breakout", "with 6 actions, .* would have 4: add --game pong"),
-        ("play.minimal_actions", False, r"6 actions, .* 18: add --play\.minimal-actions"),
-        ("play.frame_stack", 3, r"4 frames per state, .* 3: add --play\.frame-stack 4"),
-        ("learning.network", "nips", r"layers of nature, .* nips: add --learning\.network nature"),
+        ("game", "breakout", "with 6 actions, .* would have 4 actions: add --game pong"),
+        ("play.minimal_actions", False, r"6 actions, .* 18 actions: add --play\.minimal-actions"),
+        ("play.frame_stack", 3, r"4 frames per state, .* 3 frames .*: add --play\.frame-stack 4"),
+        ("learning.network", "nips", r"of nature, .* of nips: add --learning\.network nature"),
+        ("learning.vector_scale", 0.1, r"times 1.0, .* times 0.1: add --learning.vector-scale 1.0"),
         (
             *("learning.center_pixels", False),
-            r"pixels that are scaled and centered, .* scaled: add --learning\.center-pixels",
+            r"pixels that are scaled and centred, .* scaled: add --learning\.center-pixels",
         ),
         (
             *("learning.scale_pixels", False),
-            r"pixels that are scaled and centered, .* centered: add --learning\.scale-pixels",
+            r"pixels that are scaled and centred, .* centred: add --learning\.scale-pixels",
         ),
         ("learning.algorithm", "qr_dqn", r"1 outputs per action, .*: add --learning.algorithm dqn"),
     ],
@@ -56,8 +57,8 @@ def test_a_network_of_another_shape_says_the_flag_under_which_it_fits(
 def test_all_that_does_not_fit_is_told_at_once() -> None:
     raw = replace(TRAINED.learning, scale_pixels=False, center_pixels=False)
     words = (
-        r"with 144 numbers of proprioception, pixels that are scaled and centered, and here it "
-        r"would have 0, as they are: "
+        r"with 144 numbers of proprioception, pixels that are scaled and centred, and here it "
+        r"would have 0 numbers of proprioception, pixels that are neither scaled nor centred: "
         r"add --play\.vector --learning\.scale-pixels --learning\.center-pixels\.$"
     )
     with pytest.raises(InputError, match=words):
