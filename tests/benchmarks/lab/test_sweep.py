@@ -38,7 +38,7 @@ def test_a_study_trains_tells_its_scores_and_goes_on(tmp_path: Path) -> None:
     pytest.importorskip("optuna", reason="Optuna is not installed: pip install 'ale-robot[sweep]'")
     options = Options(
         study="small",
-        vary=("learning.learning-rate=1e-5:1e-3:log", "learning.n-step=3,5"),
+        vary=("learning.learning-rate=5e-5:1e-3:log", "learning.n-step=3,5"),
         trials=1,
         steps=2_500,
         learner=" ".join(["--env", "ale", *SMALL, "--play.max-game-frames", "400"]),
