@@ -31,32 +31,15 @@ LAYERS: dict[NetworkName, Layers] = {
 }
 
 
-def as_pixels(frames: Tensor, dtype: torch.dtype = torch.float32, *, center: bool) -> Tensor:
-    """uint8 frames in the type and memory layout that the first convolution wants.
-
-    Whoever puts the same frames through two networks does this once.
-
-    Args:
-        frames: ``uint8 [batch, frame_stack, height, width]``.
-        dtype: of the result; bfloat16 too has all of its values exactly, -255 to 255.
-        center: subtracts from each state the mean of its pixels, rounded to a whole grey level.
-    """
-    # In two steps: together they would take PyTorch's slow path, twice as long.
-    pixels = frames.to(dtype).contiguous(memory_format=torch.channels_last)
-    if center:
-        mean = frames.flatten(1).float().mean(dim=1).round()
-        pixels -= mean.to(dtype).view(-1, 1, 1, 1)
-    return pixels
-
-
 class QNetwork(nn.Module):
     """Convolutions and two dense layers: state → value of each action.
 
     Args:
         network: which `LAYERS`.
-        scale_pixels: grey levels are divided by 255, or, where they are centered, by 64, which is
+        scale_pixels: grey levels are divided by 255, or, where they are centred, by 64, which is
             about their deviation.
-        center_pixels: see `as_pixels`.
+        center_pixels: from each state the mean of its pixels is subtracted, rounded to a whole grey
+            level.
         atoms: numbers that the last layer has for each action; their mean is its value.
     """
 
@@ -96,8 +79,20 @@ class QNetwork(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def as_pixels(self, frames: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
-        """Returns ``frames`` as this network's first layer wants them, see `as_pixels`."""
-        return as_pixels(frames, dtype, center=self._center_pixels)
+        """Returns uint8 frames in the type and memory layout that the first convolution wants.
+
+        Whoever puts the same frames through two networks does this once.
+
+        Args:
+            frames: ``uint8 [batch, frame_stack, height, width]``.
+            dtype: of the result; bfloat16 too has all of its values exactly, -255 to 255.
+        """
+        # In two steps: together they would take PyTorch's slow path, twice as long.
+        pixels = frames.to(dtype).contiguous(memory_format=torch.channels_last)
+        if self._center_pixels:
+            mean = frames.flatten(1).float().mean(dim=1).round()
+            pixels -= mean.to(dtype).view(-1, 1, 1, 1)
+        return pixels
 
     def forward(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns Q-values, ``float32 [batch, actions]``.

@@ -24,7 +24,7 @@ from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
-from common.run.origin import origin_of
+from common.run.origin import SHAPING_SETTINGS, origin_of
 from common.run.presets import PRESETS
 
 ADAPTING = {
@@ -41,8 +41,6 @@ all actions are the policy's."""
 _EPOCHS = 10
 _NEAR = 2.0
 """Points below the score in its own world from which a policy plays as before."""
-_OF_NETWORK = ("algorithm", "quantiles", "network", "scale_pixels", "center_pixels", "vector_scale")
-"""Settings of learning without which a network's weights do not fit."""
 
 
 @dataclass(frozen=True)
@@ -99,9 +97,9 @@ def training_flags(trained: RunConfig, steps: int) -> list[str]:
         for name, value in _unlike(getattr(trained, group), getattr(preset, group)).items()
     }
     network = {
-        f"learning.{name}": value
+        setting: value
         for name, value in _unlike(trained.learning, preset.learning).items()
-        if name in _OF_NETWORK
+        if (setting := f"learning.{name}") in SHAPING_SETTINGS
     }
     return [*flags, *_as_flags(world | network)]
 

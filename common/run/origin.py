@@ -85,6 +85,8 @@ _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = 
 )
 """What a network cannot do without, in words: its shape, and how it takes pixels; how much of it
 there is, or which; and the settings it follows from."""
+SHAPING_SETTINGS = frozenset(name for _, _, settings in _SHAPING for name in settings)
+"""Settings without which a network's weights do not fit."""
 
 
 def _pixels_are(learning: LearningConfig) -> str:

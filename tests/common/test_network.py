@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d, linear, relu
 
-from common.network import QNetwork, as_pixels, build_network
+from common.network import QNetwork, build_network
 from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
 
@@ -134,8 +134,9 @@ def test_frames_that_are_pixels_already_give_the_same_values(center: bool) -> No
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
 def test_pixels_keep_their_values(dtype: torch.dtype) -> None:
     every = torch.arange(256, dtype=torch.uint8).reshape(1, 4, 8, 8)
-    assert as_pixels(every, dtype, center=False).dtype == dtype
-    assert (as_pixels(every, dtype, center=False) == every).all()
+    found = network_of().as_pixels(every, dtype)
+    assert found.dtype == dtype
+    assert (found == every).all()
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
@@ -143,7 +144,7 @@ def test_pixels_are_centered_state_by_state_without_rounding_errors(dtype: torch
     rising = torch.arange(256, dtype=torch.uint8).reshape(1, 4, 8, 8)  # Mean 127.5.
     dark = torch.zeros_like(rising)
     dark[0, 3, 7, 7] = 255  # Mean 0.996.
-    found = as_pixels(torch.cat((rising, dark)), dtype, center=True)
+    found = network_of(center_pixels=True).as_pixels(torch.cat((rising, dark)), dtype)
     assert found.dtype == dtype
     assert (found[0].float() == rising[0].float() - 128).all()
     assert (found[1].float() == dark[0].float() - 1).all()
