@@ -3,12 +3,12 @@
 import json
 import re
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
 from common.errors import InputError, writing
 from common.run.folder import write_atomically
+from deploy.certificates import make_certificates
 from deploy.containers import actor_command, learner_command
 from deploy.description import RunDescription
 
@@ -30,7 +30,9 @@ def launch(run: RunDescription) -> str:
     with writing(place):
         shutil.copytree(_HERE / "kubernetes", place / "base", dirs_exist_ok=True)
         if run.options.tls:
-            _make_certificates(place / "certificates")
+            certificates = place / "certificates"
+            if not (certificates / "hub.pem").exists():
+                make_certificates(certificates, "learner")
         text = json.dumps(_kustomization(run), indent=2)
         write_atomically(place / "kustomization.yaml", f"{text}\n".encode())
     return (
@@ -88,17 +90,3 @@ def _patch(kind: str, name: str, values: dict[str, Any]) -> dict[str, Any]:
 def _secret(role: str) -> dict[str, Any]:
     files = ["ca.pem", f"{role}.pem", f"{role}-key.pem"]
     return {"name": role, "files": [f"certificates/{file}" for file in files]}
-
-
-def _make_certificates(folder: Path) -> None:
-    """Makes those of a hub that is called `learner`, once.
-
-    Raises:
-        InputError: the script says why it cannot.
-    """
-    if (folder / "hub.pem").exists():
-        return
-    command = ["sh", str(_HERE / "certificates.sh"), str(folder), "learner"]
-    said = subprocess.run(command, capture_output=True, text=True)
-    if said.returncode:
-        raise InputError(f"no certificates can be made ({said.stderr.strip()}): install openssl.")

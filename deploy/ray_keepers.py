@@ -10,7 +10,6 @@ import os
 import random
 import signal
 import socket
-import subprocess
 import threading
 import time
 import traceback
@@ -25,6 +24,7 @@ from ray.exceptions import RayError
 from common.process.exit_codes import BAD_INPUT
 from common.process.supervisor import Child
 from common.run.folder import RunFolder
+from deploy.certificates import make_certificates
 
 LEARNER = "learner"
 """Name of the learner's keeper; those of others are their processes' names."""
@@ -70,9 +70,8 @@ class LearnerKeeper:
         secure = []
         if tls:
             # The authority stays; the hub's certificate is of the node that the learner has now.
-            script, certificates = Path(__file__).with_name("certificates.sh"), run.path
-            certificates /= "certificates"
-            subprocess.run(["sh", script, certificates, node], check=True, capture_output=True)
+            certificates = run.path / "certificates"
+            make_certificates(certificates, node)
             secure = ["--certificates", str(certificates)]
         deadline = time.monotonic() + _FREED
         while run.is_at_work() and time.monotonic() < deadline:
