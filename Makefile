@@ -17,11 +17,12 @@ help:  ## this list
 
 setup: $(VENV)/.installed  ## make .venv from requirements.lock (nothing to do when it is up to date)
 
-$(VENV)/.installed: requirements.lock pyproject.toml
+$(VENV)/.installed: requirements.lock requirements-torch.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' || \
 		{ echo "error: Python 3.11 or 3.12 is needed: install it, or name it by PYTHON=PATH." >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-torch.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
@@ -95,9 +96,16 @@ check: setup  ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-lock: setup  ## write the versions installed now into requirements.lock
-	(echo "# Exact versions that make setup installs. Regenerate with make lock."; \
-	 $(BIN)/python -m pip list --format=freeze --exclude-editable --exclude pip | sed 's/+cpu//') > requirements.lock
+lock: setup  ## write the versions installed now into requirements.lock, with their hashes on PyPI, and requirements-torch.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	$(BIN)/python -m pip list --format=freeze --exclude-editable --exclude pip --exclude uv --exclude torch \
+		> $(VENV)/versions.txt
+	(echo "# Exact versions that make setup installs, all but torch. Regenerate with make lock."; \
+	 $(BIN)/uv pip compile $(VENV)/versions.txt --no-config --index-url https://pypi.org/simple --no-deps \
+		--generate-hashes --no-header --no-annotate --quiet) > $(VENV)/hashed.txt
+	mv $(VENV)/hashed.txt requirements.lock
+	(echo "# Without a hash: PyPI has the CUDA build and PyTorch's own index one for each kind of machine."; \
+	 $(BIN)/python -m pip list --format=freeze | sed -n 's/+.*//; /^torch==/p') > requirements-torch.lock
 
 clean:  ## remove .venv and caches; runs/ stays
 	rm -rf $(VENV) $(VENV)-lowest .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
