@@ -1,13 +1,14 @@
 """`python -m benchmarks.figures.plot FILE … --figure NAME -o figure.png`: the figures of results.
 
 Beside those of runs (`learner.figures.plot`): `--figure delay` takes tables of `python -m
-benchmarks.lab.ladder` or `python -m benchmarks.lab.actuation_latency`; race, robustness, press and
-scaling take files that the experiment of that name wrote with `--json`.
+benchmarks.lab.ladder` or `python -m benchmarks.lab.actuation_latency`; race, games, robustness,
+press and scaling take files that the experiment of that name wrote with `--json`.
 """
 
 from dataclasses import dataclass
 
 from benchmarks.figures.plot_delay import delay_figure, read_ladders
+from benchmarks.figures.plot_games import games_figure
 from benchmarks.figures.plot_press import press_figure, read_press
 from benchmarks.figures.plot_race import race_figure
 from benchmarks.figures.plot_robustness import read_grid, robustness_figure
@@ -23,14 +24,16 @@ class Options(plot.Options):
 
     figure: str = "epochs"
     """Figure: 'epochs', 'progress' or 'histogram', as of `ale-robot plot`; 'delay', score against
-    actuation latency; 'race', score against wall clock; 'robustness', score by latency and optics;
-    'press', time from a command to its keys; or 'scaling', speed against actors."""
+    actuation latency; 'race', score against wall clock; 'games', robots beside their twins without
+    a body; 'robustness', score by latency and optics; 'press', time from a command to its keys; or
+    'scaling', speed against actors."""
 
 
 FIGURES: plot.Figures = {
     **plot.FIGURES,
     "delay": lambda options: delay_figure(renamed(read_ladders(options.paths), options.names)),
     "race": lambda options: race_figure(options.paths),
+    "games": lambda options: games_figure(options.paths[0]),
     "robustness": lambda options: robustness_figure([read_grid(path) for path in options.paths]),
     "press": lambda options: press_figure(read_press(options.paths[0])),
     "scaling": lambda options: scaling_figure(options.paths[0]),

@@ -1,0 +1,88 @@
+"""The figure of games: scores of training, of robots and of their twins without a body."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.pyplot import subplots
+
+from benchmarks.lab.games import ANCHORS, BODIES
+from common.errors import InputError
+from learner.figures.plot_style import (
+    INK,
+    RANDOM,
+    Points,
+    Series,
+    draw_series,
+    dress,
+    legend,
+)
+
+_COLUMNS = 4
+
+
+def games_figure(path: Path) -> Figure:
+    """Returns a panel for each game that `python -m benchmarks.lab.games` wrote at ``path``: mean
+    scores of training games by agent steps, random play, and a human's score where it is near.
+
+    Raises:
+        InputError: the file holds something else, or no run yet.
+    """
+    try:
+        found: list[dict[str, Any]] = json.loads(path.read_bytes())["runs"]
+        games = {
+            run["game"]: [each for each in found if each["game"] == run["game"]] for run in found
+        }
+        lines = {
+            game: [
+                Series(BODIES[run["env"]], [_curve(run["curve"])])
+                for run in sorted(runs, key=lambda run: list(BODIES).index(run["env"]))
+            ]
+            for game, runs in games.items()
+        }
+        if not games:
+            raise ValueError("no run has ended")
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(
+            f"{path} holds no games ({error!r}): write it with "
+            "python -m benchmarks.lab.games --json FILE."
+        ) from None
+    columns = min(len(games), _COLUMNS)
+    height = math.ceil(len(games) / columns)
+    figure, axes = subplots(
+        height, columns, figsize=(3.2 * columns, 2.7 * height), layout="constrained", squeeze=False
+    )
+    for each, (game, series) in zip(axes.flat, lines.items(), strict=False):
+        dress(each)
+        draw_series(each, series)
+        random = next(
+            (r["random_reward"] for r in games[game] if r["random_reward"] is not None), None
+        )
+        if random is not None:
+            each.axhline(random, color=RANDOM, linewidth=1.3, label="random play", zorder=2)
+        top = max(
+            (line[:, 1].max() for one in series for line in one.lines if len(line)), default=0
+        )
+        if (anchors := ANCHORS.get(game)) and anchors.human < 2 * top:
+            each.axhline(
+                anchors.human,
+                color=INK,
+                linewidth=0.8,
+                linestyle=(0, (4, 3)),
+                zorder=1,
+                label="human",
+            )
+        each.set_title(game.replace("_", " "), loc="left", fontsize=10, color=INK)
+    for each in axes.flat[len(games) :]:
+        each.set_visible(False)
+    figure.supxlabel("agent steps, thousands", fontsize=10, color=INK)
+    figure.supylabel("mean score of training games", fontsize=10, color=INK)
+    legend(figure, axes[0, 0])
+    return figure
+
+
+def _curve(points: list[tuple[int, float]]) -> Points:
+    return np.array([(steps / 1_000, mean) for steps, mean in points]).reshape(-1, 2)

@@ -1,0 +1,164 @@
+"""`python -m benchmarks.lab.games --json FILE`: what a body costs, game by game.
+
+For each game, a robot and its twin, which plays by the emulator alone, are trained from scratch for
+the same number of agent steps, by the same settings for all games; afterwards the last weights play
+the three evaluations of --headline. The share tells how much of the twin's rise over random play
+the robot has. The same command goes on with what was interrupted or is missing.
+
+`python -m benchmarks.figures.plot --figure games FILE` draws the curves of training.
+"""
+
+import json
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+from annotated_types import MinLen
+
+from benchmarks.lab.policy import EPSILON, evaluate, train
+from benchmarks.report import BenchmarkOptions, Report, Table, main, resumed, write
+from common.checked import FromOne
+from common.errors import InputError
+from common.games import check_game
+from common.run.config import PresetName
+from common.run.epochs import EpochTable
+from common.run.folder import RunFolder
+from learner.evaluation.offline import EvaluationOptions
+
+
+class Anchors(NamedTuple):
+    """Mean scores of a game in Mnih et al. 2015, extended data table 2."""
+
+    random: float
+    human: float
+
+
+ANCHORS = {
+    "assault": Anchors(222.4, 1_496.0),
+    "asterix": Anchors(210.0, 8_503.0),
+    "breakout": Anchors(1.7, 31.8),
+    "kangaroo": Anchors(52.0, 3_035.0),
+    "ms_pacman": Anchors(307.3, 15_693.0),
+    "pong": Anchors(-20.7, 9.3),
+    "seaquest": Anchors(68.4, 20_182.0),
+}
+"""Of the six games of Physical Atari (2026), and of Breakout. Their random play is not ours, which
+begins with up to 30 random actions and sees each game to its end."""
+BODIES = {"ale": "emulator alone", "robot": "robot"}
+"""Environments, in the order of training, and what they are called."""
+_SAME = ("preset", "learner", "steps", "seed")
+"""Options in which all results of a file are alike."""
+_TOLD = ("agent_steps", "wall_seconds", "random_reward", "git_commit", "git_dirty", "machine")
+"""What is told of a run's ``summary.json``."""
+
+
+@dataclass(frozen=True)
+class Options(BenchmarkOptions):
+    """Train a robot and its twin without a body on each game, for as many steps, and play both."""
+
+    game: Annotated[tuple[str, ...], MinLen(1)] = tuple(ANCHORS)
+    """Games; any that ale-py bundles."""
+    preset: PresetName = "robot"
+    """Preset of all runs, twins included."""
+    learner: str = ""
+    """More flags for `python -m learner`, as in --learner="--play.sticky 0.25"."""
+    steps: FromOne = 300_000
+    """Agent steps of each run, the warm-up included."""
+    seed: FromOne = 1
+    """Seed of all runs."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs."""
+
+    def check(self) -> None:
+        super().check()
+        for game in self.game:
+            check_game(game)
+
+    def flags(self, game: str, env: str) -> list[str]:
+        """Returns the flags of a run's learner, without those of its folder and its steps."""
+        run = ["--preset", self.preset, "--env", env, "--game", game, "--seed", f"{self.seed}"]
+        return [*run, "--evaluators", "0", *shlex.split(self.learner)]
+
+    def folder(self, game: str, env: str) -> RunFolder:
+        return RunFolder(self.runs, f"games-{game}-{env}-{self.seed}".replace("_", "-"))
+
+
+def measure(options: Options) -> Report:
+    about = {name: getattr(options, name) for name in _SAME}
+    found = resumed(options.json, about, "games of this budget, seed and these flags")
+    runs: list[dict[str, Any]] = found.setdefault("runs", [])
+    known = {(run["game"], run["env"]) for run in runs}
+    asked = [(game, env) for game in options.game for env in BODIES]
+    missing = [each for each in asked if each not in known]
+    for done, (game, env) in enumerate(missing, 1):
+        print(f"run {done} of {len(missing)}: {game}, {BODIES[env]}", flush=True)
+        runs.append({"game": game, "env": env, **_trained(options, game, env)})
+        if options.json is not None:
+            write(options.json, found)
+    title = f"after {options.steps:,} agent steps, preset {options.preset} {options.learner}"
+    return Report([Table(title.strip(), _rows(runs))], found)
+
+
+def _trained(options: Options, game: str, env: str) -> dict[str, Any]:
+    folder = options.folder(game, env)
+    train(folder, options.steps, options.flags(game, env))
+    summary = json.loads(folder.summary.read_text())
+    if summary["agent_steps"] < options.steps:
+        raise InputError(
+            f"{folder.name} was stopped after {summary['agent_steps']:,} of {options.steps:,} "
+            "agent steps: give the same command again to resume it."
+        )
+    curve = [
+        (row.total_train_steps, row.average_reward)
+        for row in EpochTable(folder.epochs).rows()
+        if row.phase == "train" and row.average_reward is not None
+    ]
+    games = EvaluationOptions.games
+    played = evaluate(folder.checkpoint, games, EPSILON, ["--headline"], quiet=True)
+    return {
+        **{name: summary[name] for name in _TOLD},
+        "curve": curve,
+        "headline": [
+            {name: row[name] for name in ("epsilon", "sticky", "mean", "deviation", "scores")}
+            for row in played["rows"]
+        ],
+    }
+
+
+def share_of_rise(random: float | None, twin: float, robot: float) -> float | None:
+    """Returns how much of its twin's rise over random play a robot has; None if there is none."""
+    return None if random is None or twin <= random else (robot - random) / (twin - random)
+
+
+def _rows(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Returns a row for each game and each evaluation that both robot and twin have."""
+    by_game: dict[str, dict[str, Any]] = {}
+    for run in runs:
+        by_game.setdefault(run["game"], {})[run["env"]] = run
+    rows = []
+    for game, both in by_game.items():
+        twin, robot = (both.get(env) for env in BODIES)
+        if twin is None or robot is None:
+            continue
+        anchors = ANCHORS.get(game)
+        random = twin["random_reward"]
+        for of_twin, of_robot in zip(twin["headline"], robot["headline"], strict=True):
+            share = share_of_rise(random, of_twin["mean"], of_robot["mean"])
+            rows.append(
+                {
+                    "game": game,
+                    "ε": of_twin["epsilon"],
+                    "sticky": of_twin["sticky"],
+                    "random": random,
+                    "human": anchors and anchors.human,
+                    BODIES["ale"]: f"{of_twin['mean']:,.1f} ± {of_twin['deviation']:,.1f}",
+                    BODIES["robot"]: f"{of_robot['mean']:,.1f} ± {of_robot['deviation']:,.1f}",
+                    "share of the rise": None if share is None else f"{share:.0%}",
+                }
+            )
+    return rows
+
+
+if __name__ == "__main__":
+    main("lab.games", Options, measure)
