@@ -20,7 +20,7 @@ from common.errors import InputError, exit_on_input_error
 from common.network import build_network, count_actions_of
 from common.process.command_line import check_bounds
 from common.process.lifeline import on_signals
-from common.protocol.weights import ONLINE, encode_weights, load_weights
+from common.protocol.weights import encode_weights, load_weights, published_weights
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.folder import RunFolder, write_atomically
@@ -72,8 +72,8 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     if config is None:
         raise InputError(f"{folder.config_file} is not there: name the folder of a run.")
     payload = source.read_bytes()
-    weights_by_name = {name.removeprefix(ONLINE): value for name, value in load(payload).items()}
-    network = build_network(config, count_actions_of(config, weights_by_name))
+    actions = count_actions_of(config, published_weights(load(payload)))
+    network = build_network(config, actions)
     load_weights(network, payload)
     summary = json.loads(folder.summary.read_bytes())
     card = {name: summary[name] for name in _FROM_SUMMARY}

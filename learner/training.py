@@ -146,7 +146,7 @@ class Learner:
         self._check_loss()
         self._published = self.phases.updates
         version = encode_version(self._published, self.replay.run_id)
-        self.broadcast(encode_weights(self.algorithm.online), version)
+        self.broadcast(encode_weights(self.algorithm.published), version)
         self._publish_schedule.restart()
 
     # ------------------------------------------------------------------ the loop
@@ -228,7 +228,7 @@ class Learner:
                 continue
             self._skipped += 1
             self._last_skipped.append(update)
-            if all(bool(each.isfinite().all()) for each in self.algorithm.online.parameters()):
+            if all(bool(each.isfinite().all()) for each in self.algorithm.published.parameters()):
                 self._quarantine(ids, result.priorities.float().cpu().numpy())
                 first = self._last_skipped[0]
                 often = len(self._last_skipped) == _MOST_SKIPPED and update - first < _RECENTLY
@@ -295,7 +295,7 @@ class Learner:
         row, test = self.phases.end(ended, self._replay_progress.stored, meanq)
         self.telemetry.add(row)
         if ended.epoch:
-            self.evaluation.add(test, encode_weights(self.algorithm.online))
+            self.evaluation.add(test, encode_weights(self.algorithm.published))
         self._checkpoint()
         self.evaluation.sweep()
 

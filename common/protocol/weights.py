@@ -1,11 +1,12 @@
 """Weights of the network as bytes (safetensors), on the wire and on disk, checked before use."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
-from torch import nn
+from torch import Tensor, nn
 
 from common.errors import InputError, MessageError
 from common.regular_file import read_file
@@ -17,8 +18,18 @@ def encode_weights(network: nn.Module, dtype: torch.dtype = torch.float32) -> by
     return save({name: v.to(dtype).contiguous() for name, v in network.state_dict().items()})
 
 
-ONLINE = "online."
-"""Before the names of the online network's weights in a learner's checkpoint."""
+_PUBLISHED = ("average.", "online.")
+"""Before the names of the weights that actors got, in a learner's checkpoint; the first that is
+there counts."""
+
+
+def published_weights(found: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+    """Returns the weights that actors got of all that a checkpoint holds; weights alone as they
+    are."""
+    for prefix in _PUBLISHED:
+        if any(name.startswith(prefix) for name in found):
+            return {n.removeprefix(prefix): v for n, v in found.items() if n.startswith(prefix)}
+    return found
 
 
 class NotSafetensors(MessageError):
@@ -39,8 +50,7 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
         found = load(payload)
     except (SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
         raise NotSafetensors(f"not safetensors: {error}") from None
-    if any(name.startswith(ONLINE) for name in found):
-        found = {n.removeprefix(ONLINE): v for n, v in found.items() if n.startswith(ONLINE)}
+    found = published_weights(found)
     expected = network.state_dict()
     if found.keys() != expected.keys():
         raise MessageError(f"weights {sorted(found.keys() ^ expected.keys())} differ in name")

@@ -100,6 +100,9 @@ class LearningConfig:
     """ε in the optimizer's denominator."""
     gradient_norm: Amount = 10.0
     """Maximum norm of the gradient; 0 for no bound."""
+    weights_average: Annotated[float, Ge(0), Lt(1)] = 0.0
+    """Decay per update of the exponential mean of the weights that is published, tested and
+    evaluated; 0 for the weights themselves."""
     initial_weights: Literal["torch", "glorot"] = "torch"
     """Initial weights: PyTorch's, or Keras' (Glorot uniform with zero biases)."""
     scale_pixels: bool = True

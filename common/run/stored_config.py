@@ -29,7 +29,6 @@ RENAMED = {
 
 REMOVED: dict[str, Any] = {
     "learning.dueling": False,
-    "learning.weights_average": 0.0,
     "learning.cut_random": False,
     "learning.watkins_cut": False,
     "exploration.per_env": False,

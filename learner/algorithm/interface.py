@@ -59,7 +59,7 @@ class Algorithm(Protocol):
     """Learns the run's network from minibatches, one gradient step at a time."""
 
     @property
-    def online(self) -> QNetwork:
+    def published(self) -> QNetwork:
         """The network whose weights are published, tested and evaluated."""
 
     def prepare(self, batch: DeviceBatch) -> Prepared:
@@ -76,7 +76,7 @@ class Algorithm(Protocol):
 
     def state(self) -> dict[str, Tensor]:
         """Returns everything that a checkpoint must hold, by names under which
-        `common.protocol.weights.load_weights` finds the weights of `online`."""
+        `common.protocol.weights.load_weights` finds the weights of `published`."""
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """Takes over what `state` returned.

@@ -18,6 +18,7 @@ from learner.algorithm.interface import DeviceBatch, Prepared, Update
 from learner.algorithm.optimizers import BoundedOptimizer
 from learner.algorithm.precision import Precision
 from learner.algorithm.target_network import TargetNetwork
+from learner.algorithm.weights_average import PublishedNetwork
 from learner.device import Device
 
 
@@ -52,12 +53,19 @@ class ValueBased:
         self._augmentation = RandomShift(config.random_shift, seed)
         # Copies first: a copy of a network that has a precision would sync that one too.
         self._target = TargetNetwork(self.online, device)
+        self._published = PublishedNetwork(self.online, config.weights_average)
         self._precision = Precision(self.online, device)
         self._optimizer = BoundedOptimizer(self.online.parameters(), config)
         self._target_update_period = config.target_update_period
         self._updates = 0
         self._networks = {"online": self.online, "target": self._target.network}
         """By the prefix of their weights in a checkpoint."""
+        if self.published is not self.online:
+            self._networks["average"] = self.published
+
+    @property
+    def published(self) -> QNetwork:
+        return self._published.network
 
     def prepare(self, batch: DeviceBatch) -> Prepared:
         batch = self._augmentation(batch)
@@ -81,6 +89,7 @@ class ValueBased:
         self._optimizer.step(result.loss.detach(), self._updates)
         self._precision.sync_from_master()
         self._updates += 1
+        self._published.take(self._updates)
         if self._updates % self._target_update_period == 0:
             self._target.sync(self.online)
         return result._replace(loss=result.loss.detach())
@@ -88,13 +97,14 @@ class ValueBased:
     @torch.no_grad()
     def max_q(self, frames: Tensor, vectors: Tensor) -> Tensor:
         values = [
-            self.online(f.to(self._device), v.to(self._device)).amax(dim=1).cpu()
+            self.published(f.to(self._device), v.to(self._device)).amax(dim=1).cpu()
             for f, v in zip(torch.split(frames, 256), torch.split(vectors, 256), strict=True)
         ]
         return torch.cat(values)
 
     def state(self) -> dict[str, Tensor]:
-        """See `Algorithm.state`: ``online.*``, ``target.*``, ``optimizer.INDEX.SLOT``."""
+        """See `Algorithm.state`: ``online.*``, ``target.*``, ``optimizer.INDEX.SLOT``, and
+        ``average.*`` where the mean of the weights is published."""
         weights = {
             f"{prefix}.{name}": value
             for prefix, network in self._networks.items()

@@ -94,7 +94,7 @@ class World:
         self.stop = Stop(self)
         self.agent_steps = sum(each.steps for each in self.chunks)
         self.rows: list[Any] = []
-        self.online = torch.nn.Linear(1, 1, bias=False)
+        self.network = torch.nn.Linear(1, 1, bias=False)
         self.credited: list[int] = []
         """Chunks by which the registry knows its actors."""
         self.pending: list[Any] = []
@@ -164,7 +164,7 @@ class World:
         loss = self.loss(self.updates)
         weight = float("nan") if self.spoils and not math.isfinite(loss) else self.updates
         with torch.no_grad():
-            self.online.weight.fill_(weight)
+            self.network.weight.fill_(weight)
         return Update(torch.tensor(loss), torch.tensor(self.priorities_of(loss)), {})
 
     # ---------------------------------------------------------------- evaluation
@@ -211,7 +211,7 @@ class World:
             ),
             "algorithm": SimpleNamespace(
                 update=self.update,
-                online=self.online,
+                published=self.network,
                 reseed=lambda updates: self.log.append(("reseed", updates)),
             ),
             "held_out": SimpleNamespace(

@@ -92,8 +92,8 @@ def test_a_file_may_have_fields_that_are_gone_where_they_did_nothing() -> None:
         group, name = gone.split(".")
         data[group][name] = usual
     assert from_mapping(RunConfig, data, fill=True) == GOOD
-    data["learning"]["weights_average"] = 0.5
-    with pytest.raises(InputError, match=r"^run\.learning\.weights_average is 0\.5, and is gone: "):
+    data["learning"]["dueling"] = True
+    with pytest.raises(InputError, match=r"^run\.learning\.dueling is True, and is gone: "):
         from_mapping(RunConfig, data, "run", fill=True)
 
 

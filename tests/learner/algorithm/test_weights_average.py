@@ -1,0 +1,88 @@
+"""The mean of the weights that actors play by, worked out by hand and through an algorithm."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from common.network import QNetwork
+from common.protocol.weights import encode_weights, load_weights
+from common.run.config import LearningConfig
+from learner.algorithm.double_dqn import double_dqn
+from learner.algorithm.value_based import ValueBased
+from learner.algorithm.weights_average import PublishedNetwork
+from learner.checkpoint import Checkpoint
+from learner.device import Device
+from tests.learner.small_batches import learn, random_batch
+
+CPU = Device(torch.device("cpu"), bfloat16=False)
+
+
+def _algorithm(weights_average: float) -> ValueBased:
+    torch.manual_seed(0)
+    config = LearningConfig(weights_average=weights_average, learning_rate=1e-2)
+    return double_dqn(QNetwork(6), config, CPU)
+
+
+def _bias(network: QNetwork) -> torch.Tensor:
+    return network.state_dict()["actions.bias"].clone()
+
+
+def test_the_mean_by_hand() -> None:
+    online = QNetwork(6)
+    with torch.no_grad():
+        online.actions.bias.fill_(8.0)
+    mean = PublishedNetwork(online, decay=0.75)
+    assert _bias(mean.network).tolist() == [8.0] * 6  # before the first update
+    # The plain mean of one, two, three and four updates, and the exponential one from there.
+    for updates, weight, expected in ((1, 6, 6), (2, 0, 3), (3, 9, 5), (4, 1, 4), (5, 8, 5)):
+        with torch.no_grad():
+            online.actions.bias.fill_(weight)
+        mean.take(updates)
+        assert _bias(mean.network).tolist() == pytest.approx([expected] * 6)
+        assert _bias(online).tolist() == [weight] * 6
+
+
+def test_without_a_decay_the_online_network_itself_is_published() -> None:
+    online = QNetwork(6)
+    published = PublishedNetwork(online, LearningConfig().weights_average)
+    before = _bias(online)
+    published.take(1)
+    assert published.network is online
+    assert torch.equal(_bias(online), before)
+    assert not any(name.startswith("average.") for name in _algorithm(0.0).state())
+
+
+def test_an_algorithm_publishes_the_mean_and_learns_without_it() -> None:
+    plain, averaged = _algorithm(0.0), _algorithm(0.5)
+    mean = _bias(plain.published)
+    assert torch.equal(_bias(averaged.published), mean)
+    for seed in range(4):
+        batch = random_batch(seed=seed)
+        assert torch.equal(learn(plain, batch).loss, learn(averaged, batch).loss)
+        mean = 0.5 * mean + 0.5 * _bias(plain.online) if seed else _bias(plain.online)
+        torch.testing.assert_close(_bias(averaged.published), mean)
+    assert not torch.equal(mean, _bias(plain.published))
+    batch = random_batch(seed=9)
+    with torch.no_grad():
+        values = averaged.published(batch.s_t, batch.x_t).amax(1)
+    assert torch.equal(averaged.max_q(batch.s_t, batch.x_t), values)
+    assert not torch.equal(plain.max_q(batch.s_t, batch.x_t), values)
+
+
+def test_a_checkpoint_keeps_both_and_gives_away_the_mean(tmp_path: Path) -> None:
+    path, algorithm = tmp_path / "checkpoint.safetensors", _algorithm(0.9)
+    for seed in range(3):
+        learn(algorithm, random_batch(seed=seed))
+    Checkpoint(path, tmp_path / "previous", algorithm, "dqn").save({})
+    played = QNetwork(6)
+    load_weights(played, path.read_bytes())
+    assert encode_weights(played) == encode_weights(algorithm.published)
+    assert encode_weights(played) != encode_weights(algorithm.online)
+    resumed = _algorithm(0.9)
+    Checkpoint(path, tmp_path / "previous", resumed, "dqn").load(print)
+    resumed.reseed(3)
+    for each in (algorithm, resumed):
+        learn(each, random_batch(seed=4))
+    for name, value in algorithm.state().items():
+        assert torch.equal(resumed.state()[name], value), name
