@@ -68,13 +68,14 @@ def records_of(file: Path) -> Iterator[bytes]:
 def test_wandb_has_settings_points_histograms_and_films(
     tmp_path: Path, film: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    program("wandb")
+    wandb = program("wandb")
     from wandb.proto.wandb_internal_pb2 import Record
 
     monkeypatch.setenv("WANDB_MODE", "offline")
 
     def restart(steps: int) -> None:
         """Its files are named by the second, in which two runs of this test may begin."""
+        wandb.teardown()  # or it would keep the first folder
         (folder := tmp_path / str(steps)).mkdir()
         monkeypatch.setenv("WANDB_DIR", str(folder))
 
