@@ -55,9 +55,7 @@ def build_learner(
         InputError: a file of the run is damaged.
     """
     config = options.config
-    checkpoint = Checkpoint(
-        folder.checkpoint, folder.previous, algorithm, config.learning.algorithm
-    )
+    checkpoint = Checkpoint(folder.checkpoint, folder.previous, algorithm, config)
     state = checkpoint.load(display.line) if options.resume and folder.has_begun else None
     keys = RunKeys(folder.name, replay.run_id)
     clock = RunClock()

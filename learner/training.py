@@ -295,7 +295,7 @@ class Learner:
         row, test = self.phases.end(ended, self._replay_progress.stored, meanq)
         self.telemetry.add(row)
         if ended.epoch:
-            self.evaluation.add(test, encode_weights(self.algorithm.published))
+            self.evaluation.add(test, encode_weights(self.algorithm.published, self.config))
         self._checkpoint()
         self.evaluation.sweep()
 

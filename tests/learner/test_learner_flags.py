@@ -212,18 +212,18 @@ def test_a_run_that_ended_before_its_first_checkpoint_has_the_network_it_was_giv
     [
         (QR, "add --learning.algorithm qr_dqn"),
         (("--play.vector",), "add --play.vector"),
+        (("--learning.no-center-pixels",), "add --learning.no-center-pixels"),
     ],
 )
 def test_a_network_that_does_not_fit_says_what_it_is_for(
     tmp_path: Path, trained: tuple[str, ...], advice: str
 ) -> None:
-    there = RunFolder(tmp_path, "there")
+    file, here = tmp_path / "p.safetensors", RunFolder(tmp_path, "here")
     made = learner("--env", "ale", *trained)
-    there.claim("learner", made.config, begun=there.checkpoint, resume=False)
-    there.initial.write_bytes(encode_weights(first_network(made, there)))
-    asked = learner("--env", "ale", "--initial", str(there.initial))
-    with pytest.raises(InputError, match=rf"{there.initial}, which plays pong .*: {advice}"):
-        first_network(asked, RunFolder(tmp_path, "here"))
+    file.write_bytes(encode_weights(first_network(made, here), made.config))
+    asked = learner("--env", "ale", "--initial", str(file))
+    with pytest.raises(InputError, match=rf"{file}, which plays pong .*: {advice}"):
+        first_network(asked, here)
 
 
 @pytest.mark.parametrize(
