@@ -137,6 +137,7 @@ class Learner:
                 "rows": len(self.telemetry.rows),
                 "seconds": self.clock.seconds(),
                 "tests": self.evaluation.state(),
+                "keeps_snapshots": self.evaluation.keeps_snapshots,
                 "actors": self.registry.state(),
             }
         )

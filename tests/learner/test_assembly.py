@@ -77,7 +77,7 @@ def place(runs: Path, actor: Actor, *, resume: bool, steps_goal: int | None) -> 
         stack.callback(memory.close)
         stack.enter_context(ReplayServer(hub, memory, CONFIG, RUN))
         learner = build_learner(
-            LearnerOptions(CONFIG, resume=resume, steps=steps_goal),
+            LearnerOptions(CONFIG, resume=resume, steps=steps_goal, keep_snapshots=not resume),
             *(folder, hub, memory),
             build_algorithm(CONFIG, build_network(CONFIG, 18), device),
             device,
@@ -122,6 +122,7 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
 
     with place(tmp_path, actor, resume=True, steps_goal=18 * 8) as again:
         again.learner.start()
+        assert again.learner.evaluation.keeps_snapshots  # though it is not told so again
         assert not any(thread.name.startswith("prefetch") for thread in threading.enumerate())
         assert again.checkpoint() | {"seconds": 0} == before | {"seconds": 0}
         again.play(1)
