@@ -150,7 +150,9 @@ def main() -> int:
             certificates=options.certificates,
         ) as transport,
     ):
-        keys, config = find_run(transport, options.run, options.patience, stopped)
+        keys, config = find_run(
+            transport, options.run, options.patience, stopped, options.certificates
+        )
         options.check_against(config)
         member = Member(name, transport, keys, config, options.patience, stop)
         entropy = (

@@ -44,7 +44,7 @@ def open_replay(
     with connect(
         *(endpoint, patience, stopped), role="learner", certificates=options.certificates
     ) as transport:
-        keys, served = find_run(transport, folder.name, patience, stopped)
+        keys, served = find_run(transport, folder.name, patience, stopped, options.certificates)
         if unequal := differences(served, config):
             raise InputError(
                 f"the replay at {endpoint} serves {folder.name} with another configuration "

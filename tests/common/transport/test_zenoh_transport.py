@@ -40,11 +40,14 @@ def test_what_is_no_address_is_told_with_an_example(endpoint: str) -> None:
             use(endpoint)
 
 
-def test_a_port_that_is_taken_is_told(endpoint: str) -> None:
+def test_a_port_that_is_taken_is_told_and_the_next_one_named(endpoint: str) -> None:
+    next_one = f"tcp/127.0.0.1:{check_endpoint(endpoint)[1] + 1}"
     with socket.socket() as holder:
         holder.bind(check_endpoint(endpoint))
         holder.listen()
-        with pytest.raises(InputError, match=f"^cannot listen at {endpoint} .*--listen"):
+        with pytest.raises(
+            InputError, match=rf"^cannot listen at {endpoint} .* by --listen {next_one}\.$"
+        ):
             open_hub(endpoint)
 
 
