@@ -43,7 +43,7 @@ class Exchange(HostedRun):
             "replay",
             *("--preset", "paper", "--replay.sampler", options.sampler),
             *("--replay.capacity", str(options.capacity), "--replay.learning-starts", "64"),
-            *("--replay.ratio-tolerance", str(10**9)),
+            *("--replay.ratio-tolerance", str(10**9), "--actor-quota", str(10**9)),
             *("--stream.chunk-steps", str(options.chunk_steps)),
         )
         self._options = options

@@ -35,7 +35,7 @@ def open_replay(
         with open_hub(options.listen, options.certificates) as transport:
             memory = ReplayBuffer(config, folder.replay)
             try:
-                with ReplayServer(transport, memory, config, folder.name):
+                with ReplayServer(transport, memory, config, folder.name, options.actor_quota):
                     yield transport, memory, options.listen
             finally:
                 memory.close()

@@ -22,6 +22,7 @@ from common.run.folder import RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
+from common.transport.quota import STEPS_PER_SECOND
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.offline import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
@@ -84,6 +85,9 @@ class LearnerOptions:
     """Seconds to wait for the replay of --connect."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
+    actor_quota: FromOne = STEPS_PER_SECOND
+    """Steps per second that the replay in this process takes of one actor at most; the rest has to
+    wait."""
     log_json: bool = False
     """Lines of JSON instead of a screen or lines for people."""
     restart: Count = 0

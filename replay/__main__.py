@@ -17,7 +17,7 @@ from pathlib import Path
 
 import tyro
 
-from common.checked import Count
+from common.checked import Count, FromOne
 from common.errors import exit_on_input_error
 from common.metrics import Values
 from common.process.allocator import keep_large_blocks
@@ -32,6 +32,7 @@ from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
 from common.run.folder import RunFolder
 from common.transport.endpoint import DEFAULT_ENDPOINT
+from common.transport.quota import STEPS_PER_SECOND
 from common.transport.zenoh_transport import open_hub
 from replay.chunk_statistics import Progress
 from replay.replay_buffer import ReplayBuffer
@@ -53,6 +54,8 @@ class ReplayOptions:
     """Address where learner and actors find this process."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
+    actor_quota: FromOne = STEPS_PER_SECOND
+    """Steps per second that are taken of one actor at most; the rest has to wait."""
     log_json: bool = False
     """Lines of JSON instead of a screen or lines for people."""
     restart: Count = 0
@@ -97,7 +100,7 @@ def serve(options: ReplayOptions, again: bool) -> None:
         memory = ReplayBuffer(config, folder.replay)
         try:
             with (
-                ReplayServer(transport, memory, config, folder.name),
+                ReplayServer(transport, memory, config, folder.name, options.actor_quota),
                 http_endpoints(options.http, lambda: _pages(memory, folder.name)),
             ):
                 _say(f"replay of run {folder.name} in {folder.replay}, at {options.listen}.")

@@ -71,6 +71,8 @@ class Progress(Message):
     """Identity of the run."""
     version: str = VERSION
     """Version of the software of the process that holds the replay."""
+    over_quota: Count = 0
+    """Messages of actors that were turned away for the time being, since that process began."""
 
     def values(self) -> dict[str, Value]:
         """Returns the figures by their keys in `common.metrics`."""
@@ -82,6 +84,7 @@ class Progress(Message):
             "stream/chunks_acked": self.accepted,
             "stream/chunks_duplicate": self.duplicates,
             "stream/chunks_refused": self.refused,
+            "stream/over_quota": self.over_quota,
             "replay/private_bytes": self.private_bytes,
             "replay/resident_bytes": self.resident_bytes,
             "replay/file_bytes": self.file_bytes,

@@ -42,6 +42,8 @@ class ReplayBuffer:
         """
         self.weights_version = 0
         """Version of the newest weights, which each acknowledgement carries."""
+        self.over_quota = 0
+        """Messages of actors that were turned away for the time being, since this process began."""
         self._batch_size = config.learning.batch_size
         self._limiter = RateLimiter.of(config)
         self._state = threading.Condition()
@@ -183,6 +185,7 @@ class ReplayBuffer:
                 file_bytes=self._store.file_bytes,
                 statistics=index.statistics_since(since),
                 run_id=self.run_id,
+                over_quota=self.over_quota,
             )
 
     def sync(self) -> None:

@@ -5,6 +5,7 @@ no insert. What nobody should have sent is refused with a sentence, counted, and
 """
 
 import logging
+import math
 import queue
 import threading
 import time
@@ -14,10 +15,12 @@ from common.process.log_lines import Seldom
 from common.protocol.ack import Ack
 from common.protocol.announcement import Announcement
 from common.protocol.chunk import Chunk
-from common.protocol.run_keys import RunKeys, name_in
+from common.protocol.run_keys import DEMONSTRATIONS, RunKeys, name_in
+from common.protocol.step_fields import FRAME_SHAPE
 from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
 from common.run.config import RunConfig
 from common.transport.interface import Answer, Envelope, Request, Transport
+from common.transport.quota import STEPS_PER_SECOND, Quota
 from replay.messages import (
     NO_BATCH,
     HeldOutRequest,
@@ -30,6 +33,8 @@ from replay.replay_buffer import ReplayBuffer
 
 LONGEST_WAIT = 1.0
 """Seconds that a draw or a poll may wait at the server."""
+_STEP_BYTES = math.prod(FRAME_SHAPE)
+"""A step in a chunk has a frame, and hardly more."""
 
 _log = logging.getLogger(__name__)
 _refusals = _log.getChild("refusals")
@@ -37,12 +42,22 @@ _refusals.addFilter(Seldom())
 
 
 class ReplayServer:
-    """Answers for ``memory`` until it is closed; a context manager."""
+    """Answers for ``memory`` until it is closed; a context manager.
+
+    Args:
+        quota: steps per second that are taken of one actor.
+    """
 
     def __init__(
-        self, transport: Transport, memory: ReplayBuffer, config: RunConfig, run: str
+        self,
+        transport: Transport,
+        memory: ReplayBuffer,
+        config: RunConfig,
+        run: str,
+        quota: float = STEPS_PER_SECOND,
     ) -> None:
         self._memory = memory
+        self._quota = Quota(quota)
         self._keys = keys = RunKeys(run, memory.run_id)
         self._announcement = Announcement(run, config, config.action_count, memory.run_id).encode()
         self._weights: Envelope | None = None
@@ -78,15 +93,28 @@ class ReplayServer:
         self._poll_thread.join(2 * LONGEST_WAIT)
 
     def _insert(self, request: Request) -> bytes | None:
+        actor = name_in(request.key)
+        if not self._admits(actor, request):
+            request.drop()  # unanswered, it is sent again
+            return None
         if not request.payload:
             self._polls.put((time.monotonic() + LONGEST_WAIT, request))
             return None
-        actor = name_in(request.key)
         try:
             return self._ack_of(request.payload, actor).encode()
         except MessageError as error:
             _refusals.warning("a chunk of %s was refused: %s", actor, error)
             raise
+
+    def _admits(self, actor: str, request: Request) -> bool:
+        """Whether this is within the actor's quota, as its length tells before it is decoded."""
+        steps = max(len(request.payload) / _STEP_BYTES, 1.0)
+        # The learner's own, which comes once.
+        if actor == DEMONSTRATIONS or self._quota.admits(actor, steps):
+            return True
+        self._memory.over_quota += 1
+        _refusals.warning("%s sends more than --actor-quota lets it: the rest has to wait", actor)
+        return False
 
     def _ack_of(self, payload: bytes, actor: str) -> Ack:
         """Stores a chunk.

@@ -56,11 +56,11 @@ _MOST_BYTES: list[tuple[list[str], int, list[str]]] = [
         64 * _KIB,
         [
             *(_ANY.config, _ANY.latest_weights, _ANY.task("*"), _ANY.status, _ANY.view("*", "*")),
-            *(_ANY.sample, _ANY.held_out, _ANY.progress, _ANY.stats("*", "*")),
+            *(_ANY.sample, _ANY.held_out, _ANY.progress, _ANY.stats("*", "*"), _ANY.report("*")),
         ],
     ),
     (["reply"], 2 * MAX_VIEW_BYTES, [_ANY.view("*", "*")]),
-    (_TO_HUB, 4 * _KIB**2, [_ANY.report("*"), _ANY.priorities]),
+    (_TO_HUB, 4 * _KIB**2, [_ANY.priorities]),
     (_TO_HUB, 32 * _KIB**2, [_ANY.insert("*")]),
 ]
 """What may come in at most, by message and key: twice the longest that anybody sends. All else is
@@ -93,7 +93,8 @@ _MOST_PER_SECOND = {
     _ANY.latest_weights: 5,  # each is answered with megabytes
 }
 """How often one process may tell or ask at a key: many times as often as ours do, and not sooner
-after another. Chunks and reports have no such limit, because honest actors send several at once."""
+after another. Honest actors send several chunks at once, so chunks, and reports, have a `Quota` by
+name where they are taken."""
 
 
 def rate_limits() -> list[dict[str, Any]]:

@@ -1,20 +1,27 @@
 """Lets evaluators in other processes ask the coordinator for jobs, and report."""
 
+import logging
 import re
 from dataclasses import replace
 
 from common.checked import NAME
 from common.errors import MessageError
+from common.process.log_lines import Seldom
 from common.protocol.evaluation import EvaluationReport
 from common.protocol.run_keys import RunKeys, name_in
 from common.transport.interface import Request, Transport
+from common.transport.quota import REPORTS_PER_SECOND, Quota
 from learner.evaluation.coordinator import EvaluationCoordinator
+
+_log = logging.getLogger(__name__)
+_log.addFilter(Seldom())
 
 
 def serve_evaluators(
     transport: Transport, keys: RunKeys, coordinator: EvaluationCoordinator
 ) -> None:
     """Answer evaluators until ``transport`` is closed."""
+    quota = Quota(REPORTS_PER_SECOND)
 
     def give_job(request: Request) -> bytes:
         evaluator = name_in(request.key)
@@ -23,8 +30,13 @@ def serve_evaluators(
         job = coordinator.give_job(evaluator)
         return replace(job, run_id=keys.run_id).encode()
 
-    def take_report(request: Request) -> bytes:
-        report, evaluator = EvaluationReport.decode(request.payload), name_in(request.key)
+    def take_report(request: Request) -> bytes | None:
+        evaluator = name_in(request.key)
+        if not quota.admits(evaluator):
+            _log.warning("%s reports more often than anybody plays: not all is heard", evaluator)
+            request.drop()
+            return None
+        report = EvaluationReport.decode(request.payload)
         if report.evaluator != evaluator:
             raise MessageError(f"a report of {report.evaluator} at the key of {evaluator}")
         coordinator.take_report(report)

@@ -4,18 +4,23 @@ import random
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from actors.member import Member
+from actors.stream.insert_client import InsertClient
 from common.errors import InputError, MessageError
 from common.protocol.ack import Ack
-from common.protocol.run_keys import RunKeys
+from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.protocol.wire import pack
+from common.run.config import StreamConfig
 from common.run.join import find_run
-from common.transport.interface import Envelope, Transport
+from common.transport.interface import Envelope, Transport, Unanswered
+from common.transport.quota import Quota
+from replay import server as replay_server
 from replay.client import AHEAD, MOST_ADVICE, RemoteReplay
 from replay.messages import NO_BATCH, Priorities, SampleRequest
 from replay.replay_buffer import ReplayBuffer
@@ -111,6 +116,43 @@ def test_a_chunk_at_another_actors_key_is_refused(
     assert place.memory.progress(0).refused == 3
     told = [each for each in caplog.messages if "forger" in each]
     assert told == ["a chunk of forger was refused: it names a as its actor"]
+
+
+def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
+    place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    seconds = [0.0]
+    monkeypatch.setattr(
+        replay_server, "Quota", lambda per_second: Quota(per_second, lambda: seconds[0])
+    )
+    place.server.close()
+    config = replace(make_config(), stream=StreamConfig(chunk_steps=8, window=3))
+    place.server = ReplayServer(place.hub, place.memory, config, RUN, quota=8)
+    rng, stop = np.random.default_rng(0), threading.Event()
+    sender = InsertClient(Member("fast", place.client, KEYS, config, PATIENCE, stop))
+    fast, other = Actor("fast", 4), Actor("other", 4)
+    for _ in range(3):
+        sender.post(fast.live([GOES_ON] * 8, rng).encode())
+    for _ in until_late():
+        if place.memory.over_quota:
+            break
+    # Eight frames and their header are more than a second's, so the next has to wait.
+    assert place.memory.progress(0).accepted == 1
+    assert place.remote.progress(0).values()["stream/over_quota"] == place.memory.over_quota > 0
+    with pytest.raises(Unanswered):
+        ask(place.client, KEYS.insert("fast"), b"")
+    given = Actor(DEMONSTRATIONS, 4)  # the learner's own have no measure
+    for chunk in (each.live([GOES_ON] * 8, rng) for each in (other, given, given)):
+        assert insert(place.client, chunk).status == "stored"
+    for _ in until_late():
+        seconds[0] += 1.0
+        sender.flush(0.1)
+        if not sender.unacknowledged:
+            break
+    assert (sender.acked, sender.refused, place.memory.progress(0).accepted) == (3, 0, 6)
+    assert caplog.messages == [
+        "fast sends more than --actor-quota lets it: the rest has to wait",
+    ]
 
 
 def test_of_another_run_neither_chunks_nor_weights_nor_learners_are_taken(

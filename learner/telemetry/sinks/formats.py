@@ -129,7 +129,7 @@ def progress_of(values: Values) -> tuple[Progress, ...]:
 
 
 def troubles(values: Values) -> str:
-    """What went wrong with time, if anything did, each after a comma: ``, 12k late, 3 gave up``."""
+    """What went wrong, if anything did, each after a comma: ``, 12k late, 3 gave up``."""
     sums: dict[str, int] = {}
     for key, value in values.items():
         if (word := METRICS[key].trouble) and isinstance(value, int):

@@ -7,7 +7,8 @@ import pytest
 from common.errors import MessageError
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
-from common.transport.interface import Transport
+from common.transport.interface import Transport, Unanswered
+from learner.evaluation import service
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
@@ -60,6 +61,23 @@ def test_nobody_reports_in_another_name(hub: Transport, client: Transport, tmp_p
     assert coordinator.take_finished() is None
     _report(client, report)
     assert coordinator.take_finished() is not None
+
+
+def test_who_reports_too_often_is_not_heard_until_later(
+    hub: Transport, client: Transport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(service, "REPORTS_PER_SECOND", 1e-9)
+    coordinator = _coordinator(tmp_path)
+    serve_evaluators(hub, KEYS, coordinator)
+    coordinator.add(epoch_test(1), b"w")
+    assert _ask(client, "e").kind == "test"
+    with pytest.raises(MessageError):
+        _report(client, b"junk")
+    with pytest.raises(Unanswered):
+        _report(client, b"junk")
+    assert coordinator.steps_left == ProtocolConfig().test_steps
+    with pytest.raises(MessageError):
+        _report(client, b"junk", "another")
 
 
 @pytest.mark.parametrize("name", ["-e", "e" * 65, "*"])

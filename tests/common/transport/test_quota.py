@@ -1,0 +1,60 @@
+"""How much of what one process sends is taken."""
+
+import pytest
+
+from common.transport import quota as quota_module
+from common.transport.quota import Quota
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.seconds = 1e6
+
+    def __call__(self) -> float:
+        return self.seconds
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+def test_over_time_so_much_a_second_is_admitted(clock: Clock) -> None:
+    quota = Quota(64.0, clock)
+    admitted = 0
+    for _ in range(10_000):  # 10 s of one that sends 1,000 a second
+        admitted += quota.admits("a")
+        clock.seconds += 1 / 1024
+    assert admitted == pytest.approx(64 * (10_000 / 1024 + 1), abs=2)
+
+
+def test_a_second_of_it_may_come_at_once(clock: Clock) -> None:
+    quota = Quota(64.0, clock)
+    assert [quota.admits("a", 16.0) for _ in range(6)] == [True] * 5 + [False]
+    clock.seconds += 0.25
+    assert [quota.admits("a", 16.0) for _ in range(2)] == [True, False]
+
+
+def test_what_is_more_than_a_second_of_it_comes_and_is_paid_for(clock: Clock) -> None:
+    quota = Quota(64.0, clock)
+    assert quota.admits("a", 640.0)
+    clock.seconds += 8.9
+    assert not quota.admits("a")
+    clock.seconds += 0.2
+    assert quota.admits("a")
+
+
+def test_names_have_each_their_own(clock: Clock) -> None:
+    quota = Quota(64.0, clock)
+    assert quota.admits("a", 640.0)
+    assert not quota.admits("a")
+    assert quota.admits("b")
+
+
+def test_however_many_names_there_are_memory_is_bounded(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(quota_module, "_MOST_NAMES", 8)
+    quota = Quota(64.0, clock)
+    assert all(quota.admits(f"invented-{number}") for number in range(100))
+    assert len(quota._paid_until) <= 8
