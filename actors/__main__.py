@@ -42,8 +42,9 @@ from common.protocol.run_keys import DEMONSTRATIONS, check_name
 from common.run.clock import ClockConfig
 from common.run.config import MAX_SEED, RunConfig
 from common.run.join import find_run, patiently
-from common.transport.credentials import own_name
+from common.transport.credentials import check_certificates, own_name
 from common.transport.endpoint import DEFAULT_ENDPOINT
+from common.transport.signature import checker
 from common.transport.zenoh_transport import connect
 
 _VIEWER_COMMANDS = {"--check": "check", "--play": "play", "--human": "human", "--viewer": "play"}
@@ -154,7 +155,11 @@ def main() -> int:
             transport, options.run, options.patience, stopped, options.certificates
         )
         options.check_against(config)
-        member = Member(name, transport, keys, config, options.patience, stop)
+        trusted = check_certificates(options.connect, options.certificates, "actor", name)
+        check = checker(trusted)
+        member = Member(
+            *(name, transport, keys, config, options.patience, stop), check_weights=check
+        )
         entropy = (
             [config.seed, zlib.crc32(name.encode()), member.incarnation]
             if options.seed is None

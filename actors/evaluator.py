@@ -71,6 +71,8 @@ class Evaluator:
             job = EvaluationJob.decode(self._jobs.request(b"").result().payload)
             self._member.check_run(job.run_id)
             if job.kind == "test":
+                told = job.epoch, job.run_id, job.weights, job.signature
+                self._member.check_weights("test", *told)
                 load_weights(self._policy.network, job.weights)
             return job
         except MessageError as error:

@@ -11,6 +11,7 @@ from common.process.log_lines import line
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.transport.interface import Transport
+from common.transport.signature import Check, unchecked
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,8 @@ class Member:
     incarnation: int = field(default_factory=time.time_ns)
     """Differs for each start of the process, and grows."""
     tell: Callable[[str], None] = lambda text: print(line(text), file=sys.stderr, flush=True)
+    check_weights: Check = unchecked
+    """Tells whether weights are the learner's own."""
 
     def check_run(self, run_id: str) -> None:
         """Refuse to take part in another run than the one that was joined.

@@ -15,7 +15,7 @@ class PolicySync:
         self._policy = policy
         self._weights = WeightsClient(member.transport, member.keys)
         self._config = member.config
-        self._warn = member.warn
+        self._member = member
         self._has_weights = False
 
     def take_weights(self) -> None:
@@ -23,11 +23,13 @@ class PolicySync:
         found = self._weights.take()
         if found is None or (self._has_weights and found[0] == self._policy.weights_version):
             return
-        version, payload = found
+        version, payload, signature = found
         try:
+            run_id = self._member.keys.run_id
+            self._member.check_weights("training", version, run_id, payload, signature)
             load_weights(self._policy.network, payload)
         except MessageError as error:
-            self._warn(f"weights {version} were not used: {error}")
+            self._member.warn(f"weights {version} were not used: {error}")
             return
         self._policy.weights_version = version
         self._has_weights = True

@@ -12,8 +12,8 @@
 # to actors.txt. A hub whose folder has that list lets in these actors only, and none of them in
 # another's name; a name that is deleted from it is out when the hub is started again.
 #
-# On another machine put ca.pem and the two files of its process alone; ca-key.pem, which can make
-# more of them, should stay where it is.
+# On another machine put ca.pem and the two files of its process alone, and on that of a learner that is
+# the hub both roles' files; ca-key.pem, which can make more of them, should stay where it is.
 set -eu
 
 if [ $# -lt 2 ] || { [ "$2" = --actors ] && [ $# -lt 3 ]; }; then

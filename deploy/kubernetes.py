@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,10 @@ def _kustomization(run: RunDescription) -> dict[str, Any]:
         "namespace": run.folder.name,
         "images": [{"name": "ale-robot", "newName": image, "newTag": tag}],
         "replicas": [{"name": "evaluators", "count": options.evaluators}],
-        "secretGenerator": [_secret(role) for role in ("hub", "actor") if options.tls],
+        # The learner is the hub, and signs its weights by a certificate of its own.
+        "secretGenerator": [
+            _secret(*roles) for roles in (("hub", "learner"), ("actor",)) if options.tls
+        ],
         "patches": [
             _workload(
                 *("StatefulSet", "learner", learner_command(run, "0.0.0.0", scheme)),
@@ -87,6 +91,8 @@ def _patch(kind: str, name: str, values: dict[str, Any]) -> dict[str, Any]:
     return {"target": {"kind": kind, "name": name}, "patch": json.dumps(steps)}
 
 
-def _secret(role: str) -> dict[str, Any]:
-    files = ["ca.pem", f"{role}.pem", f"{role}-key.pem"]
-    return {"name": role, "files": [f"certificates/{file}" for file in files]}
+def _secret(*roles: str) -> dict[str, Any]:
+    """Returns the secret of a process that has the certificates of these roles."""
+    pairs = [(f"{role}.pem", f"{role}-key.pem") for role in roles]
+    files = ["ca.pem", *chain.from_iterable(pairs)]
+    return {"name": roles[0], "files": [f"certificates/{file}" for file in files]}

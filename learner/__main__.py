@@ -24,6 +24,7 @@ from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder, write_atomically
 from common.transport.endpoint import from_here
+from common.transport.signature import signer
 from learner import status
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner, first_network
@@ -66,6 +67,7 @@ def train(options: LearnerOptions, again: bool) -> int:
     if again:
         options = going_on(options)
     config, folder = options.config, RunFolder(options.runs, run_name(options))
+    sign = signer(options.certificates)
     network = first_network(options, folder)
     demonstrations = begin_with(options.demonstrations, config, folder, resume=options.resume)
     device = choose_device(options.device, options.precision)
@@ -95,6 +97,7 @@ def train(options: LearnerOptions, again: bool) -> int:
         learner = build_learner(
             *(options, folder, transport, replay, algorithm, device, display, stop),
             *(KeptLogSink(keep), *pages),
+            sign=sign,
         )
         for url in urls:
             display.line(f"watch the run at {url}")

@@ -13,6 +13,7 @@ from common.run.folder import RunFolder
 from common.run.origin import check_fit, origin_of
 from common.run.stored_config import flat
 from common.transport.interface import Transport
+from common.transport.signature import Sign, unsigned
 from learner.algorithm.interface import Algorithm
 from learner.checkpoint import Checkpoint
 from learner.clock import RunClock
@@ -84,8 +85,12 @@ def build_learner(
     display: Display,
     stop: threading.Event,
     *more_sinks: Sink,
+    sign: Sign = unsigned,
 ) -> Learner:
     """Returns the learner of the run in ``folder``, not yet started.
+
+    Args:
+        sign: signs the weights that others play by.
 
     Raises:
         InputError: a file of the run is damaged.
@@ -153,6 +158,7 @@ def build_learner(
             config.learning.batch_size,
         ),
         broadcast=transport.publisher(keys.weights).publish,
+        sign=sign,
         checkpoint=checkpoint,
         phases=phases,
         held_out=held_out,
@@ -170,5 +176,5 @@ def build_learner(
     )
     if state is not None:
         learner.restore(state)
-    serve_evaluators(transport, keys, evaluation)
+    serve_evaluators(transport, keys, evaluation, sign)
     return learner

@@ -22,6 +22,7 @@ from common.protocol.run_status import HealthCheck
 from common.protocol.weights import encode_weights
 from common.protocol.wire import encode_version
 from common.run.config import RunConfig
+from common.transport.signature import Sign
 from learner.algorithm.interface import Algorithm, Update
 from learner.checkpoint import Checkpoint
 from learner.clock import Every, RunClock
@@ -62,7 +63,9 @@ class Learner:
     draw: Callable[[int], Prefetcher]
     """Starts to draw minibatches for a learner that has made so many updates."""
     broadcast: Callable[[bytes, bytes], None]
-    """Sends weights, and their version and run, to the actors."""
+    """Sends weights, and their version, run and signature, to the actors."""
+    sign: Sign
+    """Signs them."""
     checkpoint: Checkpoint
     phases: Phases
     held_out: HeldOut
@@ -146,8 +149,9 @@ class Learner:
         """Broadcast the weights; their version is the number of updates that made them."""
         self._check_loss()
         self._published = self.phases.updates
-        version = encode_version(self._published, self.replay.run_id)
-        self.broadcast(encode_weights(self.algorithm.published), version)
+        weights, run_id = encode_weights(self.algorithm.published), self.replay.run_id
+        signature = self.sign("training", self._published, run_id, weights)
+        self.broadcast(weights, encode_version(self._published, run_id, signature))
         self._publish_schedule.restart()
 
     # ------------------------------------------------------------------ the loop

@@ -173,7 +173,7 @@ class ReplayServer:
     def _keep_weights(self, message: Envelope) -> None:
         size = len(message.payload)
         try:
-            version = decode_version(message.attachment, self._keys.run_id)
+            version, _ = decode_version(message.attachment, self._keys.run_id)
             if size > MAX_MESSAGE_BYTES:
                 raise MessageError(f"more than {MAX_MESSAGE_BYTES} bytes")
         except MessageError as error:

@@ -24,13 +24,13 @@ class WeightsClient:
     def __init__(self, transport: Transport, keys: RunKeys) -> None:
         self._lock = threading.Lock()
         self._run_id = keys.run_id
-        self._latest: tuple[int, bytes] | None = None
+        self._latest: tuple[int, bytes, bytes] | None = None
         self._asked = -math.inf
         self._requester = transport.requester(keys.latest_weights, _FETCH_TIMEOUT)
         self._subscription = transport.subscribe(keys.weights, self._receive)
 
-    def take(self) -> tuple[int, bytes] | None:
-        """Version and safetensors bytes, once each."""
+    def take(self) -> tuple[int, bytes, bytes] | None:
+        """Version, safetensors bytes and their signature, all unchecked, once each."""
         if self._latest is None:
             return None
         with self._lock:
@@ -49,8 +49,8 @@ class WeightsClient:
         if len(message.payload) > MAX_MESSAGE_BYTES:
             return
         try:
-            version = decode_version(message.attachment, self._run_id)
+            version, signature = decode_version(message.attachment, self._run_id)
         except MessageError:
             return
         with self._lock:
-            self._latest = (version, message.payload)
+            self._latest = (version, message.payload, signature)

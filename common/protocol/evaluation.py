@@ -26,6 +26,8 @@ class EvaluationJob(Message):
     """Unchecked weights."""
     run_id: str = ""
     """Identity of the learner's run."""
+    signature: bytes = b""
+    """Unchecked too: the learner's, of weights, epoch and run."""
 
 
 @dataclass(frozen=True)

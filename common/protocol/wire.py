@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from common.checked import MAX_COUNT
 from common.errors import MessageError
 
-SCHEMA = 8
+SCHEMA = 9
 """Version of every message; processes of different versions refuse each other."""
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 MAX_ITEMS = 10_000
@@ -91,20 +91,21 @@ def pack_array(array: NDArray[Any]) -> dict[str, Any]:
     return {"dtype": plain.dtype.str, "shape": list(array.shape), "data": data}
 
 
-def encode_version(version: int, run_id: str) -> bytes:
-    """Returns what is sent beside weights: version and run."""
-    return f"{version} {run_id}".encode()
+def encode_version(version: int, run_id: str, signature: bytes = b"") -> bytes:
+    """Returns what is sent beside weights: version, run and signature."""
+    return f"{version} {run_id}\n".encode() + signature
 
 
-def decode_version(attachment: bytes, run_id: str) -> int:
-    """Returns the version that is sent beside weights of the run, as decimal digits.
+def decode_version(attachment: bytes, run_id: str) -> tuple[int, bytes]:
+    """Returns the version that is sent beside weights of the run, and their unchecked signature.
 
     Raises:
         MessageError: it is not a number from 0 to `MAX_COUNT`, or of another run.
     """
-    version, _, sender = attachment.partition(b" ")
+    about, _, signature = attachment.partition(b"\n")
+    version, _, sender = about.partition(b" ")
     if not version.isdigit() or len(version) > 19 or int(version) > MAX_COUNT:
         raise MessageError(f"{attachment[:40]!r} is not a version of weights")
     if sender != run_id.encode():
         raise MessageError(f"weights of another run than {run_id}")
-    return int(version)
+    return int(version), signature

@@ -11,6 +11,7 @@ from common.protocol.evaluation import EvaluationReport
 from common.protocol.run_keys import RunKeys, name_in
 from common.transport.interface import Request, Transport
 from common.transport.quota import REPORTS_PER_SECOND, Quota
+from common.transport.signature import Sign, unsigned
 from learner.evaluation.coordinator import EvaluationCoordinator
 
 _log = logging.getLogger(__name__)
@@ -18,17 +19,27 @@ _log.addFilter(Seldom())
 
 
 def serve_evaluators(
-    transport: Transport, keys: RunKeys, coordinator: EvaluationCoordinator
+    transport: Transport,
+    keys: RunKeys,
+    coordinator: EvaluationCoordinator,
+    sign: Sign = unsigned,
+    most_reports: float = REPORTS_PER_SECOND,
 ) -> None:
-    """Answer evaluators until ``transport`` is closed."""
-    quota = Quota(REPORTS_PER_SECOND)
+    """Answer evaluators until ``transport`` is closed.
+
+    Args:
+        sign: signs the weights of jobs.
+        most_reports: that are taken of one evaluator a second.
+    """
+    quota = Quota(most_reports)
 
     def give_job(request: Request) -> bytes:
         evaluator = name_in(request.key)
         if not re.fullmatch(NAME, evaluator):
             raise MessageError("no evaluator can have this name")
         job = coordinator.give_job(evaluator)
-        return replace(job, run_id=keys.run_id).encode()
+        signature = sign("test", job.epoch, keys.run_id, job.weights)
+        return replace(job, run_id=keys.run_id, signature=signature).encode()
 
     def take_report(request: Request) -> bytes | None:
         evaluator = name_in(request.key)

@@ -222,7 +222,7 @@ def test_weights_that_come_before_a_chunk_is_cut_do_not_stamp_it(
     env, payload = NumberedEnv([GOES_ON]), encode_weights(QNetwork(6))
     # New ones after each step, so that those of step t are version t.
     monkeypatch.setattr(WeightsClient, "fetch", lambda _: None)
-    monkeypatch.setattr(WeightsClient, "take", lambda _: (len(env.moments), payload))
+    monkeypatch.setattr(WeightsClient, "take", lambda _: (len(env.moments), payload, b""))
     stage.replay.limit = 3
     stage.start(env)
     stage.ended()

@@ -11,7 +11,7 @@ from actors import evaluator as evaluator_module
 from actors.evaluator import Evaluator
 from actors.member import Member
 from actors.policy import Policy
-from common.errors import InputError
+from common.errors import InputError, MessageError
 from common.network import QNetwork
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
@@ -20,6 +20,7 @@ from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
 from common.run.presets import PRESETS
 from common.transport.interface import Envelope, Transport
+from common.transport.signature import Check, unchecked
 from tests.actors.numbered_env import GAME_OVER, GOES_ON, NumberedEnv
 from tests.hub_stubs import PendingRequests
 from tests.patience import PATIENCE, wait_until
@@ -38,13 +39,15 @@ class Stage:
         self.warnings: list[str] = []
         self.stop = threading.Event()
         self.failure: Exception | None = None
+        self.check_weights: Check = unchecked
         self._client = client
         self._thread: threading.Thread | None = None
 
     def start(self, env: NumberedEnv, patience: float = 300.0) -> Policy:
         policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
         member = Member(
-            "e", self._client, KEYS, PRESETS["fast"], patience, self.stop, 9, self.warnings.append
+            *("e", self._client, KEYS, PRESETS["fast"], patience, self.stop, 9),
+            *(self.warnings.append, self.check_weights),
         )
         evaluator = Evaluator(member, env, policy)
 
@@ -264,3 +267,25 @@ def test_an_evaluator_leaves_a_learner_that_trains_another_run_now(stage: Stage)
     stage.give(replace(task(25), run_id="another"))
     stage.ended()
     assert "serves another run as r now than e joined" in str(stage.failure)
+
+
+def test_a_job_with_weights_that_the_learner_did_not_sign_is_not_taken(stage: Stage) -> None:
+    checked: list[tuple[object, ...]] = []
+
+    def check(*told: object) -> None:
+        checked.append(told)
+        if told[-1] != b"signed":
+            raise MessageError("they are not signed")
+
+    stage.check_weights = check
+    job = EvaluationJob("test", 3, 10, 0.1, WEIGHTS)
+    policy = stage.start(NumberedEnv(TEN_STEPS_A_GAME))
+    before = encode_weights(policy.network)
+    stage.give(job)
+    wait_until(lambda: stage.warnings, "it is told")
+    assert stage.warnings == ["e: a job was not taken: they are not signed"]
+    assert encode_weights(policy.network) == before
+    stage.give(replace(job, signature=b"signed"))
+    stage.test()
+    assert encode_weights(policy.network) == WEIGHTS
+    assert checked[-1] == ("test", 3, "", WEIGHTS, b"signed")

@@ -146,11 +146,16 @@ def test_the_certificates_of_kubernetes_are_for_its_hub(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     place = launch(monkeypatch, "kubernetes", tmp_path) / "certificates"
-    for role in ("hub", "actor"):
+    for role in ("hub", "learner", "actor"):
         Credentials.find(place, role)  # type: ignore[arg-type]
     show = ["openssl", "x509", "-in", place / "hub.pem", "-noout", "-ext", "subjectAltName"]
     shown = subprocess.run(show, check=True, capture_output=True, text=True)
     assert "DNS:learner" in shown.stdout
+    secrets = json.loads((place.parent / "kustomization.yaml").read_text())["secretGenerator"]
+    assert {each["name"]: [Path(file).name for file in each["files"]] for each in secrets} == {
+        "hub": ["ca.pem", "hub.pem", "hub-key.pem", "learner.pem", "learner-key.pem"],
+        "actor": ["ca.pem", "actor.pem", "actor-key.pem"],
+    }
     before = (place / "hub.pem").read_bytes()
     launch(monkeypatch, "kubernetes", tmp_path)
     assert (place / "hub.pem").read_bytes() == before

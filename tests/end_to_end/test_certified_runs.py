@@ -59,7 +59,7 @@ def test_actors_are_who_their_certificates_say(stage: Stage, certificates: Path)
     liar = stage.start(*place, str(own["tester"]), "--name=robot-7", "--patience=0")
     assert f"{own['tester'] / 'actor.pem'}" in liar.ends(2)
     learner.ends()
-    actor.ends()
+    assert "not used" not in actor.ends()
     tester.ends()
     assert "robot-7 joined" in learner.output
     assert "tester joined" in learner.output
@@ -72,7 +72,12 @@ def test_a_replay_of_its_own_with_an_actor_and_an_evaluator(
 ) -> None:
     own = ("--certificates", str(certificates))
     flags = ("--env=ale", *SMALL)
-    hub = stage.start("-m", "replay", "--listen", stage.endpoint, "--run=r", *own, *flags)
+    its = certificates.with_name("machine-of-the-hub")
+    its.mkdir()
+    for file in ("ca.pem", "hub.pem", "hub-key.pem"):
+        shutil.copy(certificates / file, its)
+    place = ("--listen", stage.endpoint, "--run=r", "--certificates", str(its))
+    hub = stage.start("-m", "replay", *place, *flags)
     hub.says("replay of run r")
     place = ("--run=r", "--connect", stage.endpoint, "--threads=1")
     learner = stage.start("-m", "learner", *place, *own, "--steps=1300", *flags)
@@ -81,10 +86,20 @@ def test_a_replay_of_its_own_with_an_actor_and_an_evaluator(
     stranger = stage.actor("s", "--patience=0")
     assert "needs --certificates FOLDER" in stranger.ends(2)
     learner.ends()
-    actor.ends()
-    evaluator.ends()
+    assert "not used" not in actor.ends()
+    assert "not taken" not in evaluator.ends()
     assert balanced(stage)
     assert {row["phase"] for row in stage.rows()} == {"random", "train", "test"}
+
+
+def test_actors_turn_away_weights_that_a_hub_has_signed(stage: Stage, certificates: Path) -> None:
+    stolen = shutil.copytree(certificates, certificates.with_name("stolen"))
+    for end in (".pem", "-key.pem"):
+        shutil.copy(stolen / f"hub{end}", stolen / f"learner{end}")
+    learner = stage.learner("--certificates", str(stolen), "--env=ale", "--steps=1300", *SMALL)
+    learner.says("actors find it at")
+    actor = stage.actor("a", "--certificates", str(certificates))
+    actor.says("weights 0 were not used: their signer's certificate is not that of a learner")
 
 
 def test_a_learner_may_send_demonstrations_to_a_replay_of_its_own(

@@ -153,7 +153,7 @@ def test_replay_actor_and_learner_meet_on_a_transport_from_outside(tmp_path: Pat
 
         weights = WeightsClient(transport, keys)
         weights.fetch()
-        assert weights.take() == (50, b"weights")
+        assert weights.take() == (50, b"weights", b"")
 
         warnings: list[str] = []
         inserts = InsertClient(

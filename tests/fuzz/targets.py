@@ -5,6 +5,7 @@ a message by `MessageError`; whatever else it raises would be logged with a trac
 process.
 """
 
+import math
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -32,6 +33,7 @@ from common.run.config import ProtocolConfig
 from common.run.presets import PRESETS
 from common.transport.checksum import DamagedMessage, seal, unseal
 from common.transport.interface import Answer, Closeable, Envelope, Request
+from common.transport.signature import Signature
 from learner.evaluation.coordinator import EpochTest, EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
@@ -133,14 +135,14 @@ class Targets:
         self.replay.run_id = RUN
         self._stack.callback(self.replay.close)
         transport = cast(Any, self.transport)
-        self._stack.enter_context(ReplayServer(transport, self.replay, config, RUN))
+        self._stack.enter_context(ReplayServer(transport, self.replay, config, RUN, math.inf))
         self.registry = ActorRegistry(transport, KEYS)
         self.registry._on_presence(KEYS.live("actor", "a1"), True)
         self.coordinator = EvaluationCoordinator(
             Snapshots(folder / "snapshots"), ProtocolConfig(), lambda: {"e"}, lambda: 0.0
         )
         self.coordinator.add(EpochTest(1, 10, 40, 40, 0.5, 100), b"w")
-        serve_evaluators(transport, KEYS, self.coordinator)
+        serve_evaluators(transport, KEYS, self.coordinator, most_reports=math.inf)
         member = Member("a", transport, KEYS, config, 1.0, threading.Event())
         LiveViews(member, "actor", [cast(Any, None)] * 2, cast(Any, None))
         actor, rng = Actor("a", FRAME_STACK), np.random.default_rng(0)
@@ -210,7 +212,7 @@ class Targets:
                 (STATS.encode(), replace(STATS, leaving=True).encode()),
                 lambda payload: heartbeats(Envelope(payload, b"", KEYS.stats("actor", "a1"))),
             ),
-            "version": Target((encode_version(7, RUN),), both),
+            "version": Target((encode_version(7, RUN), encode_version(7, RUN, b"s")), both),
             "weights": Target((encode_weights(network),), lambda data: load_weights(network, data)),
         }
 
@@ -244,6 +246,7 @@ class Targets:
             "job": Target((EvaluationJob("test", 1, 9, 0.1, b"w").encode(),), EvaluationJob.decode),
             "live_view": Target((view.encode(),), LiveView.decode),
             "run_status": Target((status.encode(),), RunStatus.decode),
+            "signature": Target((Signature(b"der", b"signed").encode(),), Signature.decode),
             "seal": Target((sealed,), lambda data: unseal("key", b"payload", data)),
         }
 

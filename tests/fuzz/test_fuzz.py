@@ -20,7 +20,7 @@ from tests.paths import ROOT
 NAMES = (
     "insert", "sample", "priorities", "held_out", "progress", "task", "report", "view", "stats",
     "version", "weights", "ack", "announcement", "batch", "held_out_states", "progress_told",
-    "job", "live_view", "run_status", "seal",
+    "job", "live_view", "run_status", "signature", "seal",
 )  # fmt: skip
 _A_FEW = 300
 _MOST_BYTES = 64 * 2**20

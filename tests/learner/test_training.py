@@ -17,6 +17,7 @@ from safetensors.torch import load
 from common.errors import InputError
 from common.protocol.chunk import Game
 from common.protocol.run_status import HealthCheck
+from common.protocol.wire import decode_version
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.algorithm.interface import Update
@@ -184,7 +185,9 @@ class World:
     # ---------------------------------------------------------------- the learner
 
     def broadcast(self, payload: bytes, version: bytes) -> None:
-        self.published.append((self.now, int(version.removesuffix(b" id")), payload))
+        number, signature = decode_version(version, "id")
+        assert signature == repr(("training", number, "id")).encode()
+        self.published.append((self.now, number, payload))
 
     def save(self, state: dict[str, Any]) -> None:
         if self.full:
@@ -259,6 +262,7 @@ class World:
             steps_goal=steps_goal,
             draw=self.draw,  # type: ignore[arg-type]
             broadcast=self.broadcast,
+            sign=lambda *told: repr(told[:3]).encode(),
             phases=Phases(self.config, clock),
             guard=HealthGuard(
                 *(5.0, stall_minutes, 4), force=force, warn=self.said.append, now=lambda: self.now

@@ -55,15 +55,15 @@ def broadcast(hub: Transport, client: Transport, inbox: WeightsClient) -> Broadc
 def test_a_broadcast_is_taken_once(broadcast: Broadcast, inbox: WeightsClient) -> None:
     assert inbox.take() is None
     broadcast.say((b"weights", b"3"))
-    assert inbox.take() == (3, b"weights")
+    assert inbox.take() == (3, b"weights", b"")
     assert inbox.take() is None
     broadcast.say((b"others", b"4"))
-    assert inbox.take() == (4, b"others")
+    assert inbox.take() == (4, b"others", b"")
 
 
 def test_only_the_latest_is_kept(broadcast: Broadcast, inbox: WeightsClient) -> None:
     broadcast.say((b"three", b"3"), (b"five", b"5"), (b"four", b"4"))  # of a learner that came back
-    assert inbox.take() == (4, b"four")
+    assert inbox.take() == (4, b"four", b"")
     assert inbox.take() is None
 
 
@@ -72,7 +72,7 @@ def test_weights_without_a_version_are_left(broadcast: Broadcast, inbox: Weights
         broadcast.say((b"garbage", attachment))
         assert inbox.take() is None
         broadcast.say((b"weights", b"1"), (b"garbage", attachment))
-        assert inbox.take() == (1, b"weights")
+        assert inbox.take() == (1, b"weights", b"")
 
 
 def test_weights_over_the_bound_are_left(
@@ -80,7 +80,7 @@ def test_weights_over_the_bound_are_left(
 ) -> None:
     monkeypatch.setattr(weights_inbox, "MAX_MESSAGE_BYTES", 10)
     broadcast.say((b"x" * 10, b"1"), (b"x" * 11, b"2"))
-    assert inbox.take() == (1, b"x" * 10)
+    assert inbox.take() == (1, b"x" * 10, b"")
 
 
 def test_a_late_joiner_fetches_the_newest(hub: Transport, client: Transport) -> None:
@@ -88,7 +88,7 @@ def test_a_late_joiner_fetches_the_newest(hub: Transport, client: Transport) -> 
     inbox = WeightsClient(client, KEYS)
     assert inbox.take() is None
     inbox.fetch()
-    assert inbox.take() == (12, b"weights")
+    assert inbox.take() == (12, b"weights", b"")
 
 
 def test_nobody_asks_more_often_than_a_hub_answers(

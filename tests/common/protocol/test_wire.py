@@ -152,7 +152,9 @@ def test_what_is_neither_plain_nor_an_array_is_not_sent(value: object) -> None:
 
 @pytest.mark.parametrize("version", [0, 7, 2**63 - 1])
 def test_a_version_is_read(version: int) -> None:
-    assert decode_version(encode_version(version, "id-1"), "id-1") == version
+    for signature in (b"", b"signed\n 1"):
+        attachment = encode_version(version, "id-1", signature)
+        assert decode_version(attachment, "id-1") == (version, signature)
 
 
 def test_a_version_of_another_run_is_refused() -> None:

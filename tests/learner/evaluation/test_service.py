@@ -8,7 +8,6 @@ from common.errors import MessageError
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
 from common.transport.interface import Transport, Unanswered
-from learner.evaluation import service
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
@@ -40,6 +39,13 @@ def test_a_job_is_asked_for_and_reported(hub: Transport, client: Transport, tmp_
     assert coordinator.take_finished() is not None
 
 
+def test_the_weights_of_a_job_are_signed(hub: Transport, client: Transport, tmp_path: Path) -> None:
+    coordinator = _coordinator(tmp_path)
+    serve_evaluators(hub, KEYS, coordinator, lambda *told: repr(told).encode())
+    coordinator.add(epoch_test(1), b"w")
+    assert _ask(client, "e").signature == repr(("test", 1, KEYS.run_id, b"w")).encode()
+
+
 def test_junk_is_refused_and_the_service_continues(
     hub: Transport, client: Transport, tmp_path: Path
 ) -> None:
@@ -64,11 +70,10 @@ def test_nobody_reports_in_another_name(hub: Transport, client: Transport, tmp_p
 
 
 def test_who_reports_too_often_is_not_heard_until_later(
-    hub: Transport, client: Transport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    hub: Transport, client: Transport, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(service, "REPORTS_PER_SECOND", 1e-9)
     coordinator = _coordinator(tmp_path)
-    serve_evaluators(hub, KEYS, coordinator)
+    serve_evaluators(hub, KEYS, coordinator, most_reports=1e-9)
     coordinator.add(epoch_test(1), b"w")
     assert _ask(client, "e").kind == "test"
     with pytest.raises(MessageError):

@@ -1,0 +1,116 @@
+"""Signatures of weights, by which actors know them for the learner's own, whoever passes them on.
+
+A hub passes on all that its processes say to each other, and one that was taken over could say it
+in their names. So at addresses that begin with ``tls/`` the learner signs weights with the key of
+its own certificate, which a hub need not have.
+"""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+
+from common.errors import InputError, MessageError
+from common.protocol.message import Message
+from common.transport.credentials import Credentials, common_name
+
+Sign = Callable[[str, int, str, bytes], bytes]
+"""Returns the signature of weights, given what they are for, version, run's identity and bytes."""
+Check = Callable[[str, int, str, bytes, bytes], None]
+"""Raises MessageError unless the last of its arguments is the learner's signature of the others,
+which are those of `Sign`."""
+_ALGORITHM = ec.ECDSA(hashes.SHA256())
+
+
+@dataclass(frozen=True)
+class Signature(Message):
+    """What travels beside weights."""
+
+    certificate: bytes
+    """The signer's, in DER."""
+    signature: bytes
+    """ECDSA with SHA-256."""
+
+
+def unsigned(*_: object) -> bytes:
+    """Implements `Sign` where nobody has a certificate."""
+    return b""
+
+
+def unchecked(*_: object) -> None:
+    """Implements `Check` there."""
+
+
+def signer(certificates: Path | None) -> Sign:
+    """Returns what signs by the learner's certificate in this folder, if there is one.
+
+    Raises:
+        InputError: the folder lacks it, or it cannot be used.
+    """
+    if certificates is None:
+        return unsigned
+    own = Credentials.find(certificates, "learner")
+    key = serialization.load_pem_private_key(own.key.read_bytes(), None)
+    if not isinstance(key, ec.EllipticCurvePrivateKey):
+        raise InputError(
+            f"{own.key} is not of an elliptic curve: make it anew with deploy/certificates.sh."
+        )
+    certificate = x509.load_pem_x509_certificate(own.certificate.read_bytes())
+    shown = certificate.public_bytes(serialization.Encoding.DER)
+
+    def sign(purpose: str, version: int, run_id: str, weights: bytes) -> bytes:
+        signed = key.sign(_signed(purpose, version, run_id, weights), _ALGORITHM)
+        return Signature(shown, signed).encode()
+
+    return sign
+
+
+def checker(credentials: Credentials | None) -> Check:
+    """Returns what checks signatures, as whoever has ``credentials`` trusts its authority."""
+    if credentials is None:
+        return unchecked
+    authority = x509.load_pem_x509_certificate(credentials.authority.read_bytes())
+
+    def check(purpose: str, version: int, run_id: str, weights: bytes, signature: bytes) -> None:
+        if not signature:
+            raise MessageError("they are not signed")
+        told = Signature.decode(signature)
+        try:
+            key = _learners_key(told.certificate, authority)
+            key.verify(told.signature, _signed(purpose, version, run_id, weights), _ALGORITHM)
+        except InvalidSignature:
+            raise MessageError("their signature does not fit") from None
+
+    return check
+
+
+def _learners_key(told: bytes, authority: x509.Certificate) -> ec.EllipticCurvePublicKey:
+    """The public key of a certificate of the run's learner.
+
+    Raises:
+        MessageError: it is of somebody else, or out of date.
+    """
+    try:
+        certificate = x509.load_der_x509_certificate(told)
+        certificate.verify_directly_issued_by(authority)
+        key = certificate.public_key()
+    except (ValueError, TypeError, x509.InvalidVersion, InvalidSignature, UnsupportedAlgorithm):
+        raise MessageError("their signer's certificate is not of our authority") from None
+    names = certificate.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
+    role = common_name("learner")
+    if [name.value for name in names] != [role] or not isinstance(key, ec.EllipticCurvePublicKey):
+        raise MessageError(f"their signer's certificate is not that of a {role}")
+    if not certificate.not_valid_before_utc <= datetime.now(UTC) <= certificate.not_valid_after_utc:
+        raise MessageError("their signer's certificate is out of date")
+    return key
+
+
+def _signed(purpose: str, version: int, run_id: str, weights: bytes) -> bytes:
+    """What is signed: the same of no two weights, purposes, versions or runs."""
+    return hashlib.sha256(weights).digest() + f"{purpose} {version} {run_id}".encode()
