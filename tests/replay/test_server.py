@@ -1,5 +1,6 @@
 """Replay server and remote replay."""
 
+import json
 import random
 import threading
 import time
@@ -13,6 +14,7 @@ import pytest
 from actors.member import Member
 from actors.stream.insert_client import InsertClient
 from common.errors import InputError, MessageError
+from common.process.log_lines import kept_log
 from common.protocol.ack import Ack
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.protocol.wire import pack
@@ -116,6 +118,27 @@ def test_a_chunk_at_another_actors_key_is_refused(
     assert place.memory.progress(0).refused == 3
     told = [each for each in caplog.messages if "forger" in each]
     assert told == ["a chunk of forger was refused: it names a as its actor"]
+
+
+def test_who_was_refused_is_kept(place: Place, tmp_path: Path) -> None:
+    chunk = Actor("b", 4).live([TERMINATES], np.random.default_rng(0))
+    with kept_log(tmp_path / "kept.jsonl", "replay"):
+        with pytest.raises(MessageError):
+            ask(place.client, KEYS.insert("liar"), chunk.encode())
+        assert insert(place.client, chunk).status == "stored"
+        place.memory.update_priorities(np.arange(1), np.full(1, np.nan, np.float32))
+        place.server.close()
+        place.server = ReplayServer(place.hub, place.memory, make_config(), RUN, quota=1e-9)
+        insert(place.client, chunk)
+        with pytest.raises(Unanswered):
+            insert(place.client, chunk)
+    kept = [json.loads(line) for line in (tmp_path / "kept.jsonl").read_text().splitlines()]
+    assert [each["message"] for each in kept] == [
+        "a chunk of liar was refused: it names b as its actor",
+        "steps 0 of b are not drawn again: their loss is not finite",
+        "b sends more than --actor-quota lets it: the rest has to wait",
+    ]
+    assert all(each["time"] for each in kept)
 
 
 def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
