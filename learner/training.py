@@ -131,15 +131,14 @@ class Learner:
     def _checkpoint(self) -> None:
         self._check_loss()
         self.replay.sync()  # or a power failure would leave a checkpoint that knows of more steps
-        self.checkpoint.save(
-            {
-                **self.phases.state(),
-                "rows": len(self.telemetry.rows),
-                "seconds": self.clock.seconds(),
-                "tests": self.evaluation.state(),
-                "actors": self.registry.state(),
-            }
-        )
+        state = {
+            **self.phases.state(),
+            "rows": len(self.telemetry.rows),
+            "seconds": self.clock.seconds(),
+            "tests": self.evaluation.state(),
+            "actors": self.registry.state(),
+        }
+        self.checkpoint.save_patiently(state, self.telemetry.say, self.stop)
 
     def _publish(self) -> None:
         """Broadcast the weights; their version is the number of updates that made them."""

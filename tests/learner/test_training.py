@@ -250,7 +250,9 @@ class World:
                 ),
             ),
             "checkpoint": SimpleNamespace(
-                path="FILE", save=self.save, wait_for_room=lambda say, stop: self.room()
+                path="FILE",
+                save_patiently=lambda state, say, stop: self.save(state),
+                wait_for_room=lambda say, stop: self.room(),
             ),
         }
         return Learner(
