@@ -5,7 +5,6 @@ each start, random shifts by one that is seeded with the updates so far, and the
 noise of their own.
 """
 
-import errno
 import json
 import os
 import shutil
@@ -27,8 +26,6 @@ from learner.algorithm.interface import Algorithm
 _ROOM = 2
 """Checkpoints for which there should be room; tables and snapshots are smaller."""
 _POLL = 0.1
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
-"""Why a disk that had room for a checkpoint may have none for the next."""
 
 
 class Checkpoint:
@@ -59,38 +56,6 @@ class Checkpoint:
         metadata = {"algorithm": self._name, "state": json.dumps(state)}
         metadata["checksum"] = str(_crc32(tensors, metadata["state"]))
         write_atomically(self.path, save(tensors, metadata), self.previous)
-
-    def save_patiently(
-        self, state: dict[str, Any], say: Callable[[str], None], stop: threading.Event
-    ) -> None:
-        """Save as `save` does, once the disk lets it: a run that has begun outlasts a full one.
-
-        Args:
-            say: takes a sentence for people.
-            stop: ends every wait.
-
-        Raises:
-            OSError: the disk refused it for another reason, before there was any checkpoint, or
-                until ``stop`` was set.
-        """
-        told = False
-        while True:
-            try:
-                self.save(state)
-                break
-            except OSError as error:
-                if error.errno not in _NO_ROOM or not self.path.exists() or stop.is_set():
-                    raise
-                if not told:
-                    say(
-                        f"WARNING: {self.path} cannot be written ({error.strerror}): training "
-                        "waits until it can."
-                    )
-                told = True
-            stop.wait(_POLL)
-            alive()
-        if told:
-            say("The checkpoint is written: training continues.")
 
     def load(self, say: Callable[[str], None]) -> dict[str, Any]:
         """Puts the newest state that is whole into the algorithm and returns the counters.
@@ -143,11 +108,11 @@ class Checkpoint:
         needed = _ROOM * self.path.stat().st_size
         if self._free() >= needed:
             return
-        how = "full" if self._may_write() else "read-only"
-        say(
-            f"WARNING: the disk of {self.path.parent} is {how}: training waits until "
-            f"{-(-needed // 2**20)} MiB of it are free."
-        )
+        if self._may_write():
+            how, until = "full", f"{-(-needed // 2**20)} MiB of it are free"
+        else:
+            how, until = "read-only", "it can be written"
+        say(f"WARNING: the disk of {self.path.parent} is {how}: training waits until {until}.")
         while self._free() < needed:
             if stop.wait(_POLL):
                 return
