@@ -34,9 +34,9 @@ FLAGS = (
     *("--env", "ale", "--preset", "fast", "--learning.network", "nips"),
     # An update for each step: few steps, so that long runs can be audited, in small chunks.
     *("--learning.batch-size", "32", "--learning.train-period", "1"),
-    *("--stream.chunk-steps", "16"),
-    *("--replay.learning-starts", "500", "--replay.ratio-tolerance", "2048"),
-    *("--learning.publish-period", "20", "--learning.checkpoint-period", "100"),
+    *("--stream.chunk-steps", "8"),
+    *("--replay.learning-starts", "300", "--replay.ratio-tolerance", "2048"),
+    *("--learning.publish-period", "10", "--learning.checkpoint-period", "100"),
     *("--protocol.held-out-states", "64", "--protocol.epoch-steps", "1000000"),
 )
 

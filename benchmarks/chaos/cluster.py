@@ -5,7 +5,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Self
 
@@ -209,8 +209,13 @@ class Cluster:
     def pause(self, name: str) -> Callable[[], None]:
         """Stop a process; returns what lets it go on."""
         process = self.processes[name]
-        os.kill(process.pid, signal.SIGSTOP)
-        return lambda: os.kill(process.pid, signal.SIGCONT)
+
+        def send(number: signal.Signals) -> None:
+            with suppress(ProcessLookupError):  # it has ended by itself meanwhile
+                os.kill(process.pid, number)
+
+        send(signal.SIGSTOP)
+        return lambda: send(signal.SIGCONT)
 
     def rejoin(self, name: str) -> None:
         """Ask an actor to leave, and let another come in its place."""

@@ -32,7 +32,8 @@ class Storm:
         self._deck: list[str] = []
 
     def strike(self) -> None:
-        """Let one fault happen, and wait until all works again.
+        """Let one fault happen, and wait until all works again; one in which the run reaches its
+        goal does not count.
 
         Raises:
             InputError: the run does not recover.
@@ -51,6 +52,8 @@ class Storm:
             time.sleep(seconds)
             end()
         recovery = cluster.recovery(PATIENCE)
+        if cluster.finished:
+            return
         if recovery is None:
             raise InputError(
                 f"the run did not recover in {PATIENCE:.0f} s from: {name}, {target}, "

@@ -1,6 +1,7 @@
 """A whole run under every kind of fault, audited."""
 
 from functools import partial
+from multiprocessing import forkserver
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,7 @@ class Forked:
 
 
 def test_no_kind_of_fault_costs_an_acknowledged_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    forkserver.ensure_running()  # it imports while certificates are made
     cluster = partial(Cluster, start=Forked)
     monkeypatch.setattr("benchmarks.chaos.__main__.Cluster", cluster)
     # It ends with the last fault, however slow the machine is.
