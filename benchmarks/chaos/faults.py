@@ -66,6 +66,10 @@ def _half_open(cluster: Cluster, name: str, _: random.Random) -> End:
     return end
 
 
+def _forget(cluster: Cluster, name: str, _: random.Random) -> None:
+    cluster.links[name].forget()
+
+
 def _reset(cluster: Cluster, name: str, _: random.Random) -> None:
     cluster.links[name].reset()
 
@@ -169,6 +173,7 @@ FAULTS = {
     "same name twice": Fault(_double, _actors, (1.0, 4.0)),
     "network away, what was sent arrives later": Fault(_cut, _clients, (1.0, 12.0)),
     "half-open connection": Fault(_half_open, _clients, (1.0, 12.0)),
+    "router restart, connection forgotten": Fault(_forget, _clients),
     "connection reset": Fault(_reset, _clients),
     "slow network, 20 to 300 ms": Fault(_delay, _clients, (2.0, 6.0)),
     # Zenoh's own messages have no checksum: some wrong bits in them make it panic. TLS has one.

@@ -12,7 +12,6 @@ from typing import Any, Self
 from benchmarks.child import free_endpoint
 from common.transport.endpoint import check_endpoint
 
-
 _AT_ONCE = struct.pack("ii", 1, 0)
 """Closes a connection by a reset."""
 
