@@ -3,7 +3,8 @@
 For each seed Catch is trained twice, once with the faults of `python -m benchmarks.chaos` and once
 without. Two figures of each curve are compared in pairs: the mean score of the last epochs, which
 is what was learned, and of all, which is how fast. The difference has a 95 % interval by Student's
-t over the seeds; the curves agree where both intervals lie within a margin around 0.
+t over the seeds; the curves agree where both intervals lie within a margin around 0. The same
+command with --json goes on with the next pair after an interruption.
 """
 
 import os
@@ -21,7 +22,7 @@ from benchmarks.chaos.cluster import Cluster
 from benchmarks.chaos.faults import PATIENCE
 from benchmarks.chaos.storm import Storm
 from benchmarks.child import scratch
-from benchmarks.report import BenchmarkOptions, Report, Seconds, main
+from benchmarks.report import BenchmarkOptions, Report, Seconds, main, resumed, write
 from common.checked import FromOne
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
@@ -60,19 +61,28 @@ class Options(BenchmarkOptions):
 
 
 def measure(options: Options) -> Report:
-    rows, curves = [], []
-    for seed in range(1, options.seeds + 1):
+    about = {
+        **{"title": "learning curves of Catch with and without faults", "steps": options.steps},
+        **{"actors": options.actors, "longest": options.longest, "margin": options.margin},
+    }
+    curves = resumed(options.json, about, "curves of these settings").get("curves", [])
+    for seed in range(len(curves) + 1, options.seeds + 1):
         without, _ = _run(options, seed, faults=False)
         broken, faults = _run(options, seed, faults=True)
-        curves.append({"seed": seed, "without": without, "with": broken})
-        rows.append(
-            {
-                **{"seed": seed, "faults": faults},
-                **{"last, without": _mean(without[-_LAST:]), "last, with": _mean(broken[-_LAST:])},
-                **{"all, without": _mean(without), "all, with": _mean(broken)},
-            }
-        )
-        print(rows[-1], flush=True)
+        curves.append({"seed": seed, "faults": faults, "without": without, "with": broken})
+        if options.json is not None:
+            write(options.json, {**about, "curves": curves})
+    rows = [
+        {
+            **{"seed": each["seed"], "faults": each["faults"]},
+            **{
+                f"{part}, {how}": _mean(each[how][begin:])
+                for part, begin in (("last", -_LAST), ("all", 0))
+                for how in ("without", "with")
+            },
+        }
+        for each in curves
+    ]
     notes, differences, agree = [], {}, True
     for name in ("last", "all"):
         found = [row[f"{name}, with"] - row[f"{name}, without"] for row in rows]
@@ -85,11 +95,8 @@ def measure(options: Options) -> Report:
             f"{'within' if within else 'not within'} ±{options.margin:g}."
         )
     notes.append(f"The curves {'agree' if agree else 'are not shown to agree'}.")
-    summary = {
-        **{"steps": options.steps, "actors": options.actors, "margin": options.margin},
-        **{"differences": differences, "agree": agree, "curves": curves},
-    }
-    return Report.of("learning curves of Catch with and without faults", rows, summary, *notes)
+    summary = {**about, "differences": differences, "agree": agree, "curves": curves}
+    return Report.of(str(about["title"]), rows, summary, *notes)
 
 
 def interval(values: Sequence[float]) -> tuple[float, float]:
