@@ -63,7 +63,7 @@ figures: setup  ## draw the figures of docs/ from the results
 		--names "robot, camera frames alone" "with proprioception" \
 		"with proprioception, lower learning rate"
 	$(PLOT) --figure progress --phase train -o docs/ale_learns.png \
-		$(R1) $(RESULTS)/ale_fast_30min.csv --names "preset fast before 9b6f246" "first preset fast"
+		$(R1) $(RESULTS)/ale_fast_30min.csv --names "former preset fast" "first preset fast"
 	$(PLOT) --figure progress --phase train -o docs/rungs_learn.png \
 		$(R1) $(patsubst %,$(LADDER)%-vector-pong-robot-seed-1.csv,R2 R3 R4) \
 		--names "R1, emulator alone" "R2, late keys" "R3, camera without hands" \

@@ -2,6 +2,7 @@
 
 import socket
 import time
+from collections import deque
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,9 @@ from common.checked import MAX_TEXT
 from common.press_latency import COUNTS
 from common.process.footprint import footprint
 from common.protocol.actor_stats import ActorStats, Role
+
+WINDOW = 10.0
+"""Seconds that count as of late: an actor plays in bursts while the replay throttles it."""
 
 
 class ActorCounters:
@@ -22,7 +26,7 @@ class ActorCounters:
         self.key_times = [0] * COUNTS
         """How long the hands took, see `common.press_latency`."""
         self._began = time.monotonic()
-        self._looked = (self._began, 0, 0.0)
+        self._looks = deque([(self._began, 0, 0.0)])
         self._worked = (self._began, time.process_time())
 
     def count(self, step: Step) -> None:
@@ -39,7 +43,7 @@ class ActorCounters:
             self.key_times[place] += 1
 
     def told(self, policy: Policy, leaving: bool, **chunks: Any) -> ActorStats:
-        """What the process tells about itself now; rates are since the last call.
+        """What the process tells about itself now; its rates are of late.
 
         Args:
             chunks: counters of the insert client, by their fields.
@@ -60,10 +64,12 @@ class ActorCounters:
         )
 
     def rates(self) -> tuple[float, float]:
-        """Steps per second, and the share of time held, since the last call."""
-        then, steps, held = self._looked
+        """Steps per second, and the share of time held, of late."""
         now = time.monotonic()
-        self._looked = (now, self.stats.steps, self.held_seconds)
+        self._looks.append((now, self.stats.steps, self.held_seconds))
+        while now - self._looks[0][0] > WINDOW:
+            self._looks.popleft()
+        then, steps, held = self._looks[0]
         seconds = max(now - then, 1e-6)
         share = min((self.held_seconds - held) / seconds, 1.0)
         return (self.stats.steps - steps) / seconds, share

@@ -206,6 +206,8 @@ Draw runs: reward and mean max-Q by epoch.
   --figure NAME        epochs, progress (by steps and time) or histogram
   --phase NAME         test or train
   -o FILE              picture: .png, .svg or .pdf
+
+  A run needs a complete epoch; --web and TensorBoard draw from its start.
 """,
     "backup": """\
 Copy a run, also while it works, to go on with it elsewhere.

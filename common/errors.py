@@ -10,7 +10,7 @@ from pathlib import Path
 
 from common.process.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, UNREACHABLE
 from common.process.log_lines import line
-from common.process.output import has_reader, silence
+from common.process.output import escape, has_reader, silence
 
 
 class InputError(Exception):
@@ -58,6 +58,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
     A program whose output nobody reads any more, as before ``| head``, ends in silence.
     """
     status: int | str | None
+    escape(sys.stdout)
     try:
         try:
             status = main()

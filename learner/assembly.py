@@ -91,11 +91,12 @@ def build_learner(
     ]
     for sink in sinks:
         sink.watch(feed)
-    if options.films:
-        sinks.append(FilmsSink(folder, options.films))
     if options.track is not None:
         tracked = TrackedRun(folder.name, replay.run_id, settings)
         sinks.append(TrackerSink(options.track, tracked))
+    if options.films:
+        # Before those that it tells of a film that is complete at the end, as they close too.
+        sinks.insert(0, FilmsSink(folder, options.films, others=sinks.copy()))
     held_out = HeldOut(folder.held_out)
     telemetry = Telemetry(
         *(config, constants, phases, registry, epochs, sinks, clock.now),

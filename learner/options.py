@@ -95,8 +95,8 @@ class LearnerOptions:
     """Address of a page to watch the run in a browser, such as 127.0.0.1:8080; without it there is
     none."""
     track: TrackerName | None = None
-    """Program that compares runs and gets the curves too: 'wandb', 'mlflow' or 'trackio'; where it
-    keeps them is its own setting, such as WANDB_MODE=offline."""
+    """Program that compares runs and gets curves, histograms and films too: 'wandb', 'mlflow' or
+    'trackio'; where it keeps them is its own setting, such as WANDB_MODE=offline."""
     gate_minutes: Annotated[float, Gt(0)] = RED_MINUTES
     """Minutes that a gate may be red before the run ends by itself, with exit code 3."""
     stall_minutes: Annotated[float, Gt(0), AllowInfNan(True)] = STALL_MINUTES

@@ -24,7 +24,7 @@ from viewer import overlay
 from viewer.movie import filming, open_movie
 from viewer.panels import Panels
 from viewer.player import File, Played, ShownPolicy, shown_env
-from viewer.show import ROOM_EVERY, Play
+from viewer.show import Play
 
 _CHAPTER = 8.0
 """Seconds of a chapter's play: a few rallies."""
@@ -88,7 +88,7 @@ class Film(Played):
         steps = round((self.seconds or _CHAPTER) * rate)
         with (
             shown_env(config) as env,
-            closing(Panels(env, self.nao_urdf, room_every=ROOM_EVERY, drifting=True)) as panels,
+            closing(Panels(env, self.nao_urdf, orbiting=True)) as panels,
             open_movie(video, rate) as film,
             filming(TimeRemainingColumn()) as progress,
         ):

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
 
 from common.errors import InputError, writing
@@ -21,7 +22,7 @@ def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
     """Returns a film at ``rate`` pictures a second, complete once its context is left.
 
     Raises:
-        InputError: neither .mp4 nor .gif; the file cannot be written; Pillow is missing.
+        InputError: neither .mp4 nor .gif; the file cannot be written.
     """
     kind = {".mp4": _mp4, ".gif": _gif}.get(path.suffix.lower())
     if kind is None:
@@ -75,13 +76,7 @@ def _mp4(path: Path, rate: float) -> Iterator[Add]:
 
 @contextmanager
 def _gif(path: Path, rate: float) -> Iterator[Add]:
-    """An animated GIF by Pillow, half as large and with colours of its own for each picture."""
-    try:
-        from PIL import Image
-    except ImportError:
-        raise InputError(
-            "a .gif needs Pillow: pip install pillow, or use a name that ends in .mp4."
-        ) from None
+    """An animated GIF, half as large and with colours of its own for each picture."""
     pictures: list[Image.Image] = []
 
     def add(picture: NDArray[np.uint8]) -> None:

@@ -21,10 +21,10 @@ from viewer import overlay
 
 PANEL = (512, 384)
 """Width and height of each of the four."""
-_LARGE = (560, 420)
-"""Width and height of the room's picture of which a drifting panel shows a part."""
-_DRIFT_PICTURES = 360
-"""Pictures until a drifting panel is where it began: at 15 a second, 24 s."""
+_ORBIT = 26.0
+"""Degrees by which an orbiting view of the room turns, to behind the robot's shoulder, and back."""
+_ORBIT_PICTURES = 360
+"""Pictures until it is where it began: at 15 a second, 24 s."""
 _INPUT = 336
 """Edge of the enlarged input: four pixels for each."""
 
@@ -35,7 +35,7 @@ class Panels:
     Args:
         room_every: pictures per rendering of the whole room, which takes more time than all else;
             the game on its screen is always new.
-        drifting: whether the view of the room wanders slowly.
+        orbiting: whether the view of the room turns slowly, which renders it for each picture.
         nao_urdf: another NAO to show in place of the one that plays, see `OwnNao`.
 
     Raises:
@@ -48,12 +48,12 @@ class Panels:
         nao_urdf: Path | None = None,
         *,
         room_every: int = 1,
-        drifting: bool = False,
+        orbiting: bool = False,
     ) -> None:
         self._env = env
         self._drawn = 0
         self._room_every = room_every
-        self._drifting = drifting
+        self._orbiting = orbiting
         self._own_nao: OwnNao | None = None
         if isinstance(env, RobotEnv):
             self._view = env.robot.view
@@ -86,14 +86,11 @@ class Panels:
         return picture
 
     def _room(self, screen: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        if self._orbiting:
+            turn = _ORBIT / 2 * (np.cos(2 * np.pi * self._drawn / _ORBIT_PICTURES) - 1)
+            return self._view(screen, *PANEL, "room", turn=turn)
         moved = self._drawn % self._room_every == 0
-        if not self._drifting:
-            return self._view(screen, *PANEL, "room", moved=moved)
-        large = self._view(screen, *_LARGE, "room", moved=moved)
-        spare = (np.array(_LARGE) - PANEL) / 2
-        turn = 2 * np.pi * self._drawn / _DRIFT_PICTURES
-        centre = (np.array(_LARGE) - 1) / 2 + spare * (np.sin(turn), np.sin(2 * turn) / 2)
-        return np.asarray(cv2.getRectSubPix(large, PANEL, centre.tolist()), np.uint8)
+        return self._view(screen, *PANEL, "room", moved=moved)
 
     def close(self) -> None:
         """Close what shows another NAO; the environment stays open."""

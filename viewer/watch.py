@@ -39,9 +39,9 @@ _WHOLE = 120
 """Width from which the whole camera picture is shown; in a smaller one the game's ball would
 vanish, so it is cut to `_MARGIN` times the height of the screen."""
 _MARGIN = 1.4
-_BOLD, _DIM, _GOOD, _BAD, _CHOSEN, _PLAIN = (
-    f"\x1b[{code}m" for code in ("1", "2", "32", "1;31", "33", "0")
-)
+_BOLD, _DIM, _GOOD, _BAD, _CHOSEN = (f"\x1b[{code}m" for code in ("1", "2", "32", "1;31", "33"))
+_PLAIN = "\x1b[0;38;2;214;214;214;48;2;0;0;0m"
+"""Grey on black, as what is beside the pictures, whatever colours the terminal has."""
 
 
 @dataclass(frozen=True)
@@ -129,9 +129,9 @@ class WatchScreen:
         free = rows - 1 - (right[1] + 1) // 2
         lines = self._lines(step, values, scores, side, free)
         for number, line in enumerate(lines[:free], rows - free):
-            text += f"\x1b[{number};{columns - side + 1}H{line}{_PLAIN}\x1b[K"
+            text += f"\x1b[{number};{columns - side + 1}H{_PLAIN}{line}{_PLAIN}\x1b[K"
         last = f"{self._name} plays {self._title}, {len(scores)} games over; q leaves"
-        return f"{text}\x1b[{rows};1H{_DIM}{last[: columns - 1]}{_PLAIN}\x1b[K"
+        return f"{text}\x1b[{rows};1H{_PLAIN}{_DIM}{last[: columns - 1]}{_PLAIN}\x1b[K\x1b[0m"
 
     def _seen(self, size: tuple[int, int]) -> NDArray[np.uint8]:
         """What the camera sees with what was found in it; of an emulator alone its screen."""

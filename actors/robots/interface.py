@@ -72,10 +72,12 @@ class Robot(Hands, Protocol):
         viewpoint: ViewName = "room",
         *,
         moved: bool = True,
+        turn: float = 0.0,
     ) -> NDArray[np.uint8]:
         """Returns a picture for people, ``uint8 [height, width, 3]``.
 
-        Without ``moved`` only the game on the screen has to be new.
+        Without ``moved`` only the game on the screen has to be new. ``turn`` is the angle, degrees,
+        by which a view that orbits is turned about what it shows, counterclockwise from above.
         """
 
     def close(self) -> None:

@@ -35,7 +35,7 @@ def race_figure(paths: Sequence[Path]) -> Figure:
         axes.axhline(score, color="#888888", linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
         text = f"{score:g}" if name == f"{score:g}" else f"{score:g} ({name})"
         right = axes.get_yaxis_transform()
-        axes.text(1, score, text, transform=right, ha="right", va="bottom", fontsize=8, color=INK)
+        axes.text(1.01, score, text, transform=right, va="center", fontsize=8, color=INK)
     label(axes, "wall clock of training (minutes)", "mean score of a game")
     legend(figure, axes)
     return figure

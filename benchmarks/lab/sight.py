@@ -28,6 +28,7 @@ from benchmarks.lab.sight_probe import QUANTITIES, collect, probe
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import FromOne
 from common.games import check_game
+from viewer import overlay
 
 MOST_PIXELS = 1.5
 MOST_DIFFERENCE = 8.0
@@ -89,7 +90,8 @@ class Album:
 
 
 def _drawn(look: Look) -> NDArray[np.uint8]:
-    picture = cv2.resize(look.picture, None, fx=1.5, fy=1.5, interpolation=cv2.INTER_NEAREST)
+    large = cv2.resize(look.picture, None, fx=1.5, fy=1.5, interpolation=cv2.INTER_NEAREST)
+    picture = np.asarray(large, np.uint8)
     label = f"{look.case.name} - {look.game}"
     if look.sight.corners is not None:
         # Corners count pixels' middles.
@@ -98,8 +100,9 @@ def _drawn(look: Look) -> NDArray[np.uint8]:
     frame = cv2.cvtColor(look.sight.frame, cv2.COLOR_GRAY2RGB)
     picture[-len(frame) :, : frame.shape[1]] = frame
     colour = _FOUND if look.sight.valid else _LOST
-    cv2.putText(picture, label, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
-    return np.asarray(picture, np.uint8)
+    picture[:30] = overlay.PAPER
+    overlay.write(picture, label, (8, 22), size=0.7, colour=colour)
+    return picture
 
 
 def look_around(options: Options, album: Album) -> dict[str, dict[str, ActorCounters]]:

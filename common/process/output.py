@@ -1,7 +1,9 @@
-"""Standard output that nobody can read: its reader has gone, or the disk is full."""
+"""Standard output that cannot be written as it is: its reader has gone, the disk is full, or a text
+has no encoding."""
 
 import os
 import select
+from io import TextIOWrapper
 from typing import TextIO
 
 
@@ -23,3 +25,9 @@ def silence(stream: TextIO) -> None:
         os.close(nowhere)
     except (OSError, ValueError):
         return
+
+
+def escape(stream: TextIO) -> None:
+    """Let what has no encoding, such as the name of a file that is not UTF-8, be escaped."""
+    if isinstance(stream, TextIOWrapper):
+        stream.reconfigure(errors="backslashreplace")

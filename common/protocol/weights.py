@@ -1,6 +1,5 @@
 """Weights of the network as bytes (safetensors), on the wire and on disk, checked before use."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import torch
@@ -23,7 +22,7 @@ _PUBLISHED = ("average.", "online.")
 there counts."""
 
 
-def published_weights(found: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+def published_weights(found: dict[str, Tensor]) -> dict[str, Tensor]:
     """Returns the weights that actors got of all that a checkpoint holds; weights alone as they
     are."""
     for prefix in _PUBLISHED:
@@ -47,10 +46,9 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
             weight that is not finite.
     """
     try:
-        found = load(payload)
+        found = published_weights(load(payload))
     except (SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
         raise NotSafetensors(f"not safetensors: {error}") from None
-    found = published_weights(found)
     expected = network.state_dict()
     if found.keys() != expected.keys():
         raise MessageError(f"weights {sorted(found.keys() ^ expected.keys())} differ in name")

@@ -82,7 +82,9 @@ def histogram_figure(evaluations: Sequence[Evaluation]) -> Figure:
         if single:
             found, games = np.unique(each.scores, return_counts=True)
             bars = axes.bar(np.interp(found, scores, places), games, 0.92, color=_BAR)
-            axes.bar_label(bars, color=INK, fontsize=9, padding=1)
+            # On a ground of its own, or the line of the mean would cross it.
+            ground = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+            axes.bar_label(bars, color=INK, fontsize=9, padding=2, bbox=ground, zorder=3)
         else:
             axes.hist(
                 each.scores, _BARS, range=(min(every), max(every)), color=_BAR, edgecolor="white"

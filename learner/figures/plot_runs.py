@@ -90,7 +90,10 @@ def _read(path: Path, phase: Phase) -> Run:
     table = path / "epochs.csv" if path.is_dir() else path
     rows = EpochTable(table).rows()
     if not any(row.phase != "random" for row in rows):
-        raise InputError(f"there is no epoch in {table}: let the run finish one first.")
+        raise InputError(
+            f"{table} has no complete epoch, of which figures are drawn: let the run go on, and "
+            "see its curves meanwhile with TensorBoard or on the page of --web."
+        )
     name = path.resolve().name if path.is_dir() else path.stem
     tested = any(row.phase == "test" for row in rows)
     settings = _settings(path) if path.is_dir() else None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from actors import counters as tally
-from actors.counters import ActorCounters
+from actors.counters import WINDOW, ActorCounters
 from actors.envs.step_info import StepInfo
 from actors.loop import Step
 
@@ -90,7 +90,7 @@ def test_what_the_process_takes_of_its_machine_is_told(clock: Clock) -> None:
     assert second.machine == socket.gethostname()
 
 
-def test_rates_are_since_the_last_look(clock: Clock) -> None:
+def test_rates_are_of_late(clock: Clock) -> None:
     found = ActorCounters()
     for _ in range(30):
         found.count(step())
@@ -100,7 +100,20 @@ def test_rates_are_since_the_last_look(clock: Clock) -> None:
     for _ in range(3):
         found.count(step())
     clock.now += 1.0
-    assert found.rates() == (3.0, 0.0)
+    assert found.rates() == (11.0, 0.5 / 3)
+    clock.now += WINDOW - 1.0  # the first two seconds are long ago
+    assert found.rates() == (0.3, 0.0)
+
+
+def test_an_actor_that_is_held_for_a_second_still_plays(clock: Clock) -> None:
+    found = ActorCounters()
+    rates = []
+    for second in range(20):
+        clock.now += 1.0
+        for _ in range(0 if second % 2 else 30):
+            found.count(step())
+        rates.append(found.rates()[0])
+    assert min(rates) >= 15.0
 
 
 def test_a_pause_that_began_before_the_last_look_fills_the_time_at_most(clock: Clock) -> None:

@@ -94,6 +94,19 @@ exit_on_input_error(main)
 """
 
 
+def test_a_name_that_is_not_utf_8_is_printed_escaped() -> None:
+    code = PRINTS.format(end='print("wrote x\\udcff.png")')
+    told = subprocess.run(
+        [sys.executable, "-c", code],
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"},
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    assert (told.stdout, told.stderr) == ("a line\nwrote x\\udcff.png\n", "")
+
+
 @pytest.mark.parametrize("end", ["", "sys.exit(0)", "sys.stdout.flush()"])
 def test_output_that_nobody_reads_ends_a_program_in_silence(end: str) -> None:
     process = subprocess.Popen(

@@ -73,6 +73,7 @@ class Finger:
         viewpoint: ViewName = "room",
         *,
         moved: bool = True,
+        turn: float = 0.0,
     ) -> NDArray[np.uint8]:
         return np.full((height, width, 3), 255 * (viewpoint == "hands"), np.uint8)
 

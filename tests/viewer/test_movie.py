@@ -1,12 +1,12 @@
 """Films that can be read again."""
 
 import contextlib
-import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from common.errors import InputError
 from viewer.movie import open_movie
@@ -57,21 +57,14 @@ def test_a_film_that_ends_by_an_error_has_what_was_taken(tmp_path: Path) -> None
 
 
 def test_a_gif(tmp_path: Path) -> None:
-    image = pytest.importorskip("PIL.Image")
     path = tmp_path / "film.GIF"
     film(path)
-    with image.open(path) as gif:
+    with Image.open(path) as gif:
         assert (gif.n_frames, gif.size) == (3, (64, 48))
         assert gif.info["duration"] == 70
         for number, colour in enumerate(COLOURS):
             gif.seek(number)
             np.testing.assert_allclose(gif.convert("RGB").getpixel((30, 20)), colour, atol=6)
-
-
-def test_a_gif_without_pillow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "PIL", None)
-    with pytest.raises(InputError, match="pillow"), open_movie(tmp_path / "film.gif", 15.0):
-        pass
 
 
 def test_other_names_are_refused_and_left_alone(tmp_path: Path) -> None:

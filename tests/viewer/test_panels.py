@@ -72,22 +72,18 @@ def test_four_panels_for_a_robot(robot: tuple[RobotEnv, Step]) -> None:
         np.testing.assert_array_equal(inner, panel[2:-24, 2:-2])
 
 
-def test_a_drifting_view_of_the_room_wanders(
+def test_an_orbiting_view_of_the_room_turns_there_and_back(
     robot: tuple[RobotEnv, Step], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(panels_module, "_DRIFT_PICTURES", 4)
+    monkeypatch.setattr(panels_module, "_ORBIT_PICTURES", 4)
     env, step = robot
-    with closing(Panels(env, room_every=10_000, drifting=True)) as panels:
-        rooms = [panels.draw(step, None)[2 : HEIGHT - 24, 2 : WIDTH - 2] for _ in range(4)]
-    large = env.robot.view(env.emulator.screen_rgb(), 560, 420, "room").astype(int)
-    middle, right, _, left = rooms
-    for room, at in ((middle, 24), (right, 48), (left, 0)):
-        parts = {
-            left: np.abs(room - large[20 : HEIGHT - 6, left + 2 : left + WIDTH - 2]).mean()
-            for left in (0, 24, 48)
-        }
-        assert min(parts, key=parts.__getitem__) == at, parts
-        assert parts[at] < 4  # half a pixel apart
+    with closing(Panels(env, orbiting=True)) as panels:
+        rooms = [panels.draw(step, None)[2 : HEIGHT - 24, 2 : WIDTH - 2] for _ in range(5)]
+    screen = env.emulator.screen_rgb()
+    for room, turn in zip(rooms, (0, -13, -26, -13, 0), strict=True):
+        expected = env.robot.view(screen, WIDTH, HEIGHT, "room", turn=turn)
+        np.testing.assert_array_equal(room, expected[2:-24, 2:-2])
+    assert np.abs(rooms[0].astype(int) - rooms[1]).mean() > 10
 
 
 def test_the_room_is_rendered_now_and_then(

@@ -69,6 +69,13 @@ def test_everything_is_there_and_within_the_terminal(robot: Any, size: tuple[int
     assert re.search(r"38;2;2[0-9]{2};(1[0-9]|[0-9])?[0-9];2[0-9]{2}", written)
 
 
+def test_texts_are_on_the_black_of_the_pictures_ground(robot: Any) -> None:
+    written, _ = drawn(robot, (80, 24))
+    starts = re.findall(r"\x1b\[\d+;\d+H(?=[^▀]*?\x1b\[K)(\x1b\[[0-9;]*m)?", written)
+    assert starts
+    assert {start.endswith(";48;2;0;0;0m") for start in starts} == {True}
+
+
 def test_what_does_not_change_is_not_written_again(robot: Any) -> None:
     first, screen = drawn(robot, (80, 24))
     step: Any = Step()

@@ -35,7 +35,7 @@ _TOKEN = re.compile(
     rb"|[\x00-\xff]",
     re.DOTALL,
 )
-_LET_GO = b":3"
+_REPEATED, _LET_GO = b":2", b":3"
 _TELLS = 2
 _ESCAPE = b"\x1b"
 _UNFINISHED = re.compile(rb"\x1b([\[O][?0-9;:]*)?\Z")
@@ -46,6 +46,10 @@ class HeldKeys:
 
     def __init__(self) -> None:
         self._until: dict[Keys, float] = {}
+        self._unread = Keys.NONE
+        """Keys that went down since `held` was last called."""
+        self._tapped = Keys.NONE
+        """Those of them that were let go since."""
         self._rest = b""
         self._arrow_hold = HOLD
         self.wants_out = False
@@ -61,8 +65,12 @@ class HeldKeys:
         for match in _TOKEN.finditer(sent):
             token = match[0]
             if match["arrow"] and match["event"] == _LET_GO:
-                self._until.pop(_SENT[match["arrow"]], None)
+                key = _SENT[match["arrow"]]
+                self._until.pop(key, None)
+                self._tapped |= key & self._unread
             elif match["arrow"]:
+                if match["event"] != _REPEATED:
+                    self._unread |= _SENT[match["arrow"]]
                 self._press(_SENT[match["arrow"]], now + self._arrow_hold)
             elif match["flags"] and int(match["flags"]) & _TELLS:
                 self._arrow_hold = LONGEST_HOLD
@@ -72,8 +80,9 @@ class HeldKeys:
                 self.wants_out = True
 
     def held(self, now: float) -> Keys:
-        """The keys that count as held at ``now``."""
-        held = Keys.NONE
+        """The keys that count as held at ``now``, and those that were tapped since the last call:
+        however rarely it is called, no tap is lost."""
+        held, self._tapped, self._unread = self._tapped, Keys.NONE, Keys.NONE
         for key, until in self._until.items():
             if now < until:
                 held |= key
@@ -84,3 +93,4 @@ class HeldKeys:
         # The other end of the stick's axis was let go, or the stick could not be here.
         if key in _OPPOSITE:
             self._until.pop(_OPPOSITE[key], None)
+            self._tapped &= ~_OPPOSITE[key]

@@ -25,8 +25,11 @@ def size_of(descriptor: int) -> tuple[int, int]:
 
 
 def write_all(descriptor: int, text: str) -> None:
-    """Write ``text`` to a file descriptor, however slowly it is taken."""
-    left = memoryview(text.encode())
+    """Write ``text`` to a file descriptor, however slowly it is taken.
+
+    What has no encoding, such as the name of a file that is not UTF-8, is escaped.
+    """
+    left = memoryview(text.encode(errors="backslashreplace"))
     while left:
         try:
             left = left[os.write(descriptor, left) :]

@@ -89,6 +89,7 @@ class OwnNao:
         viewpoint: ViewName,
         *,
         moved: bool = True,
+        turn: float = 0.0,
     ) -> NDArray[np.uint8]:
         """As `Nao.view` of ``nao``, with this robot in the place of ours."""
         place = nao.furniture.screen_place
@@ -99,7 +100,8 @@ class OwnNao:
             self._engine.resetJointState(self._body, self._joints[name], angle)
         self._controller.mimic(nao.controller)
         self._controller.show()
-        return self._views.picture(Nao.viewpoints[viewpoint], game, width, height, moved=moved)
+        seen_from = Nao.viewpoints[viewpoint].turned(turn)
+        return self._views.picture(seen_from, game, width, height, moved=moved)
 
     def _new_views(self) -> Views:
         furniture = self._furniture

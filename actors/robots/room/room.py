@@ -210,13 +210,15 @@ class Room(ABC):
         viewpoint: ViewName = "room",
         *,
         moved: bool = True,
+        turn: float = 0.0,
     ) -> NDArray[np.uint8]:
         """Returns a visitor's view of the room, ``uint8 [height, width, 3]`` (0.1 s or more).
 
         Without ``moved`` (1 ms) only the game is drawn anew, over the last rendering.
         """
         self.controller.show()
-        return self._views.picture(self.viewpoints[viewpoint], game, width, height, moved=moved)
+        seen_from = self.viewpoints[viewpoint].turned(turn)
+        return self._views.picture(seen_from, game, width, height, moved=moved)
 
     def scene(self) -> Scene:
         """Returns the room's shapes and where they are, for viewers that render them."""

@@ -1,7 +1,7 @@
 """Pictures of a room for people, from any viewpoint."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from actors.robots.room.camera import Camera, Rendering
 from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.robots.room.projector import Projection
-from actors.robots.room.rotation import Vector
+from actors.robots.room.rotation import Vector, about
+
+_MOST_KEPT = 8
+"""Views that are kept between pictures: a view that turns is another in each."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +38,26 @@ class Viewpoint:
             angles=(math.degrees(wide), self.angle),
         )
 
+    def turned(self, angle: float) -> "Viewpoint":
+        """Returns the viewpoint after a turn by ``angle`` degrees about the vertical through its
+        target, counterclockwise from above."""
+        x, y, z = about((0.0, 0.0, 1.0), math.radians(angle)) @ (
+            np.array(self.position) - self.target
+        )
+        right, front, up = self.target
+        return replace(self, position=(right + x, front + y, up + z))
+
 
 VISITOR = Viewpoint((-0.60, -1.05, 0.85), (0.50, 0.0, 0.335), 40.0)
 """View of the whole room: robot, desk and screen."""
+
+
+@dataclass
+class _View:
+    camera: Camera
+    projection: Projection | None
+    """None where the screen is behind the viewer."""
+    rendering: Rendering | None = None
 
 
 class Views:
@@ -56,8 +76,8 @@ class Views:
         self._screen_body = screen_body
         self._game_size = game_size
         self._corners = picture_corners
-        self._cameras: dict[tuple[Viewpoint, int, int], tuple[Camera, Projection | None]] = {}
-        self._renderings: dict[tuple[Viewpoint, int, int], Rendering] = {}
+        self._views: dict[tuple[Viewpoint, int, int], _View] = {}
+        """Those that were used last, the latest last."""
 
     def picture(
         self,
@@ -73,16 +93,20 @@ class Views:
         Without ``moved`` only the game is drawn anew, over the last rendering.
         """
         key = (viewpoint, width, height)
-        if key not in self._cameras:
-            self._cameras[key] = self._prepare(viewpoint.camera(self._engine, width, height))
-        camera, projection = self._cameras[key]
-        if moved or key not in self._renderings:
-            self._renderings[key] = camera.render(shadow=False)
-        rendering = self._renderings[key]
-        return rendering.rgb if projection is None else projection.draw(rendering, game)
+        view = self._views.pop(key, None)
+        if view is None:
+            view = self._prepare(viewpoint.camera(self._engine, width, height))
+            for oldest in list(self._views)[: 1 - _MOST_KEPT]:
+                del self._views[oldest]
+        self._views[key] = view
+        if moved or view.rendering is None:
+            view.rendering = view.camera.render(shadow=False)
+        if view.projection is None:
+            return view.rendering.rgb
+        return view.projection.draw(view.rendering, game)
 
-    def _prepare(self, camera: Camera) -> tuple[Camera, Projection | None]:
-        # Nothing can be projected where the screen is behind the viewer.
+    def _prepare(self, camera: Camera) -> _View:
         if not camera.may_see(self._corners.tolist(), [0.0] * len(self._corners)):
-            return camera, None
-        return camera, Projection(camera, self._corners, self._screen_body, self._game_size)
+            return _View(camera, None)
+        projection = Projection(camera, self._corners, self._screen_body, self._game_size)
+        return _View(camera, projection)

@@ -1,11 +1,16 @@
-"""`CurvesSink`: the run's curves over agent steps, for programs that draw them."""
+"""`CurvesSink`: a run's curves, histograms and films over agent steps, for programs that draw
+them."""
 
 from abc import abstractmethod
+from collections.abc import Mapping
 
 from common.metrics import METRICS, Metric, Values, number
 from common.run.epochs import EpochRow
 from learner.telemetry.sinks.sink import Sink
-from learner.telemetry.snapshot import Snapshot
+from learner.telemetry.snapshot import Histogram, Snapshot
+
+FILM = "play/film"
+"""Under this name a program has the films."""
 
 
 def tags_of(metric: Metric) -> list[str]:
@@ -21,17 +26,23 @@ class CurvesSink(Sink):
     def add(self, points: Values, agent_steps: int) -> None:
         """Take one point of each curve; those that are None are not known yet."""
 
+    @abstractmethod
+    def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
+        """Take histograms by their names."""
+
     def write(self, snapshot: Snapshot) -> None:
-        """One point on each live curve."""
+        """One point on each live curve, and the histograms."""
         values = snapshot.values
+        agent_steps = int(number(values, "run/agent_steps") or 0)
         self.add(
             {
                 tag: number(values, metric.key)
                 for metric in METRICS.values()
                 for tag in tags_of(metric)
             },
-            int(number(values, "run/agent_steps") or 0),
+            agent_steps,
         )
+        self.add_histograms(snapshot.histograms, agent_steps)
 
     def phase(self, row: EpochRow, agent_steps: int) -> None:
         """The figures of a finished phase, at the agent steps of the weights that played it.

@@ -2,7 +2,9 @@
 
 import logging
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from common.process.supervisor import Child
 from common.run.epochs import EpochRow
@@ -12,6 +14,12 @@ from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 
 _log = logging.getLogger(__name__)
+
+
+class _Epoch(NamedTuple):
+    number: int
+    agent_steps: int
+    """Of its network."""
 
 
 class FilmsSink(Sink):
@@ -24,32 +32,40 @@ class FilmsSink(Sink):
     Args:
         seconds: of play in each film.
         module: makes a film.
+        others: take each film that is complete.
     """
 
     period = 1.0
 
-    def __init__(self, folder: RunFolder, seconds: float, module: str = "viewer") -> None:
+    def __init__(
+        self,
+        folder: RunFolder,
+        seconds: float,
+        module: str = "viewer",
+        others: Sequence[Sink] = (),
+    ) -> None:
         self._folder = folder
         self._making = folder.films / "making"
         self._snapshots = Snapshots(folder.snapshots)
         self._seconds = seconds
         self._module = module
-        self._newest = 0
-        """The epoch to film next; 0 for none."""
-        self._epoch = 0
+        self._others = others
+        self._next: _Epoch | None = None
+        self._epoch = _Epoch(0, 0)
         self._child: Child | None = None
         """The process that films `_epoch`."""
 
     def start(self, resumed_at: int | None) -> None:
-        """Take up the newest epoch that has no film yet."""
+        """Take up the newest epoch, as of the checkpoint's agent steps, if it has no film yet."""
         shutil.rmtree(self._making, ignore_errors=True)
-        if newest := self._snapshots.newest():
-            self._newest = newest if not self._film(newest).exists() else 0
+        newest = self._snapshots.newest()
+        if newest and not self._file(newest).exists():
+            self._next = _Epoch(newest, resumed_at or 0)
 
     def phase(self, row: EpochRow, agent_steps: int) -> None:
         """See `Sink.phase`."""
         if row.phase == "train":
-            self._newest = row.epoch
+            self._next = _Epoch(row.epoch, agent_steps)
 
     def write(self, snapshot: Snapshot) -> None:
         """Begin the next film, once the one before has ended."""
@@ -59,11 +75,11 @@ class FilmsSink(Sink):
             if self._child is not None:
                 ended, self._child = self._child, None
                 self._end_film(ended)
-            if self._newest:
-                self._epoch, self._newest = self._newest, 0
+            if self._next is not None:
+                self._epoch, self._next = self._next, None
                 self._child = self._begin_film()
         except OSError as error:  # such as a full disk: a run is worth more than its films
-            _log.warning("there is no film of epoch %d: %s", self._epoch, error)
+            _log.warning("there is no film of epoch %d: %s", self._epoch.number, error)
 
     def close(self) -> None:
         """Break off the film that is being made."""
@@ -72,15 +88,15 @@ class FilmsSink(Sink):
         if self._child.poll() is None:
             self._child.end()
             self._video.unlink(missing_ok=True)
-            _log.warning("the film of epoch %d was broken off", self._epoch)
+            _log.warning("the film of epoch %d was broken off", self._epoch.number)
         else:
             self._end_film(self._child)
 
     def _begin_film(self) -> Child:
-        network = self._snapshots.file(self._epoch)
+        network = self._snapshots.file(self._epoch.number)
         self._making.mkdir(parents=True, exist_ok=True)
         self._folder.logs.mkdir(parents=True, exist_ok=True)
-        self._video = self._making / self._film(self._epoch).name
+        self._video = self._making / self._file(self._epoch.number).name
         return Child(
             *(self._module, "film", "--weights", str(network), "--video", str(self._video)),
             *("--seconds", f"{self._seconds:g}"),
@@ -90,10 +106,13 @@ class FilmsSink(Sink):
         )
 
     def _end_film(self, child: Child) -> None:
+        number, agent_steps = self._epoch
         if child.returncode:
-            _log.warning("there is no film of epoch %d: %s", self._epoch, child.last_line())
-        else:
-            self._video.replace(self._film(self._epoch))
+            _log.warning("there is no film of epoch %d: %s", number, child.last_line())
+            return
+        film = self._video.replace(self._file(number))
+        for sink in self._others:
+            sink.filmed(film, agent_steps)
 
-    def _film(self, epoch: int) -> Path:
+    def _file(self, epoch: int) -> Path:
         return self._folder.films / f"{self._snapshots.file(epoch).stem}.mp4"

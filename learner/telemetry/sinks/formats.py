@@ -41,7 +41,7 @@ def cores(busy: float) -> str:
 
 def size(count: int) -> str:
     """Bytes as ``277 MB``."""
-    return f"{count / 2**20:,.0f} MB"
+    return f"{count / 1e6:,.0f} MB"
 
 
 def duration(seconds: float) -> str:

@@ -1,5 +1,7 @@
 """What takes a run's figures: a file, a program beside it, or the terminal."""
 
+from pathlib import Path
+
 from common.run.epochs import EpochRow
 from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.snapshot import Snapshot
@@ -27,6 +29,9 @@ class Sink:
 
     def phase(self, row: EpochRow, agent_steps: int) -> None:
         """Take the figures of a finished phase, whose weights are ``agent_steps`` old."""
+
+    def filmed(self, file: Path, agent_steps: int) -> None:
+        """Take a film of an epoch's network at play, whose weights are ``agent_steps`` old."""
 
     def event(self, text: str) -> None:
         """Take notice of an event, which snapshots have among their notes from now on."""

@@ -1,12 +1,16 @@
-"""The run's curves for TensorBoard, over agent steps, with its settings, histograms and pictures.
+"""The run's curves for TensorBoard, over agent steps, with settings, histograms, pictures, films.
 
 PyTorch's writer of such files takes seconds to import, and brings nothing that is needed here.
 """
 
+import io
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 
+import av
+from PIL.Image import Quantize, fromarray
 from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import HistogramProto, Summary
 from tensorboard.compat.proto.tensor_pb2 import TensorProto
@@ -20,11 +24,13 @@ from common.metrics import METRICS, Value, Values
 from common.protocol.live_view import ViewRequest, size_of
 from learner.clock import Every
 from learner.telemetry.live_feed import Asked, LiveFeed
-from learner.telemetry.sinks.curves import CurvesSink, tags_of
+from learner.telemetry.sinks.curves import FILM, CurvesSink, tags_of
 from learner.telemetry.sinks.event_file import EventFile
 from learner.telemetry.snapshot import Histogram, Snapshot
 
 _PICTURE_SECONDS = 300.0
+_FILM_RATE, _FILM_PICTURES, _FILM_WIDTH = 5, 40, 512
+"""Of the GIF that stands for a film: pictures a second, most pictures, and pixels."""
 _LAYOUT: dict[str, dict[str, list[str]]] = {
     "Score": {
         "score": ["play/train_reward", "play/epoch_train_reward", "play/epoch_test_reward"],
@@ -80,12 +86,14 @@ class TensorBoardSink(CurvesSink):
         self._file.close()
 
     def write(self, snapshot: Snapshot) -> None:
-        """A point on each curve, the histograms, and now and then what an actor's camera sees."""
+        """As `CurvesSink.write`, and now and then what an actor's camera sees."""
         super().write(snapshot)
-        steps = int(snapshot.values.get("run/agent_steps") or 0)
-        self._add([_histogram(*each) for each in snapshot.histograms.items()], steps)
-        self._add_picture(snapshot, steps)
+        self._add_picture(snapshot, int(snapshot.values.get("run/agent_steps") or 0))
         self._file.flush()
+
+    def filmed(self, file: Path, agent_steps: int) -> None:
+        """See `Sink.filmed`; TensorBoard shows a GIF among its images."""
+        self._add([_gif(file)], agent_steps)
 
     def _add_picture(self, snapshot: Snapshot, agent_steps: int) -> None:
         if self._feed is None:
@@ -112,6 +120,10 @@ class TensorBoardSink(CurvesSink):
             ],
             agent_steps,
         )
+
+    def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
+        """See `CurvesSink.add_histograms`."""
+        self._add([_histogram(*each) for each in found.items()], agent_steps)
 
     def _add(self, values: list[Summary.Value], agent_steps: int) -> None:
         summary = Summary(value=values)
@@ -190,3 +202,24 @@ def _histogram(name: str, found: Histogram) -> Summary.Value:
         bucket=found.counts,
     )
     return Summary.Value(tag=name, histo=proto)
+
+
+def _gif(file: Path) -> Summary.Value:
+    """Returns the beginning of a film."""
+    with av.open(str(file.absolute())) as film:
+        stream = film.streams.video[0]
+        width, height = _FILM_WIDTH, round(_FILM_WIDTH / stream.width * stream.height)
+        every = max(round((stream.average_rate or _FILM_RATE) / _FILM_RATE), 1)
+        shown = islice(film.decode(stream), 0, every * _FILM_PICTURES, every)
+        first, *others = [
+            # Thirty times as fast as Pillow's usual way.
+            fromarray(each.to_ndarray(width=width, height=height, format="rgb24")).quantize(
+                method=Quantize.FASTOCTREE
+            )
+            for each in shown
+        ]
+    content = io.BytesIO()
+    pause = 1000 // _FILM_RATE
+    first.save(content, "GIF", save_all=True, append_images=others, duration=pause, loop=0)
+    image = Summary.Image(encoded_image_string=content.getvalue(), width=width, height=height)
+    return Summary.Value(tag=FILM, image=image)

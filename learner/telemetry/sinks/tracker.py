@@ -1,4 +1,4 @@
-"""``--track``: the run's curves and settings for a program that compares runs.
+"""``--track``: a run's curves, histograms, films and settings for a program that compares runs.
 
 Where it keeps them, and whether anything leaves this machine, is that program's own matter:
 ``WANDB_MODE=offline``, ``MLFLOW_TRACKING_URI``, ``TRACKIO_DIR``. It has a thread of its own, so a
@@ -14,11 +14,14 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any, Literal, Protocol
 
 from common.metrics import Value, Values
 from common.process.extras import extra_for
-from learner.telemetry.sinks.curves import CurvesSink
+from learner.clock import Every
+from learner.telemetry.sinks.curves import FILM, CurvesSink
+from learner.telemetry.snapshot import Histogram
 
 TrackerName = Literal["wandb", "mlflow", "trackio"]
 PROJECT = "ale-robot"
@@ -28,6 +31,7 @@ _MOST_WAITING = 256
 """Points that a slow tracker may still have before it: several minutes of a run."""
 _FAREWELL = 30.0
 """Seconds that a run waits at its end for a tracker."""
+_HISTOGRAM_SECONDS = 300.0
 _log = logging.getLogger(__name__)
 
 
@@ -42,72 +46,139 @@ class TrackedRun:
     """By their flags, as ``learning.n_step``."""
 
 
-Log = Callable[[Mapping[str, float], int], object]
-"""Adds a point to each of some curves; agent steps may go back, to those of a test's weights."""
-Close = Callable[[], object]
+class Tracker(Protocol):
+    """A program's run; all calls are of one thread. Agent steps may go back, to those of a test's
+    weights.
+
+    Args:
+        program: its module.
+        run: is begun, or gone on with after a restart.
+    """
+
+    def __init__(self, program: Any, run: TrackedRun) -> None: ...
+
+    def add(self, points: Mapping[str, float], agent_steps: int) -> None:
+        """Add a point to each of some curves."""
+
+    def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
+        """Add histograms by their names."""
+
+    def add_film(self, file: Path, agent_steps: int) -> None:
+        """Add a film."""
+
+    def close(self) -> None:
+        """Finish the run."""
 
 
-def _wandb(wandb: Any, run: TrackedRun) -> tuple[Log, Close]:
-    kept = wandb.init(
-        project=PROJECT,
-        name=run.name,
-        id=run.identity,
-        resume="allow",
-        config=dict(run.settings),
-        settings=wandb.Settings(silent=True),
-    )
-    # Not its own step, which may not go back.
-    kept.define_metric(_STEPS)
-    kept.define_metric("*", step_metric=_STEPS)
-    return lambda points, agent_steps: kept.log({_STEPS: agent_steps, **points}), kept.finish
+class WandB:
+    """Weights & Biases; see `Tracker`."""
+
+    def __init__(self, program: Any, run: TrackedRun) -> None:
+        self._program = program
+        self._run = program.init(
+            project=PROJECT,
+            name=run.name,
+            id=run.identity,
+            resume="allow",
+            config=dict(run.settings),
+            settings=program.Settings(silent=True),
+        )
+        # Not its own step, which may not go back.
+        self._run.define_metric(_STEPS)
+        self._run.define_metric("*", step_metric=_STEPS)
+
+    def add(self, points: Mapping[str, Any], agent_steps: int) -> None:
+        self._run.log({_STEPS: agent_steps, **points})
+
+    def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
+        kind = self._program.Histogram
+        self.add({name: kind(np_histogram=each) for name, each in found.items()}, agent_steps)
+
+    def add_film(self, file: Path, agent_steps: int) -> None:
+        self.add({FILM: self._program.Video(str(file))}, agent_steps)
+
+    def close(self) -> None:
+        self._run.finish()
 
 
-def _mlflow(mlflow: Any, run: TrackedRun) -> tuple[Log, Close]:
-    mlflow.set_experiment(PROJECT)
-    found = mlflow.search_runs(
-        filter_string=f"tags.`{_TAG}` = '{run.identity}'", output_format="list"
-    )
-    if found:
-        mlflow.start_run(run_id=found[0].info.run_id)
-    else:
-        mlflow.start_run(run_name=run.name, tags={_TAG: run.identity})
-        mlflow.log_params(dict(run.settings))
-    return lambda points, agent_steps: mlflow.log_metrics(points, step=agent_steps), mlflow.end_run
+class MLflow:
+    """MLflow, which has neither histograms nor films: they are files of its run; see `Tracker`."""
+
+    def __init__(self, program: Any, run: TrackedRun) -> None:
+        self._program = program
+        program.set_experiment(PROJECT)
+        found = program.search_runs(
+            filter_string=f"tags.`{_TAG}` = '{run.identity}'", output_format="list"
+        )
+        if found:
+            program.start_run(run_id=found[0].info.run_id)
+        else:
+            program.start_run(run_name=run.name, tags={_TAG: run.identity})
+            program.log_params(dict(run.settings))
+
+    def add(self, points: Mapping[str, float], agent_steps: int) -> None:
+        self._program.log_metrics(points, step=agent_steps)
+
+    def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
+        for name, each in found.items():
+            self._program.log_dict(each._asdict(), f"{name}/{agent_steps:09}.json")
+
+    def add_film(self, file: Path, agent_steps: int) -> None:
+        self._program.log_artifact(str(file), FILM)
+
+    def close(self) -> None:
+        self._program.end_run()
 
 
-def _trackio(trackio: Any, run: TrackedRun) -> tuple[Log, Close]:
-    trackio.init(
-        project=PROJECT,
-        name=f"{run.name}-{run.identity[:8]}",  # it knows a run by its name alone
-        config=dict(run.settings),
-        resume="allow",
-        auto_log_gpu=False,
-    )
-    return lambda points, agent_steps: trackio.log(points, step=agent_steps), trackio.finish
+class Trackio:
+    """Trackio; see `Tracker`."""
+
+    def __init__(self, program: Any, run: TrackedRun) -> None:
+        self._program = program
+        program.init(
+            project=PROJECT,
+            name=f"{run.name}-{run.identity[:8]}",  # it knows a run by its name alone
+            config=dict(run.settings),
+            resume="allow",
+            auto_log_gpu=False,
+        )
+
+    def add(self, points: Mapping[str, Any], agent_steps: int) -> None:
+        self._program.log(points, step=agent_steps)
+
+    def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
+        kind = self._program.Histogram
+        self.add({name: kind(np_histogram=each) for name, each in found.items()}, agent_steps)
+
+    def add_film(self, file: Path, agent_steps: int) -> None:
+        self.add({FILM: self._program.Video(file)}, agent_steps)
+
+    def close(self) -> None:
+        self._program.finish()
 
 
-TRACKERS: dict[TrackerName, Callable[[Any, TrackedRun], tuple[Log, Close]]] = {
-    "wandb": _wandb,
-    "mlflow": _mlflow,
-    "trackio": _trackio,
-}
-"""What begins a run with a program, given its module, or goes on with it after a restart; and how
-points are added and the run is finished. All of it happens on one thread."""
+TRACKERS: dict[TrackerName, type[Tracker]] = {"wandb": WandB, "mlflow": MLflow, "trackio": Trackio}
 
 
 class TrackerSink(CurvesSink):
-    """Gives a run's curves to the tracker called ``name``.
+    """Gives what a run shows to the tracker called ``name``.
+
+    Args:
+        now: monotonic seconds.
 
     Raises:
         InputError: it is not installed.
     """
 
-    def __init__(self, name: TrackerName, run: TrackedRun) -> None:
+    def __init__(
+        self, name: TrackerName, run: TrackedRun, now: Callable[[], float] = time.monotonic
+    ) -> None:
         self._name = name
         self._lost = 0
+        self._histograms = Every(_HISTOGRAM_SECONDS, now)
         with extra_for(f"--track {name}", name):
             program = import_module(name)
-        self._points = queue.Queue[tuple[dict[str, float], int] | None](_MOST_WAITING)
+        self._waiting = queue.Queue[Callable[[Tracker], object] | None](_MOST_WAITING)
         # A daemon: what a hanging server still lacks must not keep the process.
         self._thread = threading.Thread(
             target=self._work, args=(program, run), name=f"track {name}", daemon=True
@@ -117,31 +188,43 @@ class TrackerSink(CurvesSink):
     def add(self, points: Values, agent_steps: int) -> None:
         """See `CurvesSink.add`."""
         known = {tag: float(value) for tag, value in points.items() if value is not None}
-        if not self._thread.is_alive():
-            return
-        try:
-            self._points.put_nowait((known, agent_steps))
-        except queue.Full:
-            self._lost += 1
-            if self._lost == 1:
-                _log.warning("--track %s is too slow: it loses points of this run", self._name)
+        self._give(lambda tracker: tracker.add(known, agent_steps))
+
+    def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
+        """See `CurvesSink.add_histograms`; now and then, for MLflow keeps each as a file."""
+        if found and self._histograms.is_due():
+            self._give(lambda tracker: tracker.add_histograms(found, agent_steps))
+
+    def filmed(self, file: Path, agent_steps: int) -> None:
+        """See `Sink.filmed`."""
+        self._give(lambda tracker: tracker.add_film(file, agent_steps))
 
     def close(self) -> None:
         """Finish the tracked run, in bounded time."""
         ends = time.monotonic() + _FAREWELL
         with contextlib.suppress(queue.Full):
-            self._points.put(None, timeout=_FAREWELL)
+            self._waiting.put(None, timeout=_FAREWELL)
         self._thread.join(max(ends - time.monotonic(), 0.0))
         if self._thread.is_alive():
             _log.warning("--track %s does not answer: its last points are lost", self._name)
         elif self._lost:
             _log.warning("--track %s lacks %d points of this run", self._name, self._lost)
 
+    def _give(self, what: Callable[[Tracker], object]) -> None:
+        if not self._thread.is_alive():
+            return
+        try:
+            self._waiting.put_nowait(what)
+        except queue.Full:
+            self._lost += 1
+            if self._lost == 1:
+                _log.warning("--track %s is too slow: it loses points of this run", self._name)
+
     def _work(self, program: Any, run: TrackedRun) -> None:
         try:
-            log, close = TRACKERS[self._name](program, run)
-            while (point := self._points.get()) is not None:
-                log(*point)
-            close()
+            tracker = TRACKERS[self._name](program, run)
+            while (give := self._waiting.get()) is not None:
+                give(tracker)
+            tracker.close()
         except Exception as error:  # a run is worth more than its curves elsewhere
             _log.warning("--track %s is given up, and the run goes on: %s", self._name, error)

@@ -444,8 +444,8 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
     climb(broken, "R1", 1, float("nan"))
     for figure, path, words in (
         ("epochs", text, "is no table of epochs"),
-        ("progress", empty, "no epoch"),
-        ("epochs", tmp_path, "no epoch"),
+        ("progress", empty, "no complete epoch"),
+        ("epochs", tmp_path, "no complete epoch"),
         ("delay", text, "is no table of"),
         ("delay", robots, "no row of R1 or R2"),
         ("delay", broken, "damaged in row 1"),

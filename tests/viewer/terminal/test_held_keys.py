@@ -73,6 +73,19 @@ def test_where_letting_go_is_told_arrows_are_held_until_then() -> None:
     assert not held.wants_out
 
 
+def test_a_tap_between_two_looks_is_seen_once() -> None:
+    held = HeldKeys()
+    held.feed(b"\x1b[?2u\x1b[A\x1b[1;1:3A", 0.0)
+    assert held.held(0.05) == Keys.UP
+    assert held.held(0.05) == Keys.NONE
+    held.feed(b"\x1b[C\x1b[1;1:3C\x1b[D\x1b[1;1:3D", 0.1)
+    assert held.held(0.1) == Keys.LEFT  # the newer end of the axis
+    held.feed(b"\x1b[A", 0.2)
+    assert held.held(0.2) == Keys.UP
+    held.feed(b"\x1b[1;1:3A", 0.25)
+    assert held.held(0.25) == Keys.NONE  # it was seen
+
+
 def test_a_terminal_that_knows_the_question_and_says_no() -> None:
     held = HeldKeys()
     held.feed(b"\x1b[?0u\x1b[A", 0.0)

@@ -20,6 +20,7 @@ import viewer.terminal.window
 from actors.envs import env_id
 from common.errors import InputError
 from tests.paths import ROOT
+from viewer.terminal.terminal import write_all
 from viewer.terminal.window import TerminalWindow
 
 COLUMNS, ROWS = 60, 20
@@ -179,3 +180,11 @@ def test_an_environment_for_people(terminal: tuple[int, int], name: str, how: st
     assert text.count("▀") > COLUMNS * (ROWS - 4)
     assert "steps" in text
     assert text.index("\x1b[r") < text.index("closed")
+
+
+def test_a_name_that_is_not_utf_8_is_written_escaped() -> None:
+    read, write = os.pipe()
+    write_all(write, "x\udcff plays")
+    os.close(write)
+    with os.fdopen(read) as written:
+        assert written.read() == "x\\udcff plays"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from actors.robots.nao.controller import RELEASE_DEPTH
 from actors.robots.nao.robot import Nao
-from actors.robots.room.viewpoint import VISITOR
+from actors.robots.room.viewpoint import _MOST_KEPT, VISITOR
 from common.actions import KEYS_OF_ACTION, Keys
 
 GAME = np.full((210, 160, 3), (200, 40, 90), np.uint8)
@@ -96,3 +96,15 @@ def test_games_of_another_height() -> None:
     assert picture[120, 160].tolist() == [128, 128, 128]
     room.close()
     room.close()
+
+
+def test_a_view_that_turns_keeps_its_distance_and_is_not_kept_for_ever(room: Nao) -> None:
+    turned = VISITOR.turned(90.0)
+    away, before = (np.subtract(each.position, each.target) for each in (turned, VISITOR))
+    np.testing.assert_allclose(away, (-before[1], before[0], before[2]))
+    room.rest()
+    for turn in range(20):
+        room.view(GAME, 32, 24, turn=float(turn))
+    assert len(room._views._views) == _MOST_KEPT
+    kept = room.view(GAME, 32, 24, moved=False)  # rendered anew, for it was dropped
+    assert np.array_equal(kept, room.view(GAME, 32, 24))

@@ -8,6 +8,7 @@ import pytest
 
 from common.run.folder import RunFolder
 from learner.telemetry.sinks.films import FilmsSink
+from learner.telemetry.sinks.sink import Sink
 from tests.epoch_rows import epoch_row
 from tests.learner.telemetry.snapshots import snapshot
 from tests.paths import ROOT
@@ -26,7 +27,17 @@ def folder(tmp_path: Path) -> RunFolder:
 
 
 def end_epoch(films: FilmsSink, epoch: int, phase: str = "train") -> None:
-    films.phase(epoch_row((1.0,), epoch=epoch, phase=phase), 0)
+    films.phase(epoch_row((1.0,), epoch=epoch, phase=phase), 1_000 * epoch)
+
+
+class Shows(Sink):
+    """Takes films."""
+
+    def __init__(self) -> None:
+        self.films: list[tuple[str, str, int]] = []
+
+    def filmed(self, file: Path, agent_steps: int) -> None:
+        self.films.append((file.name, file.read_text(), agent_steps))
 
 
 def end_film(films: FilmsSink) -> None:
@@ -39,7 +50,8 @@ def told(folder: RunFolder) -> dict[str, str]:
 
 
 def test_one_epoch_after_the_other_and_none_twice(folder: RunFolder) -> None:
-    films = FilmsSink(folder, 2.5, FILMER)
+    other = Shows()
+    films = FilmsSink(folder, 2.5, FILMER, [other])
     end_epoch(films, 0, "random")
     films.write(snapshot({}))
     assert not folder.films.exists()
@@ -53,6 +65,7 @@ def test_one_epoch_after_the_other_and_none_twice(folder: RunFolder) -> None:
     films.write(snapshot({}))
     assert films._child is None
     films.close()
+    assert other.films == [("epoch-0001.mp4", "film network 1 2.5", 1_000)]
 
 
 def test_epochs_that_pass_meanwhile_are_left_out(folder: RunFolder) -> None:
@@ -71,7 +84,8 @@ def test_epochs_that_pass_meanwhile_are_left_out(folder: RunFolder) -> None:
 def test_a_film_that_fails_is_told_and_the_next_is_made(
     folder: RunFolder, caplog: pytest.LogCaptureFixture
 ) -> None:
-    films = FilmsSink(folder, 1.0, FILMER)
+    other = Shows()
+    films = FilmsSink(folder, 1.0, FILMER, [other])
     end_epoch(films, 2)
     films.write(snapshot({}))
     end_epoch(films, 4)
@@ -83,6 +97,7 @@ def test_a_film_that_fails_is_told_and_the_next_is_made(
     end_film(films)
     films.write(snapshot({}))
     assert told(folder).keys() == {"epoch-0004.mp4"}
+    assert [name for name, *_ in other.films] == ["epoch-0004.mp4"]
 
 
 def test_a_disk_without_room_is_told(folder: RunFolder, caplog: pytest.LogCaptureFixture) -> None:
@@ -109,12 +124,14 @@ def test_the_end_of_the_run_breaks_a_film_off(
 
 
 def test_a_film_that_is_made_at_the_end_is_kept(folder: RunFolder) -> None:
-    films = FilmsSink(folder, 1.0, FILMER)
+    other = Shows()
+    films = FilmsSink(folder, 1.0, FILMER, [other])
     end_epoch(films, 1)
     films.write(snapshot({}))
     end_film(films)
     films.close()
     assert told(folder).keys() == {"epoch-0001.mp4"}
+    assert len(other.films) == 1
 
 
 def test_a_resumed_run_films_its_newest_epoch(folder: RunFolder) -> None:
@@ -122,7 +139,8 @@ def test_a_resumed_run_films_its_newest_epoch(folder: RunFolder) -> None:
         making = folder.films / "making"
         making.mkdir(parents=True)
         (making / "epoch-0001.mp4").touch()  # of a learner that was killed
-        films = FilmsSink(folder, 1.0, FILMER)
+        other = Shows()
+        films = FilmsSink(folder, 1.0, FILMER, [other])
         films.start(resumed)
         films.write(snapshot({}))
         if resumed == 1_000:
@@ -130,6 +148,7 @@ def test_a_resumed_run_films_its_newest_epoch(folder: RunFolder) -> None:
             films.write(snapshot({}))
         assert films._child is None
         assert told(folder).keys() == expected
+        assert [steps for *_, steps in other.films] == ([1_000] if resumed == 1_000 else [])
         films.close()
         shutil.rmtree(making, ignore_errors=True)
 

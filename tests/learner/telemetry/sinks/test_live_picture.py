@@ -20,7 +20,7 @@ from learner.telemetry.snapshot import ActorView
 from tests.common.protocol.test_live_view import VIEW
 from tests.learner.telemetry.snapshots import snapshot
 
-STATS = ActorStats("a", "actor", 1, machine="host-7", busy_cores=0.98, memory_bytes=300 * 2**20)
+STATS = ActorStats("a", "actor", 1, machine="host-7", busy_cores=0.98, memory_bytes=300_000_000)
 RUN = snapshot({}, actors=(ActorView(stats=STATS, alive=True),))
 _RED_LEFT_HALF = np.zeros((240, 320, 3), np.uint8)
 _RED_LEFT_HALF[:, :160, 2] = 255

@@ -1,13 +1,16 @@
 """Curves, read back with TensorBoard's own reader."""
 
 import errno
+import io
 import os
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.backend.event_processing.plugin_event_multiplexer import EventMultiplexer
 from tensorboard.plugins.custom_scalar import metadata as custom_scalars
@@ -22,6 +25,7 @@ from learner.telemetry.live_feed import Asked
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.snapshot import ActorView, Histogram
 from tests.common.protocol.test_live_view import VIEW
+from tests.learner.telemetry.sinks.small_film import write_film
 from tests.learner.telemetry.snapshots import changed, snapshot
 
 STATUS = snapshot(
@@ -173,6 +177,23 @@ def test_histograms(tmp_path: Path) -> None:
     assert (event.step, shown.min, shown.max, shown.num) == (1_000, 0, 40, 4)
     assert (shown.sum, shown.sum_squares) == (3 * 5 + 30, 3 * 25 + 900)
     assert (shown.bucket_limit, shown.bucket) == ([10, 20, 40], [3, 0, 1])
+
+
+def test_a_film_is_a_gif_of_its_beginning(tmp_path: Path) -> None:
+    curves = started(tmp_path)
+    curves.filmed(write_film(tmp_path / "film.mp4", pictures=3 * 60), 25_500)
+    curves.close()
+    events = EventAccumulator(str(tmp_path))
+    events.Reload()
+    (image,) = events.Images("play/film")
+    assert (image.step, image.width, image.height) == (25_500, 512, 384)
+    with Image.open(io.BytesIO(image.encoded_image_string)) as shown:
+        assert (shown.format, shown.size) == ("GIF", (512, 384))
+        assert (getattr(shown, "n_frames", 1), shown.info["duration"]) == (40, 200)
+        first = np.asarray(shown.convert("L")).mean()
+        shown.seek(39)
+        # Every third of fifteen pictures a second, of 180 that grow brighter.
+        assert np.asarray(shown.convert("L")).mean() - first == pytest.approx(165, abs=5)
 
 
 class Feed:

@@ -1,11 +1,13 @@
 """Trackers, with the real programs in their offline modes, where they are installed."""
 
 import importlib
+import json
 import logging
 import struct
 import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -13,12 +15,17 @@ from typing import Any
 import pytest
 
 from common.errors import InputError
+from common.metrics import Value
 from common.run.presets import PRESETS
 from common.run.stored_config import flat
 from learner.telemetry.sinks import tracker as module
 from learner.telemetry.sinks.tracker import TrackedRun, TrackerSink
+from learner.telemetry.snapshot import Histogram
+from tests.learner.telemetry.sinks.small_film import write_film
+from tests.learner.telemetry.snapshots import snapshot
 from tests.patience import PATIENCE
 
+SPREAD = Histogram([3, 0, 1], [0.0, 10.0, 20.0, 40.0])
 RUN = TrackedRun("pong-1", "0123456789abcdef" * 2, flat(PRESETS["fast"]))
 
 
@@ -29,12 +36,23 @@ def program(name: str) -> Any:
         pytest.skip(f"{name} is not installed: pip install 'ale-robot[{name}]'")
 
 
-def tracked_twice(name: Any) -> None:
-    """A run of two points, restarted before its second."""
+def tracked_twice(
+    name: Any, film: Path, restart: Callable[[int], object] = lambda steps: None
+) -> None:
+    """A run of two points, restarted before its second, and then with a histogram and a film."""
     for steps, score in ((1_000, -20.5), (2_000, 18.0)):
+        restart(steps)
         sink = TrackerSink(name, RUN)
         sink.add({"play/test_reward": score, "learning/loss": None}, steps)
+        if steps == 2_000:
+            sink.add_histograms({"hands/press_ms": SPREAD}, steps)
+            sink.filmed(film, 1_500)
         sink.close()
+
+
+@pytest.fixture
+def film(tmp_path: Path) -> Path:
+    return write_film(tmp_path / "epoch-0001.mp4", 5)
 
 
 def records_of(file: Path) -> Iterator[bytes]:
@@ -47,14 +65,23 @@ def records_of(file: Path) -> Iterator[bytes]:
         at = at + 7 + length if kind else (at // 32_768 + 1) * 32_768
 
 
-def test_wandb_has_settings_and_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    program("wandb")
+def test_wandb_has_settings_points_histograms_and_films(
+    tmp_path: Path, film: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wandb = program("wandb")
     from wandb.proto.wandb_internal_pb2 import Record
 
     monkeypatch.setenv("WANDB_MODE", "offline")
-    monkeypatch.setenv("WANDB_DIR", str(tmp_path))
-    tracked_twice("wandb")
-    points, settings, names = [], {}, set()
+
+    def restart(steps: int) -> None:
+        """Its files are named by the second, in which two runs of this test may begin."""
+        wandb.teardown()  # or it would keep the first folder
+        (folder := tmp_path / str(steps)).mkdir()
+        monkeypatch.setenv("WANDB_DIR", str(folder))
+
+    tracked_twice("wandb", film, restart)
+    shown: list[tuple[int, dict[str, Any]]] = []
+    settings, names = {}, set()
     for file in sorted(tmp_path.rglob("*.wandb")):
         for data in records_of(file):
             record = Record.FromString(data)
@@ -63,40 +90,62 @@ def test_wandb_has_settings_and_points(tmp_path: Path, monkeypatch: pytest.Monke
                 settings |= {each.key: each.value_json for each in record.run.config.update}
             if record.HasField("history"):
                 items = record.history.item
-                found = {each.key or "/".join(each.nested_key): each.value_json for each in items}
-                points.append((int(found["agent_steps"]), float(found["play/test_reward"])))
-    assert points == [(1_000, -20.5), (2_000, 18.0)]
+                found = {
+                    each.key or "/".join(each.nested_key): json.loads(each.value_json)
+                    for each in items
+                }
+                del found["_timestamp"], found["_runtime"], found["_step"]
+                shown.append((found.pop("agent_steps"), found))
+    first, second, spread, (film_steps, filmed) = shown
+    assert first == (1_000, {"play/test_reward": -20.5})
+    assert second == (2_000, {"play/test_reward": 18.0})
+    told = {"_type": "histogram", "values": SPREAD.counts, "bins": SPREAD.edges}
+    assert spread == (2_000, {f"hands/press_ms/{key}": value for key, value in told.items()})
+    assert film_steps == 1_500
+    (kept,) = tmp_path.rglob(filmed["play/film/path"])
+    assert kept.read_bytes() == film.read_bytes()
     assert names == {(RUN.identity, "pong-1")}
     assert settings["learning.n_step"] == "5"
 
 
-def test_mlflow_has_one_run_over_a_restart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mlflow_has_one_run_over_a_restart(
+    tmp_path: Path, film: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     mlflow = program("mlflow")
     monkeypatch.setenv("MLFLOW_TRACKING_URI", tmp_path.as_uri())
     monkeypatch.setenv("MLFLOW_ALLOW_FILE_STORE", "true")
     mlflow.set_tracking_uri(tmp_path.as_uri())
-    tracked_twice("mlflow")
+    tracked_twice("mlflow", film)
     (run,) = mlflow.search_runs(search_all_experiments=True, output_format="list")
     assert run.info.run_name == "pong-1"
     assert run.data.params["learning.n_step"] == "5"
     history = mlflow.MlflowClient().get_metric_history(run.info.run_id, "play/test_reward")
     assert [(each.step, each.value) for each in history] == [(1_000, -20.5), (2_000, 18.0)]
+    (spread,) = tmp_path.rglob("artifacts/hands/press_ms/000002000.json")
+    assert json.loads(spread.read_text()) == SPREAD._asdict()
+    (kept,) = tmp_path.rglob("artifacts/play/film/epoch-0001.mp4")
+    assert kept.read_bytes() == film.read_bytes()
 
 
 def test_trackio_has_one_run_over_a_restart(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, film: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TRACKIO_DIR", str(tmp_path))
     program("trackio")
-    tracked_twice("trackio")
+    tracked_twice("trackio", film)
     storage = importlib.import_module("trackio.sqlite_storage").SQLiteStorage
     (run,) = storage.get_runs(module.PROJECT)
     assert run == "pong-1-01234567"
     points = storage.get_logs(module.PROJECT, run)
-    assert [(each["step"], each["play/test_reward"]) for each in points] == [
-        (1_000, -20.5),
-        (2_000, 18.0),
-    ]
+    assert all(each.pop("timestamp") for each in points)
+    first, second, spread, filmed = [(each.pop("step"), each) for each in points]
+    assert first == (1_000, {"play/test_reward": -20.5})
+    assert second == (2_000, {"play/test_reward": 18.0})
+    histogram = {"_type": "trackio.histogram", "values": SPREAD.counts, "bins": SPREAD.edges}
+    assert spread == (2_000, {"hands/press_ms": histogram})
+    assert filmed[0] == 1_500
+    (kept,) = tmp_path.rglob(filmed[1]["play/film"]["file_path"])
+    assert kept.read_bytes() == film.read_bytes()
 
 
 def test_a_tracker_that_is_not_installed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,17 +159,21 @@ class Program:
 
     def __init__(self, refuses: bool = False, hangs: threading.Event | None = None) -> None:
         self.points: list[int] = []
+        self.spreads: list[int] = []
         self.began_on = ""
         self.closed = False
         self._refuses, self._hangs = refuses, hangs
 
-    def begin(self, module: Any, run: TrackedRun) -> tuple[Any, Any]:
+    def begin(self, module: Any, run: TrackedRun) -> "Program":
         self.began_on = threading.current_thread().name
         if self._refuses:
             raise ConnectionError("log in first")
-        return self.log, self.close
+        return self
 
-    def log(self, points: Any, agent_steps: int) -> None:
+    def add_histograms(self, found: Any, agent_steps: int) -> None:
+        self.spreads.append(agent_steps)
+
+    def add(self, points: Any, agent_steps: int) -> None:
         if self.points and self._hangs is None:
             raise ConnectionError("nobody is there")
         if self._hangs is not None:
@@ -131,10 +184,28 @@ class Program:
         self.closed = True
 
 
-def begin(monkeypatch: pytest.MonkeyPatch, program: Program) -> TrackerSink:
+def begin(
+    monkeypatch: pytest.MonkeyPatch, program: Program, now: Callable[[], float] = time.monotonic
+) -> TrackerSink:
     monkeypatch.setitem(sys.modules, "wandb", ModuleType("wandb"))
     monkeypatch.setitem(module.TRACKERS, "wandb", program.begin)
-    return TrackerSink("wandb", RUN)
+    return TrackerSink("wandb", RUN, now)
+
+
+def test_a_snapshot_has_a_point_and_now_and_then_its_histograms(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    let_go = threading.Event()
+    let_go.set()
+    program, seconds = Program(hangs=let_go), [0.0]
+    sink = begin(monkeypatch, program, lambda: seconds[0])
+    sink.write(snapshot({"run/agent_steps": 500}))  # before there are any
+    for steps, wait in ((1_000, 0), (2_000, 10), (3_000, 300)):
+        seconds[0] += wait
+        values: dict[str, Value] = {"run/agent_steps": steps}
+        sink.write(snapshot(values, histograms={"hands/press_ms": SPREAD}))
+    sink.close()
+    assert (program.points, program.spreads) == ([500, 1_000, 2_000, 3_000], [1_000, 3_000])
 
 
 def test_a_tracker_that_fails_is_given_up_once_and_the_run_goes_on(
