@@ -1,9 +1,10 @@
 """`python -m actors`: robots, or emulators alone, that join a run and play for it."""
 
 if __name__ == "__main__":
-    from common.process.lifeline import leave_at_interrupt
+    from common.process.lifeline import leave_at_interrupt, leave_on_leash
 
     leave_at_interrupt()
+    leave_on_leash()
 
 import os
 import secrets
@@ -33,7 +34,7 @@ from common.network import build_network
 from common.pinned_file import path_of
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import parse
-from common.process.lifeline import leave_with_parent, on_signals
+from common.process.lifeline import on_signals
 from common.process.log_lines import say_json
 from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
@@ -85,8 +86,6 @@ class ActorOptions:
     """Seconds to wait for the hub, at the start and whenever it goes away."""
     log_json: bool = False
     """Lines of JSON instead of a screen or lines for people."""
-    leash: bool = False
-    """Leash: the process leaves when standard input ends; local mode holds the other end."""
 
     def check(self) -> None:
         self.clock.check()
@@ -138,8 +137,6 @@ def main() -> int:
         raise InputError(f"{name!r} stands for recorded games: choose another --name.")
     stop = threading.Event()
     on_signals(stop)
-    if options.leash:
-        leave_with_parent(stop)
     keep_large_blocks()
     # One core each: parallelism is between processes, and threads would fight over cores.
     torch.set_num_threads(1)
@@ -153,7 +150,9 @@ def main() -> int:
             certificates=options.certificates,
         ) as transport,
     ):
-        keys, config = find_run(transport, options.run, options.patience, stopped)
+        keys, config = find_run(
+            transport, options.run, options.patience, stopped, options.certificates
+        )
         options.check_against(config)
         member = Member(name, transport, keys, config, options.patience, stop)
         entropy = (

@@ -4,6 +4,11 @@
 learned from.
 """
 
+if __name__ == "__main__":
+    from common.process.lifeline import leave_on_leash
+
+    leave_on_leash()
+
 import json
 import sys
 import threading
@@ -26,7 +31,7 @@ from actors.loop import play
 from actors.policy import Policy
 from common.errors import exit_on_input_error
 from common.process.command_line import parse
-from common.process.lifeline import leave_with_parent, on_signals
+from common.process.lifeline import on_signals
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.stored_config import from_mapping
@@ -49,7 +54,6 @@ class GamesOptions:
     """Share of random agent steps."""
     seed: int = 1
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
-    leash: bool = False
 
 
 _COUNTED = ("steps", "matched", "valid", "decisions", "missed_deadlines", "late_frames")
@@ -90,8 +94,6 @@ def main() -> int:
     options = parse(GamesOptions, "actors.games", sys.argv[1:])
     stop = threading.Event()
     on_signals(stop)
-    if options.leash:
-        leave_with_parent(stop)
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     config = from_mapping(RunConfig, json.loads(options.settings))

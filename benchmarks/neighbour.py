@@ -4,7 +4,6 @@ Two cores of a rented machine may be one, or share caches and memory: what is me
 then not what is to be had beside others.
 """
 
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -28,9 +27,8 @@ def main() -> None:
     update = ours()
     update()
     print("ready", flush=True)
-    stop = threading.Event()
-    leave_with_parent(stop)
-    while not stop.is_set():
+    leave_with_parent()
+    while True:
         update()
 
 

@@ -2,10 +2,15 @@
 
 import threading
 from functools import partial
+from pathlib import Path
 
+from common.errors import InputError
+from common.network import QNetwork, build_network
 from common.protocol.run_keys import RunKeys
+from common.protocol.weights import encode_weights, load_weights_file
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
+from common.run.origin import check_fit, origin_of
 from common.run.stored_config import flat
 from common.transport.interface import Transport
 from learner.algorithm.interface import Algorithm
@@ -38,6 +43,37 @@ from learner.training import Learner
 from replay.interface import Replay
 
 
+def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
+    """Returns the network that a run begins with; one that has a checkpoint takes its weights from
+    there.
+
+    Raises:
+        InputError: it cannot be read, is not for what the run plays, or is given to a run that
+            began with another one.
+    """
+
+    def read(file: Path | None) -> QNetwork:
+        network = build_network(options.config, options.config.action_count)
+        if file is not None:
+            check_fit(file, origin_of(file), options.config)
+            load_weights_file(network, file, "this run")
+        return network
+
+    given = options.initial
+    kept = folder.initial if options.resume and folder.initial.exists() else None
+    if given is None:
+        return read(None if folder.checkpoint.exists() else kept)
+    # The same flags may start a run and go on with it, as a service's do.
+    network = read(given)
+    other = kept is not None and encode_weights(read(kept)) != encode_weights(network)
+    if other or (kept is None and options.resume and folder.has_begun):
+        raise InputError(
+            f"the run in {folder.path} did not begin with {given}: omit --initial, or name another "
+            "run."
+        )
+    return network
+
+
 def build_learner(
     options: LearnerOptions,
     folder: RunFolder,
@@ -55,16 +91,18 @@ def build_learner(
         InputError: a file of the run is damaged.
     """
     config = options.config
-    checkpoint = Checkpoint(
-        folder.checkpoint, folder.previous, algorithm, config.learning.algorithm
-    )
+    checkpoint = Checkpoint(folder.checkpoint, folder.previous, algorithm, config)
     state = checkpoint.load(display.line) if options.resume and folder.has_begun else None
+    # A run that began so goes on so; its films would have gaps otherwise.
+    keep = (
+        options.keep_snapshots or options.films > 0 or (state or {}).get("keeps_snapshots", False)
+    )
     keys = RunKeys(folder.name, replay.run_id)
     clock = RunClock()
     phases = Phases(config, clock)
     registry = ActorRegistry(transport, keys)
     evaluation = EvaluationCoordinator(
-        Snapshots(folder.snapshots, keep=options.keep_snapshots or options.films > 0),
+        Snapshots(folder.snapshots, keep=keep),
         config.protocol,
         evaluators=lambda: registry.alive("evaluator"),
         seconds=clock.seconds,

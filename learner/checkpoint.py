@@ -20,7 +20,9 @@ from torch import Tensor
 from common.crc32 import crc32
 from common.errors import InputError
 from common.process.service_manager import alive
+from common.run.config import RunConfig
 from common.run.folder import write_atomically
+from common.run.origin import origin_metadata
 from learner.algorithm.interface import Algorithm
 
 _ROOM = 2
@@ -33,15 +35,15 @@ class Checkpoint:
 
     Args:
         algorithm: what is kept and restored.
-        name: its name in the registry.
+        config: of the run.
     """
 
-    def __init__(self, path: Path, previous: Path, algorithm: Algorithm, name: str) -> None:
+    def __init__(self, path: Path, previous: Path, algorithm: Algorithm, config: RunConfig) -> None:
         self.path = path
         self.previous = previous
         self.damaged = path.with_suffix(".damaged")
         self._algorithm = algorithm
-        self._name = name
+        self._origin = origin_metadata(config)
 
     def save(self, state: dict[str, Any]) -> None:
         """Write everything, atomically; what was there becomes the previous one.
@@ -53,7 +55,7 @@ class Checkpoint:
             name: value.detach().cpu().contiguous()
             for name, value in self._algorithm.state().items()
         }
-        metadata = {"algorithm": self._name, "state": json.dumps(state)}
+        metadata = {**self._origin, "state": json.dumps(state)}
         metadata["checksum"] = str(_crc32(tensors, metadata["state"]))
         write_atomically(self.path, save(tensors, metadata), self.previous)
 
@@ -64,13 +66,13 @@ class Checkpoint:
             say: takes a sentence for people.
 
         Raises:
-            InputError: no file is whole, or it is of another algorithm, network or optimizer.
+            InputError: no file is whole, or it is of another network or optimizer.
         """
         try:
-            metadata, tensors, state = _read(self.path)
+            tensors, state = _read(self.path)
         except _DAMAGE as error:
             try:
-                metadata, tensors, state = _read(self.previous)
+                tensors, state = _read(self.previous)
             except _DAMAGE:
                 raise InputError(
                     f"the checkpoint {self.path} is damaged or missing ({error}), and there is "
@@ -82,12 +84,6 @@ class Checkpoint:
             say(
                 f"WARNING: the checkpoint {self.path} is damaged or missing ({error}): the run "
                 f"goes on from {self.previous.name}, the one before."
-            )
-        # Former checkpoints do not name it.
-        if (made_with := metadata.get("algorithm", self._name)) != self._name:
-            raise InputError(
-                f"the checkpoint {self.path} was made with the algorithm {made_with}: add "
-                f"--learning.algorithm {made_with}."
             )
         try:
             self._algorithm.load_state(tensors)
@@ -131,8 +127,8 @@ _DAMAGE = (SafetensorError, FileNotFoundError, LookupError, ValueError, Recursio
 """What reading raises of a file that is not what was written, or not there."""
 
 
-def _read(path: Path) -> tuple[dict[str, str], dict[str, Tensor], dict[str, Any]]:
-    """Returns metadata, tensors and counters of a checkpoint that is whole."""
+def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Returns tensors and counters of a checkpoint that is whole."""
     if path.exists() and not path.is_file():
         raise ValueError("it is not a regular file")
     with safe_open(path, "pt") as file:
@@ -144,7 +140,7 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Tensor], dict[str, Any]
         whole = metadata["crc32"] == str(_crc32(tensors))
     if not whole:
         raise ValueError("its checksum does not match")
-    return metadata, tensors, json.loads(metadata["state"])
+    return tensors, json.loads(metadata["state"])
 
 
 def _crc32(tensors: dict[str, Tensor], text: str = "") -> int:

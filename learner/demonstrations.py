@@ -28,7 +28,7 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.run.config import RunConfig
-from common.run.folder import RunFolder, write_atomically
+from common.run.folder import RunFolder
 from common.run.stored_config import flat
 from common.transport.interface import Envelope, Transport
 from common.transport.requests import Window
@@ -49,15 +49,13 @@ _DEADLINE = 5.0
 _PAUSE = 0.2
 _PATIENCE = 10.0
 """Seconds after which people are told that the replay does not answer."""
-_LONGEST_PATH = 4_096
-"""Characters of a path on Linux."""
 
 
 @dataclass(frozen=True)
 class Begun:
     """What a run's folder says of its demonstrations."""
 
-    path: Annotated[str, StringConstraints(max_length=_LONGEST_PATH)]
+    path: Annotated[str, StringConstraints(max_length=4_096)]  # as on Linux
     fingerprint: str
     """Hash of the recording, see `common.dataset.reader.Dataset`."""
     steps: Count
@@ -80,9 +78,8 @@ class Begun:
                 f"{folder.demonstrations} is damaged ({error}): mend it, or put it back."
             ) from None
 
-    def write(self, folder: RunFolder) -> None:
-        """Keep it in the run's folder."""
-        write_atomically(folder.demonstrations, json.dumps(asdict(self)).encode())
+    def encode(self) -> bytes:
+        return json.dumps(asdict(self)).encode()
 
 
 class Demonstrations:
@@ -192,8 +189,8 @@ class Demonstrations:
         keys: RunKeys,
         stop: threading.Event,
         tell: Callable[[str], None],
-    ) -> bool:
-        """Send all to the run's replay; returns whether it has them, or ``stop`` was set before.
+    ) -> Begun | None:
+        """Send all to the run's replay; returns that it has them; None if ``stop`` was set.
 
         Raises:
             InputError: the replay refuses one.
@@ -226,9 +223,9 @@ class Demonstrations:
             for chunk in self._chunks(keys.run_id, self._stats.incarnation):
                 window.send(chunk.encode())
                 if not wait(self._config.stream.window - 1):
-                    return False
+                    return None
             if not wait(0):
-                return False
+                return None
             if self._dataset.fingerprint != self.begun.fingerprint:
                 raise InputError(
                     f"{self.begun.path} was changed while it was read: begin a new run with it."
@@ -239,7 +236,7 @@ class Demonstrations:
             requester.close()
             presence.close()
         tell(f"the replay begins with {self._stats.steps:,} steps of {self.begun.path}.")
-        return True
+        return replace(self.begun, complete=True)
 
 
 def begin_with(
@@ -247,15 +244,18 @@ def begin_with(
 ) -> Demonstrations | None:
     """Returns the demonstrations that are still to be sent, of those ``given`` by the user.
 
-    A run that was interrupted while they were sent goes on with them.
+    A run that was interrupted while they were sent goes on with them. One that has them does not
+    read them again.
 
     Raises:
         InputError: they cannot be used, or the run did not begin with them.
     """
     begun = Begun.of(folder) if resume else None
     path = given
-    if path is None and begun is not None and not begun.complete:
-        path = Path(begun.path)
+    if begun is not None:
+        path = (given or Path(begun.path)).resolve()
+        if begun.complete and path == Path(begun.path):
+            return None
     if path is None:
         return None
     found = Demonstrations(path, config)

@@ -56,7 +56,7 @@ class LearnerOptions:
     after them. What the actors play until then counts too."""
     keep_snapshots: bool = False
     """Keep each epoch's weights in the run's snapshots/, 1 to 7 MB each, as epoch-0001.safetensors
-    and so on; epochs.csv tells their wall clock and steps."""
+    and so on, at each --resume too; epochs.csv tells their wall clock and steps."""
     films: Amount = 0.0
     """Seconds of a film of each epoch's network, as far as there is time to make it, in the run's
     films/ as epoch-0001.mp4 and so on; 0 for no films. Keeps each epoch's weights too."""
@@ -144,8 +144,12 @@ class LearnerOptions:
 
 def going_on(options: LearnerOptions) -> LearnerOptions:
     """Returns the options that continue the run, if it has begun."""
-    begun = RunFolder(options.runs, run_name(options)).stored_config() is not None
-    return replace(options, resume=True, initial=None) if begun else options
+    folder = RunFolder(options.runs, run_name(options))
+    if folder.stored_config() is None:
+        return options
+    # What the run has kept of it counts; the file may be another by now.
+    initial = None if folder.initial.exists() else options.initial
+    return replace(options, resume=True, initial=initial)
 
 
 def run_name(options: LearnerOptions) -> str:

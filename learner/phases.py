@@ -9,6 +9,7 @@ import numpy as np
 from torch import Tensor
 
 from common.metrics import Value
+from common.protocol.run_keys import DEMONSTRATIONS
 from common.run.config import RunConfig
 from common.run.epochs import EpochRow
 from learner.clock import RunClock
@@ -66,7 +67,8 @@ class Phases:
     def count(self, chunks: Iterable[ChunkStatistics]) -> Iterator[PhaseEnd]:
         """Count chunks; yields each phase that one of them completes, before going on.
 
-        A chunk belongs whole to the phase in which it arrives.
+        A chunk belongs whole to the phase in which it arrives. Demonstrations end none: those that
+        are longer than the warm-up make it longer.
         """
         for chunk in chunks:
             if chunk.index < self.chunks_seen:
@@ -80,7 +82,7 @@ class Phases:
                 self.games += len(scores)
                 self._recent_scores.extend(scores)
             self._recent_chunks.append(chunk)
-            if self.phase_steps >= self.phase_length:
+            if self.phase_steps >= self.phase_length and chunk.actor != DEMONSTRATIONS:
                 yield self.close_phase()
 
     def add(self, loss: Tensor) -> None:

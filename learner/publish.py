@@ -82,7 +82,7 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
         card["snapshot"] = json.loads((folder.snapshots / "best.json").read_bytes())
     options.output.parent.mkdir(parents=True, exist_ok=True)
     weights = options.output.with_name(f"{options.output.name}.safetensors")
-    write_atomically(weights, encode_weights(network, torch.float16))
+    write_atomically(weights, encode_weights(network, config, torch.float16))
     _write(options.output, card)
     card["evaluation"] = _evaluation(weights, config.fixed, options.games, stop)
     _write(options.output, card)

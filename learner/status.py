@@ -189,7 +189,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         role="learner",
         certificates=options.certificates,
     ) as transport:
-        keys, _ = find_run(transport, options.run, options.patience, lambda: False)
+        keys, _ = find_run(
+            *(transport, options.run, options.patience, lambda: False), options.certificates
+        )
         report = ask(transport, keys, options.connect)
     if options.json:
         print(report.as_json())

@@ -146,6 +146,7 @@ class Learner:
                 "rows": len(self.telemetry.rows),
                 "seconds": self.clock.seconds(),
                 "tests": self.evaluation.state(),
+                "keeps_snapshots": self.evaluation.keeps_snapshots,
                 "actors": self.registry.state(),
             }
         )
@@ -306,7 +307,7 @@ class Learner:
         row, test = self.phases.end(ended, self._replay_progress.stored, meanq)
         self._insist(lambda: self.telemetry.add(row))
         if ended.epoch:
-            weights = encode_weights(self.algorithm.published)
+            weights = encode_weights(self.algorithm.published, self.config)
             self._insist(lambda: self.evaluation.add(test, weights))
         self._checkpoint()
         self._insist(self.evaluation.sweep)

@@ -97,7 +97,7 @@ class ReplayServer:
         try:
             chunk = Chunk.decode(payload)
             if chunk.actor != actor:
-                raise MessageError(f"a chunk of {chunk.actor} at the key of {actor}")
+                raise MessageError(f"it names {chunk.actor} as its actor")
         except MessageError:
             self._memory.refuse()
             raise

@@ -1,9 +1,10 @@
 """`python -m viewer`: checks a robot, shows it at play, or lets a person play, without any run."""
 
 if __name__ == "__main__":
-    from common.process.lifeline import leave_at_interrupt
+    from common.process.lifeline import leave_at_interrupt, leave_on_leash
 
     leave_at_interrupt()
+    leave_on_leash()
 
 import sys
 import threading
@@ -14,7 +15,7 @@ import torch
 
 from common.errors import exit_on_input_error
 from common.process.command_line import parse
-from common.process.lifeline import leave_with_parent, on_signals
+from common.process.lifeline import on_signals
 from viewer.check import Check
 from viewer.draws import Draws
 from viewer.film import Film
@@ -29,16 +30,13 @@ COMMANDS: dict[str, Any] = {kind.__name__.lower(): kind for kind in get_args(EVE
 
 
 def main() -> int:
-    leash = sys.argv[-1] == "--leash"  # of a process that started this one
-    name, *arguments = sys.argv[1 : -1 if leash else None] or ["--help"]
+    name, *arguments = sys.argv[1:] or ["--help"]
     if (kind := COMMANDS.get(name)) is None:
         command = parse(EVERY, "viewer", [name, *arguments])
     else:
         command = parse(kind, f"viewer {name}", arguments)
     stop = threading.Event()
     on_signals(stop)
-    if leash:
-        leave_with_parent(stop)
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     status: int = command.run(stop)

@@ -9,6 +9,8 @@ import time
 from types import FrameType
 
 _TOGETHER = 1.0
+LEASH = "--leash"
+"""Last argument of a process that is to leave when its standard input ends."""
 GRACE = 4.0
 """Seconds that a child process may take to leave once it is asked to, or its parent is gone."""
 
@@ -48,8 +50,18 @@ def on_signals(stop: threading.Event) -> None:
         signal.signal(signal.SIGHUP, handle)
 
 
-def leave_with_parent(stop: threading.Event) -> None:
-    """Set ``stop`` when standard input ends, and end the process if it does not leave by itself.
+def leave_on_leash() -> None:
+    """As `leave_with_parent` where ``--leash`` ends the command line, from which it is taken.
+
+    Programs call it before they import all else: until then an orphan would hold a core.
+    """
+    if sys.argv[-1] == LEASH:
+        sys.argv.pop()
+        leave_with_parent()
+
+
+def leave_with_parent() -> None:
+    """Send this process SIGTERM when standard input ends; end it if it does not leave by itself.
 
     The parent holds the other end of that pipe; however it dies, kill -9 included, the system
     closes it, so no orphan is left.
@@ -58,7 +70,7 @@ def leave_with_parent(stop: threading.Event) -> None:
     def watch() -> None:
         while os.read(sys.stdin.fileno(), 1024):
             pass
-        stop.set()
+        os.kill(os.getpid(), signal.SIGTERM)
         threading.Event().wait(GRACE)
         os._exit(1)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from common.errors import InputError
-from common.process.lifeline import GRACE
+from common.process.lifeline import GRACE, LEASH
 from common.process.service_manager import without
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,7 +60,7 @@ class Child(subprocess.Popen[str]):
                 file = stack.enter_context(log.open("ab"))
                 streams = {"stdout": file, "stderr": subprocess.STDOUT, **streams}
             super().__init__(
-                [sys.executable, "-m", module, *arguments, *(["--leash"] if leash else [])],
+                [sys.executable, "-m", module, *arguments, *([LEASH] if leash else [])],
                 text=True,
                 errors="replace",
                 # A session of its own would do for all, but Linux gives each session an equal

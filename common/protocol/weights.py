@@ -9,12 +9,21 @@ from torch import Tensor, nn
 
 from common.errors import InputError, MessageError
 from common.regular_file import read_file
+from common.run.config import RunConfig
+from common.run.origin import origin_metadata
 
 
-def encode_weights(network: nn.Module, dtype: torch.dtype = torch.float32) -> bytes:
-    """All weights of ``network``, as safetensors of float32, or of float16 to keep them small."""
+def encode_weights(
+    network: nn.Module, trained: RunConfig | None = None, dtype: torch.dtype = torch.float32
+) -> bytes:
+    """All weights of ``network``, as safetensors of float32, or of float16 to keep them small.
+
+    Args:
+        trained: settings of their training, which a file tells but no message.
+    """
     # safetensors wants plain strides; channels-last is this process' own affair.
-    return save({name: v.to(dtype).contiguous() for name, v in network.state_dict().items()})
+    weights = {name: v.to(dtype).contiguous() for name, v in network.state_dict().items()}
+    return save(weights, None if trained is None else origin_metadata(trained))
 
 
 _PUBLISHED = ("average.", "online.")

@@ -164,9 +164,10 @@ class RunFolder:
         # A start that failed, for want of space or by a setting, binds nobody to its settings.
         bound = resume or self.checkpoint.exists() or self.replay.exists() or self.is_at_work()
         if bound and stored is not None and (unequal := differences(stored, config)):
+            another = f" --initial {self.path}" if self.checkpoint.exists() else ""
             raise InputError(
-                f"the run in {self.path} has another configuration ({'; '.join(unequal[:5])}): "
-                "omit those flags, or name another run with --run."
+                f"the run in {self.path} keeps its settings ({'; '.join(unequal[:5])}): omit those "
+                f"flags, or begin another run with them: --run ANOTHER{another}, without --resume."
             )
         try:
             self._made |= not self.path.exists()

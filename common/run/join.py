@@ -4,6 +4,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from common.errors import InputError, MessageError, Unreachable
 from common.process.log_lines import line
@@ -15,6 +16,10 @@ from common.transport.interface import Transport
 _DEADLINE = 2.0
 _PAUSE = 0.2
 _TELL_EVERY = 10.0
+_DENIED = (
+    " If one runs there, it does not let in the certificate that we showed: take that of an actor "
+    "or a learner, of a name that it lists (deploy/README.md)."
+)
 
 
 def patiently(
@@ -38,9 +43,16 @@ def patiently(
 
 
 def find_run(
-    transport: Transport, name: str | None, patience: float, stopped: Callable[[], bool]
+    transport: Transport,
+    name: str | None,
+    patience: float,
+    stopped: Callable[[], bool],
+    certificates: Path | None = None,
 ) -> tuple[RunKeys, RunConfig]:
     """Return the run called ``name``, or the only one, at the hub of ``transport``.
+
+    Args:
+        certificates: those by which we were let in; a hub says nothing to roles that may not ask.
 
     Raises:
         InputError: none in ``patience`` seconds, several, or one of another version.
@@ -72,6 +84,6 @@ def find_run(
         if time.monotonic() - began >= patience:
             raise Unreachable(
                 f"the hub serves no run{f' called {name!r}' if name else ''}: "
-                "start a learner there."
+                "start a learner there." + ("" if certificates is None else _DENIED)
             )
         time.sleep(_PAUSE)

@@ -6,12 +6,14 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from safetensors import SafetensorError, safe_open
+
 from common.errors import InputError
 from common.pinned_file import path_of
 from common.registry import ALGORITHMS
 from common.run.config import LearningConfig, RunConfig
 from common.run.folder import RunFolder
-from common.run.stored_config import from_mapping
+from common.run.stored_config import from_mapping, to_json
 
 SHIPPED = Path(__file__).resolve().parents[2] / "ale_robot" / "policies"
 """Folder of the published policies and their cards."""
@@ -39,23 +41,49 @@ def find_weights(name: str | Path) -> Path:
     return path
 
 
+_CONFIG = "config"
+"""Where a network's file, and a policy's card, has the settings of its training."""
+
+
+def origin_metadata(trained: RunConfig) -> dict[str, str]:
+    """Returns what a network's file tells of its training, as safetensors' metadata."""
+    return {_CONFIG: to_json(trained)}
+
+
 def origin_of(weights: Path) -> RunConfig | None:
-    """The settings in the card of a published policy; or those of the run whose folder ``weights``
-    lies in, or in whose snapshots; None where neither is found.
+    """The settings of a network's training: those in the file ``weights`` itself; or, of files of
+    former versions, those in the card of a published policy, or of the run whose folder it lies in,
+    or in whose snapshots; None where none are found.
 
     Raises:
         InputError: they are there and cannot be read.
     """
-    card = weights.with_suffix(".json")
-    if card.is_file():
-        try:
-            told = json.loads(card.read_bytes())
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{card} is not JSON ({error}): get it anew.") from None
-        if isinstance(told, dict) and "config" in told:
-            return from_mapping(RunConfig, told["config"], f"{card}: config", fill=True)
+    card, config, where = weights.with_suffix(".json"), None, weights
+    if (told := _metadata(weights).get(_CONFIG)) is not None:
+        config = _json(told, weights)
+    elif card.is_file() and isinstance(told := _json(card.read_bytes(), card), dict):
+        config, where = told.get(_CONFIG), card
+    if config is not None:
+        return from_mapping(RunConfig, config, f"{where}: config", fill=True)
     run = run_of(weights)
     return run.stored_config() if run else None
+
+
+def _metadata(weights: Path) -> dict[str, str]:
+    """Returns what the file ``weights`` tells beside its tensors; nothing if it is no network's,
+    which whoever loads it will find."""
+    try:
+        with safe_open(weights, "np") as file:
+            return file.metadata() or {}
+    except (SafetensorError, OSError):
+        return {}
+
+
+def _json(text: str | bytes, file: Path) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{file} is not JSON ({error}): get it anew.") from None
 
 
 _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = (

@@ -327,9 +327,10 @@ def open_hub(endpoint: str, certificates: Path | None = None) -> ZenohTransport:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind((host, port))
     except OSError as error:
+        another = f"{endpoint.rpartition(':')[0]}:{port % 65_535 + 1}"
         raise InputError(
-            f"cannot listen at {endpoint} ({error.strerror}): "
-            "another learner or replay may be running there; choose another with --listen."
+            f"cannot listen at {endpoint} ({error.strerror}): another learner or replay may be "
+            f"running there; choose another address, as by --listen {another}."
         ) from None
     settings: dict[str, Any] = {
         "listen/endpoints": [endpoint],

@@ -145,6 +145,11 @@ class EvaluationCoordinator:
             wanted = len(self._tests) * self._protocol.test_steps
             return max(wanted - sum(test.steps for test in self._tests.values()), 0)
 
+    @property
+    def keeps_snapshots(self) -> bool:
+        """Whether each epoch's weights stay."""
+        return self._snapshots.keep
+
     def state(self) -> list[dict[str, Any]]:
         """Returns the tests whose result was not taken yet, of JSON's types."""
         with self._lock:

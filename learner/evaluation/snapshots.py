@@ -16,7 +16,7 @@ class Snapshots:
 
     def __init__(self, folder: Path, *, keep: bool = False) -> None:
         self._folder = folder
-        self._keep = keep
+        self.keep = keep
 
     def write(self, epoch: int, weights: bytes) -> None:
         """Keep the weights of an epoch until `remove` or `keep_as_best`."""
@@ -32,7 +32,7 @@ class Snapshots:
 
     def remove(self, epoch: int) -> None:
         """Delete the weights of an epoch, unless all are kept."""
-        if not self._keep:
+        if not self.keep:
             self.file(epoch).unlink(missing_ok=True)
 
     def keep_as_best(self, epoch: int, card: dict[str, Any]) -> None:

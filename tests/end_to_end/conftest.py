@@ -139,5 +139,4 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
     stage = Stage(tmp_path)
     yield stage
     stage.close()
-    # A child that is still importing, at its low priority, sees only then that it should leave.
     wait_until(lambda: not stage.strays(), f"no process is left of {stage.strays()}")

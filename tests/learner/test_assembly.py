@@ -2,6 +2,7 @@
 
 import io
 import json
+import shutil
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -18,6 +19,7 @@ from common.errors import InputError
 from common.network import build_network
 from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
+from common.run.origin import origin_of
 from common.transport.interface import Transport
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
@@ -75,7 +77,7 @@ def place(runs: Path, actor: Actor, *, resume: bool, steps_goal: int | None) -> 
         stack.callback(memory.close)
         stack.enter_context(ReplayServer(hub, memory, CONFIG, RUN))
         learner = build_learner(
-            LearnerOptions(CONFIG, resume=resume, steps=steps_goal),
+            LearnerOptions(CONFIG, resume=resume, steps=steps_goal, keep_snapshots=not resume),
             *(folder, hub, memory),
             build_algorithm(CONFIG, build_network(CONFIG, 18), device),
             device,
@@ -113,10 +115,14 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
         assert before["books"]["agent_steps"] == 17 * 8
         assert before["updates"] >= 10
         assert [test["epoch"] for test in before["tests"]] == [1]
+        for file in (run.folder.checkpoint, run.folder.snapshots / "epoch-0001.safetensors"):
+            alone = shutil.copy(file, tmp_path / "alone.safetensors")
+            assert origin_of(alone) == CONFIG
     rows = (run.folder.epochs).read_text().splitlines()
 
     with place(tmp_path, actor, resume=True, steps_goal=18 * 8) as again:
         again.learner.start()
+        assert again.learner.evaluation.keeps_snapshots  # though it is not told so again
         assert not any(thread.name.startswith("prefetch") for thread in threading.enumerate())
         assert again.checkpoint() | {"seconds": 0} == before | {"seconds": 0}
         again.play(1)

@@ -18,10 +18,9 @@ from safetensors.torch import save
 
 from common.errors import InputError
 from common.network import QNetwork
-from common.run.config import LearningConfig
+from common.run.config import LearningConfig, RunConfig
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.interface import Algorithm
-from learner.algorithm.qr_dqn import qr_dqn
 from learner.checkpoint import Checkpoint, _crc32
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch
@@ -35,11 +34,11 @@ def _algorithm(seed: int, optimizer: Literal["adam", "rmsprop"] = "adam") -> Alg
     return double_dqn(QNetwork(6), config, CPU)
 
 
-def checkpoint_of(folder: Path, algorithm: Algorithm, name: str = "dqn") -> Checkpoint:
+def checkpoint_of(folder: Path, algorithm: Algorithm) -> Checkpoint:
     return Checkpoint(
         folder / "checkpoint.safetensors",
         folder / "checkpoint.previous.safetensors",
-        *(algorithm, name),
+        *(algorithm, RunConfig()),
     )
 
 
@@ -174,22 +173,13 @@ def test_another_networks_checkpoint_is_refused(tmp_path: Path) -> None:
         load(checkpoint_of(tmp_path, other))
 
 
-def test_another_algorithms_checkpoint_names_the_flag(tmp_path: Path) -> None:
-    config = LearningConfig(algorithm="qr_dqn", quantiles=3)
-    checkpoint_of(tmp_path, qr_dqn(QNetwork(6, atoms=3), config, CPU), "qr_dqn").save({})
-    with pytest.raises(
-        InputError, match=r"made with the algorithm qr_dqn: add --learning.algorithm qr_dqn\.$"
-    ):
-        load(checkpoint_of(tmp_path, _algorithm(0)))
-
-
-def test_a_checkpoint_from_before_it_named_its_algorithm_is_read(tmp_path: Path) -> None:
+def test_a_checkpoint_from_before_it_told_its_settings_is_read(tmp_path: Path) -> None:
     checkpoint = checkpoint_of(tmp_path, _algorithm(0))
     checkpoint.save({"updates": 1})
     with safe_open(checkpoint.path, "pt") as file:
         metadata = file.metadata()
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    del metadata["algorithm"], metadata["checksum"]
+    del metadata["config"], metadata["checksum"]
     metadata["crc32"] = str(_crc32(tensors))
     checkpoint.path.write_bytes(save(tensors, metadata))
     assert load(checkpoint) == {"updates": 1}

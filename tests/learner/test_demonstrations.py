@@ -123,7 +123,8 @@ def replay(folder: Path, config: RunConfig) -> Iterator[tuple[ReplayBuffer, InPr
 def send(found: Demonstrations, memory: ReplayBuffer, transport: InProcessTransport) -> list[str]:
     told: list[str] = []
     keys = RunKeys("r", memory.run_id)
-    assert found.insert(transport, keys, threading.Event(), told.append)
+    sent = found.insert(transport, keys, threading.Event(), told.append)
+    assert sent == replace(found.begun, complete=True)
     return told
 
 
@@ -199,7 +200,7 @@ def test_a_long_path_is_a_path(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path, "r")
     folder.path.mkdir()
     begun = Begun("/" + "a/" * 1_000, "0" * 64, 5)
-    begun.write(folder)
+    folder.demonstrations.write_bytes(begun.encode())
     assert Begun.of(folder) == begun
 
 
@@ -252,12 +253,16 @@ def test_a_run_begins_with_one_recording_and_goes_on_where_that_was_interrupted(
     assert begun(None, resume=False) is None
     assert begun("d", resume=False) == 48
     first = Demonstrations(tmp_path / "d", CONFIG).begun
-    first.write(folder)
+    folder.demonstrations.write_bytes(first.encode())
     assert Begun.of(folder) == first
     # Killed before all were sent: with the flag or without it.
     assert begun("d", resume=True) == begun(None, resume=True) == 48
-    replace(first, complete=True).write(folder)
+    folder.demonstrations.write_bytes(replace(first, complete=True).encode())
     assert begun("d", resume=True) is begun(None, resume=True) is None
+    (tmp_path / "d").rename(tmp_path / "moved")
+    assert begun("d", resume=True) is None  # it is not even read
+    assert begun("moved", resume=True) is None  # the same by its content
+    (tmp_path / "moved").rename(tmp_path / "d")
     with pytest.raises(InputError, match=r"did not begin with the demonstrations .* omit --demo"):
         begun("other", resume=True)
     folder.demonstrations.unlink()

@@ -16,10 +16,11 @@ from common.run.conditions import RandomiseConfig
 from common.run.config import RunConfig, all_ranges
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
-from learner.__main__ import first_network
+from learner.assembly import first_network
 from learner.options import (
     LearnerOptions,
     clock_figures,
+    going_on,
     join_command,
     resume_command,
     stored_config,
@@ -196,7 +197,6 @@ def test_a_run_that_ended_before_its_first_checkpoint_has_the_network_it_was_giv
     assert torch.equal(hidden("--resume", "--initial", str(folder.initial)), other.hidden.weight)
     folder.checkpoint.touch()  # from which all weights will be taken
     assert torch.equal(hidden("--resume", "--initial", str(folder.initial)), other.hidden.weight)
-    folder.config_file.touch()
     another = tmp_path / "another.safetensors"
     another.write_bytes(encode_weights(fresh))
     with pytest.raises(InputError, match=r"did not begin with .*another.safetensors: omit"):
@@ -205,6 +205,20 @@ def test_a_run_that_ended_before_its_first_checkpoint_has_the_network_it_was_giv
     with pytest.raises(InputError, match=r"did not begin with .*another.safetensors: omit"):
         hidden("--resume", "--initial", str(another))
     assert torch.equal(hidden("--resume"), fresh.hidden.weight)
+    folder.checkpoint.unlink()  # it was killed before it kept what it was given
+    assert torch.equal(hidden("--resume", "--initial", str(another)), fresh.hidden.weight)
+
+
+def test_a_restart_takes_what_the_run_has_kept_of_the_network_it_was_given(tmp_path: Path) -> None:
+    given = tmp_path / "given.safetensors"
+    given.touch()
+    options = learner("--runs", str(tmp_path), "--run", "r", "--initial", str(given))
+    folder = RunFolder(tmp_path, "r")
+    assert going_on(options) == options
+    folder.claim("learner", options.config, begun=folder.checkpoint, resume=False)
+    assert going_on(options) == replace(options, resume=True)
+    folder.initial.touch()
+    assert going_on(options) == replace(options, resume=True, initial=None)
 
 
 @pytest.mark.parametrize(
@@ -212,18 +226,18 @@ def test_a_run_that_ended_before_its_first_checkpoint_has_the_network_it_was_giv
     [
         (QR, "add --learning.algorithm qr_dqn"),
         (("--play.vector",), "add --play.vector"),
+        (("--learning.no-center-pixels",), "add --learning.no-center-pixels"),
     ],
 )
 def test_a_network_that_does_not_fit_says_what_it_is_for(
     tmp_path: Path, trained: tuple[str, ...], advice: str
 ) -> None:
-    there = RunFolder(tmp_path, "there")
+    file, here = tmp_path / "p.safetensors", RunFolder(tmp_path, "here")
     made = learner("--env", "ale", *trained)
-    there.claim("learner", made.config, begun=there.checkpoint, resume=False)
-    there.initial.write_bytes(encode_weights(first_network(made, there)))
-    asked = learner("--env", "ale", "--initial", str(there.initial))
-    with pytest.raises(InputError, match=rf"{there.initial}, which plays pong .*: {advice}"):
-        first_network(asked, RunFolder(tmp_path, "here"))
+    file.write_bytes(encode_weights(first_network(made, here), made.config))
+    asked = learner("--env", "ale", "--initial", str(file))
+    with pytest.raises(InputError, match=rf"{file}, which plays pong .*: {advice}"):
+        first_network(asked, here)
 
 
 @pytest.mark.parametrize(

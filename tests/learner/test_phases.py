@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from common.protocol.chunk import Game
+from common.protocol.run_keys import DEMONSTRATIONS
 from common.run.config import ProtocolConfig, ReplayConfig, RunConfig
 from learner.clock import RunClock
 from learner.phases import Phases
@@ -70,6 +71,14 @@ def test_warm_up_then_epochs() -> None:
     assert values["stream/staleness_p95"] == 9.5
     assert (values["run/phase_steps"], values["run/phase_length"]) == (50, 200)
     assert (values["run/epoch"], values["run/agent_steps"]) == (3, 550)
+
+
+def test_demonstrations_end_no_phase_however_many_they_are() -> None:
+    counted = phases()
+    assert list(counted.count(_chunks(11, actor=DEMONSTRATIONS))) == []
+    assert (counted.epoch, counted.agent_steps) == (0, 550)
+    ends = list(counted.count(_chunks(5, first=11)))
+    assert [(end.epoch, end.steps) for end in ends] == [(0, 600), (1, 200)]
 
 
 def test_shares_are_over_the_newest_chunks() -> None:

@@ -222,6 +222,7 @@ class World:
                 recent_std=0.05,
             ),
             "evaluation": SimpleNamespace(
+                keeps_snapshots=False,
                 add=self.add,
                 take_finished=self.take_finished,
                 state=lambda: [test.epoch for test in self.pending],

@@ -106,11 +106,11 @@ def test_a_chunk_at_another_actors_key_is_refused(
 ) -> None:
     chunk = Actor("a", 4).live([GOES_ON], np.random.default_rng(0))
     for _ in range(3):
-        with pytest.raises(MessageError, match="a chunk of a at the key of forger"):
+        with pytest.raises(MessageError, match="it names a as its actor"):
             ask(place.client, KEYS.insert("forger"), chunk.encode())
     assert place.memory.progress(0).refused == 3
     told = [each for each in caplog.messages if "forger" in each]
-    assert told == ["a chunk of forger was refused: a chunk of a at the key of forger"]
+    assert told == ["a chunk of forger was refused: it names a as its actor"]
 
 
 def test_of_another_run_neither_chunks_nor_weights_nor_learners_are_taken(

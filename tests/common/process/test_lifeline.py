@@ -19,18 +19,20 @@ from common.process import lifeline
 
 lifeline.GRACE = {PATIENCE}
 stop = threading.Event()
-lifeline.leave_with_parent(stop)
+lifeline.on_signals(stop)
+lifeline.leave_with_parent()
 print("ready", flush=True)
 stop.wait()
 print("left", flush=True)
 """
 
 DEAF = """
-import threading
+import signal, threading
 from common.process import lifeline
 
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
 lifeline.GRACE = 0.1
-lifeline.leave_with_parent(threading.Event())
+lifeline.leave_with_parent()
 print("ready", flush=True)
 threading.Event().wait()
 """
@@ -190,13 +192,14 @@ signal.pause()
 """
 
 
-@pytest.mark.parametrize("program", ["actors", "learner", "replay", "viewer"])
-def test_ctrl_c_during_the_imports_ends_a_program_quietly(program: str, tmp_path: Path) -> None:
-    (tmp_path / "numpy.py").write_text(SLOW_IMPORT)
+def importing(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
+    """A program that is still at its imports."""
+    (folder / "numpy.py").write_text(SLOW_IMPORT)
     process = subprocess.Popen(
-        [sys.executable, "-m", program],
+        [sys.executable, "-m", *arguments],
         cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        env={**os.environ, "PYTHONPATH": str(folder)},
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -204,6 +207,22 @@ def test_ctrl_c_during_the_imports_ends_a_program_quietly(program: str, tmp_path
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     assert line(process) == "importing\n"
+    return process
+
+
+@pytest.mark.parametrize("program", ["actors", "actors.games", "viewer"])
+def test_a_child_leaves_with_its_parent_during_its_imports_too(
+    program: str, tmp_path: Path
+) -> None:
+    process = importing(tmp_path, program, "--leash")
+    assert process.poll() is None
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == -signal.SIGTERM
+
+
+@pytest.mark.parametrize("program", ["actors", "learner", "replay", "viewer"])
+def test_ctrl_c_during_the_imports_ends_a_program_quietly(program: str, tmp_path: Path) -> None:
+    process = importing(tmp_path, program)
     process.send_signal(signal.SIGINT)
     assert process.communicate(timeout=PATIENCE) == ("", "")
     assert process.returncode == 130

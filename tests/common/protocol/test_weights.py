@@ -47,7 +47,7 @@ def test_the_networks_weights_arrive_exactly() -> None:
 
 def test_float16_arrives_as_float32() -> None:
     one, other = small(1), small(2)
-    payload = encode_weights(one, torch.float16)
+    payload = encode_weights(one, dtype=torch.float16)
     assert len(payload) < len(encode_weights(one))
     load_weights(other, payload)
     for name, value in one.state_dict().items():

@@ -83,16 +83,20 @@ def test_a_run_that_ended_before_it_began_may_start_again(tmp_path: Path) -> Non
 def test_a_start_that_failed_binds_nobody_to_its_settings(tmp_path: Path) -> None:
     other = replace(FAST, seed=2)
     folder = claim(tmp_path)
-    with pytest.raises(InputError, match="has another configuration"):  # it is still at work
+    with pytest.raises(InputError, match="keeps its settings"):  # it is still at work
         claim(tmp_path, "replay", other)
     del folder
     assert claim(tmp_path, config=other).stored_config() == other
 
 
 def test_a_replay_binds_the_learner(tmp_path: Path) -> None:
-    claim(tmp_path, "replay").replay.mkdir()
-    with pytest.raises(InputError, match="has another configuration"):
+    folder = claim(tmp_path, "replay")
+    folder.replay.mkdir()
+    with pytest.raises(InputError, match=r"\(seed 1 → 2\): omit .*: --run ANOTHER, without"):
         claim(tmp_path, config=replace(FAST, seed=2))
+    folder.checkpoint.touch()
+    with pytest.raises(InputError, match=rf": --run ANOTHER --initial {folder.path}, without"):
+        claim(tmp_path, config=replace(FAST, seed=2), resume=True)
 
 
 def test_a_run_may_be_older_than_a_setting(tmp_path: Path) -> None:

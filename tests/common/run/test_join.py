@@ -1,6 +1,7 @@
 """Finding a run at a hub."""
 
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -50,8 +51,14 @@ def test_of_several_runs_one_must_be_named(hub: Transport, client: Transport) ->
 
 
 def test_no_run_is_told_after_the_patience(client: Transport) -> None:
-    with pytest.raises(InputError, match=r"^the hub serves no run: start a learner there"):
+    with pytest.raises(InputError, match=r"^the hub serves no run: start a learner there\.$"):
         find_run(client, None, 0.0, never)
+
+
+def test_who_shows_a_certificate_hears_that_it_may_be_of_no_use(client: Transport) -> None:
+    words = r"start a learner there\. If one runs there, it does not let in the certificate that"
+    with pytest.raises(InputError, match=words):
+        find_run(client, None, 0.0, never, Path("certificates"))
 
 
 def test_a_run_that_is_not_there_is_told_by_name(hub: Transport, client: Transport) -> None:

@@ -5,11 +5,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from safetensors.torch import save
 
 from common.errors import InputError
+from common.network import build_network
+from common.protocol.weights import encode_weights
 from common.run.config import RunConfig
-from common.run.origin import check_fit
+from common.run.origin import check_fit, origin_of
 from common.run.presets import PRESETS
+from common.run.stored_config import to_json
 
 TRAINED = replace(PRESETS["robot"], play=replace(PRESETS["robot"].play, vector=True))
 FILE = Path("p.safetensors")
@@ -75,3 +79,29 @@ def test_what_does_not_change_its_shape_is_free(setting: str, value: Any) -> Non
 
 def test_a_network_of_unknown_origin_is_not_judged_by_it() -> None:
     check_fit(FILE, None, TRAINED)
+
+
+def test_a_file_on_its_own_tells_the_settings_of_its_training(tmp_path: Path) -> None:
+    file, card = tmp_path / "p.safetensors", tmp_path / "p.json"
+    network = build_network(TRAINED, 6)
+    file.write_bytes(encode_weights(network, TRAINED))
+    assert origin_of(file) == TRAINED
+    card.write_text(f'{{"config": {to_json(RunConfig())}}}')  # which somebody gave the same name
+    assert origin_of(file) == TRAINED
+    file.write_bytes(encode_weights(network))  # as former versions wrote it
+    assert origin_of(file) == RunConfig()
+    card.unlink()
+    assert origin_of(file) is None
+    file.write_bytes(b"no network")  # as its reader will say
+    assert origin_of(file) is None
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [("{", "is not JSON .*: get it anew"), ("{}", r"p\.safetensors: config has a missing")],
+)
+def test_settings_in_a_file_are_not_trusted(tmp_path: Path, told: str, words: str) -> None:
+    file = tmp_path / "p.safetensors"
+    file.write_bytes(save({}, {"config": told}))
+    with pytest.raises(InputError, match=words):
+        origin_of(file)

@@ -67,11 +67,14 @@ def test_the_kernel_ends_a_hubs_connections_whose_other_side_takes_nothing() -> 
                 assert timeout(accepted) == LEASE_MS
 
 
-def test_a_port_that_is_taken_is_told(endpoint: str) -> None:
+def test_a_port_that_is_taken_is_told_and_the_next_one_named(endpoint: str) -> None:
+    next_one = f"tcp/127.0.0.1:{check_endpoint(endpoint)[1] + 1}"
     with socket.socket() as holder:
         holder.bind(check_endpoint(endpoint))
         holder.listen()
-        with pytest.raises(InputError, match=f"^cannot listen at {endpoint} .*--listen"):
+        with pytest.raises(
+            InputError, match=rf"^cannot listen at {endpoint} .* by --listen {next_one}\.$"
+        ):
             open_hub(endpoint)
 
 

@@ -1,0 +1,86 @@
+"""What a learner opens to other processes and to people before it begins: replay, hub and pages."""
+
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+
+from common.errors import InputError
+from common.process.extras import extra_for
+from common.process.http_endpoints import http_endpoints
+from common.run.folder import RunFolder
+from common.run.join import find_run, patiently
+from common.run.stored_config import differences
+from common.transport.interface import Transport
+from common.transport.zenoh_transport import connect, open_hub
+from learner.options import LearnerOptions
+from learner.telemetry.sinks.sink import Sink
+from replay.client import RemoteReplay
+from replay.interface import Replay
+from replay.replay_buffer import ReplayBuffer
+from replay.server import ReplayServer
+
+
+@contextmanager
+def open_replay(
+    options: LearnerOptions, folder: RunFolder, stop: threading.Event
+) -> Iterator[tuple[Transport, Replay, str]]:
+    """Hub and replay, in this process or where ``--connect`` says, and the hub's address.
+
+    Raises:
+        InputError: nobody can listen there, nobody answers, or another run is served.
+    """
+    config, endpoint = options.config, options.connect
+    if endpoint is None:
+        folder.claim("replay", config, begun=folder.replay, resume=options.resume)
+        with open_hub(options.listen, options.certificates) as transport:
+            memory = ReplayBuffer(config, folder.replay)
+            try:
+                with ReplayServer(transport, memory, config, folder.name):
+                    yield transport, memory, options.listen
+            finally:
+                memory.close()
+        return
+    patience, stopped = options.patience, patiently(stop, endpoint)
+    with connect(
+        *(endpoint, patience, stopped), role="learner", certificates=options.certificates
+    ) as transport:
+        keys, served = find_run(transport, folder.name, patience, stopped, options.certificates)
+        if unequal := differences(served, config):
+            raise InputError(
+                f"the replay at {endpoint} serves {folder.name} with another configuration "
+                f"({'; '.join(unequal[:5])}): give both processes the same flags."
+            )
+        replay = RemoteReplay(transport, keys, served)
+
+        def let_go() -> None:
+            stop.wait()
+            replay.close()
+
+        threading.Thread(target=let_go, name="let-go", daemon=True).start()
+        yield transport, replay, endpoint
+
+
+@contextmanager
+def open_pages(
+    options: LearnerOptions, folder: RunFolder
+) -> Iterator[tuple[Sequence[Sink], Sequence[str]]]:
+    """The pages of ``--http`` and ``--web``, which listen already, and the addresses of those for
+    people; what serves them is loaded only where it is wanted.
+
+    Raises:
+        InputError: it is not installed, or nobody can listen there.
+    """
+    sinks: list[Sink] = []
+    urls: list[str] = []
+    with ExitStack() as stack:
+        if options.http is not None:
+            with extra_for("--http", "ops"):
+                from learner.telemetry.sinks.prometheus import PrometheusSink
+            sinks.append(figures := PrometheusSink())
+            stack.enter_context(http_endpoints(options.http, figures.pages))
+        if options.web is not None:
+            with extra_for("--web", "web"):
+                from learner.telemetry.web.page_sink import PageSink
+            sinks.append(page := PageSink(options.web, options.config, folder))
+            urls.append(page.url)
+        yield sinks, urls
