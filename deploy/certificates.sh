@@ -5,8 +5,8 @@
 #     deploy/certificates.sh FOLDER --actors NAME...
 #
 # The first makes an authority (ca.pem) and, for each role, hub, learner and actor, a certificate with
-# its key, good for a year. HOST is each name or IP address by which the hub's machine is reached. Run
-# again, it keeps the authority and makes the others anew.
+# its key, good for a year, or for $DAYS days. HOST is each name or IP address by which the hub's
+# machine is reached. Run again, it keeps the authority and makes the others anew.
 #
 # The second makes a certificate for each actor or evaluator alone, actor.NAME.pem, and adds the name
 # to actors.txt. A hub whose folder has that list lets in these actors only, and none of them in
@@ -43,7 +43,7 @@ certify() {  # common name, purpose, names in the certificate
     } >"$work/extensions"
     quietly openssl req -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -subj "/CN=$1" \
         -keyout "$work/key" -out "$work/request"
-    quietly openssl x509 -req -in "$work/request" -days 365 -CA ca.pem -CAkey ca-key.pem \
+    quietly openssl x509 -req -in "$work/request" -days "${DAYS:-365}" -CA ca.pem -CAkey ca-key.pem \
         -CAcreateserial -CAserial "$work/serial" -extfile "$work/extensions" -out "$work/certificate"
     mv "$work/key" "$1-key.pem"
     mv "$work/certificate" "$1.pem"

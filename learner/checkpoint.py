@@ -6,6 +6,7 @@ noise of their own.
 """
 
 import json
+import os
 import shutil
 import threading
 from collections.abc import Callable
@@ -103,10 +104,11 @@ class Checkpoint:
         needed = _ROOM * self.path.stat().st_size
         if self._free() >= needed:
             return
-        say(
-            f"WARNING: the disk of {self.path.parent} is full: training waits until "
-            f"{-(-needed // 2**20)} MiB of it are free."
-        )
+        if self._may_write():
+            how, until = "full", f"{-(-needed // 2**20)} MiB of it are free"
+        else:
+            how, until = "read-only", "it can be written"
+        say(f"WARNING: the disk of {self.path.parent} is {how}: training waits until {until}.")
         while self._free() < needed:
             if stop.wait(_POLL):
                 return
@@ -114,7 +116,11 @@ class Checkpoint:
         say("There is room on the disk again: training continues.")
 
     def _free(self) -> int:
-        return shutil.disk_usage(self.path.parent).free
+        """Bytes that may be written."""
+        return shutil.disk_usage(self.path.parent).free if self._may_write() else 0
+
+    def _may_write(self) -> bool:
+        return os.access(self.path.parent, os.W_OK)
 
 
 _DAMAGE = (SafetensorError, FileNotFoundError, LookupError, ValueError, RecursionError)

@@ -9,7 +9,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -28,6 +29,7 @@ from learner.checkpoint import Checkpoint
 from learner.clock import Every, RunClock
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.health_guard import HealthGuard
+from learner.insist import insist
 from learner.phases import PhaseEnd, Phases
 from learner.prefetch import Prefetched, Prefetcher
 from learner.telemetry.actor_registry import ActorRegistry
@@ -47,6 +49,7 @@ _MEASURE_SECONDS = 30.0
 _PUBLISH_SECONDS = 10.0
 _LEAST_PHASE = 0.1
 """Share of an epoch below which the last steps of a run are no epoch of their own."""
+T = TypeVar("T")
 _FAREWELL = 10.0
 """Seconds that the actors, and then the evaluators, of a finished run have to leave."""
 
@@ -115,7 +118,7 @@ class Learner:
         self._replay_progress = self.replay.progress(self.phases.chunks_seen)
         self._check_replay()
         self._publish()
-        self._checkpoint()
+        self._save()  # a disk that is full from the beginning is not waited for
 
     def _check_replay(self) -> None:
         """Refuse a replay without the steps that the checkpoint knows of.
@@ -131,7 +134,13 @@ class Learner:
                 f"ANOTHER --initial {self.checkpoint.path})."
             )
 
+    def _insist(self, write: Callable[[], T]) -> T:
+        return insist(write, self.telemetry.say, self.stop)
+
     def _checkpoint(self) -> None:
+        self._insist(self._save)
+
+    def _save(self) -> None:
         self._check_loss()
         self.replay.sync()  # or a power failure would leave a checkpoint that knows of more steps
         self.checkpoint.save(
@@ -267,7 +276,8 @@ class Learner:
             self.held_out.measure(self.algorithm, self.replay)
         if self._publish_schedule.is_due():
             self._publish()  # for a replay that was restarted and has none to give
-        self._check_health(self.telemetry.report(self._values(), self._replay_progress))
+        values, progress = self._values(), self._replay_progress
+        self._check_health(self._insist(lambda: self.telemetry.report(values, progress)))
 
     # ------------------------------------------------------------------ phases, tests, health
 
@@ -294,23 +304,25 @@ class Learner:
     def _end_phase(self, ended: PhaseEnd) -> None:
         """Record a phase; have the snapshot of an epoch tested."""
         if ended.epoch == 0:
-            self.held_out.draw(self.replay, self.config.protocol.held_out_states)
+            count = self.config.protocol.held_out_states
+            self._insist(lambda: self.held_out.draw(self.replay, count))
         self.held_out.measure(self.algorithm, self.replay)
         meanq = self.held_out.max_q[0] if self.held_out.max_q else None
         row, test = self.phases.end(ended, self._replay_progress.stored, meanq)
-        self.telemetry.add(row)
+        self._insist(lambda: self.telemetry.add(row))
         if ended.epoch:
-            self.evaluation.add(test, encode_weights(self.algorithm.published, self.config))
+            weights = encode_weights(self.algorithm.published, self.config)
+            self._insist(lambda: self.evaluation.add(test, weights))
         self._checkpoint()
-        self.evaluation.sweep()
+        self._insist(self.evaluation.sweep)
 
     def _take_tests(self) -> None:
         while (test := self.evaluation.take_finished()) is not None:
             best = max(self.telemetry.rewards("test"), default=None)
-            self.telemetry.add(self.phases.end_test(test))
+            self._insist(partial(self.telemetry.add, self.phases.end_test(test)))
             # First a checkpoint that does not need the snapshot, then its removal.
             self._checkpoint()
-            self.evaluation.settle(test, best)
+            self._insist(partial(self.evaluation.settle, test, best))
 
     def _values(self) -> dict[str, Value]:
         """Figures that only the loop knows."""

@@ -1,16 +1,17 @@
 """`python -m benchmarks.chaos`: breaks a run at random for a while, and audits what is left of it.
 
-A replay, a learner and some actors train on one machine, each a process behind a link of its own.
-One fault after the other strikes a process or a link, as a seed draws them: each kind once, then
-each once again. After each, the time is measured until every actor's next chunk is stored and new
-weights come. At the end everything is asked to leave, and the replay's files are compared with what
-the actors recorded (`audit`).
+A replay, a learner and some actors train on one machine, each a process behind a link of its own,
+with certificates, on a disk of the run's own. One fault after the other strikes (`storm`). After
+each, the time is measured until every actor's next chunk is stored and new weights come. At the end
+everything is asked to leave, and the replay's files are compared with what the actors recorded
+(`audit`).
 """
 
 import math
-import random
+import re
 import time
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,25 +21,22 @@ from annotated_types import Gt
 
 from benchmarks.chaos.audit import Audit, audit
 from benchmarks.chaos.cluster import HUB, LEARNER, Cluster
-from benchmarks.chaos.faults import FAULTS
+from benchmarks.chaos.faults import PATIENCE
+from benchmarks.chaos.storm import Storm
 from benchmarks.child import scratch
-from benchmarks.report import BenchmarkOptions, Report, Table, main
+from benchmarks.report import BenchmarkOptions, Report, Seconds, Table, main
 from common.checked import Count, FromOne
 from common.errors import InputError
 
-_SHORTEST, _LONGEST = 0.2, 3.0
-"""Seconds of work between faults."""
-_PATIENCE = 120.0
-"""Seconds after which a run counts as one that does not recover."""
 _ROOM = 0.9
 """Share of the capacity that may be filled: the audit needs all that was ever stored."""
 FLAGS = (
     *("--env", "ale", "--preset", "fast", "--learning.network", "nips"),
     # An update for each step: few steps, so that long runs can be audited, in small chunks.
     *("--learning.batch-size", "32", "--learning.train-period", "1"),
-    *("--stream.chunk-steps", "16"),
-    *("--replay.learning-starts", "500", "--replay.ratio-tolerance", "2048"),
-    *("--learning.publish-period", "20", "--learning.checkpoint-period", "100"),
+    *("--stream.chunk-steps", "8"),
+    *("--replay.learning-starts", "300", "--replay.ratio-tolerance", "2048"),
+    *("--learning.publish-period", "10", "--learning.checkpoint-period", "100"),
     *("--protocol.held-out-states", "64", "--protocol.epoch-steps", "1000000"),
 )
 
@@ -57,6 +55,10 @@ class Options(BenchmarkOptions):
     """Number of actors."""
     capacity: FromOne = 100_000
     """Steps that the replay can store; when they are nearly full it ends sooner."""
+    longest: Seconds = 12.0
+    """Most seconds that a fault lasts."""
+    plain: bool = False
+    """No certificates, so that wrong bits are not noticed by TLS; none can expire then."""
     folder: Path | None = None
     """Folder that keeps run, logs and records; by default a temporary one."""
 
@@ -66,84 +68,56 @@ def measure(options: Options) -> Report:
         options.folder.mkdir(parents=True, exist_ok=True)
         if any(options.folder.iterdir()):
             raise InputError(f"{options.folder} holds something already: name another --folder.")
-        return _measure(options, options.folder)
+        return _measure(options, options.folder.resolve())
     with scratch() as folder:
         return _measure(options, folder)
 
 
 def _measure(options: Options, folder: Path) -> Report:
-    draw = random.Random(options.seed)
-    flags = (*FLAGS, "--seed", str(options.seed), "--replay.capacity", str(options.capacity))
-    struck: list[dict[str, Any]] = []
-    deck: list[str] = []  # each kind once, then each once again
-    with Cluster(folder, flags, options.actors) as cluster:
-        if cluster.recovery(_PATIENCE) is None:
-            raise InputError(f"the run did not begin in {_PATIENCE:.0f} s.")
-        memory = {name: cluster.private_mib(name) for name in (HUB, LEARNER)}
+    flags = (*FLAGS, "--seed", str(options.seed))
+    with Cluster(
+        *(folder, flags, options.actors), capacity=options.capacity, plain=options.plain
+    ) as cluster:
+        storm = Storm(cluster, options.seed, options.longest)
+        if cluster.recovery(PATIENCE) is None:
+            raise InputError(f"the run did not begin in {PATIENCE:.0f} s.")
         deadline = time.monotonic() + 60 * options.minutes
         most = options.faults or math.inf
         while (
             time.monotonic() < deadline
-            and len(struck) < most
+            and len(storm.struck) < most
             and cluster.stored_steps < _ROOM * options.capacity
         ):
-            time.sleep(draw.uniform(_SHORTEST, _LONGEST))
-            deck = deck or draw.sample(list(FAULTS), len(FAULTS))
-            struck.append(_strike(cluster, deck.pop(), draw))
-            last = struck[-1]
-            told = f"{last['fault']}, {last['target']}: all work again after"
-            print(f"{len(struck):4} {told} {last['recovery']:.1f} s", flush=True)
-        after = {name: cluster.private_mib(name) for name in (HUB, LEARNER)}
-        starts = dict(cluster.starts)
+            storm.strike()
         cluster.conclude()
-        found = audit(cluster.replay, cluster.records)
-    report = _report(options, struck, found, starts, memory, after)
-    known = [each for row in struck if FAULTS[row["fault"]].may_end for each in row["ended"]]
-    unforeseen = [each for each in cluster.ended if each not in known]
-    if unforeseen or not found.clean:
+        found = audit(cluster.run.replay, cluster.records)
+        counted = _counted(cluster.log(HUB))
+    report = _report(options, storm, found, cluster)
+    wrong = [f"a process ended: {each}" for each in storm.unforeseen]
+    if not found.clean:
+        wrong.append(f"the audit found losses: {found}")
+    if counted != (found.steps, found.stored):
+        wrong.append(f"the replay counted {counted} steps and chunks, the audit found {found}")
+    if cluster.steps_back >= cluster.starts[LEARNER]:
+        wrong.append(f"weights went back {cluster.steps_back} times without a learner's restart")
+    if wrong:
         report.publish(options.json)
-        raise InputError(
-            f"the audit found losses: {found}."
-            if not found.clean
-            else f"not every process lived on: {'; '.join(unforeseen)}."
-        )
+        raise InputError(f"{'; '.join(wrong)}.")
     return report
 
 
-def _strike(cluster: Cluster, name: str, draw: random.Random) -> dict[str, Any]:
-    """Let one fault happen, and wait until all work again.
-
-    Raises:
-        InputError: the run does not recover.
-    """
-    fault, before = FAULTS[name], len(cluster.ended)
-    target = draw.choice(fault.targets(cluster))
-    seconds = draw.uniform(*fault.seconds)
-    end = fault.strike(cluster, target, draw)
-    if end is not None:
-        time.sleep(seconds)
-        end()
-    recovery = cluster.recovery(_PATIENCE)
-    if recovery is None:
-        raise InputError(
-            f"the run did not recover in {_PATIENCE:.0f} s from: {name}, {target}, {seconds:.1f} s"
-            f"{''.join(f'; {each}' for each in cluster.ended)}."
-        )
-    ended = cluster.ended[before:]
-    return {
-        **{"fault": name, "target": target, "seconds": seconds, "recovery": recovery},
-        "ended": ended,
-    }
+def _counted(log: Path) -> tuple[int, int]:
+    """Returns the steps and chunks that the replay says it has, at its end."""
+    last = log.read_text().strip().splitlines()[-1]
+    numbers = re.match(r"([\d,]+) steps, .* chunks: ([\d,]+) accepted", last)
+    if numbers is None:
+        raise InputError(f"the replay ended with: {last}.")
+    steps, chunks = (int(each.replace(",", "")) for each in numbers.groups())
+    return steps, chunks
 
 
-def _report(
-    options: Options,
-    struck: list[dict[str, Any]],
-    found: Audit,
-    starts: dict[str, int],
-    before: dict[str, float],
-    after: dict[str, float],
-) -> Report:
+def _report(options: Options, storm: Storm, found: Audit, cluster: Cluster) -> Report:
+    struck = storm.struck
     times: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
     ends: Counter[tuple[str, str]] = Counter()
     for each in struck:
@@ -169,12 +143,19 @@ def _report(
         "actors": options.actors,
         "faults": len(struck),
         "audit": asdict(found),
-        "starts": starts,
-        "private_mib": {"before": before, "after": after},
+        "certificates": cluster.no_certificates is None,
+        "missing": storm.missing,
+        "weights_back": cluster.steps_back,
+        "starts": cluster.starts,
         "struck": struck,
         "rows": rows,
     }
-    memory = ", ".join(f"{name} {before[name]:.0f} → {after[name]:.0f} MiB" for name in before)
+    halves = struck[: (len(struck) + 1) // 2], struck[len(struck) // 2 :]
+    growth = "; ".join(
+        f"{name} {_most(halves[0], what, name):.0f}, then {_most(halves[1], what, name):.0f} {unit}"
+        for what, unit in (("private_mib", "MiB private"), ("open_files", "open files"))
+        for name in (HUB, LEARNER)
+    )
     return Report(
         [Table(f"{len(struck)} faults, seed {options.seed}", rows)],
         content,
@@ -182,9 +163,16 @@ def _report(
             f"Audit: {found.made:,} chunks made, {found.acknowledged:,} acknowledged, "
             f"{found.stored:,} stored; {found.lost} lost or altered, {found.duplicated} "
             f"duplicated; {found.steps:,} steps, and {found.unknown_rows} that nobody made.",
-            f"Private memory: {memory}.",
+            f"Weights went back {cluster.steps_back} times, the learner was started again "
+            f"{cluster.starts[LEARNER] - 1} times.",
+            f"Most in the first and in the second half of the faults: {growth}.",
+            *(f"Not struck: {name}, for {why}." for name, why in storm.missing.items()),
         ),
     )
+
+
+def _most(struck: Sequence[dict[str, Any]], what: str, name: str) -> float:
+    return max((float(each[what][name]) for each in struck), default=math.nan)
 
 
 if __name__ == "__main__":

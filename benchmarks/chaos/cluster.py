@@ -2,25 +2,39 @@
 
 import os
 import signal
+import subprocess
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Self
 
+from benchmarks.chaos.certificates import Certificates
+from benchmarks.chaos.clock import Clocks
+from benchmarks.chaos.disk import Disk
 from benchmarks.chaos.link import Link
+from benchmarks.chaos.old_version import OldVersion
 from benchmarks.child import free_endpoint
+from common.errors import Unreachable
 from common.process.supervisor import Child
+from common.protocol.wire import decode_version
+from common.run.folder import RunFolder
 from common.run.join import find_run
+from common.transport.credentials import Role
 from common.transport.interface import Envelope
 from common.transport.zenoh_transport import connect
 
 RUN = "chaos"
 HUB, LEARNER = "replay", "learner"
+_AUDITOR = "auditor"
 _START = 120.0
 _POLL = 0.05
 _AWAY = "600"
 """Seconds for which each process waits for one that is away: longer than any fault lasts."""
+_SPARE_BYTES = 2**27
+"""Room on the run's disk beside the replay's: checkpoints, tables and curves."""
+_ROW_BYTES = 84 * 84 + 100
+_ROLES: dict[str, Role] = {HUB: "hub", LEARNER: "learner"}
 
 
 class Cluster:
@@ -30,9 +44,24 @@ class Cluster:
         folder: where the run, the logs and the actors' records go.
         flags: of learner and replay.
         actors: number of actors.
+        capacity: steps that the replay has room for.
+        goal: agent steps after which the run ends by itself, if it does.
+        plain: whether the processes do without certificates.
+        start: starts each process but the hub, ``start(module, *arguments, log=...)``; none of
+            these has a clock of its own then.
     """
 
-    def __init__(self, folder: Path, flags: Sequence[str], actors: int) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        flags: Sequence[str],
+        actors: int,
+        *,
+        capacity: int,
+        goal: int | None = None,
+        plain: bool = False,
+        start: Callable[..., Child] | None = None,
+    ) -> None:
         self.folder = folder
         self.endpoint = free_endpoint()
         self.actors = tuple(f"actor-{number}" for number in range(1, actors + 1))
@@ -43,21 +72,44 @@ class Cluster:
         """How often each was started."""
         self.ended: list[str] = []
         """Processes that ended by themselves, and how."""
-        self._flags = flags
+        self.finished = False
+        """Whether the run has reached its goal, and its learner ended."""
+        self.steps_back = 0
+        """How often weights came that were older than those before."""
+        everyone = (HUB, LEARNER, *self.actors)
+        self._roles: dict[str, Role] = {
+            name: _ROLES.get(name, "actor") for name in (*everyone, _AUDITOR)
+        }
+        self.clocks = Clocks(folder)
+        self.clocked = everyone if start is None else (HUB,)
+        """Processes whose clocks can be moved."""
+        self.certificates = Certificates(folder / "certificates", self._roles)
+        self.no_certificates = "the run is a plain one" if plain else self.certificates.missing
+        self.disk = Disk(folder / "runs", capacity * _ROW_BYTES + _SPARE_BYTES)
+        self.old_version = OldVersion(folder / "old")
+        self._flags = (*flags, "--replay.capacity", str(capacity))
+        self._goal = () if goal is None else ("--steps", str(goal))
+        self._start = start
         self._weights = 0
+        self._version = 0
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
+            stack.enter_context(self.disk)
             stack.callback(self._kill_all)
             for name in (LEARNER, *self.actors):
                 self.links[name] = stack.enter_context(Link(self.endpoint))
             self.start(HUB)
             self.transport = stack.enter_context(
-                connect(self.endpoint, _START, lambda: self.processes[HUB].poll() is not None)
+                connect(
+                    *(self.address(HUB), _START, lambda: self.processes[HUB].poll() is not None),
+                    certificates=self.certificates_of(_AUDITOR),
+                )
             )
             keys, self.config = find_run(self.transport, RUN, _START, lambda: False)
             self.transport.subscribe(keys.weights, self._hear_weights)
+            self._run_id = keys.run_id
             for name in (LEARNER, *self.actors):
                 self.start(name)
             self._stack = stack.pop_all()
@@ -66,7 +118,10 @@ class Cluster:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def _hear_weights(self, _: Envelope) -> None:
+    def _hear_weights(self, message: Envelope) -> None:
+        version, _ = decode_version(message.attachment, self._run_id)
+        self.steps_back += version < self._version
+        self._version = version
         self._weights += 1
 
     def _kill_all(self) -> None:
@@ -82,33 +137,68 @@ class Cluster:
         return sorted(self.folder.glob("*.record"))
 
     @property
-    def replay(self) -> Path:
-        return self.folder / "runs" / RUN / "replay"
+    def run(self) -> RunFolder:
+        return RunFolder(self.disk.folder, RUN)
+
+    def log(self, name: str) -> Path:
+        """What a process has printed."""
+        return self.folder / f"{name}.log"
+
+    def address(self, name: str) -> str:
+        """Where a process finds the hub; where the hub itself listens."""
+        endpoint = self.endpoint if name == HUB else self.links[name].endpoint
+        return endpoint if self.no_certificates else endpoint.replace("tcp/", "tls/")
+
+    def certificates_of(self, name: str) -> Path | None:
+        """The folder of a process' certificates; None for a run without."""
+        return None if self.no_certificates else self.certificates.of(name)
+
+    def _place(self, name: str) -> tuple[str, ...]:
+        folder = self.certificates_of(name)
+        shown = () if folder is None else ("--certificates", str(folder))
+        if name == HUB:
+            return ("--listen", self.address(name), *shown)
+        return ("--connect", self.address(name), "--patience", _AWAY, *shown)
 
     def start(self, name: str) -> None:
         """Start a process; one that ran before goes on with what it left."""
         count = self.starts[name] = self.starts.get(name, 0) + 1
-        run = ("--run", RUN, "--runs", str(self.folder / "runs"))
         again = () if count == 1 else ("--resume",)
+        run = ("--run", RUN, "--runs", str(self.disk.folder), *again, *self._flags)
         if name == HUB:
-            arguments = ("replay", *run, "--listen", self.endpoint, *again, *self._flags)
+            arguments = ("replay", *self._place(name), *run)
         elif name == LEARNER:
-            link = self.links[name].endpoint
-            place = ("--connect", link, "--patience", _AWAY, "--threads", "1")
-            arguments = ("learner", *run, *place, *again, *self._flags)
+            arguments = ("learner", *self._place(name), "--threads", "1", *run, *self._goal)
         else:
             arguments = self._actor(name, name)
-        self.processes[name] = Child(*arguments, log=self.folder / f"{name}.log")
+        self.processes[name] = self._child(name, self.log(name), *arguments)
+
+    def _child(self, name: str, log: Path, *arguments: str) -> Child:
+        if self._start is not None and name != HUB:
+            return self._start(*arguments, log=log)
+        clock = () if self.clocks.missing else self.clocks.command(name)
+        return Child(*clock, *arguments, log=log)
 
     def _actor(self, name: str, record: str) -> tuple[str, ...]:
-        place = ("--connect", self.links[name].endpoint, "--patience", _AWAY)
         file = str(self.folder / f"{record}.record")
-        return ("benchmarks.chaos.witness", file, *place, "--run", RUN, "--name", name)
+        place = (*self._place(name), "--run", RUN)
+        return ("benchmarks.chaos.witness", file, *place, "--name", name)
 
     def double(self, name: str) -> Child:
-        """Start another actor that goes by the name of one that is there."""
-        log = self.folder / f"{name}-double.log"
-        return Child(*self._actor(name, f"{name}-double"), log=log)
+        """Start another actor that goes by the name of one that is there; returns it at play."""
+        log = self.log(f"{name}-double")
+        log.touch()
+        said = log.stat().st_size
+        double = self._child(name, log, *self._actor(name, f"{name}-double"))
+        while "plays" not in log.read_text()[said:]:
+            if double.poll() is not None:
+                raise double.failure(f"second {name}")
+            time.sleep(_POLL)
+        return double
+
+    def old_actor(self, name: str) -> subprocess.Popen[str]:
+        """Start an actor of a former version beside one of this."""
+        return self.old_version.start(*self._place(name), "--run", RUN, "--name", f"old-{name}")
 
     def kill(self, name: str) -> None:
         """End a process by SIGKILL and start it again at once, as a supervisor would."""
@@ -119,13 +209,31 @@ class Cluster:
     def pause(self, name: str) -> Callable[[], None]:
         """Stop a process; returns what lets it go on."""
         process = self.processes[name]
-        os.kill(process.pid, signal.SIGSTOP)
-        return lambda: os.kill(process.pid, signal.SIGCONT)
+
+        def send(number: signal.Signals) -> None:
+            with suppress(ProcessLookupError):  # it has ended by itself meanwhile
+                os.kill(process.pid, number)
+
+        send(signal.SIGSTOP)
+        return lambda: send(signal.SIGCONT)
 
     def rejoin(self, name: str) -> None:
         """Ask an actor to leave, and let another come in its place."""
         self._end(name)
         self.start(name)
+
+    def is_refused(self, name: str) -> bool:
+        """Whether the hub, or who knocks there, finds a process' certificate wanting."""
+        who = _AUDITOR if name == HUB else name
+        try:
+            connect(
+                *(self.address(HUB), 0.0),
+                role=self._roles[who],
+                certificates=self.certificates_of(who),
+            ).close()
+        except Unreachable:
+            return True
+        return False
 
     def _end(self, name: str) -> None:
         process = self.processes[name]
@@ -137,18 +245,26 @@ class Cluster:
         """Notice, and start again, what ended by itself."""
         for name, process in list(self.processes.items()):
             status = process.poll()
-            if status is not None:
-                self.ended.append(f"{name} ended with status {status}: {process.last_line()}")
-                self.start(name)
+            if status is None:
+                continue
+            if status == 0 and self._goal:  # the run is over
+                self.finished |= name == LEARNER
+                continue
+            self.ended.append(f"{name} ended with status {status}: {process.last_line()}")
+            self.start(name)
 
     def private_mib(self, name: str) -> float:
         """Memory of a process, without the files that it maps."""
         status = Path(f"/proc/{self.processes[name].pid}/status").read_text()
         return int(status.partition("RssAnon:")[2].split()[0]) / 1024
 
+    def open_files(self, name: str) -> int:
+        """Files, connections and the like that a process holds."""
+        return len(os.listdir(f"/proc/{self.processes[name].pid}/fd"))
+
     # ------------------------------------------------------------------ the work
 
-    def _stored(self) -> dict[str, int]:
+    def stored(self) -> dict[str, int]:
         """Chunks that each actor was told are stored."""
         return {
             name: (self.folder / f"{name}.record").read_text().count("acknowledged")
@@ -159,21 +275,32 @@ class Cluster:
     @property
     def stored_steps(self) -> int:
         """Agent steps in the replay, at least: what actors were told is stored."""
-        return self.config.stream.chunk_steps * sum(self._stored().values())
+        return self.config.stream.chunk_steps * sum(self.stored().values())
 
-    def recovery(self, patience: float) -> float | None:
-        """Wait until all work: each actor's next chunk is stored, and new weights come.
+    @property
+    def published(self) -> int:
+        """How often weights came."""
+        return self._weights
+
+    def recovery(self, patience: float, besides: str | None = None) -> float | None:
+        """Wait until all work: each actor's next chunk is stored, and new weights come; or until
+        the run is finished.
+
+        Args:
+            besides: a process that cannot, and is not waited for.
 
         Returns:
             seconds until then, or None after ``patience`` seconds.
         """
         began = time.monotonic()
-        before, weights = self._stored(), self._weights
+        before, weights = self.stored(), self._weights
         while (waited := time.monotonic() - began) < patience:
-            now = self._stored()
-            if self._weights > weights and all(
-                now.get(name, 0) > before.get(name, 0) for name in self.actors
-            ):
+            now = self.stored()
+            learning = besides == LEARNER or self._weights > weights
+            playing = all(
+                now.get(name, 0) > before.get(name, 0) for name in self.actors if name != besides
+            )
+            if self.finished or (learning and playing):
                 return waited
             self.look()
             time.sleep(_POLL)

@@ -5,13 +5,17 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import NamedTuple
 
-from benchmarks.chaos.cluster import HUB, LEARNER, RUN, Cluster
+from benchmarks.chaos.cluster import HUB, LEARNER, Cluster
 from common.errors import MessageError
+from common.process.exit_codes import BAD_INPUT
 from common.run.join import find_run
 from common.transport.interface import Unanswered
 
+PATIENCE = 120.0
+"""Seconds after which a run counts as one that does not recover."""
 _JUNK = 20
 """Messages that nobody should have sent."""
+_DAY = 86_400
 
 End = Callable[[], None]
 
@@ -26,6 +30,8 @@ class Fault(NamedTuple):
     """The least and the most that it lasts."""
     may_end: bool = False
     """Whether a process may end by it, to be started again."""
+    missing: Callable[[Cluster], str | None] = lambda _: None
+    """Why it cannot strike on this machine, if it cannot."""
 
 
 def _kill(cluster: Cluster, name: str, _: random.Random) -> None:
@@ -60,6 +66,10 @@ def _half_open(cluster: Cluster, name: str, _: random.Random) -> End:
     return end
 
 
+def _forget(cluster: Cluster, name: str, _: random.Random) -> None:
+    cluster.links[name].forget()
+
+
 def _reset(cluster: Cluster, name: str, _: random.Random) -> None:
     cluster.links[name].reset()
 
@@ -76,13 +86,64 @@ def _flip(cluster: Cluster, name: str, draw: random.Random) -> End:
 
 def _junk(cluster: Cluster, name: str, draw: random.Random) -> None:
     """Send what is no chunk to the replay in an actor's name; each must be refused."""
-    keys, _ = find_run(cluster.transport, RUN, 60.0, lambda: False)
+    keys, _ = find_run(cluster.transport, None, 60.0, lambda: False)
     requester = cluster.transport.requester(keys.insert(name), 10.0)
     for _ in range(_JUNK):
         with suppress(MessageError, Unanswered):
             requester.request(draw.randbytes(draw.randrange(1, 5_000))).result()
             raise AssertionError("junk was stored")
     requester.close()
+
+
+def _fill(cluster: Cluster, _: str, __: random.Random) -> End:
+    cluster.disk.fill()
+    return cluster.disk.empty
+
+
+def _forbid(cluster: Cluster, _: str, __: random.Random) -> End:
+    cluster.disk.forbid()
+    return cluster.disk.allow
+
+
+def _jump(cluster: Cluster, name: str, draw: random.Random) -> End:
+    cluster.clocks.set(name, draw.choice((-1, 1)) * draw.randrange(60, 30 * _DAY))
+    return lambda: cluster.clocks.set(name, 0)
+
+
+def _expire(cluster: Cluster, name: str, _: random.Random) -> End:
+    """Let a certificate expire: its process must be refused, and the others work on."""
+    cluster.certificates.expire(name)
+    if name == HUB:
+        cluster.kill(name)  # it reads its own at its start alone
+    else:
+        cluster.links[name].reset()
+    if not cluster.is_refused(name):
+        raise AssertionError(f"an expired certificate of {name} was let in")
+    # Without a learner the actors soon have to wait.
+    if name in cluster.actors and cluster.recovery(PATIENCE, besides=name) is None:
+        raise AssertionError(f"the others did not work on without {name}")
+    chunks, weights = cluster.stored(), cluster.published
+
+    def end() -> None:
+        now = cluster.stored()
+        came = [each for each in cluster.actors if now.get(each) != chunks.get(each)]
+        if name in came or (name == HUB and came):
+            raise AssertionError(f"chunks came in spite of the expired certificate of {name}")
+        if name in (HUB, LEARNER) and cluster.published != weights:
+            raise AssertionError(f"weights came in spite of the expired certificate of {name}")
+        cluster.certificates.renew(name)
+        if name == HUB:
+            cluster.kill(name)
+
+    return end
+
+
+def _old(cluster: Cluster, name: str, __: random.Random) -> None:
+    """Let an actor of a former version come: it must be sent away with a sentence."""
+    process = cluster.old_actor(name)
+    said, _ = process.communicate(timeout=PATIENCE)
+    if process.returncode != BAD_INPUT or "the hub does not speak this version's" not in said:
+        raise AssertionError(f"a former version ended with {process.returncode}, and said: {said}")
 
 
 def _everyone(cluster: Cluster) -> tuple[str, ...]:
@@ -97,17 +158,35 @@ def _actors(cluster: Cluster) -> tuple[str, ...]:
     return cluster.actors
 
 
+def _clocked(cluster: Cluster) -> tuple[str, ...]:
+    return cluster.clocked
+
+
+def _the_disk(_: Cluster) -> tuple[str, ...]:
+    return ("disk",)
+
+
 FAULTS = {
     "kill -9": Fault(_kill, _everyone),
     "pause (SIGSTOP)": Fault(_pause, _everyone, (1.0, 12.0)),
     "leave and join": Fault(_rejoin, _actors),
-    "same name twice": Fault(_double, _actors, (4.0, 8.0)),
+    "same name twice": Fault(_double, _actors, (1.0, 4.0)),
     "network away, what was sent arrives later": Fault(_cut, _clients, (1.0, 12.0)),
     "half-open connection": Fault(_half_open, _clients, (1.0, 12.0)),
+    "router restart, connection forgotten": Fault(_forget, _clients),
     "connection reset": Fault(_reset, _clients),
     "slow network, 20 to 300 ms": Fault(_delay, _clients, (2.0, 6.0)),
-    # Zenoh's own messages have no checksum: some wrong bits in them make it panic.
+    # Zenoh's own messages have no checksum: some wrong bits in them make it panic. TLS has one.
     "one wrong bit in each piece": Fault(_flip, _clients, (1.0, 3.0), may_end=True),
     "junk in an actor's name": Fault(_junk, _actors),
+    "disk full": Fault(_fill, _the_disk, (1.0, 6.0), missing=lambda c: c.disk.missing),
+    "disk read-only": Fault(_forbid, _the_disk, (1.0, 6.0), missing=lambda c: c.disk.missing),
+    "clock a minute to a month off": Fault(
+        _jump, _clocked, (1.0, 6.0), missing=lambda c: c.clocks.missing
+    ),
+    "certificate expired": Fault(
+        _expire, _everyone, (1.0, 6.0), missing=lambda c: c.no_certificates
+    ),
+    "old version of the program": Fault(_old, _actors, missing=lambda c: c.old_version.missing),
 }
 """By what people call them."""

@@ -2,6 +2,7 @@
 
 import random
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable
@@ -10,6 +11,9 @@ from typing import Any, Self
 
 from benchmarks.child import free_endpoint
 from common.transport.endpoint import check_endpoint
+
+_AT_ONCE = struct.pack("ii", 1, 0)
+"""Closes a connection by a reset."""
 
 
 class Link:
@@ -94,12 +98,18 @@ class Link:
         near.close()
 
     def _carry(self, source: socket.socket, sink: socket.socket, whole: threading.Event) -> None:
-        with suppress(OSError):
+        try:
             while content := source.recv(65_536):
                 if self.delay:
                     time.sleep(self.delay)
                 whole.wait()
                 sink.sendall(self._spoiled(content))
+        except OSError:
+            # Whoever sends to one that has gone is told so by that one's machine.
+            whole.wait()
+            with suppress(OSError):
+                source.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
+            source.close()
         whole.wait()
         with suppress(OSError):
             sink.shutdown(socket.SHUT_RDWR)

@@ -7,8 +7,8 @@ time.
 
 import csv
 import dataclasses
+import io
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +18,7 @@ from pydantic import AllowInfNan
 
 from common.checked import Count, Invalid, build
 from common.errors import InputError
-from common.regular_file import no_links
-from common.run.folder import write_atomically
+from common.run.folder import append_whole, write_atomically
 
 EpochPhase = Literal["random", "train", "test"]
 Figure = Annotated[float, AllowInfNan(True)]
@@ -92,11 +91,9 @@ class EpochTable:
         """Add ``row``; it is on the disk when this returns."""
         if not self._path.exists():
             write_atomically(self._path, _HEADER.encode())
-        with open(self._path, "a", encoding="utf-8", opener=no_links) as file:
-            cells = map(_cell, dataclasses.astuple(row))
-            csv.writer(file, lineterminator="\n").writerow(cells)
-            file.flush()
-            os.fsync(file.fileno())
+        line = io.StringIO()
+        csv.writer(line, lineterminator="\n").writerow(map(_cell, dataclasses.astuple(row)))
+        append_whole(self._path, line.getvalue().encode(), durable=True)
 
     def rows(self) -> list[EpochRow]:
         """All rows; none where there is no file yet.

@@ -53,6 +53,27 @@ def write_atomically(path: Path, content: bytes, former: Path | None = None) -> 
         os.close(folder)
 
 
+def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
+    """Append ``content`` to the file at ``path``, whole or not at all; make it if need be.
+
+    Args:
+        durable: whether it is on the disk when this returns.
+    """
+    file = no_links(str(path), os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    try:
+        size, rest = os.fstat(file).st_size, content
+        try:
+            while rest:
+                rest = rest[os.write(file, rest) :]
+        except OSError:
+            os.ftruncate(file, size)
+            raise
+        if durable:
+            os.fsync(file)
+    finally:
+        os.close(file)
+
+
 def kept_networks(snapshots: Path) -> dict[int, Path]:
     """Returns the files of the epochs' weights in a run's ``snapshots/`` by epoch, oldest first."""
     names = {

@@ -8,11 +8,13 @@ that begin with ``tls/`` everybody shows a certificate, and may do what its role
 
 import json
 import logging
+import os
 import socket
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -341,9 +343,29 @@ def open_hub(endpoint: str, certificates: Path | None = None) -> ZenohTransport:
         access = access_control(allowed_actors(certificates, listed=True))
         settings |= {**credentials.settings("hub"), "access_control": access}
     try:
-        return ZenohTransport(zenoh.open(_config("router", settings)))
+        session = zenoh.open(_config("router", settings))
     except zenoh.ZError as error:
         raise InputError(f"cannot listen at {endpoint}: {error}") from None
+    _forget_the_silent(port)
+    return ZenohTransport(session)
+
+
+def _forget_the_silent(port: int) -> None:
+    """Let the kernel end connections to ``port`` whose other side has not taken what was sent.
+
+    To end a TLS link Zenoh writes to it. Where a router has forgotten the connection, and its
+    buffer is full, that would wait for the kernel's own end, a quarter of an hour later, and the
+    client could not come back before. Sockets inherit it from the one that accepts them.
+    """
+    for file in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):
+            if not os.readlink(file).startswith("socket:"):
+                continue
+            with socket.socket(fileno=os.dup(int(file.name))) as found:
+                listens = found.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+                of_ip = found.family in (socket.AF_INET, socket.AF_INET6)
+                if listens and of_ip and found.getsockname()[1] == port:
+                    found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, LEASE_MS)
 
 
 def connect(

@@ -72,5 +72,6 @@ class HeldOut:
                 self.histogram = Histogram(counts.tolist(), edges.tolist())
         frames, vectors = replay.held_out(RECENT, RECENT_STEPS)
         if len(frames) >= LEAST_RECENT:
-            values = algorithm.max_q(torch.from_numpy(frames), torch.from_numpy(vectors))
+            recent = torch.from_numpy(frames.copy()), torch.from_numpy(vectors.copy())
+            values = algorithm.max_q(*recent)
             self.recent_std = float(values.std(unbiased=False))

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
+from benchmarks.catch import install
 from common.errors import InputError
 from deploy.__main__ import main
-from tests.end_to_end.catch import install
 from tests.end_to_end.conftest import SMALL
 from tests.paths import ROOT
 from tests.patience import wait_until

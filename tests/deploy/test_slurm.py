@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.catch import install
 from tests.deploy.cluster import MISSING, Cluster, cluster
-from tests.end_to_end.catch import install
 from tests.end_to_end.conftest import SMALL
 from tests.paths import ROOT
 from tests.patience import wait_until

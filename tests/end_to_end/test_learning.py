@@ -1,12 +1,13 @@
 """The whole pipeline learns: Catch through actors, Zenoh, replay, Double DQN and back."""
 
-from tests.end_to_end import catch
+from benchmarks import catch
 from tests.end_to_end.conftest import Stage
 
 
 def test_it_learns_to_catch(stage: Stage) -> None:
+    catch.install(stage.folder)
     learner = stage.learner(
-        "--env", "ale",
+        "--env", "catch",
         "--threads", "1",
         "--steps", "9000",
         "--replay.learning-starts", "1000",
@@ -27,8 +28,8 @@ def test_it_learns_to_catch(stage: Stage) -> None:
         "--protocol.test-epsilon", "0",
         "--protocol.held-out-states", "64",
     )  # fmt: skip
-    for name, role in (("a", "actor"), ("e", "evaluator")):
-        stage.start(catch.__file__, stage.endpoint, name, role)
+    stage.actor("a")
+    stage.actor("e", "--evaluator")
 
     learner.ends()
 

@@ -5,7 +5,6 @@ import json
 import numpy as np
 from safetensors.numpy import load_file
 
-from tests.end_to_end import catch
 from tests.end_to_end.conftest import SMALL, Stage
 
 
@@ -19,7 +18,7 @@ def test_a_toy_algorithm_learns_by_its_name(stage: Stage) -> None:
     learner = stage.learner(
         *("--env", "ale", "--learning.algorithm", "random_policy", "--steps", "900", *SMALL)
     )
-    stage.start(catch.__file__, stage.endpoint, "a", "actor")
+    stage.actor("a")
 
     learner.ends()
 

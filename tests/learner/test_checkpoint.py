@@ -249,6 +249,18 @@ def test_a_stop_ends_the_wait(checkpoint: Checkpoint, monkeypatch: pytest.Monkey
     assert len(said) == 1
 
 
+def test_a_disk_that_is_read_only_is_waited_for(
+    checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Disk(monkeypatch, 2 * 2**20)
+    stop = Stop()
+    monkeypatch.setattr(os, "access", lambda path, how: stop.waits > 0)
+    said: list[str] = []
+    checkpoint.wait_for_room(said.append, stop)
+    assert stop.waits == 1
+    assert "is read-only: training waits until it can be written." in said[0]
+
+
 def test_what_the_system_refuses_is_no_damage(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import math
+import os
 import re
 import threading
 from collections.abc import Callable
@@ -425,6 +426,40 @@ def test_a_full_disk_pauses_training_and_nothing_is_lost() -> None:
     run(world)
     assert world.updates == 50
     assert world.published[1][0] >= 1_060.0
+
+
+@pytest.mark.parametrize(
+    ("part", "write"),
+    [
+        ("checkpoint", "save"),
+        ("telemetry", "report"),
+        ("telemetry", "add"),
+        ("held_out", "draw"),
+        ("evaluation", "add"),
+        ("evaluation", "settle"),
+        ("evaluation", "sweep"),
+    ],
+)
+def test_a_disk_that_fills_under_a_write_is_waited_for(part: str, write: str) -> None:
+    world = World(update_seconds=1.0, scores=[-3.0, 7.0, 5.0, 6.0])
+    learner = world.learner(steps_goal=100 + 3 * 200)
+    learner.start()
+    owner = getattr(learner, part)
+    real, refused = getattr(owner, write), []
+
+    def refuse_once(*given: Any) -> Any:
+        if not refused:
+            refused.append(given)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "FILE")
+        return real(*given)
+
+    setattr(owner, write, refuse_once)
+    learner.run()
+    assert len(refused) == 1
+    tests = [row.average_reward for row in world.rows if row.phase == "test"]
+    assert tests == [-3.0, 7.0, 5.0]
+    assert "WARNING: FILE cannot be written (No space left on device)" in " ".join(world.said)
+    assert world.said.count("The disk can be written again: training continues.") == 1
 
 
 @pytest.mark.parametrize("sampler", ["uniform", "prioritised"])

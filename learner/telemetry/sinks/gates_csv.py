@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from common.metrics import METRICS, number
-from common.regular_file import no_links
-from common.run.folder import write_atomically
+from common.run.folder import append_whole, write_atomically
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 
@@ -56,8 +55,9 @@ class GatesCsvSink(Sink):
         row["seconds"] = f"{number(values, 'run/seconds') or 0:.1f}"
         row["agent_steps"] = str(values["run/agent_steps"])
         row["red"] = "; ".join(check.name for check in snapshot.failed)
-        with open(self._path, "a", encoding="utf-8", opener=no_links) as file:
-            self._writer(file).writerow(row)
+        line = io.StringIO()
+        self._writer(line).writerow(row)
+        append_whole(self._path, line.getvalue().encode())
 
     def _writer(self, file: TextIO) -> "csv.DictWriter[str]":
         """What is missing in a row stays empty, and what has no column is left out."""

@@ -1,7 +1,6 @@
 """The run's curves for TensorBoard, over agent steps, with settings, histograms, pictures, films.
 
-Written with TensorBoard's own event writer: PyTorch's wrapper around it takes seconds to import
-and brings nothing that is needed here.
+PyTorch's writer of such files takes seconds to import, and brings nothing that is needed here.
 """
 
 import io
@@ -20,16 +19,15 @@ from tensorboard.plugins.custom_scalar import layout_pb2
 from tensorboard.plugins.custom_scalar import metadata as custom_scalars
 from tensorboard.plugins.hparams import metadata as hparams
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionStartInfo
-from tensorboard.summary.writer.event_file_writer import EventFileWriter
 
 from common.metrics import METRICS, Value, Values
 from common.protocol.live_view import ViewRequest, size_of
 from learner.clock import Every
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.curves import FILM, CurvesSink, tags_of
+from learner.telemetry.sinks.event_file import EventFile
 from learner.telemetry.snapshot import Histogram, Snapshot
 
-_FLUSH_SECONDS = 10
 _PICTURE_SECONDS = 300.0
 _FILM_RATE, _FILM_PICTURES, _FILM_WIDTH = 5, 40, 512
 """Of the GIF that stands for a film: pictures a second, most pictures, and pixels."""
@@ -51,7 +49,7 @@ _LAYOUT: dict[str, dict[str, list[str]]] = {
 
 
 class TensorBoardSink(CurvesSink):
-    """Event files in ``folder``, made when it does not exist; earlier files in it stay.
+    """Event files in ``folder``; earlier files in it stay.
 
     Args:
         settings: of the run, by their flags, as ``learning.n_step``.
@@ -74,24 +72,24 @@ class TensorBoardSink(CurvesSink):
 
     def start(self, resumed_at: int | None) -> None:
         """Open a file; TensorBoard forgets the points after ``resumed_at``."""
-        self._writer = EventFileWriter(str(self._folder), flush_secs=_FLUSH_SECONDS)
+        self._file = EventFile(self._folder)
         if resumed_at is None:
             self._add([_session_start(self._settings), _layout()], 0)
-            return
-        restart = SessionLog(status=SessionLog.START)
-        self._writer.add_event(
-            Event(wall_time=time.time(), step=resumed_at + 1, session_log=restart)
-        )
-        self._writer.flush()
+        else:
+            restart = SessionLog(status=SessionLog.START)
+            event = Event(wall_time=time.time(), step=resumed_at + 1, session_log=restart)
+            self._file.add(event)
+        self._file.flush()
 
     def close(self) -> None:
         """Write what is still in memory and end."""
-        self._writer.close()
+        self._file.close()
 
     def write(self, snapshot: Snapshot) -> None:
         """As `CurvesSink.write`, and now and then what an actor's camera sees."""
         super().write(snapshot)
         self._add_picture(snapshot, int(snapshot.values.get("run/agent_steps") or 0))
+        self._file.flush()
 
     def filmed(self, file: Path, agent_steps: int) -> None:
         """See `Sink.filmed`; TensorBoard shows a GIF among its images."""
@@ -129,7 +127,7 @@ class TensorBoardSink(CurvesSink):
 
     def _add(self, values: list[Summary.Value], agent_steps: int) -> None:
         summary = Summary(value=values)
-        self._writer.add_event(Event(wall_time=time.time(), step=agent_steps, summary=summary))
+        self._file.add(Event(wall_time=time.time(), step=agent_steps, summary=summary))
 
 
 def written_points(folder: Path) -> Iterator[Values]:

@@ -14,7 +14,7 @@ import torch
 from rich.console import Console
 
 from actors.games import GamesOptions, games
-from benchmarks import report
+from benchmarks import catch, report
 from benchmarks.figures.plot import FIGURES
 from benchmarks.lab import race
 from benchmarks.report import run
@@ -29,7 +29,6 @@ from learner.evaluation import offline
 from learner.evaluation.offline import EvaluationOptions
 from learner.figures.plot import Options as Drawing
 from learner.options import LearnerOptions
-from tests.end_to_end import catch
 from tests.end_to_end.conftest import Stage
 from tests.epoch_rows import epoch_row
 from tests.extending.whole_run import added, learned

@@ -1,5 +1,6 @@
 """Whose a run's folder is, and what a claim refuses."""
 
+import errno
 import json
 import os
 import signal
@@ -12,7 +13,7 @@ import pytest
 
 from common.errors import InputError
 from common.run.config import RunConfig
-from common.run.folder import Part, RunFolder, write_atomically
+from common.run.folder import Part, RunFolder, append_whole, write_atomically
 from common.run.presets import PRESETS
 from tests.paths import ROOT
 
@@ -202,6 +203,27 @@ def test_a_write_that_fails_leaves_the_old_file(
         write_atomically(path, b"new")
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["file"]
+
+
+def test_what_is_appended_is_there_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "table"
+    append_whole(path, b"first\n")
+    write, room = os.write, iter((3, 1))
+
+    def into_little_room(file: int, content: bytes) -> int:
+        if (some := next(room, 0)) == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(file, content[:some])
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "write", into_little_room)
+        with pytest.raises(OSError, match="No space"):
+            append_whole(path, b"second\n")
+    assert path.read_bytes() == b"first\n"
+    append_whole(path, b"second\n", durable=True)
+    assert path.read_bytes() == b"first\nsecond\n"
 
 
 def test_whoever_holds_the_old_file_open_reads_it_to_its_end(tmp_path: Path) -> None:

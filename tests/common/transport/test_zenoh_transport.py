@@ -1,5 +1,6 @@
 """Opening the hub and joining it, by Zenoh."""
 
+import os
 import socket
 import time
 from collections.abc import Callable
@@ -13,7 +14,13 @@ from common.protocol.run_keys import RunKeys
 from common.transport.checksum import seal
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, is_loopback
 from common.transport.interface import Envelope, Unanswered
-from common.transport.zenoh_transport import ZenohTransport, connect, open_hub
+from common.transport.zenoh_transport import (
+    LEASE_MS,
+    ZenohTransport,
+    _forget_the_silent,
+    connect,
+    open_hub,
+)
 from tests.patience import PATIENCE, wait_until
 
 
@@ -38,6 +45,26 @@ def test_what_is_no_address_is_told_with_an_example(endpoint: str) -> None:
     for use in (check_endpoint, open_hub, lambda endpoint: connect(endpoint, 1e9)):
         with pytest.raises(InputError, match=f"is no address: write it as {DEFAULT_ENDPOINT}"):
             use(endpoint)
+
+
+def test_the_kernel_ends_a_hubs_connections_whose_other_side_takes_nothing() -> None:
+    """Or a client whose connection a router forgot could not come back over TLS."""
+
+    def timeout(opened: socket.socket) -> int:
+        return opened.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT)
+
+    with (
+        socket.create_server(("127.0.0.1", 0)) as ours,
+        socket.create_server(("127.0.0.1", 0)) as other,
+    ):
+        before = os.listdir("/proc/self/fd")
+        _forget_the_silent(ours.getsockname()[1])
+        assert len(os.listdir("/proc/self/fd")) == len(before)
+        assert (timeout(ours), timeout(other)) == (LEASE_MS, 0)
+        with socket.create_connection(ours.getsockname()):
+            accepted, _ = ours.accept()
+            with accepted:
+                assert timeout(accepted) == LEASE_MS
 
 
 def test_a_port_that_is_taken_is_told_and_the_next_one_named(endpoint: str) -> None:

@@ -1,6 +1,8 @@
 """Curves, read back with TensorBoard's own reader."""
 
+import errno
 import io
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -100,6 +102,26 @@ def test_status_and_epochs_over_agent_steps(tmp_path: Path) -> None:
     assert points["play/epoch_test_reward"] == [(25_500, -20.5)]
     assert points["learning/epoch_test_mean_max_q"] == [(25_500, 0.75)]
     assert {tag.split("/")[0] for tag in points} == {"play", "learning", "stream", "gates"}
+
+
+def test_what_a_full_disk_refused_follows_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    curves = started(tmp_path)
+    write, room = os.write, iter((3, 100))
+
+    def into_little_room(file: int, content: bytes) -> int:
+        if (some := next(room, 0)) == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(file, content[:some])
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "write", into_little_room)
+        with pytest.raises(OSError, match="No space"):
+            curves.write(STATUS)
+    curves.write(changed(STATUS, {"run/agent_steps": 2_000, "learning/loss": 0.125}))
+    curves.close()
+    assert read(tmp_path)["learning/loss"] == [(1_000, 0.25), (2_000, 0.125)]
 
 
 def test_the_unknown_has_no_point(tmp_path: Path) -> None:

@@ -1,46 +1,33 @@
-"""A tiny visual game behind the environments' interface, and actors that play it.
+"""Catch: a tiny visual game, which a network learns in some thousand steps.
 
 A ball falls straight down a 7 × 7 field; the paddle at the bottom moves one cell a step. Caught
 is +1, missed is -1, and either ends the game. The actions are Pong's six, of which two go right,
 two go left and two stay.
-
-    python catch.py ENDPOINT NAME actor|evaluator
 """
 
-import sys
-import threading
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from actors.actor import Actor
-from actors.evaluator import Evaluator
-from actors.member import Member
-from actors.policy import Policy
-from common.network import build_network
-from common.process.lifeline import on_signals
 from common.registry import Environment
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
-from common.run.join import find_run
-from common.transport.zenoh_transport import connect
 
 CELLS = 7
 CELL = 84 // CELLS
 MOVES = (0, 0, 1, -1, 1, -1)
 HISTORY = 4
-PATIENCE = 300.0
-"""Seconds for the hub to be there."""
 
 RANDOM_SCORE = -0.72
 """Mean score of the random policy over 10,000 games."""
 
 
 class Catch(gymnasium.Env[NDArray[np.uint8], int]):
+    """The game; a state is ``uint8 [4, 84, 84]``."""
+
     @classmethod
     def of_run(cls, config: RunConfig, clock: ClockConfig, *, training: bool) -> "Catch":
         return cls()
@@ -84,8 +71,8 @@ class Catch(gymnasium.Env[NDArray[np.uint8], int]):
         }
 
 
-CATCH = Environment("catch", "tests.end_to_end.catch:Catch.of_run", lambda config: len(MOVES))
-"""For `--env catch`, where an installed package's metadata name it; see `install`."""
+CATCH = Environment("catch", "benchmarks.catch:Catch.of_run", lambda config: len(MOVES))
+"""For ``--env catch``, where an installed package's metadata name it; see `install`."""
 
 
 def install(folder: Path) -> None:
@@ -94,24 +81,5 @@ def install(folder: Path) -> None:
     metadata.mkdir()
     (metadata / "METADATA").write_text("Name: catch\nVersion: 1.0\n")
     (metadata / "entry_points.txt").write_text(
-        "[ale_robot.environments]\ncatch = tests.end_to_end.catch:CATCH\n"
+        "[ale_robot.environments]\ncatch = benchmarks.catch:CATCH\n"
     )
-
-
-def main(endpoint: str, name: str, role: str) -> None:
-    torch.set_num_threads(1)
-    stop = threading.Event()
-    on_signals(stop)
-    transport = connect(endpoint, PATIENCE, stop.is_set)
-    keys, config = find_run(transport, None, PATIENCE, stop.is_set)
-    policy = Policy(build_network(config, len(MOVES)), len(MOVES), np.random.default_rng(1))
-    member = Member(name, transport, keys, config, PATIENCE, stop)
-    if role == "evaluator":
-        Evaluator(member, Catch(), policy).run(7)
-    else:
-        Actor(member, [Catch()], policy).run([3])
-    transport.close()
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

@@ -1,0 +1,58 @@
+"""`Certificates`: by which the processes of a run know each other, until they expire."""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+
+from common.process.supervisor import ROOT
+from common.transport.credentials import Role
+
+
+class Certificates:
+    """A folder of its own for each process, in ``folder``, under one authority.
+
+    Args:
+        roles: of the processes, by name.
+    """
+
+    def __init__(self, folder: Path, roles: Mapping[str, Role]) -> None:
+        self._folder = folder
+        self._roles = roles
+        self._valid, self._expired = folder / "valid", folder / "expired"
+        self.missing = self._make(self._valid)
+        """Why there are none, where that is so."""
+        if self.missing is None:
+            shutil.copytree(self._valid, self._expired)
+            self.missing = self._make(self._expired, DAYS="-1")
+            for name in roles:
+                self.of(name).mkdir()
+                shutil.copy(self._valid / "ca.pem", self.of(name))
+                self.renew(name)
+
+    def _make(self, folder: Path, **environment: str) -> str | None:
+        done = subprocess.run(
+            [ROOT / "deploy/certificates.sh", folder, "localhost"],
+            env={**os.environ, **environment},
+            capture_output=True,
+            text=True,
+        )
+        return f"no certificates: {done.stderr.strip()}" if done.returncode else None
+
+    def of(self, name: str) -> Path:
+        """Returns the folder that a process has."""
+        return self._folder / name
+
+    def expire(self, name: str) -> None:
+        """Let a process' certificate be one that was good until yesterday."""
+        self._put(self._expired, name)
+
+    def renew(self, name: str) -> None:
+        """Let it be one that is good."""
+        self._put(self._valid, name)
+
+    def _put(self, source: Path, name: str) -> None:
+        role = self._roles[name]
+        for file in (f"{role}.pem", f"{role}-key.pem"):
+            shutil.copy(source / file, self.of(name))

@@ -1,0 +1,76 @@
+"""`Disk`: a small disk of a run's own, which can be full or read-only."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Self
+
+_LEAST = 4096
+"""Bytes that a file system gives out at once."""
+
+
+class Disk:
+    """A file system in memory, at ``folder``; a context manager, after which the files stay there.
+
+    Args:
+        folder: is made.
+        size: bytes that fit.
+    """
+
+    def __init__(self, folder: Path, size: int) -> None:
+        self.folder = folder
+        self.missing: str | None = None
+        """Why ``folder`` is no disk of its own, where it is none."""
+        self._size = size
+        self._ballast = folder / "ballast"
+
+    def __enter__(self) -> Self:
+        self.folder.mkdir()
+        self.missing = _mount("-t", "tmpfs", "-o", f"size={self._size}", "chaos", str(self.folder))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.missing is None:
+            kept = self.folder.with_name(f"{self.folder.name}.kept")
+            shutil.copytree(self.folder, kept)
+            self._unmount()
+            self.folder.rmdir()
+            kept.rename(self.folder)
+
+    def fill(self) -> None:
+        """Take all the room that is left."""
+        size, more = 0, 2**30
+        with self._ballast.open("wb") as file:
+            while more >= _LEAST:
+                try:
+                    os.posix_fallocate(file.fileno(), size, more)
+                    size += more
+                except OSError:
+                    more //= 2
+
+    def empty(self) -> None:
+        """Give the room back."""
+        self._ballast.unlink()
+
+    def forbid(self) -> None:
+        """Let nothing be made, changed or removed by its name; files that are open stay so."""
+        place = str(self.folder)
+        if why := _mount("--bind", place, place) or _mount("-o", "remount,bind,ro", place):
+            raise OSError(why)
+
+    def allow(self) -> None:
+        """Take back `forbid`."""
+        self._unmount()
+
+    def _unmount(self) -> None:
+        subprocess.run(["umount", "--lazy", self.folder], check=True)
+
+
+def _mount(*arguments: str) -> str | None:
+    """Mounts something; returns why that cannot be, if it cannot."""
+    try:
+        done = subprocess.run(["mount", *arguments], capture_output=True, text=True)
+    except OSError as error:
+        return f"mount cannot be run ({error.strerror})"
+    return done.stderr.strip().replace("\n", " ") or "mount failed" if done.returncode else None

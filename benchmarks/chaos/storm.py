@@ -1,0 +1,79 @@
+"""`Storm`: one fault after the other on a run, as a seed draws them."""
+
+import random
+import time
+from typing import Any
+
+from benchmarks.chaos.cluster import HUB, LEARNER, Cluster
+from benchmarks.chaos.faults import FAULTS, PATIENCE
+from common.errors import InputError
+
+_SHORTEST, _LONGEST = 0.2, 3.0
+"""Seconds of work between faults."""
+
+
+class Storm:
+    """Strikes with each kind of fault once, then with each once again, and so on.
+
+    Args:
+        seed: of what is broken, when and for how long.
+        longest: the most seconds that a fault lasts.
+    """
+
+    def __init__(self, cluster: Cluster, seed: int, longest: float) -> None:
+        self.struck: list[dict[str, Any]] = []
+        """Each fault: which, of what, how long, what it ended, and when all worked again."""
+        found = {name: fault.missing(cluster) for name, fault in FAULTS.items()}
+        self.missing = {name: why for name, why in found.items() if why is not None}
+        """Faults that cannot be had here, and why."""
+        self._cluster = cluster
+        self._draw = random.Random(seed)
+        self._longest = longest
+        self._deck: list[str] = []
+
+    def strike(self) -> None:
+        """Let one fault happen, and wait until all works again; one in which the run reaches its
+        goal does not count.
+
+        Raises:
+            InputError: the run does not recover.
+        """
+        draw, cluster = self._draw, self._cluster
+        time.sleep(draw.uniform(_SHORTEST, min(_LONGEST, self._longest)))
+        if not self._deck:
+            self._deck = [name for name in FAULTS if name not in self.missing]
+            draw.shuffle(self._deck)
+        name = self._deck.pop()
+        fault, before = FAULTS[name], len(cluster.ended)
+        target = draw.choice(fault.targets(cluster))
+        seconds = min(draw.uniform(*fault.seconds), self._longest)
+        end = fault.strike(cluster, target, draw)
+        if end is not None:
+            time.sleep(seconds)
+            end()
+        recovery = cluster.recovery(PATIENCE)
+        if cluster.finished:
+            return
+        if recovery is None:
+            raise InputError(
+                f"the run did not recover in {PATIENCE:.0f} s from: {name}, {target}, "
+                f"{seconds:.1f} s{''.join(f'; {each}' for each in cluster.ended)}."
+            )
+        self.struck.append(
+            {
+                **{"fault": name, "target": target, "seconds": seconds, "recovery": recovery},
+                "ended": cluster.ended[before:],
+                "private_mib": {each: cluster.private_mib(each) for each in (HUB, LEARNER)},
+                "open_files": {each: cluster.open_files(each) for each in (HUB, LEARNER)},
+            }
+        )
+        told = f"{name}, {target}: all work again after {recovery:.1f} s"
+        print(f"{len(self.struck):4} {told}", flush=True)
+
+    @property
+    def unforeseen(self) -> list[str]:
+        """Processes that ended, and should not have."""
+        known = [
+            each for row in self.struck if FAULTS[row["fault"]].may_end for each in row["ended"]
+        ]
+        return [each for each in self._cluster.ended if each not in known]

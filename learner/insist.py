@@ -1,0 +1,45 @@
+"""`insist`: a run that has begun outlasts a disk that is full or read-only for a while."""
+
+import errno
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+from common.process.service_manager import alive
+
+_WAITED_FOR = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+_POLL = 0.1
+T = TypeVar("T")
+
+
+def insist(write: Callable[[], T], say: Callable[[str], None], stop: threading.Event) -> T:
+    """Returns what ``write`` returns, once the disk lets it.
+
+    Args:
+        write: is called until it succeeds; a try that fails must not stand in the way of the next.
+        say: takes a sentence for people.
+        stop: ends every wait.
+
+    Raises:
+        OSError: the disk refused it for another reason, or until ``stop`` was set.
+    """
+    told = False
+    while True:
+        try:
+            found = write()
+            break
+        except OSError as error:
+            if error.errno not in _WAITED_FOR or stop.is_set():
+                raise
+            if not told:
+                what = error.filename or "a file of the run"
+                say(
+                    f"WARNING: {what} cannot be written ({error.strerror}): training waits until "
+                    "it can."
+                )
+            told = True
+        stop.wait(_POLL)
+        alive()
+    if told:
+        say("The disk can be written again: training continues.")
+    return found

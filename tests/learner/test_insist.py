@@ -1,0 +1,69 @@
+"""What a full or read-only disk refuses is written when it can be; what will not pass ends it."""
+
+import errno
+import os
+import threading
+
+import pytest
+
+from learner.insist import insist
+
+
+class Disk:
+    """A file that can be written, but for the first so many times."""
+
+    def __init__(self, refusals: float, number: int) -> None:
+        self.tries = 0
+        self._refusals = refusals
+        self._number = number
+
+    def write(self) -> str:
+        self.tries += 1
+        if self.tries <= self._refusals:
+            raise OSError(self._number, os.strerror(self._number), "FILE")
+        return "written"
+
+
+class Stop(threading.Event):
+    """Never waits; set at the third wait."""
+
+    waits = 0
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.waits += 1
+        if self.waits == 3:
+            self.set()
+        return self.is_set()
+
+
+def test_a_disk_that_takes_it_is_not_spoken_of() -> None:
+    said: list[str] = []
+    assert insist(Disk(0, 0).write, said.append, Stop()) == "written"
+    assert said == []
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EROFS])
+def test_one_that_has_no_room_for_a_while_is_waited_for(number: int) -> None:
+    said: list[str] = []
+    disk = Disk(2, number)
+    assert insist(disk.write, said.append, Stop()) == "written"
+    assert disk.tries == 3
+    assert said == [
+        f"WARNING: FILE cannot be written ({os.strerror(number)}): training waits until it can.",
+        "The disk can be written again: training continues.",
+    ]
+
+
+def test_a_stop_ends_the_wait() -> None:
+    said: list[str] = []
+    disk = Disk(float("inf"), errno.ENOSPC)
+    with pytest.raises(OSError, match="No space"):
+        insist(disk.write, said.append, Stop())
+    assert (disk.tries, len(said)) == (4, 1)
+
+
+def test_what_will_not_pass_is_not_waited_for() -> None:
+    disk = Disk(float("inf"), errno.EACCES)
+    with pytest.raises(PermissionError):
+        insist(disk.write, print, Stop())
+    assert disk.tries == 1
