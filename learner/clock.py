@@ -43,6 +43,10 @@ class Every:
             self.restart()
         return due
 
+    def hasten(self) -> None:
+        """Be due at once, because what is scheduled could not be done."""
+        self._next = -float("inf")
+
     def restart(self) -> None:
         """Start a period now, because what is scheduled was just done."""
         self._next = self._now() + self._seconds

@@ -10,7 +10,7 @@ from pathlib import Path
 from common.process.supervisor import ROOT
 
 COMMIT = "8f65181"
-"""The last one before messages had their present schema."""
+"""One whose messages are of a former schema."""
 
 
 class OldVersion:

@@ -11,6 +11,8 @@ from types import FrameType
 _TOGETHER = 1.0
 LEASH = "--leash"
 """Last argument of a process that is to leave when its standard input ends."""
+_was_asked = False
+"""Whether a signal has asked this process to leave."""
 GRACE = 4.0
 """Seconds that a child process may take to leave once it is asked to, or its parent is gone."""
 
@@ -36,6 +38,8 @@ def on_signals(stop: threading.Event) -> None:
 
     def handle(number: int, frame: FrameType | None) -> None:
         nonlocal first
+        global _was_asked
+        _was_asked = True
         now = time.monotonic()
         if first is None:
             first = now
@@ -70,7 +74,8 @@ def leave_with_parent() -> None:
     def watch() -> None:
         while os.read(sys.stdin.fileno(), 1024):
             pass
-        os.kill(os.getpid(), signal.SIGTERM)
+        if not _was_asked:  # else this would be the signal of an impatient person
+            os.kill(os.getpid(), signal.SIGTERM)
         threading.Event().wait(GRACE)
         os._exit(1)
 

@@ -65,11 +65,11 @@ def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
         try:
             while rest:
                 rest = rest[os.write(file, rest) :]
+            if durable:
+                os.fsync(file)
         except OSError:
             os.ftruncate(file, size)
             raise
-        if durable:
-            os.fsync(file)
     finally:
         os.close(file)
 

@@ -6,8 +6,9 @@ from collections.abc import Callable
 STEPS_PER_SECOND = 10_000
 """Of one actor at most, unless ``--actor-quota`` says otherwise: three times what one that plays in
 the emulator alone makes with a core."""
-REPORTS_PER_SECOND = 100
-"""Of one evaluator: a game has hundreds of steps."""
+REPORTS_PER_SECOND = 2_000
+"""Of one evaluator: several times as many as one of the shortest games makes, Catch, which ends
+after six steps."""
 _AHEAD = 1.0
 """Seconds of its quota that may come at once, as after a pause of the hub."""
 _MOST_NAMES = 4_096

@@ -7,6 +7,7 @@ its own certificate, which a hub need not have.
 
 import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -50,25 +51,41 @@ def unchecked(*_: object) -> None:
 def signer(certificates: Path | None) -> Sign:
     """Returns what signs by the learner's certificate in this folder, if there is one.
 
+    It reads the files anew each time, as they may be renewed while the learner works.
+
     Raises:
         InputError: the folder lacks it, or it cannot be used.
     """
     if certificates is None:
         return unsigned
     own = Credentials.find(certificates, "learner")
+    pair = _pair(own)
+
+    def sign(purpose: str, version: int, run_id: str, weights: bytes) -> bytes:
+        nonlocal pair
+        with suppress(OSError, ValueError, TypeError, InputError):  # half renewed: by the former
+            fresh = _pair(own)
+            if fresh[0].public_key() == fresh[1].public_key():
+                pair = fresh
+        key, certificate = pair
+        signed = key.sign(_signed(purpose, version, run_id, weights), _ALGORITHM)
+        return Signature(certificate.public_bytes(serialization.Encoding.DER), signed).encode()
+
+    return sign
+
+
+def _pair(own: Credentials) -> tuple[ec.EllipticCurvePrivateKey, x509.Certificate]:
+    """The key and the certificate that lie there now.
+
+    Raises:
+        InputError: the key is of another kind.
+    """
     key = serialization.load_pem_private_key(own.key.read_bytes(), None)
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise InputError(
             f"{own.key} is not of an elliptic curve: make it anew with deploy/certificates.sh."
         )
-    certificate = x509.load_pem_x509_certificate(own.certificate.read_bytes())
-    shown = certificate.public_bytes(serialization.Encoding.DER)
-
-    def sign(purpose: str, version: int, run_id: str, weights: bytes) -> bytes:
-        signed = key.sign(_signed(purpose, version, run_id, weights), _ALGORITHM)
-        return Signature(shown, signed).encode()
-
-    return sign
+    return key, x509.load_pem_x509_certificate(own.certificate.read_bytes())
 
 
 def checker(credentials: Credentials | None) -> Check:

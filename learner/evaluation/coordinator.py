@@ -95,7 +95,8 @@ class EvaluationCoordinator:
     def sweep(self) -> None:
         """Delete the snapshots of tests that were given up, once no checkpoint needs them."""
         while self._given_up:
-            self._snapshots.remove(self._given_up.pop())
+            self._snapshots.remove(self._given_up[-1])
+            self._given_up.pop()
 
     def take_finished(self) -> EpochTest | None:
         """Returns each test that is over, once; also notices evaluators that were lost."""

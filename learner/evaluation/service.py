@@ -38,7 +38,8 @@ def serve_evaluators(
         if not re.fullmatch(NAME, evaluator):
             raise MessageError("no evaluator can have this name")
         job = coordinator.give_job(evaluator)
-        signature = sign("test", job.epoch, keys.run_id, job.weights)
+        test = job.kind == "test"
+        signature = sign("test", job.epoch, keys.run_id, job.weights) if test else b""
         return replace(job, run_id=keys.run_id, signature=signature).encode()
 
     def take_report(request: Request) -> bytes | None:

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from typing import Any
 
 from common.metrics import METRICS, Value, Values, number
@@ -124,15 +125,20 @@ class Telemetry:
         snapshot = self._snapshot(values, replay)
         for sink, schedule in self._sinks:
             if schedule.is_due():
-                sink.write(snapshot)
+                try:
+                    sink.write(snapshot)
+                except OSError:
+                    schedule.hasten()
+                    raise
         return snapshot.checks
 
     def close(self, values: Values, replay: Progress) -> None:
-        """Write the last figures and close the files."""
+        """Write the last figures and close the files, all of them even if one fails."""
         snapshot = self._snapshot(values, replay)
-        for sink, _ in self._sinks:
-            sink.write(snapshot)
-            sink.close()
+        with ExitStack() as end:
+            for sink, _ in reversed(self._sinks):
+                end.callback(sink.close)
+                end.callback(sink.write, snapshot)
 
     def _snapshot(self, loop: Values, replay: Progress) -> Snapshot:
         for text in self._registry.take_notes():

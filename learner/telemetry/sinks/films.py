@@ -112,7 +112,10 @@ class FilmsSink(Sink):
             return
         film = self._video.replace(self._file(number))
         for sink in self._others:
-            sink.filmed(film, agent_steps)
+            try:
+                sink.filmed(film, agent_steps)
+            except Exception as error:  # such as a film that cannot be read
+                _log.warning("the film of epoch %d is not shown: %s", number, error)
 
     def _file(self, epoch: int) -> Path:
         return self._folder.films / f"{self._snapshots.file(epoch).stem}.mp4"

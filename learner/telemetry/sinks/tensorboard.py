@@ -87,6 +87,7 @@ class TensorBoardSink(CurvesSink):
 
     def write(self, snapshot: Snapshot) -> None:
         """As `CurvesSink.write`, and now and then what an actor's camera sees."""
+        self._file.flush()  # a disk that is full is told before points are added once more
         super().write(snapshot)
         self._add_picture(snapshot, int(snapshot.values.get("run/agent_steps") or 0))
         self._file.flush()

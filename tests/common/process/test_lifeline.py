@@ -26,6 +26,23 @@ stop.wait()
 print("left", flush=True)
 """
 
+LEAVING = """
+import sys, threading
+from common.process import lifeline
+
+lifeline._TOGETHER = 0.0
+lifeline.GRACE = {PATIENCE}
+stop = threading.Event()
+lifeline.on_signals(stop)
+lifeline.leave_with_parent()
+print("ready", flush=True)
+stop.wait()
+print("stopping", flush=True)
+leash = next(each for each in threading.enumerate() if each.name == "leash")
+leash.join(0.5)  # until it has seen the end of standard input, and more
+print("left", flush=True)
+"""
+
 DEAF = """
 import signal, threading
 from common.process import lifeline
@@ -96,6 +113,15 @@ def test_what_arrives_at_standard_input_does_not_end_it() -> None:
         process.wait(0.2)
     output, _ = process.communicate(timeout=PATIENCE)
     assert output == "left\n"
+
+
+def test_a_process_that_is_leaving_is_not_hurried_by_its_leash() -> None:
+    process = start(LEAVING.format(PATIENCE=PATIENCE))
+    process.send_signal(signal.SIGTERM)
+    assert line(process) == "stopping\n"
+    output, _ = process.communicate(timeout=PATIENCE)
+    assert output == "left\n"
+    assert process.returncode == 0
 
 
 def test_a_process_that_does_not_leave_is_ended() -> None:

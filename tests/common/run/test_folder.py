@@ -222,6 +222,15 @@ def test_what_is_appended_is_there_whole_or_not_at_all(
         with pytest.raises(OSError, match="No space"):
             append_whole(path, b"second\n")
     assert path.read_bytes() == b"first\n"
+
+    def full(file: int) -> None:
+        raise OSError(errno.EDQUOT, os.strerror(errno.EDQUOT))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", full)
+        with pytest.raises(OSError, match="quota"):
+            append_whole(path, b"second\n", durable=True)
+    assert path.read_bytes() == b"first\n"
     append_whole(path, b"second\n", durable=True)
     assert path.read_bytes() == b"first\nsecond\n"
 

@@ -60,6 +60,20 @@ def test_it_is_for_this_purpose_version_run_and_bytes_alone(
         check(*other, sign(*TOLD))
 
 
+def test_a_certificate_may_be_renewed_while_the_learner_works(
+    certificates: Path, tmp_path: Path
+) -> None:
+    own, renewed = shutil.copytree(certificates, tmp_path / "own"), make(tmp_path / "renewed")
+    sign = signer(own)
+    shutil.copy(renewed / "learner.pem", own)  # and not yet its key
+    former = checker(Credentials.find(certificates, "actor"))
+    former(*TOLD, sign(*TOLD))
+    shutil.copy(renewed / "learner-key.pem", own)
+    checker(Credentials.find(renewed, "actor"))(*TOLD, sign(*TOLD))
+    with pytest.raises(MessageError, match="not of our authority"):
+        former(*TOLD, sign(*TOLD))
+
+
 def test_nothing_has_to_be_signed_where_nobody_has_a_certificate() -> None:
     assert signer(None)(*TOLD) == b""
     checker(None)(*TOLD, b"")

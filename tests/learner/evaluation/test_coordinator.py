@@ -1,5 +1,7 @@
 """Tests are handed out, shared, taken back from the lost, and counted once."""
 
+import errno
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -95,7 +97,9 @@ def test_while_a_test_is_pending_nobody_is_sent_home(tmp_path: Path) -> None:
     assert [tests.ask(name).kind for name in ("e", "f", "g")] == ["test", "test", "wait"]
 
 
-def test_where_nobody_tests_only_the_newest_wait_and_the_others_files_go(tmp_path: Path) -> None:
+def test_where_nobody_tests_only_the_newest_wait_and_the_others_files_go(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     tests = Place(tmp_path, "e")
     coordinator = tests.coordinator
     coordinator.add(epoch_test(1), b"1")
@@ -105,6 +109,14 @@ def test_where_nobody_tests_only_the_newest_wait_and_the_others_files_go(tmp_pat
         coordinator.add(epoch_test(epoch), b"w")
     assert sorted(test["epoch"] for test in coordinator.state()) == [1, 5, 6, 7, 8]
     assert len(list(tmp_path.iterdir())) == 8  # until a checkpoint needs them no more
+
+    def refused(path: Path, *, missing_ok: bool = False) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "unlink", refused)
+        with pytest.raises(OSError, match="Read-only"):
+            coordinator.sweep()
     coordinator.sweep()
     assert sorted(file.name for file in tmp_path.iterdir()) == [
         f"epoch-{epoch:04d}.safetensors" for epoch in (1, 5, 6, 7, 8)

@@ -1,6 +1,8 @@
 """Figures from where they are known to every sink, on a clock that the test turns."""
 
+import errno
 import json
+import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -283,3 +285,45 @@ def test_each_sink_has_its_own_schedule(tmp_path: Path) -> None:
         run.values()
     assert len(slow.told) == 3
     assert len(run.last.told) == 12
+
+
+class Refusing(Last):
+    """Cannot write what the disk refuses."""
+
+    def __init__(self, *refused: str) -> None:
+        super().__init__()
+        self.refused = [*refused]
+
+    def write(self, snapshot: Snapshot) -> None:
+        self._ask("write")
+        super().write(snapshot)
+
+    def close(self) -> None:
+        self._ask("close")
+        self.told.append("closed")
+
+    def _ask(self, what: str) -> None:
+        if what in self.refused:
+            self.refused.remove(what)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_what_a_full_disk_refuses_is_written_by_the_next_try(tmp_path: Path) -> None:
+    slow = Refusing("write")
+    slow.period = 60.0
+    run = Run(tmp_path, sinks=(slow,))
+    with pytest.raises(OSError, match="No space"):
+        run.values()
+    run.telemetry.report(LOOP, run.replay)
+    run.telemetry.report(LOOP, run.replay)
+    assert len(slow.told) == len(run.last.told) == 1
+
+
+def test_every_sink_is_closed_whatever_another_one_meets(tmp_path: Path) -> None:
+    first, second, third = Refusing("write"), Refusing("close"), Refusing()
+    run = Run(tmp_path, sinks=(first, second, third))
+    with pytest.raises(OSError, match="No space"):
+        run.telemetry.close(LOOP, run.replay)
+    assert [len(each.told) for each in (first, second, third)] == [1, 1, 2]
+    assert first.told == ["closed"]
+    assert third.told[-1] == "closed"

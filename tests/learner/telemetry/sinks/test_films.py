@@ -68,6 +68,21 @@ def test_one_epoch_after_the_other_and_none_twice(folder: RunFolder) -> None:
     assert other.films == [("epoch-0001.mp4", "film network 1 2.5", 1_000)]
 
 
+def test_a_film_that_cannot_be_read_costs_nobody_else_anything(
+    folder: RunFolder, caplog: pytest.LogCaptureFixture
+) -> None:
+    blind, other = Shows(), Shows()
+    blind.filmed = lambda file, agent_steps: int("no film")  # type: ignore[method-assign]
+    films = FilmsSink(folder, 1.0, FILMER, [blind, other])
+    end_epoch(films, 1)
+    films.write(snapshot({}))
+    end_film(films)
+    films.write(snapshot({}))
+    (told,) = [each.getMessage() for each in caplog.records]
+    assert told.startswith("the film of epoch 1 is not shown: invalid literal")
+    assert [name for name, *_ in other.films] == ["epoch-0001.mp4"]
+
+
 def test_epochs_that_pass_meanwhile_are_left_out(folder: RunFolder) -> None:
     films = FilmsSink(folder, 1.0, FILMER)
     end_epoch(films, 1)
