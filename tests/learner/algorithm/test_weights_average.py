@@ -8,6 +8,7 @@ import torch
 from common.network import QNetwork
 from common.protocol.weights import encode_weights, load_weights
 from common.run.config import LearningConfig
+from common.run.presets import PRESETS
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.value_based import ValueBased
 from learner.algorithm.weights_average import PublishedNetwork
@@ -74,13 +75,13 @@ def test_a_checkpoint_keeps_both_and_gives_away_the_mean(tmp_path: Path) -> None
     path, algorithm = tmp_path / "checkpoint.safetensors", _algorithm(0.9)
     for seed in range(3):
         learn(algorithm, random_batch(seed=seed))
-    Checkpoint(path, tmp_path / "previous", algorithm, "dqn").save({})
+    Checkpoint(path, tmp_path / "previous", algorithm, PRESETS["fast"]).save({})
     played = QNetwork(6)
     load_weights(played, path.read_bytes())
     assert encode_weights(played) == encode_weights(algorithm.published)
     assert encode_weights(played) != encode_weights(algorithm.online)
     resumed = _algorithm(0.9)
-    Checkpoint(path, tmp_path / "previous", resumed, "dqn").load(print)
+    Checkpoint(path, tmp_path / "previous", resumed, PRESETS["fast"]).load(print)
     resumed.reseed(3)
     for each in (algorithm, resumed):
         learn(each, random_batch(seed=4))
