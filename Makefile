@@ -78,7 +78,8 @@ figures: setup  ## draw the figures of docs/ from the results
 	$(PLOT) --figure delay $(RESULTS)/late_keys.csv -o docs/late_keys.png \
 		--names "trained without latency (ale_pong)" "trained with 33 ms of latency (R2)"
 	$(PLOT) --figure press $(RESULTS)/press_latency.json -o docs/press_latency.png
-	$(PLOT) --figure race $(RESULTS)/race_ale.json $(RESULTS)/race_robot.json -o docs/race.png
+	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale.json robot.json robot_whole.json) \
+		-o docs/race.png
 	$(PLOT) --figure scaling $(RESULTS)/scaling.json -o docs/scaling.png
 
 docs: setup  ## build the documentation's site in build/site, and check its links
