@@ -21,7 +21,7 @@ class Disk:
     def __init__(self, folder: Path, size: int) -> None:
         self.folder = folder
         self.missing: str | None = None
-        """Why ``folder`` is no disk of its own, where it is none."""
+        """Why ``folder`` could not be mounted as a disk; None if it was."""
         self._size = size
         self._ballast = folder / "ballast"
 

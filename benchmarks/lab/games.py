@@ -43,8 +43,8 @@ ANCHORS = {
     "pong": Anchors(-20.7, 9.3),
     "seaquest": Anchors(68.4, 20_182.0),
 }
-"""Of the six games of Physical Atari (2026), and of Breakout. Their random play is not ours, which
-begins with up to 30 random actions and sees each game to its end."""
+"""The six games of Physical Atari (2026), and Breakout. Random play here scores otherwise: it
+begins with up to 30 random actions, and plays each game to its end."""
 BODIES = {"ale": "emulator alone", "robot": "robot"}
 """Environments, in the order of training, and what they are called."""
 _SAME = ("preset", "learner", "steps", "seed")

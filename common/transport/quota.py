@@ -4,11 +4,11 @@ import time
 from collections.abc import Callable
 
 STEPS_PER_SECOND = 10_000
-"""Of one actor at most, unless ``--actor-quota`` says otherwise: three times what one that plays in
-the emulator alone makes with a core."""
+"""Agent steps that are taken of one actor, unless ``--actor-quota`` says otherwise: three times as
+many as an ALE-Only actor makes on one core."""
 REPORTS_PER_SECOND = 2_000
-"""Of one evaluator: several times as many as one of the shortest games makes, Catch, which ends
-after six steps."""
+"""Reports that are taken of one evaluator. Catch, the shortest game, ends after six steps, and an
+evaluator makes some 300 of its games a second."""
 _AHEAD = 1.0
 """Seconds of its quota that may come at once, as after a pause of the hub."""
 _MOST_NAMES = 4_096

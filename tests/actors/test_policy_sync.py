@@ -1,4 +1,4 @@
-"""Of the weights that come, only those of the run's learner are played by."""
+"""An actor plays only by weights that the learner of its run has signed."""
 
 import shutil
 import subprocess

@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 class _Epoch(NamedTuple):
     number: int
     agent_steps: int
-    """Of its network."""
+    """At which its network was kept."""
 
 
 class FilmsSink(Sink):

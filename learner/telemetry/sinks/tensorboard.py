@@ -30,7 +30,7 @@ from learner.telemetry.snapshot import Histogram, Snapshot
 
 _PICTURE_SECONDS = 300.0
 _FILM_RATE, _FILM_PICTURES, _FILM_WIDTH = 5, 40, 512
-"""Of the GIF that stands for a film: pictures a second, most pictures, and pixels."""
+"""The GIF that stands for a film: pictures per second, most pictures, width in pixels."""
 _LAYOUT: dict[str, dict[str, list[str]]] = {
     "Score": {
         "score": ["play/train_reward", "play/epoch_train_reward", "play/epoch_test_reward"],
