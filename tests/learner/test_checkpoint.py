@@ -23,6 +23,7 @@ from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.interface import Algorithm
 from learner.checkpoint import Checkpoint, _crc32
 from learner.device import Device
+from tests.full_disk import Stop
 from tests.learner.small_batches import learn, random_batch
 
 CPU = Device(torch.device("cpu"), bfloat16=False)
@@ -204,18 +205,6 @@ def checkpoint(tmp_path: Path) -> Checkpoint:
     path = tmp_path / "checkpoint.safetensors"
     path.write_bytes(bytes(2**20))
     return checkpoint_of(tmp_path, SimpleNamespace())  # type: ignore[arg-type]
-
-
-class Stop(threading.Event):
-    """Never waits; set at the third wait."""
-
-    waits = 0
-
-    def wait(self, timeout: float | None = None) -> bool:
-        self.waits += 1
-        if self.waits == 3:
-            self.set()
-        return self.is_set()
 
 
 def test_where_there_is_room_nothing_is_said(

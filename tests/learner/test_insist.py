@@ -2,11 +2,11 @@
 
 import errno
 import os
-import threading
 
 import pytest
 
 from learner.insist import insist
+from tests.full_disk import Stop
 
 
 class Disk:
@@ -22,18 +22,6 @@ class Disk:
         if self.tries <= self._refusals:
             raise OSError(self._number, os.strerror(self._number), "FILE")
         return "written"
-
-
-class Stop(threading.Event):
-    """Never waits; set at the third wait."""
-
-    waits = 0
-
-    def wait(self, timeout: float | None = None) -> bool:
-        self.waits += 1
-        if self.waits == 3:
-            self.set()
-        return self.is_set()
 
 
 def test_a_disk_that_takes_it_is_not_spoken_of() -> None:

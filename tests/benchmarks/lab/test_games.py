@@ -19,7 +19,7 @@ from learner.options import LearnerOptions
 from tests.epoch_rows import epoch_row
 
 SCORES = {("pong", "ale"): 19.0, ("pong", "robot"): 9.0, ("seaquest", "ale"): 60.0}
-"""Of the last weights, without sticky actions; any other run has 50."""
+"""Mean scores of the last weights without sticky actions; all other runs have 50."""
 
 
 class Lab:

@@ -15,6 +15,7 @@ from common.errors import InputError
 from common.run.config import RunConfig
 from common.run.folder import Part, RunFolder, append_whole, write_atomically
 from common.run.presets import PRESETS
+from tests.full_disk import let_the_disk_take
 from tests.paths import ROOT
 
 FAST = PRESETS["fast"]
@@ -210,15 +211,8 @@ def test_what_is_appended_is_there_whole_or_not_at_all(
 ) -> None:
     path = tmp_path / "table"
     append_whole(path, b"first\n")
-    write, room = os.write, iter((3, 1))
-
-    def into_little_room(file: int, content: bytes) -> int:
-        if (some := next(room, 0)) == 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return write(file, content[:some])
-
     with monkeypatch.context() as patched:
-        patched.setattr(os, "write", into_little_room)
+        let_the_disk_take(patched, 3, 1)
         with pytest.raises(OSError, match="No space"):
             append_whole(path, b"second\n")
     assert path.read_bytes() == b"first\n"

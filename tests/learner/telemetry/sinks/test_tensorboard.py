@@ -1,8 +1,6 @@
 """Curves, read back with TensorBoard's own reader."""
 
-import errno
 import io
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -25,6 +23,7 @@ from learner.telemetry.live_feed import Asked
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.snapshot import ActorView, Histogram
 from tests.common.protocol.test_live_view import VIEW
+from tests.full_disk import let_the_disk_take
 from tests.learner.telemetry.sinks.small_film import write_film
 from tests.learner.telemetry.snapshots import changed, snapshot
 
@@ -108,15 +107,8 @@ def test_what_a_full_disk_refused_follows_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     curves = started(tmp_path)
-    write, room = os.write, iter((3, 100))
-
-    def into_little_room(file: int, content: bytes) -> int:
-        if (some := next(room, 0)) == 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return write(file, content[:some])
-
     with monkeypatch.context() as patched:
-        patched.setattr(os, "write", into_little_room)
+        let_the_disk_take(patched, 3, 100)
         with pytest.raises(OSError, match="No space"):
             curves.write(STATUS)
     curves.write(changed(STATUS, {"run/agent_steps": 2_000, "learning/loss": 0.125}))
