@@ -13,8 +13,8 @@ from common.process import lifeline
 from tests.paths import ROOT
 from tests.patience import PATIENCE
 
-ON_A_LEASH = f"""
-import sys, threading
+LEASHED = f"""
+import threading
 from common.process import lifeline
 
 lifeline.GRACE = {PATIENCE}
@@ -23,20 +23,12 @@ lifeline.on_signals(stop)
 lifeline.leave_with_parent()
 print("ready", flush=True)
 stop.wait()
+"""
+ON_A_LEASH = f"""{LEASHED}
 print("left", flush=True)
 """
-
-LEAVING = """
-import sys, threading
-from common.process import lifeline
-
+LEAVING = f"""{LEASHED}
 lifeline._TOGETHER = 0.0
-lifeline.GRACE = {PATIENCE}
-stop = threading.Event()
-lifeline.on_signals(stop)
-lifeline.leave_with_parent()
-print("ready", flush=True)
-stop.wait()
 print("stopping", flush=True)
 leash = next(each for each in threading.enumerate() if each.name == "leash")
 leash.join(0.5)  # until it has seen the end of standard input, and more
@@ -116,7 +108,7 @@ def test_what_arrives_at_standard_input_does_not_end_it() -> None:
 
 
 def test_a_process_that_is_leaving_is_not_hurried_by_its_leash() -> None:
-    process = start(LEAVING.format(PATIENCE=PATIENCE))
+    process = start(LEAVING)
     process.send_signal(signal.SIGTERM)
     assert line(process) == "stopping\n"
     output, _ = process.communicate(timeout=PATIENCE)
