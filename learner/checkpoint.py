@@ -5,10 +5,10 @@ each start, random shifts by one that is seeded with the updates so far, and the
 noise of their own.
 """
 
+import errno
 import json
 import os
 import shutil
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,6 @@ from torch import Tensor
 
 from common.crc32 import crc32
 from common.errors import InputError
-from common.process.service_manager import alive
 from common.run.config import RunConfig
 from common.run.folder import write_atomically
 from common.run.origin import origin_metadata
@@ -27,7 +26,6 @@ from learner.algorithm.interface import Algorithm
 
 _ROOM = 2
 """Checkpoints for which there should be room; tables and snapshots are smaller."""
-_POLL = 0.1
 
 
 class Checkpoint:
@@ -94,33 +92,19 @@ class Checkpoint:
             ) from None
         return state
 
-    def wait_for_room(self, say: Callable[[str], None], stop: threading.Event) -> None:
-        """Return once the disk has room for the next one, at once where it has.
+    def check_room(self) -> None:
+        """Refuse to begin the next one on a disk that has no room for it.
 
-        Args:
-            say: takes a sentence for people.
-            stop: ends every wait.
+        Raises:
+            OSError: as a write would, the disk is full or read-only.
         """
+        folder = self.path.parent
         needed = _ROOM * self.path.stat().st_size
-        if self._free() >= needed:
-            return
-        if self._may_write():
-            how, until = "full", f"{-(-needed // 2**20)} MiB of it are free"
-        else:
-            how, until = "read-only", "it can be written"
-        say(f"WARNING: the disk of {self.path.parent} is {how}: training waits until {until}.")
-        while self._free() < needed:
-            if stop.wait(_POLL):
-                return
-            alive()
-        say("There is room on the disk again: training continues.")
-
-    def _free(self) -> int:
-        """Bytes that may be written."""
-        return shutil.disk_usage(self.path.parent).free if self._may_write() else 0
-
-    def _may_write(self) -> bool:
-        return os.access(self.path.parent, os.W_OK)
+        if not os.access(folder, os.W_OK):
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(folder))
+        if shutil.disk_usage(folder).free < needed:
+            needs = f"{os.strerror(errno.ENOSPC)}; it needs {-(-needed // 2**20)} MiB"
+            raise OSError(errno.ENOSPC, needs, str(folder))
 
 
 _DAMAGE = (SafetensorError, FileNotFoundError, LookupError, ValueError, RecursionError)

@@ -21,15 +21,16 @@ def insist(write: Callable[[], T], say: Callable[[str], None], stop: threading.E
         stop: ends every wait.
 
     Raises:
-        OSError: the disk refused it for another reason, or until ``stop`` was set.
+        OSError: the disk refused it for another reason, or still after ``stop`` was set.
     """
     told = False
     while True:
+        stopped = stop.is_set()
         try:
             found = write()
             break
         except OSError as error:
-            if error.errno not in _WAITED_FOR or stop.is_set():
+            if error.errno not in _WAITED_FOR or stopped:
                 raise
             if not told:
                 what = error.filename or "a file of the run"

@@ -277,7 +277,7 @@ def _on_a_full_disk(stage: Stage, free: Path, *arguments: str) -> Program:
         *(str(ROOT / "tests/end_to_end/small_disk.py"), str(free), "--listen", stage.endpoint),
         *("--run=r", "--local", "--evaluators=0", "--threads=1", "--env=ale", *SMALL, *arguments),
     )
-    learner.says("is full: training waits until")
+    learner.says("training waits until")
     return learner
 
 

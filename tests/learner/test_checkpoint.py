@@ -4,7 +4,6 @@ import errno
 import os
 import re
 import shutil
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +22,6 @@ from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.interface import Algorithm
 from learner.checkpoint import Checkpoint, _crc32
 from learner.device import Device
-from tests.full_disk import Stop
 from tests.learner.small_batches import learn, random_batch
 
 CPU = Device(torch.device("cpu"), bfloat16=False)
@@ -186,19 +184,6 @@ def test_a_checkpoint_from_before_it_told_its_settings_is_read(tmp_path: Path) -
     assert load(checkpoint) == {"updates": 1}
 
 
-class Disk:
-    """A disk with so many bytes free each time it is asked; the last number stays."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *free: int) -> None:
-        self._free = list(free)
-        self.asked: list[Path] = []
-        monkeypatch.setattr(shutil, "disk_usage", self._usage)
-
-    def _usage(self, path: Path) -> SimpleNamespace:
-        self.asked.append(path)
-        return SimpleNamespace(free=self._free.pop(0) if len(self._free) > 1 else self._free[0])
-
-
 @pytest.fixture
 def checkpoint(tmp_path: Path) -> Checkpoint:
     """One of a MiB; two more must fit."""
@@ -207,47 +192,26 @@ def checkpoint(tmp_path: Path) -> Checkpoint:
     return checkpoint_of(tmp_path, SimpleNamespace())  # type: ignore[arg-type]
 
 
-def test_where_there_is_room_nothing_is_said(
+def test_there_must_be_room_for_two_more(
     checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    disk = Disk(monkeypatch, 2 * 2**20)
-    said: list[str] = []
-    checkpoint.wait_for_room(said.append, threading.Event())
-    assert (said, disk.asked) == ([], [checkpoint.path.parent])
+    disk = {checkpoint.path.parent: SimpleNamespace(free=2 * 2**20)}
+    monkeypatch.setattr(shutil, "disk_usage", disk.get)
+    checkpoint.check_room()
+    disk[checkpoint.path.parent].free -= 1
+    with pytest.raises(OSError, match=r"No space left on device; it needs 2 MiB: '.+'") as refused:
+        checkpoint.check_room()
+    assert refused.value.errno == errno.ENOSPC
+    assert refused.value.filename == str(checkpoint.path.parent)
 
 
-def test_a_full_disk_is_waited_for(checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch) -> None:
-    Disk(monkeypatch, 2 * 2**20 - 1, 0, 2 * 2**20)
-    said: list[str] = []
-    stop = Stop()
-    checkpoint.wait_for_room(said.append, stop)
-    assert stop.waits == 1
-    assert said == [
-        f"WARNING: the disk of {checkpoint.path.parent} is full: training waits until 2 MiB of "
-        "it are free.",
-        "There is room on the disk again: training continues.",
-    ]
-
-
-def test_a_stop_ends_the_wait(checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch) -> None:
-    Disk(monkeypatch, 0)
-    said: list[str] = []
-    stop = Stop()
-    checkpoint.wait_for_room(said.append, stop)
-    assert stop.waits == 3
-    assert len(said) == 1
-
-
-def test_a_disk_that_is_read_only_is_waited_for(
+def test_a_disk_that_is_read_only_has_no_room(
     checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Disk(monkeypatch, 2 * 2**20)
-    stop = Stop()
-    monkeypatch.setattr(os, "access", lambda path, how: stop.waits > 0)
-    said: list[str] = []
-    checkpoint.wait_for_room(said.append, stop)
-    assert stop.waits == 1
-    assert "is read-only: training waits until it can be written." in said[0]
+    monkeypatch.setattr(os, "access", lambda path, how: False)
+    with pytest.raises(OSError, match="Read-only") as refused:
+        checkpoint.check_room()
+    assert refused.value.errno == errno.EROFS
 
 
 def test_what_the_system_refuses_is_no_damage(

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import threading
 
 import pytest
 
@@ -55,3 +56,15 @@ def test_what_will_not_pass_is_not_waited_for() -> None:
     with pytest.raises(PermissionError):
         insist(disk.write, print, Stop())
     assert disk.tries == 1
+
+
+def test_a_write_that_was_under_way_when_the_stop_came_is_tried_once_more() -> None:
+    stop = threading.Event()
+    disk = Disk(1, errno.ENOSPC)
+
+    def write() -> str:
+        if not stop.is_set():
+            stop.set()
+        return disk.write()
+
+    assert insist(write, print, stop) == "written"

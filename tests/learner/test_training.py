@@ -198,9 +198,9 @@ class World:
         assert not self.log_syncs or self.log[-1] == "sync"
         self.log.append(("checkpoint", state["updates"]))
 
-    def room(self) -> None:
-        while not self.free and not self.stop.wait(1.0):
-            pass
+    def check_room(self) -> None:
+        if not self.free:
+            raise OSError(errno.ENOSPC, "No space left on device", "FOLDER")
 
     def learner(
         self, steps_goal: int | None = None, *, force: bool = False, stall_minutes: float = 10.0
@@ -254,9 +254,7 @@ class World:
                     ("summary", values["learning/updates"])
                 ),
             ),
-            "checkpoint": SimpleNamespace(
-                path="FILE", save=self.save, wait_for_room=lambda say, stop: self.room()
-            ),
+            "checkpoint": SimpleNamespace(path="FILE", save=self.save, check_room=self.check_room),
         }
         return Learner(
             config=self.config,
