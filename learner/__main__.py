@@ -30,7 +30,7 @@ from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner, first_network
 from learner.demonstrations import begin_with
 from learner.device import choose_device
-from learner.doors import open_pages, open_replay
+from learner.endpoints import open_pages, open_replay
 from learner.evaluation.offline import evaluate
 from learner.local_launcher import launch
 from learner.options import (

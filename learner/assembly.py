@@ -13,7 +13,7 @@ from common.run.folder import RunFolder
 from common.run.origin import check_fit, origin_of
 from common.run.stored_config import flat
 from common.transport.interface import Transport
-from common.transport.signature import Sign, unsigned
+from common.transport.signature import Sign
 from learner.algorithm.interface import Algorithm
 from learner.checkpoint import Checkpoint
 from learner.clock import RunClock
@@ -23,6 +23,7 @@ from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
 from learner.health_guard import HealthGuard
+from learner.loss_guard import LossGuard
 from learner.options import LearnerOptions, clock_figures, join_command
 from learner.phases import Phases
 from learner.prefetch import Prefetcher, to_device
@@ -85,7 +86,7 @@ def build_learner(
     display: Display,
     stop: threading.Event,
     *more_sinks: Sink,
-    sign: Sign = unsigned,
+    sign: Sign,
 ) -> Learner:
     """Returns the learner of the run in ``folder``, not yet started.
 
@@ -161,6 +162,7 @@ def build_learner(
         sign=sign,
         checkpoint=checkpoint,
         phases=phases,
+        losses=LossGuard(algorithm, replay, telemetry.note),
         held_out=held_out,
         evaluation=evaluation,
         registry=registry,

@@ -2,8 +2,8 @@
 snapshots."""
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from torch import Tensor
@@ -20,20 +20,6 @@ RECENT_GAMES = 50
 RECENT_CHUNKS = 500
 JUDGED_CHUNKS = 80
 """Newest chunks that health checks judge: a fault that is over must not count for long."""
-
-
-class PhaseEnd(NamedTuple):
-    """A phase that is complete."""
-
-    epoch: int
-    """0: the random policy of the warm-up."""
-    steps: int
-    scores: tuple[float, ...]
-    loss: float
-    """Mean over its updates."""
-    began: float
-    """Seconds of the run."""
-    ended: float
 
 
 class Phases:
@@ -64,26 +50,22 @@ class Phases:
 
     # ------------------------------------------------------------------ counting
 
-    def count(self, chunks: Iterable[ChunkStatistics]) -> Iterator[PhaseEnd]:
-        """Count chunks; yields each phase that one of them completes, before going on.
+    def count(self, chunk: ChunkStatistics) -> bool:
+        """Count the next chunk; returns whether the phase is complete now and calls for `close`.
 
         A chunk belongs whole to the phase in which it arrives. Demonstrations end none: those that
         are longer than the warm-up make it longer.
         """
-        for chunk in chunks:
-            if chunk.index < self.chunks_seen:
-                continue
-            self.chunks_seen = chunk.index + 1
-            self.agent_steps = chunk.agent_steps
-            self.phase_steps += chunk.steps
-            scores = [game.score for game in chunk.games]
-            self._scores += scores
-            if self.epoch:
-                self.games += len(scores)
-                self._recent_scores.extend(scores)
-            self._recent_chunks.append(chunk)
-            if self.phase_steps >= self.phase_length and chunk.actor != DEMONSTRATIONS:
-                yield self.close_phase()
+        self.chunks_seen = chunk.index + 1
+        self.agent_steps = chunk.agent_steps
+        self.phase_steps += chunk.steps
+        scores = [game.score for game in chunk.games]
+        self._scores += scores
+        if self.epoch:
+            self.games += len(scores)
+            self._recent_scores.extend(scores)
+        self._recent_chunks.append(chunk)
+        return self.phase_steps >= self.phase_length and chunk.actor != DEMONSTRATIONS
 
     def add(self, loss: Tensor) -> None:
         """Count one update; a ``loss`` that is not finite changed nothing."""
@@ -102,43 +84,35 @@ class Phases:
         """Agent steps without the warm-up."""
         return max(self.agent_steps - self._config.replay.learning_starts, 0)
 
-    def close_phase(self) -> PhaseEnd:
-        """End the present phase, complete or not, and begin the next."""
-        now = self._clock.seconds()
-        loss = float(self._loss) / max(self._phase_updates, 1)
-        scores = tuple(self._scores)
-        ended = PhaseEnd(self.epoch, self.phase_steps, scores, loss, self._began, now)
-        self.epoch += 1
-        self.phase_steps = self._phase_updates = 0
-        self._scores, self._loss, self._began = [], 0.0, now
-        return ended
-
     # ------------------------------------------------------------------ what came of them
 
-    def end(self, ended: PhaseEnd, stored: int, meanq: float | None) -> tuple[EpochRow, EpochTest]:
-        """Returns the row of a phase, and the test that its snapshot calls for if it is an epoch.
+    def close(self, stored: int, meanq: float | None) -> tuple[EpochRow, EpochTest]:
+        """End the present phase, complete or not, and begin the next; returns its row, and the test
+        that its snapshot calls for if it is an epoch.
 
         Args:
             stored: steps in the replay.
             meanq: mean max-Q over the held-out states.
         """
-        config = self._config
+        config, now = self._config, self._clock.seconds()
         test = EpochTest(
-            epoch=ended.epoch,
+            epoch=self.epoch,
             weight_updates=self.updates,
-            total_train_steps=self.train_steps if ended.epoch else 0,
+            total_train_steps=self.train_steps if self.epoch else 0,
             replay_memory_count=stored,
             meanq=meanq,
             remaining=config.protocol.test_steps,
         )
         row = _row(
-            test,
-            *(ended.scores, ended.began, ended.ended),
-            phase="train" if ended.epoch or config.exploration.start < 1 else "random",
-            steps=ended.steps,
+            *(test, self._scores, self._began, now),
+            phase="train" if self.epoch or config.exploration.start < 1 else "random",
+            steps=self.phase_steps,
             last_exploration_rate=config.epsilon_at(self.agent_steps),
-            meancost=ended.loss,
+            meancost=float(self._loss) / max(self._phase_updates, 1),
         )
+        self.epoch += 1
+        self.phase_steps = self._phase_updates = 0
+        self._scores, self._loss, self._began = [], 0.0, now
         return row, test
 
     def end_test(self, test: EpochTest) -> EpochRow:

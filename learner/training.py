@@ -1,20 +1,15 @@
-"""The training loop: sample, update, and by schedule publish, checkpoint, measure and test.
+"""The training loop, `Learner._train`: sample, update, and by schedule publish, checkpoint, measure
+and test.
 
 `learner.assembly` builds a `Learner` from its parts.
 """
 
-import math
 import threading
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
-
-import numpy as np
-import torch
-from numpy.typing import NDArray
 
 from common.errors import InputError
 from common.metrics import Value
@@ -24,26 +19,23 @@ from common.protocol.weights import encode_weights
 from common.protocol.wire import encode_version
 from common.run.config import RunConfig
 from common.transport.signature import Sign
-from learner.algorithm.interface import Algorithm, Update
+from learner.algorithm.interface import Algorithm
 from learner.checkpoint import Checkpoint
 from learner.clock import Every, RunClock
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.health_guard import HealthGuard
 from learner.insist import insist
-from learner.phases import PhaseEnd, Phases
+from learner.loss_guard import LossGuard
+from learner.phases import Phases
 from learner.prefetch import Prefetched, Prefetcher
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
 from learner.telemetry.snapshot import Phase
 from learner.telemetry.telemetry import Telemetry
-from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics, Progress
+from replay.chunk_statistics import MAX_STATISTICS, Progress
 from replay.interface import Replay
 
 _TICK = 0.1
-_MOST_SKIPPED = 10
-_RECENTLY = 100
-"""So many of the recent updates whose loss is not finite: then the network is at fault, not the
-minibatches."""
 _LOOK_SECONDS = 0.25
 _MEASURE_SECONDS = 30.0
 _PUBLISH_SECONDS = 10.0
@@ -71,6 +63,7 @@ class Learner:
     """Signs them."""
     checkpoint: Checkpoint
     phases: Phases
+    losses: LossGuard
     held_out: HeldOut
     evaluation: EvaluationCoordinator
     registry: ActorRegistry
@@ -85,18 +78,80 @@ class Learner:
         """Why the guard ended the run before its goal."""
         self._children: Supervisor | None = None
         self._batches: Prefetcher
-        self._unchecked: list[tuple[int, NDArray[np.int64], Update]] = []
-        """Number, ids and result of each update since the losses were last looked at."""
-        self._skipped = 0
-        """Updates, of this process, whose loss was not finite."""
-        self._last_skipped: deque[int] = deque(maxlen=_MOST_SKIPPED)
-        self._diverged_at: int | None = None
-        """Number of the first update that is the network's fault."""
         self._replay_progress: Progress
         self._published = 0
         self._look_schedule = Every(_LOOK_SECONDS, self.clock.now)
         self._measure_schedule = Every(_MEASURE_SECONDS, self.clock.now)
         self._publish_schedule = Every(_PUBLISH_SECONDS, self.clock.now)
+
+    # ------------------------------------------------------------------ the loop
+
+    def run(self, children: Supervisor | None = None) -> None:
+        """Train until the goal is reached or ``stop`` is set, and leave everything on disk.
+
+        Args:
+            children: local mode's actors and evaluators.
+
+        Raises:
+            InputError: the loss diverged, or local mode's children cannot start.
+        """
+        self._children = children
+        with ExitStack() as end:  # the last comes first, and each even if another fails
+            end.callback(lambda: self.telemetry.close(self._values(), self._replay_progress))
+            end.callback(self._keep_what_was_learned)
+            if children is not None:
+                end.callback(children.ask_to_leave)
+            self._batches = self.draw(self.phases.updates)
+            end.callback(self._batches.close)
+            try:
+                self._train()
+                if not self.stop.is_set():
+                    self._conclude()
+            except InputError:
+                if not self.stop.is_set():
+                    raise
+                # Stopped while it waited for a replay that is away.
+
+    def _train(self) -> None:
+        """The main loop."""
+        while not self.stop.is_set() and not self.done:
+            batch = self._batches.next(_TICK)
+            if batch is not None:
+                self._update(batch)
+            if self._look_schedule.is_due():
+                self._look()
+
+    def _update(self, batch: Prefetched) -> None:
+        """One gradient step, and what is due by the number of updates."""
+        result = self.algorithm.update(batch.prepared)
+        self.phases.add(result.loss)
+        self.telemetry.update(batch.prepared.batch, result)
+        updates, schedule = self.phases.updates, self.config.learning
+        self.losses.add(updates, batch.ids, result)
+        if self.config.replay.sampler == "prioritised":
+            self._check_loss()
+            if not self.losses.was_skipped(updates):
+                self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())
+        if updates % schedule.publish_period == 0:
+            self._publish()
+        if updates % schedule.checkpoint_period == 0:
+            self._checkpoint()
+
+    def _look(self) -> None:
+        """Hear what happened elsewhere, and do what is due by the clock."""
+        self._insist(self._check_room)
+        self._check_loss()
+        self._count_chunks()
+        self._take_tests()
+        if self._children is not None:
+            for note in self._children.watch(finished=self._finished):
+                self.telemetry.note(note)
+        if self._measure_schedule.is_due():
+            self.held_out.measure(self.algorithm, self.replay)
+        if self._publish_schedule.is_due():
+            self._publish()  # for a replay that was restarted and has none to give
+        values, progress = self._values(), self._replay_progress
+        self._check_health(self._insist(lambda: self.telemetry.report(values, progress)))
 
     # ------------------------------------------------------------------ start and state
 
@@ -134,6 +189,8 @@ class Learner:
                 f"ANOTHER --initial {self.checkpoint.path})."
             )
 
+    # ------------------------------------------------------------------ what is kept and sent
+
     def _insist(self, write: Callable[[], T]) -> T:
         return insist(write, self.telemetry.say, self.stop)
 
@@ -167,121 +224,19 @@ class Learner:
         self.broadcast(weights, encode_version(self._published, run_id, signature))
         self._publish_schedule.restart()
 
-    # ------------------------------------------------------------------ the loop
-
-    def run(self, children: Supervisor | None = None) -> None:
-        """Train until the goal is reached or ``stop`` is set, and leave everything on disk.
-
-        Args:
-            children: local mode's actors and evaluators.
-
-        Raises:
-            InputError: the loss diverged, or local mode's children cannot start.
-        """
-        self._children = children
-        with ExitStack() as end:  # the last comes first, and each even if another fails
-            end.callback(lambda: self.telemetry.close(self._values(), self._replay_progress))
-            end.callback(self._keep_what_was_learned)
-            if children is not None:
-                end.callback(children.ask_to_leave)
-            self._batches = self.draw(self.phases.updates)
-            end.callback(self._batches.close)
-            try:
-                self._train()
-                if not self.stop.is_set():
-                    self._conclude()
-            except InputError:
-                if not self.stop.is_set():
-                    raise
-                # Stopped while it waited for a replay that is away.
-
     def _keep_what_was_learned(self) -> None:
         """Write the last checkpoint, but of nothing that has diverged."""
-        if not self._has_diverged():
-            self._checkpoint()
-
-    def _train(self) -> None:
-        """The main loop."""
-        while not self.stop.is_set() and not self.done:
-            batch = self._batches.next(_TICK)
-            if batch is not None:
-                self._update(batch)
-            if self._look_schedule.is_due():
-                self._look()
-
-    def _update(self, batch: Prefetched) -> None:
-        """One gradient step, and what is due by the number of updates."""
-        result = self.algorithm.update(batch.prepared)
-        self.phases.add(result.loss)
-        self.telemetry.update(batch.prepared.batch, result)
-        updates, schedule = self.phases.updates, self.config.learning
-        self._unchecked.append((updates, batch.ids, result))
-        if self.config.replay.sampler == "prioritised":
-            self._check_loss()
-            if updates not in self._last_skipped:
-                self.replay.update_priorities(batch.ids, result.priorities.cpu().numpy())
-        if updates % schedule.publish_period == 0:
-            self._publish()
-        if updates % schedule.checkpoint_period == 0:
+        if not self.losses.have_diverged():
             self._checkpoint()
 
     def _check_loss(self) -> None:
         """Called before anything of the network is kept or told: it may have diverged."""
-        if self._has_diverged():
+        if self.losses.have_diverged():
             raise InputError(
-                f"the loss became non-finite at update {self._diverged_at}: start another run "
-                "with a smaller --learning.learning-rate, from this one's last good network by "
+                f"the loss became non-finite at update {self.losses.diverged_at}: start another "
+                "run with a smaller --learning.learning-rate, from this one's last good network by "
                 f"--initial {self.checkpoint.path}."
             )
-
-    def _has_diverged(self) -> bool:
-        """Whether the network has diverged; a few minibatches without a finite loss are skipped.
-
-        All losses since the last call are looked at together, for each look waits for the device.
-        """
-        seen, self._unchecked = self._unchecked, []
-        losses = torch.stack([result.loss for *_, result in seen]).tolist() if seen else []
-        for (update, ids, result), loss in zip(seen, losses, strict=True):
-            if math.isfinite(loss):
-                continue
-            self._skipped += 1
-            self._last_skipped.append(update)
-            if all(bool(each.isfinite().all()) for each in self.algorithm.published.parameters()):
-                self._quarantine(ids, result.priorities.float().cpu().numpy())
-                first = self._last_skipped[0]
-                often = len(self._last_skipped) == _MOST_SKIPPED and update - first < _RECENTLY
-            else:
-                first, often = update, True
-            if often and self._diverged_at is None:
-                self._diverged_at = first
-        return self._diverged_at is not None
-
-    def _quarantine(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
-        """Have the steps that are at fault for a loss never drawn again."""
-        faulty = ~np.isfinite(priorities)
-        if not faulty.any():
-            faulty[:] = True
-        self.replay.update_priorities(ids[faulty], np.full(faulty.sum(), np.nan, np.float32))
-        self.telemetry.note(
-            f"a minibatch was skipped: its loss is not finite; {faulty.sum()} of its steps are "
-            "quarantined, and the replay's log names their actors"
-        )
-
-    def _look(self) -> None:
-        """Hear what happened elsewhere, and do what is due by the clock."""
-        self._insist(self._check_room)
-        self._check_loss()
-        self._count_chunks()
-        self._take_tests()
-        if self._children is not None:
-            for note in self._children.watch(finished=self._finished):
-                self.telemetry.note(note)
-        if self._measure_schedule.is_due():
-            self.held_out.measure(self.algorithm, self.replay)
-        if self._publish_schedule.is_due():
-            self._publish()  # for a replay that was restarted and has none to give
-        values, progress = self._values(), self._replay_progress
-        self._check_health(self._insist(lambda: self.telemetry.report(values, progress)))
 
     # ------------------------------------------------------------------ phases, tests, health
 
@@ -292,29 +247,26 @@ class Learner:
                 self.phases.chunks_seen, finished=self._finished
             )
             chunks = self._replay_progress.statistics
-            for ended in self.phases.count(self._credited(chunks)):
-                self._end_phase(ended)
+            for chunk in chunks:
+                if chunk.index < self.phases.chunks_seen:
+                    continue
+                # Both at once, so that a checkpoint at a phase's end knows of the same chunks.
+                self.registry.accepted(chunk)
+                if self.phases.count(chunk):
+                    self._end_phase()
             if len(chunks) < MAX_STATISTICS:
                 return
 
-    def _credited(self, chunks: Iterable[ChunkStatistics]) -> Iterator[ChunkStatistics]:
-        """Credits each chunk to its actor just before it is counted, so that a checkpoint at the
-        end of a phase knows of the same chunks in both."""
-        for chunk in chunks:
-            if chunk.index >= self.phases.chunks_seen:
-                self.registry.accepted(chunk)
-            yield chunk
-
-    def _end_phase(self, ended: PhaseEnd) -> None:
-        """Record a phase; have the snapshot of an epoch tested."""
-        if ended.epoch == 0:
+    def _end_phase(self) -> None:
+        """Record the present phase; have the snapshot of an epoch tested."""
+        if self.phases.epoch == 0:
             count = self.config.protocol.held_out_states
             self._insist(lambda: self.held_out.draw(self.replay, count))
         self.held_out.measure(self.algorithm, self.replay)
         meanq = self.held_out.max_q[0] if self.held_out.max_q else None
-        row, test = self.phases.end(ended, self._replay_progress.stored, meanq)
+        row, test = self.phases.close(self._replay_progress.stored, meanq)
         self._insist(lambda: self.telemetry.add(row))
-        if ended.epoch:
+        if row.epoch:
             weights = encode_weights(self.algorithm.published, self.config)
             self._insist(lambda: self.evaluation.add(test, weights))
         self._checkpoint()
@@ -336,7 +288,7 @@ class Learner:
             "run/phase": "finishing" if self._finished else phase,
             "run/seconds": self.clock.seconds(),
             "learning/updates": self.phases.updates,
-            "learning/skipped": self._skipped,
+            "learning/skipped": self.losses.skipped,
             "learning/mean_max_q": mean,
             "learning/held_out_std": deviation,
             "learning/recent_max_q_std": self.held_out.recent_std,
@@ -374,7 +326,7 @@ class Learner:
         self._batches.close()
         self._look_while(lambda: bool(self.registry.alive("actor")), _FAREWELL)
         if self.phases.phase_steps >= _LEAST_PHASE * self.phases.phase_length:
-            self._end_phase(self.phases.close_phase())
+            self._end_phase()
         self.evaluation.finish()
         if self.evaluation.pending and not self._evaluator_expected():
             self.telemetry.say(

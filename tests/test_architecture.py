@@ -88,7 +88,7 @@ def test_whoever_can_do_without_a_network_gets_a_transport() -> None:
         and not path.startswith("benchmarks/")
     }
     roles = {f"{role}/__main__.py" for role in ("actors", "replay")}
-    assert opening == {*roles, "learner/doors.py", "learner/status.py"}
+    assert opening == {*roles, "learner/endpoints.py", "learner/status.py"}
 
 
 @pytest.mark.parametrize(

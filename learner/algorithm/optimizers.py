@@ -72,28 +72,23 @@ def build_optimizer(
     ``paper`` on two cores made 69.4 updates/s instead of 60.4 (benchmarks/LOG.md). After 1,000
     steps the weights are those of `torch.optim.RMSprop` to 4e-7 of the way that they moved.
     """
-    weights = list(parameters)
-    if config.optimizer == "adam":
-        return _adam(weights, config, (0.9, 0.999))
+    weights, adam = list(parameters), config.optimizer == "adam"
+    optimizer = torch.optim.Adam(
+        weights,
+        lr=config.learning_rate,
+        betas=(0.9, 0.999) if adam else (0.0, config.rmsprop_decay),
+        eps=config.optimizer_epsilon,
+        fused=True,  # the same arithmetic in one pass over memory
+    )
     # Adam whose gradients are their own means, and which corrects its second means no more because
     # its first step is long ago, is RMSprop, but with a fused kernel, which takes half the time.
-    optimizer = _adam(weights, config, (0.0, config.rmsprop_decay))
-    for weight in weights:
+    for weight in [] if adam else weights:
         optimizer.state[weight] = {
             "step": torch.tensor(_LONG_AGO, device=weight.device),
             "exp_avg": torch.zeros_like(weight),
             "exp_avg_sq": torch.zeros_like(weight),
         }
     return optimizer
-
-
-def _adam(
-    weights: list[nn.Parameter], config: LearningConfig, betas: tuple[float, float]
-) -> torch.optim.Adam:
-    # The fused kernel does the same arithmetic in one pass over memory.
-    return torch.optim.Adam(
-        weights, lr=config.learning_rate, betas=betas, eps=config.optimizer_epsilon, fused=True
-    )
 
 
 def clip_gradients(parameters: Sequence[nn.Parameter], longest: float) -> None:

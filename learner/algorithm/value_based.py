@@ -14,11 +14,11 @@ from torch import Tensor
 from common.network import QNetwork
 from common.run.config import LearningConfig
 from learner.algorithm.augmentation import RandomShift
+from learner.algorithm.ema import EmaNetwork
 from learner.algorithm.interface import DeviceBatch, Prepared, Update
 from learner.algorithm.optimizers import BoundedOptimizer
 from learner.algorithm.precision import Precision
 from learner.algorithm.target_network import TargetNetwork
-from learner.algorithm.weights_average import PublishedNetwork
 from learner.device import Device
 
 
@@ -53,7 +53,7 @@ class ValueBased:
         self._augmentation = RandomShift(config.random_shift, seed)
         # Copies first: a copy of a network that has a precision would sync that one too.
         self._target = TargetNetwork(self.online, device)
-        self._published = PublishedNetwork(self.online, config.weights_average)
+        self._published = EmaNetwork(self.online, config.weights_average)
         self._precision = Precision(self.online, device)
         self._optimizer = BoundedOptimizer(self.online.parameters(), config)
         self._target_update_period = config.target_update_period

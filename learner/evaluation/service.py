@@ -11,7 +11,7 @@ from common.protocol.evaluation import EvaluationReport
 from common.protocol.run_keys import RunKeys, name_in
 from common.transport.interface import Request, Transport
 from common.transport.quota import REPORTS_PER_SECOND, Quota
-from common.transport.signature import Sign, unsigned
+from common.transport.signature import Sign
 from learner.evaluation.coordinator import EvaluationCoordinator
 
 _log = logging.getLogger(__name__)
@@ -22,7 +22,7 @@ def serve_evaluators(
     transport: Transport,
     keys: RunKeys,
     coordinator: EvaluationCoordinator,
-    sign: Sign = unsigned,
+    sign: Sign,
     most_reports: float = REPORTS_PER_SECOND,
 ) -> None:
     """Answer evaluators until ``transport`` is closed.

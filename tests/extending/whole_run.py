@@ -20,6 +20,7 @@ from common.registry import Registry
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.join import find_run
+from common.transport.signature import unsigned
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
 from learner.device import Device
@@ -68,6 +69,7 @@ def learned(
             device,
             PlainDisplay(io.StringIO()),
             threading.Event(),
+            sign=unsigned,
         )
         keys, announced = find_run(client, run, PATIENCE, lambda: False)
         assert announced == config

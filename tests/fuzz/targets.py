@@ -33,7 +33,7 @@ from common.run.config import ProtocolConfig
 from common.run.presets import PRESETS
 from common.transport.checksum import DamagedMessage, seal, unseal
 from common.transport.interface import Answer, Closeable, Envelope, Request
-from common.transport.signature import Signature
+from common.transport.signature import Signature, unsigned
 from learner.evaluation.coordinator import EpochTest, EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
@@ -142,7 +142,7 @@ class Targets:
             Snapshots(folder / "snapshots"), ProtocolConfig(), lambda: {"e"}, lambda: 0.0
         )
         self.coordinator.add(EpochTest(1, 10, 40, 40, 0.5, 100), b"w")
-        serve_evaluators(transport, KEYS, self.coordinator, most_reports=math.inf)
+        serve_evaluators(transport, KEYS, self.coordinator, unsigned, most_reports=math.inf)
         member = Member("a", transport, KEYS, config, 1.0, threading.Event())
         LiveViews(member, "actor", [cast(Any, None)] * 2, cast(Any, None))
         actor, rng = Actor("a", FRAME_STACK), np.random.default_rng(0)

@@ -21,6 +21,7 @@ from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
 from common.transport.interface import Transport
+from common.transport.signature import unsigned
 from learner.algorithm.interface import build_algorithm
 from learner.assembly import build_learner
 from learner.device import Device
@@ -83,6 +84,7 @@ def place(runs: Path, actor: Actor, *, resume: bool, steps_goal: int | None) -> 
             device,
             PlainDisplay(io.StringIO()),
             threading.Event(),
+            sign=unsigned,
         )
         yield Place(learner, memory, folder, client, actor, np.random.default_rng(1))
 

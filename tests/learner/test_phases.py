@@ -8,6 +8,7 @@ import torch
 from common.protocol.chunk import Game
 from common.protocol.run_keys import DEMONSTRATIONS
 from common.run.config import ProtocolConfig, ReplayConfig, RunConfig
+from common.run.epochs import EpochRow
 from learner.clock import RunClock
 from learner.phases import Phases
 from replay.chunk_statistics import ChunkStatistics
@@ -47,14 +48,17 @@ def phases(seconds: float = 0.0) -> Phases:
     return Phases(CONFIG, RunClock(lambda: next(times, seconds)))
 
 
+def count(counted: Phases, chunks: list[ChunkStatistics]) -> list[EpochRow]:
+    """The rows of the phases that are complete."""
+    return [counted.close(stored=0, meanq=None)[0] for chunk in chunks if counted.count(chunk)]
+
+
 def test_warm_up_then_epochs() -> None:
     counted = phases()
-    ends = list(counted.count(_chunks(11)))
-    assert [(end.epoch, end.steps, end.scores) for end in ends] == [
-        (0, 100, (0.0, 1.0)),
-        (1, 200, (2.0, 3.0, 4.0, 5.0)),
-        (2, 200, (6.0, 7.0, 8.0, 9.0)),
-    ]
+    rows = count(counted, _chunks(11))
+    shown = [(row.epoch, row.steps, row.min_game_reward, row.max_game_reward) for row in rows]
+    assert shown == [(0, 100, 0.0, 1.0), (1, 200, 2.0, 5.0), (2, 200, 6.0, 9.0)]
+    assert [row.nr_games for row in rows] == [2, 4, 4]
     assert (counted.epoch, counted.phase_steps, counted.agent_steps, counted.train_steps) == (
         3,
         50,
@@ -75,57 +79,49 @@ def test_warm_up_then_epochs() -> None:
 
 def test_demonstrations_end_no_phase_however_many_they_are() -> None:
     counted = phases()
-    assert list(counted.count(_chunks(11, actor=DEMONSTRATIONS))) == []
+    assert count(counted, _chunks(11, actor=DEMONSTRATIONS)) == []
     assert (counted.epoch, counted.agent_steps) == (0, 550)
-    ends = list(counted.count(_chunks(5, first=11)))
+    ends = count(counted, _chunks(5, first=11))
     assert [(end.epoch, end.steps) for end in ends] == [(0, 600), (1, 200)]
 
 
 def test_shares_are_over_the_newest_chunks() -> None:
     counted = phases()
-    list(counted.count(_chunks(20, valid=0)))
-    list(counted.count(_chunks(60, first=20)))
+    count(counted, _chunks(20, valid=0))
+    count(counted, _chunks(60, first=20))
     assert counted.values(finishing=False)["play/valid_frame_share"] == 0.75
-    list(counted.count(_chunks(20, first=80)))
+    count(counted, _chunks(20, first=80))
     assert counted.values(finishing=False)["play/valid_frame_share"] == 1.0
-
-
-def test_facts_that_were_seen_before_count_once() -> None:
-    counted = phases()
-    list(counted.count(_chunks(3)))
-    list(counted.count(_chunks(3)))
-    list(counted.count(_chunks(2, first=2)))
-    assert (counted.agent_steps, counted.epoch, counted.phase_steps) == (200, 1, 100)
 
 
 def test_it_goes_on_from_its_state() -> None:
     whole, first, second = (phases(seconds=80.0) for _ in range(3))
-    expected = list(whole.count(_chunks(20)))
-    ends = list(first.count(_chunks(9)))
+    expected = count(whole, _chunks(20))
+    rows = count(first, _chunks(9))
     second.restore(first.state())
-    ends += second.count(_chunks(20))
-    assert ends == expected
+    rows += count(second, _chunks(11, first=9))
+    assert rows == expected
     assert second.state() == whole.state()
     assert second.state()["phase_began"] == 80.0
 
 
 def test_an_end_that_is_asked_for_starts_the_next_phase() -> None:
     counted = phases()
-    list(counted.count(_chunks(3)))
-    ended = counted.close_phase()
-    assert (ended.epoch, ended.steps) == (1, 50)
-    (next_end,) = counted.count(_chunks(5, first=3))
-    assert (next_end.epoch, next_end.steps) == (2, 200)
+    count(counted, _chunks(3))
+    row, _ = counted.close(stored=0, meanq=None)
+    assert (row.epoch, row.steps) == (1, 50)
+    (following,) = count(counted, _chunks(5, first=3))
+    assert (following.epoch, following.steps) == (2, 200)
 
 
 def test_at_the_very_end_the_last_epoch_is_told_whole() -> None:
     counted = phases()
-    list(counted.count(_chunks(6)))
+    count(counted, _chunks(6))
     shown = ("run/epoch", "run/phase_steps", "run/phase_length")
     for finishing, expected in ((False, [2, 0, 200]), (True, [1, 200, 200])):
         values = counted.values(finishing=finishing)
         assert [values[key] for key in shown] == expected
-    list(counted.count(_chunks(1, first=6)))  # a few more, which are no epoch of their own
+    count(counted, _chunks(1, first=6))  # a few more, which are no epoch of their own
     values = counted.values(finishing=True)
     assert [values[key] for key in shown] == [2, 50, 200]
 
@@ -134,8 +130,9 @@ def test_the_rows_of_a_phase_and_of_its_snapshots_test() -> None:
     counted = phases(seconds=80.0)
     for loss in (1.0, 3.0):
         counted.add(torch.tensor(loss))
-    _, ended = counted.count(_chunks(6))
-    row, test = counted.end(ended, stored=290, meanq=0.75)
+    count(counted, _chunks(5))
+    assert counted.count(_chunks(1, first=5)[0])
+    row, test = counted.close(stored=290, meanq=0.75)
     assert (row.epoch, row.phase, row.steps, row.nr_games) == (1, "train", 200, 4)
     assert (row.total_train_steps, row.replay_memory_count, row.meanq) == (200, 290, 0.75)
     assert (row.weight_updates, row.meancost) == (2, 0.0)  # both were in the warm-up
@@ -152,8 +149,7 @@ def test_the_rows_of_a_phase_and_of_its_snapshots_test() -> None:
 
 def test_the_warm_up_has_no_training_steps_even_if_it_is_longer_than_asked() -> None:
     counted = phases()
-    (ended,) = counted.count(_chunks(2, steps=60))
-    row, _ = counted.end(ended, stored=120, meanq=None)
+    (row,) = count(counted, _chunks(2, steps=60))
     assert (row.steps, row.total_train_steps, counted.train_steps) == (120, 0, 20)
 
 
@@ -161,5 +157,5 @@ def test_a_phases_loss_is_the_mean_over_its_updates() -> None:
     counted = phases()
     for loss in (1.0, 5.0, float("nan")):  # the last update was skipped
         counted.add(torch.tensor(loss))
-    (ended,) = counted.count(_chunks(2))
-    assert ended.loss == 2.0
+    (row,) = count(counted, _chunks(2))
+    assert row.meancost == 2.0

@@ -24,6 +24,7 @@ from common.run.presets import PRESETS
 from learner.algorithm.interface import Update
 from learner.clock import RunClock
 from learner.health_guard import HealthGuard
+from learner.loss_guard import LossGuard
 from learner.phases import Phases
 from learner.training import Learner
 from replay.chunk_statistics import ChunkStatistics, Progress
@@ -256,6 +257,7 @@ class World:
             ),
             "checkpoint": SimpleNamespace(path="FILE", save=self.save, check_room=self.check_room),
         }
+        parts["losses"] = LossGuard(parts["algorithm"], parts["replay"], self.said.append)
         return Learner(
             config=self.config,
             steps_goal=steps_goal,

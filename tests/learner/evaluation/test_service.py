@@ -8,6 +8,7 @@ from common.errors import MessageError
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
 from common.transport.interface import Transport, Unanswered
+from common.transport.signature import unsigned
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.evaluation.service import serve_evaluators
 from learner.evaluation.snapshots import Snapshots
@@ -31,7 +32,7 @@ def _report(client: Transport, payload: bytes, name: str = "e") -> None:
 
 def test_a_job_is_asked_for_and_reported(hub: Transport, client: Transport, tmp_path: Path) -> None:
     coordinator = _coordinator(tmp_path)
-    serve_evaluators(hub, KEYS, coordinator)
+    serve_evaluators(hub, KEYS, coordinator, unsigned)
     coordinator.add(epoch_test(1), b"w")
     job = _ask(client, "e")
     assert (job.kind, job.epoch, job.weights) == ("test", 1, b"w")
@@ -49,7 +50,7 @@ def test_the_weights_of_a_job_are_signed(hub: Transport, client: Transport, tmp_
 def test_junk_is_refused_and_the_service_continues(
     hub: Transport, client: Transport, tmp_path: Path
 ) -> None:
-    serve_evaluators(hub, KEYS, _coordinator(tmp_path))
+    serve_evaluators(hub, KEYS, _coordinator(tmp_path), unsigned)
     for junk in (b"junk", EvaluationReport("e", 9, 10, (), True).encode()):
         with pytest.raises(MessageError):
             _report(client, junk)
@@ -58,7 +59,7 @@ def test_junk_is_refused_and_the_service_continues(
 
 def test_nobody_reports_in_another_name(hub: Transport, client: Transport, tmp_path: Path) -> None:
     coordinator = _coordinator(tmp_path)
-    serve_evaluators(hub, KEYS, coordinator)
+    serve_evaluators(hub, KEYS, coordinator, unsigned)
     coordinator.add(epoch_test(1), b"w")
     assert _ask(client, "e").kind == "test"
     report = EvaluationReport("e", 1, 100, (), True).encode()
@@ -73,7 +74,7 @@ def test_who_reports_too_often_is_not_heard_until_later(
     hub: Transport, client: Transport, tmp_path: Path
 ) -> None:
     coordinator = _coordinator(tmp_path)
-    serve_evaluators(hub, KEYS, coordinator, most_reports=1e-9)
+    serve_evaluators(hub, KEYS, coordinator, unsigned, most_reports=1e-9)
     coordinator.add(epoch_test(1), b"w")
     assert _ask(client, "e").kind == "test"
     with pytest.raises(MessageError):
@@ -90,7 +91,7 @@ def test_an_evaluator_without_a_proper_name_has_no_job(
     hub: Transport, client: Transport, tmp_path: Path, name: str
 ) -> None:
     coordinator = _coordinator(tmp_path)
-    serve_evaluators(hub, KEYS, coordinator)
+    serve_evaluators(hub, KEYS, coordinator, unsigned)
     coordinator.add(epoch_test(1), b"w")
     with pytest.raises(MessageError, match="no evaluator can have this name"):
         _ask(client, name)
@@ -100,7 +101,7 @@ def test_an_evaluator_without_a_proper_name_has_no_job(
 def test_a_closed_transport_answers_nobody(
     hub: Transport, client: Transport, tmp_path: Path
 ) -> None:
-    serve_evaluators(hub, KEYS, _coordinator(tmp_path))
+    serve_evaluators(hub, KEYS, _coordinator(tmp_path), unsigned)
     assert _ask(client, "e1").kind == "wait"
     hub.close()
     assert not client.requester(KEYS.task("e1"), PATIENCE).has_server

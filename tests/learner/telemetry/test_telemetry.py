@@ -95,7 +95,9 @@ class Run:
 
     def play(self, chunks: int) -> None:
         seen = self.phases.chunks_seen
-        list(self.phases.count(chunk(index) for index in range(seen, seen + chunks)))
+        for index in range(seen, seen + chunks):
+            if self.phases.count(chunk(index)):
+                self.phases.close(stored=0, meanq=None)
 
     def values(self, **loop: Value) -> Any:
         """The figures after one second more."""

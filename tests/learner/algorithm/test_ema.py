@@ -10,8 +10,8 @@ from common.protocol.weights import encode_weights, load_weights
 from common.run.config import LearningConfig
 from common.run.presets import PRESETS
 from learner.algorithm.double_dqn import double_dqn
+from learner.algorithm.ema import EmaNetwork
 from learner.algorithm.value_based import ValueBased
-from learner.algorithm.weights_average import PublishedNetwork
 from learner.checkpoint import Checkpoint
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch
@@ -33,7 +33,7 @@ def test_the_mean_by_hand() -> None:
     online = QNetwork(6)
     with torch.no_grad():
         online.actions.bias.fill_(8.0)
-    mean = PublishedNetwork(online, decay=0.75)
+    mean = EmaNetwork(online, decay=0.75)
     assert _bias(mean.network).tolist() == [8.0] * 6  # before the first update
     # The plain mean of one, two, three and four updates, and the exponential one from there.
     for updates, weight, expected in ((1, 6, 6), (2, 0, 3), (3, 9, 5), (4, 1, 4), (5, 8, 5)):
@@ -46,7 +46,7 @@ def test_the_mean_by_hand() -> None:
 
 def test_without_a_decay_the_online_network_itself_is_published() -> None:
     online = QNetwork(6)
-    published = PublishedNetwork(online, LearningConfig().weights_average)
+    published = EmaNetwork(online, LearningConfig().weights_average)
     before = _bias(online)
     published.take(1)
     assert published.network is online

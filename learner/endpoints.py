@@ -1,8 +1,8 @@
-"""What a learner opens to other processes and to people before it begins: replay, hub and pages."""
+"""The endpoints of a learner: the hub with its replay, or those of --connect; pages over HTTP."""
 
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 
 from common.errors import InputError
 from common.process.extras import extra_for
@@ -32,13 +32,12 @@ def open_replay(
     config, endpoint = options.config, options.connect
     if endpoint is None:
         folder.claim("replay", config, begun=folder.replay, resume=options.resume)
-        with open_hub(options.listen, options.certificates) as transport:
-            memory = ReplayBuffer(config, folder.replay)
-            try:
-                with ReplayServer(transport, memory, config, folder.name, options.actor_quota):
-                    yield transport, memory, options.listen
-            finally:
-                memory.close()
+        with (
+            open_hub(options.listen, options.certificates) as transport,
+            closing(ReplayBuffer(config, folder.replay)) as memory,
+            ReplayServer(transport, memory, config, folder.name, options.actor_quota),
+        ):
+            yield transport, memory, options.listen
         return
     patience, stopped = options.patience, patiently(stop, endpoint)
     with connect(

@@ -1,0 +1,78 @@
+"""`LossGuard`: tells a network that has diverged from a few minibatches that spoil nothing."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from learner.algorithm.interface import Algorithm, Update
+from replay.interface import Replay
+
+_MOST_SKIPPED = 10
+_RECENTLY = 100
+"""So many of the recent updates whose loss is not finite: then the network is at fault, not the
+minibatches."""
+
+
+class LossGuard:
+    """Has the steps of minibatches without a finite loss quarantined, and notices divergence.
+
+    Args:
+        note: takes an event for people.
+    """
+
+    def __init__(self, algorithm: Algorithm, replay: Replay, note: Callable[[str], None]) -> None:
+        self._algorithm = algorithm
+        self._replay = replay
+        self._note = note
+        self.skipped = 0
+        """Updates, of this process, whose loss was not finite."""
+        self.diverged_at: int | None = None
+        """Number of the first update that is the network's fault."""
+        self._last_skipped: deque[int] = deque(maxlen=_MOST_SKIPPED)
+        self._unseen: list[tuple[int, NDArray[np.int64], Update]] = []
+        """Number, ids and result of each update since the losses were last looked at."""
+
+    def add(self, number: int, ids: NDArray[np.int64], result: Update) -> None:
+        """Take an update, of the steps ``ids``; nothing waits for the device."""
+        self._unseen.append((number, ids, result))
+
+    def have_diverged(self) -> bool:
+        """Whether the network has diverged.
+
+        All losses since the last call are looked at together, for each look waits for the device.
+        """
+        seen, self._unseen = self._unseen, []
+        losses = torch.stack([result.loss for *_, result in seen]).tolist() if seen else []
+        for (number, ids, result), loss in zip(seen, losses, strict=True):
+            if math.isfinite(loss):
+                continue
+            self.skipped += 1
+            self._last_skipped.append(number)
+            if all(bool(each.isfinite().all()) for each in self._algorithm.published.parameters()):
+                self._quarantine(ids, result.priorities.float().cpu().numpy())
+                first = self._last_skipped[0]
+                often = len(self._last_skipped) == _MOST_SKIPPED and number - first < _RECENTLY
+            else:
+                first, often = number, True
+            if often and self.diverged_at is None:
+                self.diverged_at = first
+        return self.diverged_at is not None
+
+    def was_skipped(self, number: int) -> bool:
+        """Whether the loss of a recent update, which was looked at, is not finite."""
+        return number in self._last_skipped
+
+    def _quarantine(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
+        """Have the steps that are at fault for a loss never drawn again."""
+        faulty = ~np.isfinite(priorities)
+        if not faulty.any():
+            faulty[:] = True
+        self._replay.update_priorities(ids[faulty], np.full(faulty.sum(), np.nan, np.float32))
+        self._note(
+            f"a minibatch was skipped: its loss is not finite; {faulty.sum()} of its steps are "
+            "quarantined, and the replay's log names their actors"
+        )
