@@ -3,15 +3,14 @@
 import time
 from collections.abc import Callable
 
+Now = Callable[[], float]
+"""Returns monotonic seconds."""
+
 
 class RunClock:
-    """Seconds of work on a run, those before a resume included.
+    """Seconds of work on a run, those before a resume included."""
 
-    Args:
-        now: monotonic seconds.
-    """
-
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, now: Now = time.monotonic) -> None:
         self.now = now
         self._zero = now()
 
@@ -25,13 +24,9 @@ class RunClock:
 
 
 class Every:
-    """A schedule: due at once, then again each time ``seconds`` have passed.
+    """A schedule: due at once, then again each time ``seconds`` have passed."""
 
-    Args:
-        now: monotonic seconds.
-    """
-
-    def __init__(self, seconds: float, now: Callable[[], float]) -> None:
+    def __init__(self, seconds: float, now: Now) -> None:
         self._seconds = seconds
         self._now = now
         self._next = -float("inf")

@@ -13,6 +13,7 @@ recognises one that it has, and a start that was interrupted is repeated without
 import json
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -219,7 +220,7 @@ class Demonstrations:
                 raise InputError(f"the replay refused a demonstration: {refusals[0]}.")
             return not stop.is_set()
 
-        try:
+        with closing(requester), closing(presence):
             for chunk in self._chunks(keys.run_id, self._stats.incarnation):
                 window.send(chunk.encode())
                 if not wait(self._config.stream.window - 1):
@@ -232,9 +233,6 @@ class Demonstrations:
                 )
             told = replace(self._stats, leaving=True, acked=self._stats.made)
             transport.publisher(keys.stats("actor", DEMONSTRATIONS)).publish(told.encode())
-        finally:
-            requester.close()
-            presence.close()
         tell(f"the replay begins with {self._stats.steps:,} steps of {self.begun.path}.")
         return replace(self.begun, complete=True)
 

@@ -6,6 +6,7 @@ how long it was trained, and every game's score of an evaluation of exactly thes
 """
 
 import json
+import sys
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from safetensors.torch import load
 from common.checked import FromOne
 from common.errors import InputError, exit_on_input_error
 from common.network import build_network, count_actions_of
-from common.process.command_line import check_bounds
+from common.process.command_line import parse
 from common.process.lifeline import on_signals
 from common.protocol.weights import encode_weights, load_weights, published_weights
 from common.run.clock import ClockConfig
@@ -107,8 +108,7 @@ def _write(output: Path, card: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    options = tyro.cli(Options, prog="python -m learner.publish")
-    check_bounds(options)
+    options = parse(Options, "learner.publish", sys.argv[1:])
     stop = threading.Event()
     on_signals(stop)
     publish(options, stop)

@@ -24,7 +24,7 @@ from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect
 from common.version import VERSION
-from learner.telemetry.readiness import reasons
+from learner.telemetry.health_checks import reasons
 from learner.telemetry.sinks.formats import UNKNOWN, decimal, fill, one_line, written
 from replay.chunk_statistics import Progress
 from replay.messages import ProgressRequest

@@ -14,6 +14,7 @@ from typing import Any
 from common.errors import MessageError
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
+from learner.clock import Now
 from learner.evaluation.snapshots import Snapshots
 
 NEWCOMER = 5.0
@@ -55,7 +56,6 @@ class EvaluationCoordinator:
     Args:
         evaluators: tells the names of the evaluators that are present.
         seconds: tells the run's time.
-        now: monotonic seconds.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class EvaluationCoordinator:
         protocol: ProtocolConfig,
         evaluators: Callable[[], set[str]],
         seconds: Callable[[], float],
-        now: Callable[[], float] = time.monotonic,
+        now: Now = time.monotonic,
     ) -> None:
         self._snapshots = snapshots
         self._protocol = protocol
@@ -166,7 +166,7 @@ class EvaluationCoordinator:
         again = {"remaining": self._protocol.test_steps, "steps": 0, "scores": [], "began": None}
         for each in state:
             test = EpochTest(**each | again)
-            if not self._snapshots.has(test.epoch):
+            if not self._snapshots.file(test.epoch).is_file():
                 untested.append(test.epoch)
                 continue
             with self._lock:

@@ -30,11 +30,28 @@ from common.run.folder import write_atomically
 from common.run.origin import check_fit, find_weights
 from common.run.stored_config import differences, to_json
 from common.strict_json import strict
-from learner.evaluation.measures import HEADLINE, Measure
 from learner.evaluation.results import ENDING, summarise, table
 from learner.telemetry.provenance import provenance
 
 _POLL = 0.5
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Under how much chance a network is measured: one row of a table of scores."""
+
+    epsilon: float
+    """Share of random actions."""
+    sticky: float
+    """``play.sticky``, the share of the console's repeats."""
+
+
+HEADLINE = (
+    Measure(0.001, 0.0),  # the policy itself; on a console without chance nearly one game, repeated
+    Measure(0.05, 0.0),  # 2017, after Mnih et al. 2015
+    Measure(0.001, 0.25),  # Machado et al. 2018, and ALE's v5 environments
+)
+"""The measures that stand for a policy together: none of them alone says what it can do."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from common.run.folder import kept_networks, write_atomically
+from common.run.folder import write_atomically
 
 
 class Snapshots:
@@ -26,10 +26,6 @@ class Snapshots:
     def read(self, epoch: int) -> bytes:
         return self.file(epoch).read_bytes()
 
-    def has(self, epoch: int) -> bool:
-        """Whether the weights of an epoch are there."""
-        return self.file(epoch).is_file()
-
     def remove(self, epoch: int) -> None:
         """Delete the weights of an epoch, unless all are kept."""
         if not self.keep:
@@ -47,10 +43,6 @@ class Snapshots:
             return float(json.loads((self._folder / "best.json").read_bytes())["mean_score"])
         except (OSError, ValueError, TypeError, KeyError):
             return None
-
-    def newest(self) -> int:
-        """The newest epoch whose weights are there; 0 for none."""
-        return max(kept_networks(self._folder), default=0)
 
     def file(self, epoch: int) -> Path:
         return self._folder / f"epoch-{epoch:04d}.safetensors"

@@ -16,6 +16,7 @@ A check that keeps failing ends the run (`learner.health_guard`), but for those 
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 from common.metrics import METRICS, PRESS_MS, Values, number
@@ -25,6 +26,8 @@ from common.run.conditions import PlayConfig
 from common.run.config import RunConfig
 from learner.telemetry.recent_latency import LEAST_MEASURED
 
+LONGEST_SILENCE = 60.0
+"""Seconds without a look of the training loop after which the learner counts as hanging."""
 _PRESS_FRAMES = 4
 """Emulator frames in which the arms have nearly always pressed what they are told to, p99 of
 `python -m benchmarks.lab.press_latency`."""
@@ -95,3 +98,19 @@ def _can_tell(key: str, values: Values, play: PlayConfig) -> bool:
     watched_enough = math.isfinite(p99) or watched >= PRESS_MS.limit
     prompt = play.hand == "arm" and not _is_late(play)
     return prompt and measured >= LEAST_MEASURED and watched_enough
+
+
+def hanging(silent_for: float) -> list[str]:
+    """Returns the reason if the training loop hangs; none if it goes round."""
+    if silent_for < LONGEST_SILENCE:
+        return []
+    return [f"the training loop has not looked around for {silent_for:.0f} s: see its log"]
+
+
+def reasons(silent_for: float, checks: Iterable[HealthCheck]) -> list[str]:
+    """Returns why the learner is not in good health, as `/readyz` and `ale-robot status` say it."""
+    return hanging(silent_for) + [
+        f"health check {check.name!r} is red: {check.why}"
+        for check in checks
+        if check.stops and check.passed is False
+    ]

@@ -3,7 +3,6 @@
 import contextlib
 import threading
 import time
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -11,6 +10,7 @@ from common.errors import MessageError
 from common.protocol.live_view import LiveView, ViewRequest
 from common.protocol.run_keys import RunKeys
 from common.transport.interface import Transport
+from learner.clock import Now
 
 _DEADLINE = 5.0
 """Seconds; an actor plays on for a while between two looks that take long."""
@@ -31,9 +31,7 @@ class Asked(NamedTuple):
 class LiveFeed:
     """Answers threads that want to see an actor; two that want the same get one answer."""
 
-    def __init__(
-        self, transport: Transport, keys: RunKeys, now: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, transport: Transport, keys: RunKeys, now: Now = time.monotonic) -> None:
         self._transport = transport
         self._keys = keys
         self._now = now

@@ -3,11 +3,11 @@
 import dataclasses
 import time
 from collections import deque
-from collections.abc import Callable
 from operator import sub
 
 from common.metrics import Value
 from common.press_latency import KeyLatency
+from learner.clock import Now
 
 WINDOW = 60.0
 """Seconds that count as of late."""
@@ -16,13 +16,9 @@ LEAST_MEASURED = 100
 
 
 class RecentLatency:
-    """Remembers the counts of the last while.
+    """Remembers the counts of the last while."""
 
-    Args:
-        clock: monotonic seconds.
-    """
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, clock: Now = time.monotonic) -> None:
         self._clock = clock
         self._ticks: deque[tuple[float, tuple[int, ...]]] = deque()
 

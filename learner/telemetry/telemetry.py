@@ -12,7 +12,7 @@ from common.run.config import RunConfig
 from common.run.epochs import EpochRow, EpochTable
 from common.run.presets import PRESETS
 from learner.algorithm.interface import DeviceBatch, Update
-from learner.clock import Every
+from learner.clock import Every, Now
 from learner.phases import Phases
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.health_checks import judge
@@ -38,7 +38,6 @@ class Telemetry:
         epochs: takes a row for each phase.
         sinks: take the figures, each as often as it wants.
         max_q: returns how max-Q is spread over the held-out states; None while it is unknown.
-        now: monotonic seconds.
     """
 
     def __init__(
@@ -49,7 +48,7 @@ class Telemetry:
         registry: ActorRegistry,
         epochs: EpochTable,
         sinks: Sequence[Sink],
-        now: Callable[[], float],
+        now: Now,
         max_q: Callable[[], Histogram | None] = lambda: None,
     ) -> None:
         self._config = config

@@ -17,7 +17,7 @@ from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import HealthCheck
 from common.transport.interface import Transport
 from learner.status import Report, ask
-from learner.telemetry.readiness import LONGEST_SILENCE
+from learner.telemetry.health_checks import LONGEST_SILENCE
 from learner.telemetry.sinks.status import StatusSink
 from learner.telemetry.snapshot import ActorView
 from replay.replay_buffer import ReplayBuffer

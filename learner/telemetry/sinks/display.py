@@ -8,6 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Self, TextIO
 
 from rich.console import Console, ConsoleDimensions
@@ -18,7 +19,7 @@ from common.metrics import number
 from common.process import log_lines
 from common.process.output import silence
 from common.protocol.live_view import ViewRequest
-from learner.clock import Every
+from learner.clock import Every, Now
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks import formats
 from learner.telemetry.sinks.formats import fill, troubles
@@ -30,7 +31,7 @@ from learner.telemetry.snapshot import Snapshot
 PLAIN_SECONDS = 10.0
 
 
-class Display(Sink):
+class Display(Sink, AbstractContextManager["Display"]):
     """Shows a run; a context manager that gives the terminal back however it is left."""
 
     period = 1.0
@@ -41,12 +42,8 @@ class Display(Sink):
         self._feed = feed
 
     def close(self) -> None:
-        """See `Sink.close`."""
         if self._feed is not None:
             self._feed.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Give back what was taken."""
@@ -83,7 +80,6 @@ class LiveDisplay(Display):
         self._picture: LivePicture | None = None
 
     def write(self, snapshot: Snapshot) -> None:
-        """Draw ``snapshot`` in place of the one before."""
         self._try(lambda: self._draw(snapshot))
 
     def line(self, text: str) -> None:
@@ -141,10 +137,9 @@ class PlainDisplay(Display):
 
     Args:
         stream: text stream; what its encoding lacks becomes ``?``.
-        clock: monotonic seconds.
     """
 
-    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, stream: TextIO, clock: Now = time.monotonic) -> None:
         self._stream = stream
         self._schedule = Every(PLAIN_SECONDS, clock)
         self._last: Snapshot | None = None
@@ -161,11 +156,9 @@ class PlainDisplay(Display):
         self._last = snapshot
 
     def event(self, text: str) -> None:
-        """Say it at once."""
         self.line(text)
 
     def figures(self, snapshot: Snapshot) -> None:
-        """Write the figures."""
         self.line(status_line(snapshot))
 
     def line(self, text: str) -> None:
@@ -188,11 +181,9 @@ class JsonDisplay(PlainDisplay):
     """The same, each line an object of JSON (`common.process.log_lines`)."""
 
     def figures(self, snapshot: Snapshot) -> None:
-        """Write all figures."""
         self._put(log_lines.line(status_line(snapshot), values=snapshot.values))
 
     def line(self, text: str) -> None:
-        """Write a sentence."""
         self._put(log_lines.line(formats.one_line(text)))
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from common.process.supervisor import Child
 from common.run.epochs import EpochRow
-from common.run.folder import RunFolder
+from common.run.folder import RunFolder, kept_networks
 from learner.evaluation.snapshots import Snapshots
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
@@ -58,12 +58,11 @@ class FilmsSink(Sink):
     def start(self, resumed_at: int | None) -> None:
         """Take up the newest epoch, as of the checkpoint's agent steps, if it has no film yet."""
         shutil.rmtree(self._making, ignore_errors=True)
-        newest = self._snapshots.newest()
+        newest = max(kept_networks(self._folder.snapshots), default=0)
         if newest and not self._file(newest).exists():
             self._next = _Epoch(newest, resumed_at or 0)
 
     def phase(self, row: EpochRow, agent_steps: int) -> None:
-        """See `Sink.phase`."""
         if row.phase == "train":
             self._next = _Epoch(row.epoch, agent_steps)
 

@@ -6,7 +6,6 @@ What TensorBoard shows, for everybody who has none.
 import csv
 import io
 from pathlib import Path
-from typing import Any, TextIO
 
 from common.metrics import METRICS, number
 from common.run.folder import append_whole, write_atomically
@@ -31,7 +30,7 @@ class GatesCsvSink(Sink):
 
         The last row may be torn, and a table of an earlier version may have fewer columns.
         """
-        rows: list[dict[str, Any]] = []
+        rows: list[dict[str, str]] = []
         if resumed_at is not None and self._path.exists():
             text = self._path.read_text(encoding="utf-8", errors="replace")
             for row in csv.DictReader(text[: text.rfind("\n") + 1].splitlines()):
@@ -39,13 +38,10 @@ class GatesCsvSink(Sink):
                 whole = None not in row and None not in row.values()
                 if whole and steps.isdecimal() and int(steps) <= resumed_at:
                     rows.append(row)
-        table = io.StringIO()
-        self._writer(table).writeheader()
-        self._writer(table).writerows(rows)
-        write_atomically(self._path, table.getvalue().encode())
+        header = dict(zip(self.columns, self.columns, strict=True))
+        write_atomically(self._path, self._lines(header, *rows))
 
     def write(self, snapshot: Snapshot) -> None:
-        """Add a row."""
         values = snapshot.values
         row = {
             name: f"{value:.6g}"
@@ -55,10 +51,11 @@ class GatesCsvSink(Sink):
         row["seconds"] = f"{number(values, 'run/seconds') or 0:.1f}"
         row["agent_steps"] = str(values["run/agent_steps"])
         row["red"] = "; ".join(check.name for check in snapshot.failed)
-        line = io.StringIO()
-        self._writer(line).writerow(row)
-        append_whole(self._path, line.getvalue().encode())
+        append_whole(self._path, self._lines(row))
 
-    def _writer(self, file: TextIO) -> "csv.DictWriter[str]":
+    def _lines(self, *rows: dict[str, str]) -> bytes:
         """What is missing in a row stays empty, and what has no column is left out."""
-        return csv.DictWriter(file, self.columns, extrasaction="ignore", lineterminator="\n")
+        lines = io.StringIO()
+        table = csv.DictWriter(lines, self.columns, extrasaction="ignore", lineterminator="\n")
+        table.writerows(rows)
+        return lines.getvalue().encode()

@@ -12,7 +12,6 @@ class KeptLogSink(Sink):
         self._keep = keep
 
     def event(self, text: str) -> None:
-        """See `Sink.event`."""
         self._keep(text)
 
     line = event

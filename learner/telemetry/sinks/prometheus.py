@@ -1,6 +1,5 @@
 """What a learner tells a monitoring system over HTTP: whether it works, and its figures."""
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -10,8 +9,8 @@ from common.exposition import families, family, metrics_page
 from common.metrics import METRICS, Metric, Value
 from common.process.http_endpoints import Page, verdict
 from common.protocol.actor_stats import TOTALS
-from learner.telemetry.readiness import hanging, reasons
-from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.health_checks import hanging, reasons
+from learner.telemetry.sinks.sink import LatestSink
 from learner.telemetry.snapshot import ActorView, Snapshot
 
 MOST_ACTORS = 256
@@ -41,30 +40,15 @@ OMITTED = Metric("actors/omitted", "processes", "count", "Actors without series 
 CHECK = Metric("gates/red", "none", "count", "Whether a health check is red: 0 or 1")
 
 
-class PrometheusSink(Sink):
-    """Keeps the latest snapshot for those who ask; safe to ask from any thread."""
-
-    period = 1.0
-
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
-        self._now = now
-        self._latest: Snapshot | None = None
-        self._looked = now()
-
-    def write(self, snapshot: Snapshot) -> None:
-        """Keep it."""
-        self._latest, self._looked = snapshot, self._now()
+class PrometheusSink(LatestSink):
+    """Answers a monitoring system."""
 
     def pages(self) -> dict[str, Callable[[], Page]]:
-        """By path."""
         return {
             "/healthz": lambda: verdict(hanging(self._silent_for())),
             "/readyz": lambda: verdict(self._not_ready()),
             "/metrics": metrics_page(self.collect),
         }
-
-    def _silent_for(self) -> float:
-        return self._now() - self._looked
 
     def _not_ready(self) -> list[str]:
         if self._latest is None:

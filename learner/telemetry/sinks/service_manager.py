@@ -12,9 +12,7 @@ class ServiceManagerSink(Sink):
     period = 5.0
 
     def write(self, snapshot: Snapshot) -> None:
-        """Say that the run goes on."""
         tell("READY=1", f"STATUS={status_line(snapshot)}", "WATCHDOG=1")
 
     def close(self) -> None:
-        """Say that it ends."""
         tell("STOPPING=1")

@@ -1,8 +1,10 @@
 """What takes a run's figures: a file, a program beside it, or the terminal."""
 
+import time
 from pathlib import Path
 
 from common.run.epochs import EpochRow
+from learner.clock import Now
 from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.snapshot import Snapshot
 
@@ -41,3 +43,21 @@ class Sink:
 
     def close(self) -> None:
         """End; the last figures were written."""
+
+
+class LatestSink(Sink):
+    """Keeps the latest snapshot for those who ask, from any thread."""
+
+    period = 1.0
+
+    def __init__(self, now: Now = time.monotonic) -> None:
+        self._now = now
+        self._looked = now()
+        self._latest: Snapshot | None = None
+
+    def write(self, snapshot: Snapshot) -> None:
+        self._latest, self._looked = snapshot, self._now()
+
+    def _silent_for(self) -> float:
+        """Seconds since the training loop last looked around."""
+        return self._now() - self._looked

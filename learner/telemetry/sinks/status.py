@@ -1,7 +1,6 @@
 """Answers whoever asks how the run does (`python -m learner --status`)."""
 
 import time
-from collections.abc import Callable
 
 from common.checked import MAX_TEXT
 from common.errors import MessageError
@@ -10,31 +9,22 @@ from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import MOST_ACTORS, ActorStatus, RunStatus
 from common.transport.interface import Request, Transport
 from common.version import VERSION
-from learner.telemetry.sinks.sink import Sink
+from learner.clock import Now
+from learner.telemetry.sinks.sink import LatestSink
 from learner.telemetry.snapshot import Snapshot
 
 
-class StatusSink(Sink):
-    """Keeps the latest snapshot, and gives it as a `RunStatus` until ``transport`` is closed."""
+class StatusSink(LatestSink):
+    """Gives the latest snapshot as a `RunStatus` until ``transport`` is closed."""
 
-    period = 1.0
-
-    def __init__(
-        self, transport: Transport, keys: RunKeys, now: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._now = now
-        self._latest: tuple[Snapshot, float] | None = None
+    def __init__(self, transport: Transport, keys: RunKeys, now: Now = time.monotonic) -> None:
+        super().__init__(now)
         transport.serve(keys.status, self._answer)
-
-    def write(self, snapshot: Snapshot) -> None:
-        """Keep it."""
-        self._latest = snapshot, self._now()
 
     def _answer(self, _: Request) -> bytes:
         if self._latest is None:
             raise MessageError("the learner starts")
-        snapshot, looked = self._latest
-        return status_of(snapshot, self._now() - looked).encode()
+        return status_of(self._latest, self._silent_for()).encode()
 
 
 def status_of(snapshot: Snapshot, silent_for: float) -> RunStatus:

@@ -5,7 +5,7 @@ PyTorch's writer of such files takes seconds to import, and brings nothing that 
 
 import io
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 
@@ -17,12 +17,11 @@ from tensorboard.compat.proto.tensor_pb2 import TensorProto
 from tensorboard.compat.proto.types_pb2 import DT_STRING
 from tensorboard.plugins.custom_scalar import layout_pb2
 from tensorboard.plugins.custom_scalar import metadata as custom_scalars
-from tensorboard.plugins.hparams import metadata as hparams
-from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionStartInfo
+from tensorboard.plugins.hparams.summary_v2 import hparams_pb
 
 from common.metrics import METRICS, Value, Values
 from common.protocol.live_view import ViewRequest, size_of
-from learner.clock import Every
+from learner.clock import Every, Now
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.curves import FILM, CurvesSink, tags_of
 from learner.telemetry.sinks.event_file import EventFile
@@ -53,12 +52,9 @@ class TensorBoardSink(CurvesSink):
 
     Args:
         settings: of the run, by their flags, as ``learning.n_step``.
-        now: monotonic seconds.
     """
 
-    def __init__(
-        self, folder: Path, settings: Values, now: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, folder: Path, settings: Values, now: Now = time.monotonic) -> None:
         self._folder = folder
         self._settings = settings
         self._feed: LiveFeed | None = None
@@ -67,14 +63,15 @@ class TensorBoardSink(CurvesSink):
         self._pictures = Every(_PICTURE_SECONDS, now)
 
     def watch(self, feed: LiveFeed) -> None:
-        """See `Sink.watch`."""
         self._feed = feed
 
     def start(self, resumed_at: int | None) -> None:
         """Open a file; TensorBoard forgets the points after ``resumed_at``."""
         self._file = EventFile(self._folder)
         if resumed_at is None:
-            self._add([_session_start(self._settings), _layout()], 0)
+            settings = {name: each for name, each in self._settings.items() if each is not None}
+            # TensorBoard's page "HParams" takes a run's settings from it.
+            self._add([*hparams_pb(settings).value, _layout()], 0)
         else:
             restart = SessionLog(status=SessionLog.START)
             event = Event(wall_time=time.time(), step=resumed_at + 1, session_log=restart)
@@ -82,7 +79,6 @@ class TensorBoardSink(CurvesSink):
         self._file.flush()
 
     def close(self) -> None:
-        """Write what is still in memory and end."""
         self._file.close()
 
     def write(self, snapshot: Snapshot) -> None:
@@ -93,7 +89,7 @@ class TensorBoardSink(CurvesSink):
         self._file.flush()
 
     def filmed(self, file: Path, agent_steps: int) -> None:
-        """See `Sink.filmed`; TensorBoard shows a GIF among its images."""
+        # TensorBoard shows a GIF among its images.
         self._add([_gif(file)], agent_steps)
 
     def _add_picture(self, snapshot: Snapshot, agent_steps: int) -> None:
@@ -112,7 +108,6 @@ class TensorBoardSink(CurvesSink):
             self._feed.latest(self._asked)  # answered by the next look
 
     def add(self, points: Values, agent_steps: int) -> None:
-        """See `CurvesSink.add`."""
         self._add(
             [
                 Summary.Value(tag=tag, simple_value=value)
@@ -123,7 +118,6 @@ class TensorBoardSink(CurvesSink):
         )
 
     def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
-        """See `CurvesSink.add_histograms`."""
         self._add([_histogram(*each) for each in found.items()], agent_steps)
 
     def _add(self, values: list[Summary.Value], agent_steps: int) -> None:
@@ -148,23 +142,6 @@ def written_points(folder: Path) -> Iterator[Values]:
                 found.setdefault(point.step, {})[metric.key] = point.value
     for steps, values in sorted(found.items()):
         yield {**values, "run/agent_steps": steps}
-
-
-def _session_start(settings: Values) -> Summary.Value:
-    """Returns what TensorBoard's page "HParams" takes a run's settings from."""
-    start = SessionStartInfo()
-    for name, value in settings.items():
-        match value:
-            case bool():
-                start.hparams[name].bool_value = value
-            case int() | float():
-                start.hparams[name].number_value = value
-            case str():
-                start.hparams[name].string_value = value
-    data = HParamsPluginData(session_start_info=start)
-    return Summary.Value(
-        tag=hparams.SESSION_START_INFO_TAG, metadata=hparams.create_summary_metadata(data)
-    )
 
 
 def _layout() -> Summary.Value:

@@ -15,11 +15,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, TypeAlias
 
 from common.metrics import Value, Values
 from common.process.extras import extra_for
-from learner.clock import Every
+from learner.clock import Every, Now
 from learner.telemetry.sinks.curves import FILM, CurvesSink
 from learner.telemetry.snapshot import Histogram
 
@@ -46,32 +46,14 @@ class TrackedRun:
     """By their flags, as ``learning.n_step``."""
 
 
-class Tracker(Protocol):
-    """A program's run; all calls are of one thread. Agent steps may go back, to those of a test's
-    weights.
+class WandB:
+    """A run at Weights & Biases. All calls are of one thread; agent steps may go back, to those of
+    a test's weights.
 
     Args:
         program: its module.
         run: is begun, or gone on with after a restart.
     """
-
-    def __init__(self, program: Any, run: TrackedRun) -> None: ...
-
-    def add(self, points: Mapping[str, float], agent_steps: int) -> None:
-        """Add a point to each of some curves."""
-
-    def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
-        """Add histograms by their names."""
-
-    def add_film(self, file: Path, agent_steps: int) -> None:
-        """Add a film."""
-
-    def close(self) -> None:
-        """Finish the run."""
-
-
-class WandB:
-    """Weights & Biases; see `Tracker`."""
 
     def __init__(self, program: Any, run: TrackedRun) -> None:
         self._program = program
@@ -102,7 +84,7 @@ class WandB:
 
 
 class MLflow:
-    """MLflow, which has neither histograms nor films: they are files of its run; see `Tracker`."""
+    """As `WandB`, but MLflow has neither histograms nor films: they are files of its run."""
 
     def __init__(self, program: Any, run: TrackedRun) -> None:
         self._program = program
@@ -130,11 +112,11 @@ class MLflow:
         self._program.end_run()
 
 
-class Trackio:
-    """Trackio; see `Tracker`."""
+class Trackio(WandB):
+    """Trackio, whose functions are those of Weights & Biases."""
 
     def __init__(self, program: Any, run: TrackedRun) -> None:
-        self._program = program
+        self._program = self._run = program
         program.init(
             project=PROJECT,
             name=f"{run.name}-{run.identity[:8]}",  # it knows a run by its name alone
@@ -144,35 +126,25 @@ class Trackio:
         )
 
     def add(self, points: Mapping[str, Any], agent_steps: int) -> None:
-        self._program.log(points, step=agent_steps)
-
-    def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
-        kind = self._program.Histogram
-        self.add({name: kind(np_histogram=each) for name, each in found.items()}, agent_steps)
-
-    def add_film(self, file: Path, agent_steps: int) -> None:
-        self.add({FILM: self._program.Video(file)}, agent_steps)
-
-    def close(self) -> None:
-        self._program.finish()
+        self._run.log(points, step=agent_steps)
 
 
-TRACKERS: dict[TrackerName, type[Tracker]] = {"wandb": WandB, "mlflow": MLflow, "trackio": Trackio}
+Tracker: TypeAlias = WandB | MLflow
+TRACKERS: dict[TrackerName, Callable[[Any, TrackedRun], Tracker]] = {
+    "wandb": WandB,
+    "mlflow": MLflow,
+    "trackio": Trackio,
+}
 
 
 class TrackerSink(CurvesSink):
     """Gives what a run shows to the tracker called ``name``.
 
-    Args:
-        now: monotonic seconds.
-
     Raises:
         InputError: it is not installed.
     """
 
-    def __init__(
-        self, name: TrackerName, run: TrackedRun, now: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, name: TrackerName, run: TrackedRun, now: Now = time.monotonic) -> None:
         self._name = name
         self._lost = 0
         self._histograms = Every(_HISTOGRAM_SECONDS, now)
@@ -186,17 +158,15 @@ class TrackerSink(CurvesSink):
         self._thread.start()
 
     def add(self, points: Values, agent_steps: int) -> None:
-        """See `CurvesSink.add`."""
         known = {tag: float(value) for tag, value in points.items() if value is not None}
         self._give(lambda tracker: tracker.add(known, agent_steps))
 
     def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
-        """See `CurvesSink.add_histograms`; now and then, for MLflow keeps each as a file."""
+        # Now and then, for MLflow keeps each as a file.
         if found and self._histograms.is_due():
             self._give(lambda tracker: tracker.add_histograms(found, agent_steps))
 
     def filmed(self, file: Path, agent_steps: int) -> None:
-        """See `Sink.filmed`."""
         self._give(lambda tracker: tracker.add_film(file, agent_steps))
 
     def close(self) -> None:

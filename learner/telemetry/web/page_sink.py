@@ -64,7 +64,6 @@ class PageSink(Sink):
             )
 
     def watch(self, feed: LiveFeed) -> None:
-        """See `Sink.watch`."""
         self._feed = feed
 
     def start(self, resumed_at: int | None) -> None:
@@ -77,13 +76,11 @@ class PageSink(Sink):
         self._server.start()
 
     def write(self, snapshot: Snapshot) -> None:
-        """See `Sink.write`."""
         with self._lock:
             self._snapshot = snapshot
             self._history.add(snapshot.values)
 
     def phase(self, row: EpochRow, agent_steps: int) -> None:
-        """See `Sink.phase`."""
         with self._lock:
             self._rows.append(
                 {
@@ -98,14 +95,12 @@ class PageSink(Sink):
             )
 
     def event(self, text: str) -> None:
-        """See `Sink.event`."""
         with self._lock:
             self._events.append({"time": time.time(), "text": text})
 
     line = event
 
     def close(self) -> None:
-        """See `Sink.close`."""
         self._server.close()
 
     def state(self, thinned: int, count: int) -> dict[str, Any]:

@@ -90,11 +90,9 @@ class PageServer:
         self._thread = threading.Thread(target=self._serve, name="web", daemon=True)
 
     def start(self) -> None:
-        """Begin to answer."""
         self._thread.start()
 
     def close(self) -> None:
-        """End."""
         self._server.should_exit = True
         if self._thread.is_alive():
             self._thread.join(2 * _FAREWELL)

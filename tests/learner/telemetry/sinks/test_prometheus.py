@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
-from learner.telemetry.readiness import LONGEST_SILENCE
+from learner.telemetry.health_checks import LONGEST_SILENCE
 from learner.telemetry.sinks.prometheus import MOST_ACTORS, PrometheusSink
 from learner.telemetry.snapshot import ActorView
 from tests.learner.telemetry.snapshots import snapshot
