@@ -11,6 +11,7 @@ if __name__ == "__main__":
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -96,24 +97,21 @@ def serve(options: ReplayOptions, again: bool) -> None:
         end_with_any_thread(stop),
         kept_log(folder.logs / "replay.jsonl", "replay"),
         open_hub(options.listen, options.certificates) as transport,
+        closing(ReplayBuffer(config, folder.replay)) as memory,
     ):
-        memory = ReplayBuffer(config, folder.replay)
-        try:
-            with (
-                ReplayServer(transport, memory, config, folder.name, options.actor_quota),
-                http_endpoints(options.http, lambda: _pages(memory, folder.name)),
-            ):
-                _say(f"replay of run {folder.name} in {folder.replay}, at {options.listen}.")
-                _say(_line(memory.progress(sys.maxsize)))
-                tell("READY=1")
-                while not stop.wait(_REPORT_EVERY):
-                    progress = memory.progress(sys.maxsize)
-                    _say(_line(progress), progress.values())
-                    tell(f"STATUS={_line(progress)}", "WATCHDOG=1")
-                tell("STOPPING=1")
+        with (
+            ReplayServer(transport, memory, config, folder.name, options.actor_quota),
+            http_endpoints(options.http, lambda: _pages(memory, folder.name)),
+        ):
+            _say(f"replay of run {folder.name} in {folder.replay}, at {options.listen}.")
             _say(_line(memory.progress(sys.maxsize)))
-        finally:
-            memory.close()
+            tell("READY=1")
+            while not stop.wait(_REPORT_EVERY):
+                progress = memory.progress(sys.maxsize)
+                _say(_line(progress), progress.values())
+                tell(f"STATUS={_line(progress)}", "WATCHDOG=1")
+            tell("STOPPING=1")
+        _say(_line(memory.progress(sys.maxsize)))
 
 
 def _pages(memory: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:

@@ -44,18 +44,12 @@ class RemoteReplay:
 
     A server that is away is waited for: `sample` answers None, as when actors are behind, and
     `held_out` and `progress` say so, once, and return when it is back.
-
-    Args:
-        ahead: minibatches to ask for before they are wanted; 0 asks for one at a time.
     """
 
-    def __init__(
-        self, transport: Transport, keys: RunKeys, config: RunConfig, ahead: int = AHEAD
-    ) -> None:
+    def __init__(self, transport: Transport, keys: RunKeys, config: RunConfig) -> None:
         self.run_id = keys.run_id
         self._frame_stack = config.play.frame_stack
         self._batch_size = config.learning.batch_size
-        self._ahead = ahead
         self._going_well = False
         self._drawing = threading.Lock()
         self._advising = threading.Lock()
@@ -70,7 +64,7 @@ class RemoteReplay:
     def sample(self, drawn: int, timeout: float) -> Batch | None:
         """See `Replay.sample`.
 
-        While batches come, `ahead` more are asked for, each with the number that will have been
+        While batches come, `AHEAD` more are asked for, each with the number that will have been
         drawn when all before it have come. The limiter so never lets go of more than it should;
         and after an answer without a batch, one at a time is asked for, with the true number.
 
@@ -98,7 +92,7 @@ class RemoteReplay:
             return None
 
     def _ask_for_batches(self, drawn: int, timeout: float) -> None:
-        wanted = 1 + self._ahead if self._going_well else 1
+        wanted = 1 + AHEAD if self._going_well else 1
         for place in range(len(self._draws), wanted):
             request = SampleRequest(drawn + place * self._batch_size, timeout)
             self._draws.append(self._sample.request(request.encode()))
@@ -150,7 +144,6 @@ class RemoteReplay:
         return found
 
     def sync(self) -> None:
-        """See `Replay.sync`."""
         _answer(self._progress.request(ProgressRequest(MAX_COUNT, None, durable=True).encode()))
 
     def close(self) -> None:

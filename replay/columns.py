@@ -20,10 +20,6 @@ from common.protocol.step_fields import STEP_FIELDS, Column
 from replay.journal import damaged
 
 
-def _size(dtype: Any, shape: tuple[int, ...]) -> int:
-    return math.prod(shape) * int(np.dtype(dtype).itemsize)
-
-
 class Columns:
     """Arrays of ``capacity`` rows under ``folder``, one for each `Column` of `STEP_FIELDS`."""
 
@@ -57,12 +53,13 @@ class Columns:
             if isinstance(field.array, Column)
         }
         layout["flags"] = (np.uint8, (capacity,))
-        sizes = {name: _size(dtype, shape) for name, (dtype, shape) in layout.items()}
+        layout["priorities"] = (np.float64, (priority_slots,))
+        sizes = {
+            name: math.prod(shape) * np.dtype(dtype).itemsize
+            for name, (dtype, shape) in layout.items()
+        }
         if existing:
             self._check(sizes)
-        # A cache of what the learner thinks, not data: a ring may be reopened without them.
-        layout["priorities"] = (np.float64, (priority_slots,))
-        sizes["priorities"] = _size(*layout["priorities"])
         self._allocate(sizes)
         self.rows = {name: self._map(name, *each) for name, each in layout.items()}
         self.priorities = self.rows.pop("priorities")
@@ -73,6 +70,8 @@ class Columns:
     def _check(self, sizes: dict[str, int]) -> None:
         for name, size in sizes.items():
             path = self._path(name)
+            if name == "priorities":
+                continue  # a cache of what the learner thinks, not data: a ring does without them
             if not path.is_file() or path.stat().st_size != size:
                 raise damaged(path, f"or missing, for it should have {size:,} bytes")
 

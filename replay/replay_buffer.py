@@ -95,7 +95,6 @@ class ReplayBuffer:
             return self.ack("poll")
 
     def sample(self, drawn: int, timeout: float) -> Batch | None:
-        """See `Replay.sample`."""
         return self._sample(drawn, timeout, self._store.ring.read)
 
     def sample_shared(self, drawn: int, timeout: float) -> SharedBatch | None:
@@ -155,7 +154,6 @@ class ReplayBuffer:
     def held_out(
         self, count: int, newest: int | None = None
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """See `Replay.held_out`."""
         with self._state:
             ids = self._store.sampler.ids
             if newest is not None:
@@ -165,7 +163,6 @@ class ReplayBuffer:
             return self._store.ring.states(ids)
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
-        """See `Replay.progress`."""
         resident, private = footprint()
         with self._state:
             if finished is not None and finished != self._finished:
@@ -189,7 +186,6 @@ class ReplayBuffer:
             )
 
     def sync(self) -> None:
-        """See `Replay.sync`."""
         self._store.sync()
 
     def close(self) -> None:

@@ -182,8 +182,7 @@ class Ring:
         complete = (self._rows["flags"][ids % self._capacity] & STEP) > 0
         for at in range(0, len(ids), _BLOCK):
             block = slice(at, at + _BLOCK)
-            path = self._path(ids[block])
-            stacks = self._stacks(np.concatenate([path[0], path[-1]]))
+            path, stacks = self._ways(ids[block])
             complete[block] &= (path >= self.tail).all(axis=0)
             complete[block] &= (stacks.reshape(2, -1, self._frame_stack) >= self.tail).all(
                 axis=(0, 2)

@@ -9,6 +9,7 @@ import math
 import queue
 import threading
 import time
+from contextlib import AbstractContextManager
 
 from common.errors import MessageError
 from common.process.log_lines import Seldom
@@ -41,8 +42,8 @@ _refusals = _log.getChild("refusals")
 _refusals.addFilter(Seldom())
 
 
-class ReplayServer:
-    """Answers for ``memory`` until it is closed; a context manager.
+class ReplayServer(AbstractContextManager["ReplayServer"]):
+    """Answers for ``memory`` until it is closed.
 
     Args:
         quota: steps per second that are taken of one actor.
@@ -77,9 +78,6 @@ class ReplayServer:
             keys.insert("*"): self._insert,
         }
         self._services = [transport.serve(key, answer) for key, answer in answers.items()]
-
-    def __enter__(self) -> "ReplayServer":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
