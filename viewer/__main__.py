@@ -39,8 +39,8 @@ def main() -> int:
     on_signals(stop)
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    status: int = command.run(stop)
-    return status
+    status: int | None = command.run(stop)
+    return status or 0
 
 
 if __name__ == "__main__":

@@ -49,8 +49,8 @@ class Draws(Played):
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FILE.png")] = Path("draws.png")
     """File of the picture."""
 
-    def run(self, stop: threading.Event) -> int:
-        """Returns the exit status.
+    def run(self, stop: threading.Event) -> None:
+        """Write the picture.
 
         Raises:
             InputError: the picture cannot be written, or what is drawn means nothing there.
@@ -59,19 +59,13 @@ class Draws(Played):
         ranges = self.randomise
         if ranges == all_ranges("robot"):
             ranges = all_ranges(usual.env)
-        tiles = [*games(usual, 1, stop), *games(with_ranges(usual, ranges), self.count - 1, stop)]
+        drawn = replace(usual, randomise=ranges)
+        drawn.check()
+        tiles = [*games(usual, 1, stop), *games(drawn, self.count - 1, stop)]
         if not tiles:
             raise InputError("it was stopped before any game: run it again.")
         write_picture(self.output, sheet(tiles))
         print(f"wrote {self.output}")
-        return 0
-
-
-def with_ranges(config: RunConfig, ranges: RandomiseConfig) -> RunConfig:
-    """Returns ``config`` with ``ranges``, checked."""
-    drawn = replace(config, randomise=ranges)
-    drawn.check()
-    return drawn
 
 
 def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[np.uint8]]:

@@ -61,15 +61,16 @@ class Film(Played):
     nao_urdf: File = None
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
 
-    def run(self, stop: threading.Event) -> int:
-        """Film until the end, or until ``stop``; returns the exit status.
+    def run(self, stop: threading.Event) -> None:
+        """Film until the end, or until ``stop``.
 
         Raises:
             InputError: there is nothing to film, or the film cannot be written.
         """
         if self.folder is not None:
-            return self._time_lapse(self.folder, stop)
-        return Play(
+            self._time_lapse(self.folder, stop)
+            return
+        Play(
             *(self.env, self.game, self.robot, self.seed, self.minimal_actions),
             weights=self.weights or find_weights("robot_pong"),
             epsilon=self.epsilon,
@@ -78,7 +79,7 @@ class Film(Played):
             nao_urdf=self.nao_urdf,
         ).run(stop)
 
-    def _time_lapse(self, folder: Path, stop: threading.Event) -> int:
+    def _time_lapse(self, folder: Path, stop: threading.Event) -> None:
         if self.weights is not None:
             raise InputError("the networks of a run are its snapshots: omit --weights.")
         chapters = chapters_of(folder)
@@ -105,7 +106,6 @@ class Film(Played):
                 if stop.is_set():
                     break
         print(f"wrote {video}")
-        return 0
 
 
 def chapters_of(folder: Path) -> list[Chapter]:

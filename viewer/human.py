@@ -5,7 +5,6 @@ and what they press plays the game. The picture is what the robot's camera sees 
 one feels what the agent has to live with.
 """
 
-import sys
 import threading
 import time
 from contextlib import ExitStack, closing
@@ -53,8 +52,8 @@ class Human(Played):
     vector: Annotated[bool, tyro.conf.arg(name="play.vector")] = False
     """Proprioception in the recording, for runs that have --play.vector."""
 
-    def run(self, stop: threading.Event) -> int:
-        """Play until the person leaves; returns the exit status.
+    def run(self, stop: threading.Event) -> None:
+        """Play until the person leaves.
 
         Raises:
             InputError: standard input or output is no terminal, or it is too small; no such game,
@@ -64,14 +63,12 @@ class Human(Played):
         config = replace(config, play=replace(config.play, vector=self.vector))
         if not ENVIRONMENTS.find(config.env).robot:
             raise InputError(f"a person plays through a robot's hands: omit --env {config.env}.")
-        if not (sys.stdin.isatty() and sys.stdout.isatty()):
-            raise InputError("a person needs a terminal for keys and picture: run it in one.")
+        terminal = Terminal(_LEAST_SIZE)
         # A recording has the episodes of a run's actors, which end at a lost life.
         env = RobotEnv.of_run(config, REAL_TIME, training=self.record is not None)
         played: gymnasium.Env[Any, Any] = env
         recorder = None
-        with closing(env), ExitStack() as end, Terminal() as terminal:
-            terminal.check(_LEAST_SIZE)
+        with closing(env), ExitStack() as end, terminal:
             if self.record is not None:
                 recorder = Recorder(env, config, self.record)
                 played = end.enter_context(closing(recorder))
@@ -89,7 +86,6 @@ class Human(Played):
             print(f"game {number}: score {score:g}")
         if recorder is not None:
             print(told(recorder))
-        return 0
 
 
 class _Seat:
@@ -107,9 +103,8 @@ class _Seat:
         self._env = env
         self._keys = HeldKeys()
         self._key_times = [0] * COUNTS
-        self._size = (0, 0)
         self._late = 0
-        self._blocks = HalfBlocks(1, 1)
+        self._blocks = HalfBlocks()
 
     @property
     def wants_out(self) -> bool:
@@ -130,15 +125,10 @@ class _Seat:
         for place in step.info.key_times:
             self._key_times[place] += 1
         self._late += step.info.late_frames
-        size = self._terminal.size
-        text = ""
-        if size != self._size:
-            self._size = size
-            self._blocks = HalfBlocks(size[0], max(size[1] - 2, 1))
-            text = "\x1b[0m\x1b[2J"
+        columns, rows = self._terminal.size
         env, seen, detection = self._env, self._env.seen, self._env.detection
         picture = seen if detection.corners is None else _game_in(seen, detection.corners)
-        text += self._blocks.draw(picture, aspect=ASPECT)
+        text = self._blocks.draw(picture, columns, max(rows - 2, 1), aspect=ASPECT)
         lines = (
             f"you {keys_text(env.wanted)}  keys {keys_text(env.pressed)}  "
             f"{self._latency()}  score {step.info.game_score:g}",
@@ -146,8 +136,8 @@ class _Seat:
             f"{'' if detection.valid else '  SCREEN NOT SEEN'}"
             f"{f'  {self._late} frames late' if self._late else ''}",
         )
-        for row, line in enumerate(lines, size[1] - 1):
-            text += f"\x1b[{row};1H{line[: size[0] - 1]}\x1b[K"
+        for row, line in enumerate(lines, rows - 1):
+            text += f"\x1b[{row};1H{line[: columns - 1]}\x1b[K"
         self._terminal.write(text)
 
     def _latency(self) -> str:

@@ -16,8 +16,7 @@ from common.run.origin import SHIPPED
 class Policies:
     """List the trained policies that come with the program, and their scores."""
 
-    def run(self, stop: threading.Event) -> int:
-        """Returns the exit status."""
+    def run(self, stop: threading.Event) -> None:
         cards = {
             path.stem: json.loads(path.read_bytes()) for path in sorted(SHIPPED.glob("*.json"))
         }
@@ -41,7 +40,6 @@ class Policies:
                 *(scores[name].get(chance, "") for chance in chances),
             )
         Console().print(table)
-        return 0
 
 
 def _chance(row: dict[str, Any]) -> str:

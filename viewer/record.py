@@ -42,8 +42,8 @@ class Record(Played):
     """Share of random actions."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
 
-    def run(self, stop: threading.Event) -> int:
-        """Record the games, or for the minutes, or until ``stop``; returns the exit status.
+    def run(self, stop: threading.Event) -> None:
+        """Record the games, or for the minutes, or until ``stop``.
 
         Raises:
             InputError: clock, weights or folder cannot be used.
@@ -77,7 +77,6 @@ class Record(Played):
                 if done >= total or stop.is_set():
                     break
         print(told(recorder))
-        return 0
 
 
 def told(recorder: Recorder) -> str:

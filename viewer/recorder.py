@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -26,12 +26,9 @@ _SAMPLE_EVERY = 30
 """Pictures for each one that the statistics count."""
 
 
-class _Seen(NamedTuple):
-    """What a state is beside the network's input."""
-
-    columns: dict[str, NDArray[Any]]
-    picture: NDArray[np.uint8] | None
-    """The camera's picture, ``uint8 [rows, columns, 3]``."""
+_Seen = tuple[dict[str, NDArray[Any]], NDArray[np.uint8] | None]
+"""Columns of what a state is beside the network's input, and the camera's picture, ``uint8 [rows,
+columns, 3]``."""
 
 
 class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -72,10 +69,9 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._sampled: list[NDArray[np.uint8]] = []
         self._film: Add
         self._filming = ExitStack()
-        self._seen = _Seen({}, None)
+        self._seen: _Seen = {}, None
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """As the environment does."""
         self._seen = self._look()
         return self.env.step(action)
 
@@ -88,15 +84,16 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         inner = self.unwrapped
         if isinstance(inner, RobotEnv | AtariEnv):
             row["command"] = _flags(inner.wanted)
-        if self._seen.picture is not None:
+        columns, picture = self._seen
+        if picture is not None:
             if not self._rows:
                 rate = self.dataset.rate
                 self._film = self._filming.enter_context(open_movie(self.dataset.video, rate))
             with self._writing():
-                self._film(self._seen.picture)
+                self._film(picture)
             if len(self._rows) % _SAMPLE_EVERY == 0:
-                self._sampled.append(self._seen.picture)
-        self._rows.append(row | self._seen.columns)
+                self._sampled.append(picture)
+        self._rows.append(row | columns)
         if step.info.game_over:
             self.cut()
 
@@ -149,12 +146,12 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         inner = self.unwrapped
         columns: dict[str, NDArray[Any]] = {}
         if not isinstance(inner, RobotEnv | AtariEnv):
-            return _Seen(columns, None)
+            return columns, None
         columns["observation.keys"] = _flags(inner.pressed)
         if isinstance(inner, RobotEnv):
             with inner.still():
                 columns["observation.state"] = inner.robot.proprioception()[0].astype(np.float32)
-        return _Seen(columns, _picture(inner))
+        return columns, _picture(inner)
 
 
 _KEYS = [key for key in Keys if key]

@@ -23,6 +23,7 @@ from actors.vision.layout import BORDER, border_of
 from actors.vision.optics import HEIGHT_ANGLE, WIDTH_ANGLE
 from common.actions import KEYS_OF_ACTION, Keys
 from common.errors import InputError
+from common.process.extras import extra_for
 from common.run.conditions import PlayConfig
 from viewer import overlay
 from viewer.movie import check_writable
@@ -62,7 +63,9 @@ class RerunStream:
             raise InputError(f"the name {save} does not end in .rrd: choose one that does.")
         if save is not None:
             check_writable(save)
-        self._rerun = rerun = _import_rerun()
+        with extra_for("--viewer rerun or --save", "viz"):
+            import rerun
+        self._rerun: ModuleType = rerun
         self._env = env
         self._seconds = play.frame_skip / 60
         """Seconds of game time per agent step."""
@@ -249,16 +252,3 @@ def _blueprint(game: str, *, room: bool) -> Any:
 
 def _name_of(keys: Keys) -> str:
     return "_".join(str(key.name).lower() for key in keys) or "noop"
-
-
-def _import_rerun() -> ModuleType:
-    try:
-        import rerun
-    except ModuleNotFoundError as error:
-        package = "rerun-sdk" if error.name == "rerun" else error.name
-        raise InputError(
-            f"--viewer rerun and --save need the package {package}, which is not installed: "
-            f"pip install {package}."
-        ) from None
-    module: ModuleType = rerun
-    return module

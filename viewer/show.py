@@ -55,8 +55,8 @@ class Play(Played):
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
 
-    def run(self, stop: threading.Event) -> int:
-        """Play the games, or for the seconds, or until ``stop``; returns the exit status.
+    def run(self, stop: threading.Event) -> None:
+        """Play the games, or for the seconds, or until ``stop``.
 
         Raises:
             InputError: clock, weights, film, viewer or the user's robot cannot be used.
@@ -116,7 +116,6 @@ class Play(Played):
         for file in (self.video, self.save):
             if file is not None:
                 print(f"wrote {file}")
-        return 0
 
     def _stream(
         self, env: RobotEnv | AtariEnv, play: PlayConfig

@@ -4,7 +4,6 @@ On the left what the camera sees, with the screen and the game found in it; on t
 at the controller, the score, the keys and the value of each action.
 """
 
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -20,7 +19,6 @@ from actors.loop import Step, play
 from actors.vision.layout import border_of
 from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
-from common.errors import InputError
 from common.process.command_line import WeightsFile
 from common.run.config import RunConfig
 from common.run.origin import find_weights
@@ -59,20 +57,17 @@ class Watch(Played):
     games: Count = 0
     """Number of whole games; 0 to play until q."""
 
-    def run(self, stop: threading.Event) -> int:
-        """Play until there are enough games, or the person leaves; returns the exit status.
+    def run(self, stop: threading.Event) -> None:
+        """Play until there are enough games, or the person leaves.
 
         Raises:
             InputError: there is no terminal, or it is too small; the network cannot be used.
         """
         weights = self.weights or find_weights(f"{self.env or RunConfig.env}_pong")
         config = self.config(weights)
-        if not (sys.stdin.isatty() and sys.stdout.isatty()):
-            raise InputError("there is no terminal to draw into: run it in one, or make a film.")
         policy = ShownPolicy.of_file(config, weights, self.epsilon, config.seed)
         keys, scores = HeldKeys(), list[float]()
-        with shown_env(config) as env, Terminal() as terminal:
-            terminal.check(LEAST_SIZE)
+        with shown_env(config) as env, Terminal(LEAST_SIZE) as terminal:
             screen = WatchScreen(env, config, weights.stem)
             period, due = config.play.frame_skip / 60, time.monotonic()
             for step in play([env], policy, [config.seed]):
@@ -87,7 +82,6 @@ class Watch(Played):
                     break
         for number, score in enumerate(scores, 1):
             print(f"game {number}: score {score:g}")
-        return 0
 
 
 class WatchScreen:
@@ -97,8 +91,7 @@ class WatchScreen:
         self._env = env
         self._name = name
         self._title = f"{config.game.replace('_', ' ')} ({config.env})"
-        self._size = (0, 0)
-        self._blocks = HalfBlocks(1, 1)
+        self._blocks = HalfBlocks()
 
     def draw(
         self,
@@ -115,17 +108,13 @@ class WatchScreen:
             scores: of the games that ended.
         """
         columns, rows = size
-        text = ""
-        if size != self._size:
-            self._size, self._blocks = size, HalfBlocks(columns, rows - 1)
-            text = "\x1b[0m\x1b[2J"
         side = columns // 3
         left = _fitting(columns - side - 1, 2 * (rows - 1))
         right = _fitting(side, rows)
         canvas = np.zeros((2 * (rows - 1), columns, 3), np.uint8)
         canvas[: left[1], : left[0]] = self._seen(left)
         canvas[: right[1], columns - right[0] :] = self._hands(right, step)
-        text += self._blocks.draw(canvas)
+        text = self._blocks.draw(canvas, columns, rows - 1)
         free = rows - 1 - (right[1] + 1) // 2
         lines = self._lines(step, values, scores, side, free)
         for number, line in enumerate(lines[:free], rows - free):

@@ -292,7 +292,7 @@ def test_a_viewer_that_is_not_installed_is_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"pip install rerun-sdk"):
+    with pytest.raises(InputError, match=r"pip install 'ale-robot\[viz\]'"):
         command(monkeypatch, "play", "--viewer", "rerun")
 
 

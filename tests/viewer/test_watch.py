@@ -105,7 +105,7 @@ def test_of_an_emulator_its_screen_and_the_input_are_shown() -> None:
 
 
 def test_without_a_terminal_it_is_refused() -> None:
-    with pytest.raises(InputError, match="run it in one, or make a film"):
+    with pytest.raises(InputError, match="need a terminal: run it in one"):
         Watch(env="ale").run(threading.Event())
 
 

@@ -10,31 +10,37 @@ from numpy.typing import NDArray
 
 _HALF = "▀"
 _PLAIN = "\x1b[0m"
+_CLEAR = "\x1b[0m\x1b[2J"
 
 
 class HalfBlocks:
-    """Draws pictures into the terminal, ``columns`` × ``rows`` cells from its top left one on."""
+    """Draws pictures into the terminal, from its top left cell on."""
 
-    def __init__(self, columns: int, rows: int) -> None:
-        self.columns, self.rows = columns, rows
-        self._drawn: NDArray[np.int16] = np.full((rows, columns, 6), -1, np.int16)
+    def __init__(self) -> None:
+        self._drawn = np.empty((0, 0, 6), np.int16)
 
-    def draw(self, picture: NDArray[np.uint8], *, aspect: float | None = None) -> str:
+    def draw(
+        self, picture: NDArray[np.uint8], columns: int, rows: int, *, aspect: float | None = None
+    ) -> str:
         """What to write so that ``picture uint8 [height, width, 3]`` fills the rectangle.
 
         It keeps its shape, or is drawn as ``aspect`` times as wide as high, with black beside it.
+        The terminal is cleared where the rectangle is another one than before.
         """
+        clear = ""
+        if self._drawn.shape[:2] != (rows, columns):
+            self._drawn, clear = np.full((rows, columns, 6), -1, np.int16), _CLEAR
         height, width = picture.shape[:2]
         aspect = aspect or width / height
         # A character cell is about twice as high as wide, so half a cell is a square.
-        wide = min(self.columns, round(2 * self.rows * aspect))
-        high = min(2 * self.rows, round(self.columns / aspect))
+        wide = min(columns, round(2 * rows * aspect))
+        high = min(2 * rows, round(columns / aspect))
         small = cv2.resize(picture, (max(wide, 1), max(high, 1)), interpolation=cv2.INTER_AREA)
-        canvas = np.zeros((2 * self.rows, self.columns, 3), np.uint8)
-        top, left = (2 * self.rows - small.shape[0]) // 2, (self.columns - small.shape[1]) // 2
+        canvas = np.zeros((2 * rows, columns, 3), np.uint8)
+        top, left = (2 * rows - small.shape[0]) // 2, (columns - small.shape[1]) // 2
         canvas[top : top + small.shape[0], left : left + small.shape[1]] = small
         cells = np.concatenate((canvas[0::2], canvas[1::2]), axis=2).astype(np.int16)
-        return self._send(cells)
+        return clear + self._send(cells)
 
     def _send(self, cells: NDArray[np.int16]) -> str:
         changed = (cells != self._drawn).any(axis=2)

@@ -45,20 +45,17 @@ class TerminalRendering(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     @property
     def render_mode(self) -> str:  # type: ignore[override]
-        """The mode that this wrapper makes of the environment's."""
         return "human"
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment and draw it."""
         outcome = self.env.reset(seed=seed, options=options)
         self._shown = 0
         self._show()
         return outcome
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment and draw it."""
         outcome = self.env.step(action)
         self._show()
         return outcome
@@ -67,7 +64,6 @@ class TerminalRendering(gymnasium.Wrapper[Any, Any, Any, Any]):
         """Do nothing: every step is drawn already."""
 
     def close(self) -> None:
-        """Close the environment and give the terminal back."""
         self._window.close()
         self.env.close()
 

@@ -42,15 +42,22 @@ class Terminal:
 
     A context manager. Ctrl-C still interrupts; Ctrl-Z does nothing, for it would leave the
     terminal to the shell in the state that it is in here.
+
+    Raises:
+        InputError: at its beginning, there is none, or it has fewer columns or rows than ``least``.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, least: tuple[int, int]) -> None:
+        if not (sys.stdin.isatty() and sys.stdout.isatty()):
+            raise InputError("picture and keys need a terminal: run it in one.")
         self._out = sys.stdout.fileno()
         self._in = sys.stdin.fileno()
-        self._before: list[Any] = []
+        if any(have < wanted for have, wanted in zip(self.size, least, strict=True)):
+            have, wanted = (" × ".join(map(str, size)) for size in (self.size, least))
+            raise InputError(f"the terminal has {have} characters: make it {wanted} or larger.")
 
     def __enter__(self) -> Self:
-        self._before = termios.tcgetattr(self._in)
+        self._before: list[Any] = termios.tcgetattr(self._in)
         state = termios.tcgetattr(self._in)
         state[3] &= ~(termios.ICANON | termios.ECHO)
         state[6][termios.VSUSP] = os.fpathconf(self._in, "PC_VDISABLE").to_bytes()
@@ -69,12 +76,6 @@ class Terminal:
     def size(self) -> tuple[int, int]:
         """Columns and rows."""
         return size_of(self._out)
-
-    def check(self, least: tuple[int, int]) -> None:
-        """Raises InputError if it has fewer columns or rows."""
-        if any(have < wanted for have, wanted in zip(self.size, least, strict=True)):
-            have, wanted = (" × ".join(map(str, size)) for size in (self.size, least))
-            raise InputError(f"the terminal has {have} characters: make it {wanted} or larger.")
 
     def write(self, text: str) -> None:
         """Write all of ``text``, however slowly it is taken."""

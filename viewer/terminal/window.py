@@ -39,7 +39,7 @@ class TerminalWindow:
         self._period = 1 / rate
         self._due = 0.0
         self._size = (0, 0)
-        self._blocks = HalfBlocks(1, 1)
+        self._blocks: HalfBlocks
 
     def show(self, picture: NDArray[np.uint8], aspect: float | None = None) -> None:
         """Wait until the next picture is due and show it, ``aspect`` times as wide as high."""
@@ -53,17 +53,21 @@ class TerminalWindow:
         time.sleep(max(self._due - now, 0.0))
         self._due = max(self._due, now) + self._period
         # The cursor stays where others print.
-        write_all(out, f"{text}\x1b7{self._blocks.draw(picture, aspect=aspect)}\x1b8")
+        drawn = self._blocks.draw(picture, size[0], self._high, aspect=aspect)
+        write_all(out, f"{text}\x1b7{drawn}\x1b8")
 
     def _open(self, size: tuple[int, int]) -> str:
         if self._size == (0, 0):
             atexit.register(self.close)
-        self._size = size
-        columns, rows = size
-        high = max(rows - _PRINT_ROWS, 1)
-        self._blocks = HalfBlocks(columns, high)
+        self._size, self._blocks = size, HalfBlocks()
         # Only the rows below the picture scroll; the cursor goes there.
-        return f"\x1b[0m\x1b[2J\x1b[{min(high + 1, rows)};{rows}r\x1b[{min(high + 1, rows)};1H"
+        below = min(self._high + 1, size[1])
+        return f"\x1b[{below};{size[1]}r\x1b[{below};1H"
+
+    @property
+    def _high(self) -> int:
+        """Rows of the picture."""
+        return max(self._size[1] - _PRINT_ROWS, 1)
 
     def close(self) -> None:
         """Let the whole terminal scroll again; closing twice does no harm."""

@@ -9,7 +9,7 @@ from viewer.terminal.half_blocks import HalfBlocks
 
 _TOKEN = re.compile(
     r"\x1b\[(?P<row>\d+);(?P<column>\d+)H|\x1b\[38;2;(?P<over>[\d;]+?);48;2;(?P<under>[\d;]+)m"
-    r"|\x1b\[0m|(?P<block>▀)"
+    r"|\x1b\[0m|\x1b\[2J|(?P<block>▀)"
 )
 
 
@@ -46,20 +46,20 @@ def noise(height: int, width: int) -> NDArray[np.uint8]:
 def test_each_cell_shows_two_pixels() -> None:
     picture = noise(8, 6)
     screen = Screen(6, 4)
-    screen.take(HalfBlocks(6, 4).draw(picture))
+    screen.take(HalfBlocks().draw(picture, 6, 4))
     np.testing.assert_array_equal(screen.pixels, picture)
 
 
 def test_only_what_changed_is_sent_again() -> None:
     picture = noise(8, 6)
-    blocks, screen = HalfBlocks(6, 4), Screen(6, 4)
-    screen.take(blocks.draw(picture))
-    assert blocks.draw(picture) == ""
+    blocks, screen = HalfBlocks(), Screen(6, 4)
+    screen.take(blocks.draw(picture, 6, 4))
+    assert blocks.draw(picture, 6, 4) == ""
     changed = picture.copy()
     changed[5, 3] ^= 255
     changed[7, 4:6] ^= 255
     screen.cells = 0
-    screen.take(blocks.draw(changed))
+    screen.take(blocks.draw(changed, 6, 4))
     assert screen.cells == 3
     np.testing.assert_array_equal(screen.pixels, changed)
 
@@ -67,7 +67,7 @@ def test_only_what_changed_is_sent_again() -> None:
 def test_a_picture_keeps_its_shape() -> None:
     """20 × 20 cells are 20 × 40 squares: twice as wide as high leaves 15 rows above and below."""
     screen = Screen(20, 20)
-    screen.take(HalfBlocks(20, 20).draw(np.full((50, 100, 3), 200, np.uint8)))
+    screen.take(HalfBlocks().draw(np.full((50, 100, 3), 200, np.uint8), 20, 20))
     lit = screen.pixels[:, :, 0] == 200
     assert lit[15:25].all()
     assert not lit[:15].any()
@@ -76,5 +76,5 @@ def test_a_picture_keeps_its_shape() -> None:
 
 def test_a_picture_may_be_stretched() -> None:
     screen = Screen(20, 20)
-    screen.take(HalfBlocks(20, 20).draw(np.full((50, 100, 3), 200, np.uint8), aspect=1.0))
+    screen.take(HalfBlocks().draw(np.full((50, 100, 3), 200, np.uint8), 20, 20, aspect=1.0))
     assert (screen.pixels[:, :, 0] == 200).sum() == 20 * 20
