@@ -54,16 +54,15 @@ class Push:
         card, content = _card_of(weights), read_file(weights)
         card["sha256"] = hashlib.sha256(content).hexdigest()
         config = load_policy(weights).config  # whoever pulls it must be able to load it
-        hub = _Hub(self.repository)
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             (folder / weights.name).write_bytes(content)
             (folder / f"{weights.stem}.json").write_text(json.dumps(card, indent=2) + "\n")
             told = model_card(weights.stem, card, config, self.repository)
             (folder / "README.md").write_text(told)
-            hub.ask("create_repo", private=self.private, exist_ok=True)
+            _ask("create_repo", self.repository, private=self.private, exist_ok=True)
             message = f"{weights.stem}, {card['agent_steps']:,} agent steps"
-            hub.ask("upload_folder", folder_path=folder, commit_message=message)
+            _ask("upload_folder", self.repository, folder_path=folder, commit_message=message)
         print(f"pushed {weights.stem} to {self.repository}")
 
 
@@ -84,9 +83,8 @@ class Pull:
         Raises:
             InputError: there is no policy, it is not what its card says, or a file is in the way.
         """
-        hub = _Hub(self.repository)
         with tempfile.TemporaryDirectory() as temporary:
-            info = hub.ask("model_info", revision=self.revision, files_metadata=True)
+            info = _ask("model_info", self.repository, revision=self.revision, files_metadata=True)
             sizes = {file.rfilename: file.size for file in info.siblings or ()}
             weights, card = names = _pair(self.repository, sizes)
             for name in names:
@@ -99,7 +97,8 @@ class Pull:
                         f"most {most:,} there."
                     )
                 # Of the very commit that was looked at.
-                hub.ask("hf_hub_download", filename=name, revision=info.sha, local_dir=temporary)
+                of_commit = {"filename": name, "revision": info.sha}
+                _ask("hf_hub_download", self.repository, **of_commit, local_dir=temporary)
             fetched = Path(temporary) / weights
             content = read_file(fetched, MAX_WEIGHTS)
             told = _card_of(fetched)
@@ -144,26 +143,19 @@ def _card_of(weights: Path) -> dict[str, Any]:
     )
 
 
-class _Hub:
-    """The hub, as far as one repository needs it.
+def _ask(what: str, repository: str, **arguments: Any) -> Any:
+    """Returns what the method ``what`` of huggingface_hub's API does.
 
     Raises:
-        InputError: huggingface_hub is not installed; from each method, the hub refuses.
+        InputError: huggingface_hub is not installed, or the hub refuses.
     """
-
-    def __init__(self, repository: str) -> None:
-        with extra_for("a model hub", "hub"):
-            from huggingface_hub import HfApi
-        self._api: Any = HfApi()
-        self._repository = repository
-
-    def ask(self, what: str, **arguments: Any) -> Any:
-        """Returns what the method ``what`` of huggingface_hub's API does."""
-        try:
-            return getattr(self._api, what)(repo_id=self._repository, **arguments)
-        except Exception as error:  # its own, and those of whatever HTTP client it uses
-            reason = str(error).strip().partition("\n")[0].rstrip(".")
-            raise InputError(f"the hub does not serve {self._repository}: {reason}.") from None
+    with extra_for("a model hub", "hub"):
+        from huggingface_hub import HfApi
+    try:
+        return getattr(HfApi(), what)(repo_id=repository, **arguments)
+    except Exception as error:  # its own, and those of whatever HTTP client it uses
+        reason = str(error).strip().partition("\n")[0].rstrip(".")
+        raise InputError(f"the hub does not serve {repository}: {reason}.") from None
 
 
 def main() -> None:

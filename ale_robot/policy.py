@@ -23,6 +23,9 @@ from viewer.player import Played, ShownPolicy
 class TrainedPolicy:
     """A network, greedy but for a share of random actions, and the settings it was trained under.
 
+    Args:
+        weights: a file, or a shipped policy by its name, as "robot_pong".
+
     Raises:
         InputError: there is no such network, or it cannot be read.
     """
@@ -50,13 +53,7 @@ class TrainedPolicy:
         return frames[None], vector[None]
 
 
-def load_policy(weights: str | Path, *, epsilon: float = 0.0, seed: int = 1) -> TrainedPolicy:
-    """Returns the policy in a file, or a shipped one by its name, as "robot_pong".
-
-    Raises:
-        InputError: there is none, or it cannot be read.
-    """
-    return TrainedPolicy(weights, epsilon=epsilon, seed=seed)
+load_policy = TrainedPolicy
 
 
 def evaluate(
