@@ -1,7 +1,6 @@
 """Which hardware the network runs on, and in which precision."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import torch
@@ -38,15 +37,12 @@ def choose_device(device: DeviceChoice, precision: PrecisionChoice) -> Device:
         raise InputError("there is no CUDA device here: use --device auto or cpu.")
     kind = "cuda" if device != "cpu" and torch.cuda.is_available() else "cpu"
     if precision == "auto":
-        native = torch.cuda.is_bf16_supported() if kind == "cuda" else _cpu_multiplies_bfloat16()
+        cpu = torch.cpu.get_capabilities()
+        native = (
+            torch.cuda.is_bf16_supported()
+            if kind == "cuda"
+            else bool(cpu.get("avx512_bf16") or cpu.get("amx_bf16"))
+        )
     else:
         native = precision == "bfloat16"
     return Device(torch.device(kind), native)
-
-
-def _cpu_multiplies_bfloat16() -> bool:
-    try:
-        flags = Path("/proc/cpuinfo").read_text().split()
-    except OSError:
-        return False
-    return "avx512_bf16" in flags or "amx_bf16" in flags
