@@ -7,6 +7,7 @@ published torques and speeds.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from actors.robots.nao.controller import CROSS_MIDDLE, Controller, place_of
 from actors.robots.nao.kinematics import ArmChain
 from actors.robots.nao.posture import FINGERTIP_RADIUS
 from actors.robots.room.engine import joints_of
+from actors.robots.room.rotation import Vector
 from common.actions import KEYS_OF_ACTION, Keys
 
 HOVER = 0.0015
@@ -65,6 +67,21 @@ class _Waypoint:
     down: bool = False
 
 
+@cache
+def _solve(side: str, points: tuple[tuple[Keys, Vector, Vector], ...]) -> _Poses:
+    """Returns the poses of a fingertip above and on keys, whose points in the room are given.
+
+    They are the same for all robots of a process, and take longer than to build all else of one.
+    """
+    chain = ArmChain(side)
+    start = _COMFORTABLE * ((1.0, 1.0, 1.0, 1.0) if side == "L" else (1.0, -1.0, -1.0, -1.0))
+    over = {keys: chain.reach(np.array(above), start) for keys, above, _ in points}
+    on = {keys: chain.reach(np.array(below), over[keys]) for keys, _, below in points if keys}
+    jacobian = {keys: chain.jacobian(pose) for keys, pose in over.items()}
+    lift = np.mean([over[keys] - on[keys] for keys in on], axis=0)
+    return _Poses(over, on, jacobian, lift)
+
+
 class Arm:
     """One arm in a physics client, led along a path of targets, one per emulator frame."""
 
@@ -89,10 +106,15 @@ class Arm:
         # A motor's own limit holds nearly: 1 physics step in 1,600 would be up to 7 % too fast.
         for number, joint in zip(self.joints, chain.joints, strict=True):
             engine.changeDynamics(body, number, maxJointVelocity=joint.max_speed)
-        self._controller = controller
-        mirror = np.array([1.0, 1.0, 1.0, 1.0] if side == "L" else [1.0, -1.0, -1.0, -1.0])
-        start = _COMFORTABLE * mirror
-        self.poses = self._solve(places, start)
+
+        def point(place: tuple[float, float], above: float) -> Vector:
+            x, y, z = controller.point(place, FINGERTIP_RADIUS + above).tolist()
+            return x, y, z
+
+        self.poses = _solve(
+            side,
+            tuple((keys, point(at, HOVER), point(at, -PUSH)) for keys, at in places.items()),
+        )
         self._wanted = Keys.NONE
         self._path: list[_Waypoint] = []
         self._over = self.poses.over[Keys.NONE]
@@ -102,19 +124,6 @@ class Arm:
     def limit_speed(self, share: float) -> None:
         """From the next target on, let no joint be faster than ``share`` of its usual speed."""
         self._speeds = [share * SPEED_MARGIN * joint.max_speed for joint in self.chain.joints]
-
-    def _solve(self, places: dict[Keys, tuple[float, float]], start: Angles) -> _Poses:
-        over: dict[Keys, Angles] = {}
-        on: dict[Keys, Angles] = {}
-        for keys, place in places.items():
-            above = self._controller.point(place, FINGERTIP_RADIUS + HOVER)
-            over[keys] = self.chain.reach(above, start)
-            if keys:
-                below = self._controller.point(place, FINGERTIP_RADIUS - PUSH)
-                on[keys] = self.chain.reach(below, over[keys])
-        jacobian = {keys: self.chain.jacobian(pose) for keys, pose in over.items()}
-        lift = np.mean([over[keys] - on[keys] for keys in on], axis=0)
-        return _Poses(over, on, jacobian, lift)
 
     def want(self, keys: Keys) -> None:
         """Plan a path from the present position to ``keys``, or to rest for no keys."""

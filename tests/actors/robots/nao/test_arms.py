@@ -78,6 +78,12 @@ def test_rapid_commands_leave_no_finger_caught(room: Nao) -> None:
         assert hold(room, last, 2 * HALF_SECOND)[-1] == last
 
 
+def test_poses_are_found_once_for_all_robots(room: Nao) -> None:
+    other = Nao()
+    assert other.arms.left.poses is room.arms.left.poses is not room.arms.right.poses
+    other.close()
+
+
 def test_a_finger_that_is_caught_frees_itself(room: Nao) -> None:
     """The fingertip is put between two keys' sides, below their tops."""
     room.rest()
