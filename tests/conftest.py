@@ -1,5 +1,6 @@
 """For all tests: a hub and a client, within this process or by Zenoh; no test by the clock."""
 
+import subprocess
 from collections.abc import Iterator
 
 import pytest
@@ -9,6 +10,7 @@ from benchmarks.child import free_endpoint
 from common.transport import zenoh_transport
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import ZenohTransport, connect, open_hub
+from tests.forked import FORKING
 from tests.in_process_transport import InProcessHub
 from tests.patience import PATIENCE
 
@@ -56,3 +58,10 @@ def zenoh_client(zenoh_hub: ZenohTransport, endpoint: str) -> Iterator[ZenohTran
     """A client of ``zenoh_hub``."""
     with connect(endpoint, PATIENCE) as transport:
         yield transport
+
+
+@pytest.fixture
+def forks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forks the programs that would be started, so that none need import anything."""
+    for name, member in FORKING.items():
+        monkeypatch.setattr(subprocess.Popen, name, member, raising=False)

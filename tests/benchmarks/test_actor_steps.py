@@ -13,6 +13,7 @@ from common.errors import InputError
 from common.process.supervisor import Child
 
 
+@pytest.mark.usefixtures("forks")
 def test_an_actor_plays_on_a_core_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[set[int]] = []
 

@@ -35,6 +35,7 @@ def test_medians_of_turns_after_the_first(monkeypatch: pytest.MonkeyPatch) -> No
     assert order == ["ours", "slow"] * 4
 
 
+@pytest.mark.usefixtures("forks")
 def test_our_replay_in_a_process_of_its_own(tmp_path: Path) -> None:
     with Elsewhere("ours", 1_000, tmp_path, prioritised=True) as ours:
         for work, units in (("insert", 64), ("draw", 1)):
@@ -45,6 +46,7 @@ def test_our_replay_in_a_process_of_its_own(tmp_path: Path) -> None:
                 assert rate * (time.monotonic() - began) >= units
 
 
+@pytest.mark.usefixtures("forks")
 def test_a_replay_that_cannot_be_had_says_so(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with (
@@ -149,6 +151,7 @@ def test_tests_alone_are_watched_when_training_is_over() -> None:
         assert run.test_rate(3.0) > 0
 
 
+@pytest.mark.usefixtures("forks")
 def test_a_learner_that_cannot_start_says_why() -> None:
     setting = Setting(learner="--replay.ratio-tolerance 1")
     with pytest.raises(InputError, match="ratio_tolerance"), LocalRun(setting):

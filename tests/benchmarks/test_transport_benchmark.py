@@ -11,6 +11,7 @@ from benchmarks.report import run
 from common.errors import InputError
 
 
+@pytest.mark.usefixtures("forks")
 def test_chunks_and_batches_at_once() -> None:
     options = transport.Options(seconds=0.3, capacity=2_000, chunk_steps=16)
     with transport.Exchange(options) as exchange:

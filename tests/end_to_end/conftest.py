@@ -4,13 +4,14 @@ import json
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from benchmarks.child import free_endpoint
-from tests.end_to_end.forked import FORKS, become
+from tests.forked import FORKS, become
 from tests.patience import PATIENCE, wait_until
 
 SMALL = (
@@ -32,13 +33,13 @@ SMALL = (
 class Program:
     """A process of the project under test, with what it printed.
 
-    It is forked, see `forked`; what it starts by itself is started as usual.
+    It is forked, see `forked`, and so are the programs that it starts.
     """
 
-    def __init__(self, folder: Path, name: str, *arguments: str) -> None:
+    def __init__(self, folder: Path, name: str, *arguments: str, forks: bool) -> None:
         self.log = folder / f"{name}.log"
         self.log.touch()
-        self.process = FORKS.Process(target=become, args=(folder, self.log, arguments))
+        self.process = FORKS.Process(target=become, args=(folder, self.log, arguments, forks))
         self.process.start()
 
     @property
@@ -82,12 +83,14 @@ class Stage:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.programs: list[Program] = []
+        self.forks = True
+        """Whether the programs that these start are forked too."""
         self.endpoint = free_endpoint()
 
     def start(self, *arguments: str) -> Program:
         """`python ARGUMENTS` in the test's folder."""
         name = f"{len(self.programs)}-{arguments[1].rsplit('/', 1)[-1]}"
-        program = Program(self.folder, name, *arguments)
+        program = Program(self.folder, name, *arguments, forks=self.forks)
         self.programs.append(program)
         return program
 
@@ -114,19 +117,15 @@ class Stage:
         header, *lines = (self.run / "epochs.csv").read_text().splitlines()
         return [dict(zip(header.split(","), line.split(","), strict=True)) for line in lines]
 
-    def strays(self) -> dict[int, str]:
-        """Command lines that mention this test's address, by their processes' numbers: whatever was
-        started by the programs."""
-        found = {}
+    def strays(self) -> set[int]:
+        """Processes in the test's folder, apart from the programs: whatever these have started."""
+        found = set()
         for entry in Path("/proc").iterdir():
-            if entry.name.isdigit():
-                try:
-                    command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-                except (OSError, UnicodeDecodeError):
-                    continue
-                if self.endpoint in command:
-                    found[int(entry.name)] = command
-        return found
+            # A process that has ended has no folder.
+            with suppress(OSError):
+                if entry.name.isdigit() and (entry / "cwd").samefile(self.folder):
+                    found.add(int(entry.name))
+        return found - {program.process.pid for program in self.programs}
 
     def close(self) -> None:
         for program in self.programs:

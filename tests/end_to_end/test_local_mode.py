@@ -13,20 +13,23 @@ from tests.paths import ROOT
 from tests.patience import wait_until
 
 POLICIES = ROOT / "policies"
-WARMUP = 3_000
-"""Steps in which the published policy ends a game, of some 2,500."""
+HALF = (
+    *SMALL,
+    "--replay.learning-starts=300",
+    "--protocol.epoch-steps=300",
+    "--protocol.test-steps=150",
+)
+"""Of a robot, whose steps take ten times an emulator's."""
 
 
 @pytest.mark.parametrize("env", ["ale", "robot"])
 def test_learns_a_little_and_leaves_its_files_with_balanced_counts(stage: Stage, env: str) -> None:
-    learner = stage.learner("--local", "--env", env, "--steps", "1800", *SMALL)
-
-    output = learner.ends()
+    output = stage.learner("--local", "--env", env, "--steps=900", *HALF).ends()
 
     summary = stage.summary()
     chunks = summary["chunks"]
-    assert summary["agent_steps"] >= 1800
-    assert summary["updates"] >= (1800 - 600) // 4
+    assert summary["agent_steps"] >= 900
+    assert summary["updates"] >= (900 - 300) // 4
     assert summary["weights_version"] > 0
     assert chunks["made"] == chunks["acked"] + chunks["refused"]
     assert (chunks["refused"], chunks["duplicate"]) == (0, 0)
@@ -46,21 +49,17 @@ def test_learns_a_little_and_leaves_its_files_with_balanced_counts(stage: Stage,
     # Steps that were on their way when the goal was reached may complete one more.
     assert len(trained) == len(tested) >= 2
     assert all(-21 <= float(row["average_reward"]) <= 21 for row in tested)
-    assert all(int(row["steps"]) >= 300 for row in tested)
+    assert all(int(row["steps"]) >= 150 for row in tested)
     assert float(trained[-1]["meanq"]) != 0
     assert load_file(stage.run / "snapshots" / "best.safetensors")
     assert list((stage.run / "tensorboard").iterdir())
-    assert "pybullet build time" not in output
     assert "Game console created" not in output
-    logs = "".join(log.read_text() for log in (stage.run / "logs").iterdir())
-    assert "pybullet build time" not in logs
-    assert "A.L.E" not in logs
+    assert not any("A.L.E" in log.read_text() for log in (stage.run / "logs").iterdir())
 
 
-@pytest.mark.parametrize("env", ["ale", "robot"])
-def test_a_run_is_trained_and_tested_under_its_sticky_actions(stage: Stage, env: str) -> None:
+def test_a_run_is_trained_and_tested_under_its_sticky_actions(stage: Stage) -> None:
     """A console that always repeats what it did before never serves a ball."""
-    game = ("--env", env, "--game", "breakout", "--play.random-starts=0")
+    game = ("--env=ale", "--game=breakout", "--play.random-starts=0")
     sticky = ("--play.sticky=1", "--play.max-game-frames=400", "--protocol.test-epsilon=1")
     stage.learner("--local", *game, *sticky, "--steps=1300", *SMALL).ends()
     rows = [row for row in stage.rows() if int(row["nr_games"]) > 0]
@@ -74,18 +73,16 @@ def test_a_run_that_begins_with_a_given_network_plays_by_it_at_once(stage: Stage
     policy = ("--initial", str(POLICIES / "ale_pong.safetensors"), "--env", "ale")
     policy = (*policy, "--learning.no-center-pixels")  # as it was trained
     skilled = ("--exploration.start=0", "--exploration.end=0")
-    long = [
-        f"--replay.learning-starts={WARMUP}" if "learning-starts" in flag else flag
-        for flag in SMALL
-        if "network" not in flag
-    ]
+    # A quarter of a game.
+    short = ("--play.max-game-frames=2400", "--replay.learning-starts=700")
+    own = [flag for flag in SMALL if "network" not in flag]
     alone = ("--local", "--evaluators=0")
-    stage.learner(*alone, *policy, *skilled, *long, f"--steps={WARMUP + 400}").ends()
-    # Before the first update, it had won.
+    stage.learner(*alone, *policy, *skilled, *own, *short, "--steps=1100").ends()
+    # Before the first update, it was winning.
     before, after = stage.rows()[:2]
     assert (before["epoch"], before["phase"], after["epoch"]) == ("0", "train", "1")
     assert int(before["nr_games"]) >= 1
-    assert float(before["average_reward"]) >= 15
+    assert float(before["average_reward"]) >= 1
     assert (stage.run / "initial.safetensors").exists()
     summary = stage.summary()
     assert summary["initial"] is True
@@ -130,24 +127,19 @@ def test_ctrl_c_ends_every_process_and_leaves_a_run_that_goes_on(stage: Stage) -
     assert "warm-up 0 %" not in output
 
 
-def test_no_orphan_is_left_when_the_learner_is_killed(stage: Stage) -> None:
-    learner = stage.learner("--local", "--env", "ale", *SMALL)
-    learner.says("actor-1 joined")
-    assert stage.strays()
-
-    learner.send(signal.SIGKILL)
-
-    wait_until(lambda: not stage.strays(), "the children have left")
-
-
-def test_a_killed_actor_is_started_again(stage: Stage) -> None:
-    learner = stage.learner("--local", "--evaluators=0", "--env", "ale", *SMALL)
+def test_a_killed_actor_is_started_again_and_none_outlives_its_learner(stage: Stage) -> None:
+    stage.forks = False  # the one test whose actors are started as everybody's are
+    learner = stage.learner("--local", "--evaluators=0", "--env", "robot", *SMALL)
     learner.says("actor-1 joined")
     log = stage.run / "logs" / "actor-1.log"
     wait_until(lambda: log.read_text().count("plays pong") == 1, "the actor plays")
-    (actor,) = (pid for pid, command in stage.strays().items() if "--name actor-1" in command)
+    (actor,) = stage.strays()
     os.kill(actor, signal.SIGKILL)
     learner.says("actor-1 ended by signal 9, started again")
     wait_until(lambda: log.read_text().count("plays pong") == 2, "the actor plays again")
-    learner.send(signal.SIGTERM)
-    learner.ends()
+    assert stage.strays() != {actor}
+    assert "pybullet build time" not in log.read_text()  # which its import prints
+
+    learner.send(signal.SIGKILL)
+
+    wait_until(lambda: not stage.strays(), "the actor has left")

@@ -47,6 +47,7 @@ def _run(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.usefixtures("forks")
 def test_a_policy_plays_from_its_two_files_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -28,7 +28,7 @@ from viewer.human import Human, keys_text
 
 
 @pytest.fixture
-def person() -> Iterator[Person]:
+def person(forks: None) -> Iterator[Person]:
     person = Person("human")
     yield person
     person.close()
@@ -51,6 +51,7 @@ def test_ctrl_c_gives_the_terminal_back(person: Person) -> None:
     assert person.has_the_terminal_back()
 
 
+@pytest.mark.usefixtures("forks")
 def test_without_a_terminal_it_is_refused() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "viewer", "human"],
@@ -132,6 +133,7 @@ def test_keys_as_text() -> None:
     assert keys_text(Keys.UP | Keys.RIGHT | Keys.FIRE) == "↑··→●"
 
 
+@pytest.mark.usefixtures("forks")
 def test_what_a_person_plays_is_recorded(tmp_path: Path) -> None:
     person = Person("human", "--record", str(tmp_path / "d"), "--minimal-actions")
     try:

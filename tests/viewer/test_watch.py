@@ -109,6 +109,7 @@ def test_without_a_terminal_it_is_refused() -> None:
         Watch(env="ale").run(threading.Event())
 
 
+@pytest.mark.usefixtures("forks")
 def test_a_person_watches_and_leaves() -> None:
     person = Person("watch", "--env", "ale")
     person.sees(r"ale_pong plays pong \(ale\)")

@@ -11,43 +11,14 @@ from benchmarks.chaos.cluster import Cluster
 from benchmarks.chaos.faults import FAULTS
 from common.errors import InputError
 from common.process.supervisor import Child
-from tests.end_to_end.forked import FORKS, become
-
-
-class Forked:
-    """A process of a cluster, as a `Child` is, but without the seconds of imports."""
-
-    last_line, failure = Child.last_line, Child.failure
-
-    def __init__(self, *arguments: str, log: Path) -> None:
-        self.log = log
-        log.touch()
-        self._process = FORKS.Process(target=become, args=(log.parent, log, ("-m", *arguments)))
-        self._process.start()
-        assert self._process.pid is not None
-        self.pid = self._process.pid
-        self.kill = self._process.kill
-
-    @property
-    def returncode(self) -> int | None:
-        return self._process.exitcode
-
-    poll = returncode.fget
-
-    def wait(self, seconds: float | None = None) -> None:
-        self._process.join(seconds)
-
-    def end(self, seconds: float = 30.0) -> None:
-        self._process.terminate()
-        self.wait(seconds)
-        self.kill()
-        self.wait()
+from tests.forked import FORKING
 
 
 def test_no_kind_of_fault_costs_an_acknowledged_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
     forkserver.ensure_running()  # it imports while certificates are made
-    cluster = partial(Cluster, start=Forked)
-    monkeypatch.setattr("benchmarks.chaos.__main__.Cluster", cluster)
+    for name, member in FORKING.items():  # an actor of a former version is started, as a program
+        monkeypatch.setattr(Child, name, member, raising=False)
+    monkeypatch.setattr("benchmarks.chaos.__main__.Cluster", partial(Cluster, start=Child))
     # It ends with the last fault, however slow the machine is.
     faults = len(FAULTS)
     report = measure(Options(minutes=60, faults=faults, longest=0.5, seed=5, capacity=20_000))

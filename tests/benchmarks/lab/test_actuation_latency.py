@@ -15,6 +15,7 @@ ALE = ROOT / "policies" / "ale_pong.safetensors"
 ROBOT = ALE.with_name("robot_pong.safetensors")
 
 
+@pytest.mark.usefixtures("forks")
 def test_a_row_for_each_network_and_lateness(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -120,6 +120,7 @@ def test_a_file_of_another_grid_is_refused(
             grid(file, *one)
 
 
+@pytest.mark.usefixtures("forks")
 def test_a_cell_is_played_for_real() -> None:
     flags = [*cell_flags(2, "late", 0.25), "--play.max-game-frames", "80"]
     told = evaluate(POLICY, 1, 1.0, flags)

@@ -53,6 +53,7 @@ def test_table_and_json(
     assert "not trained anew; 3 games each" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.usefixtures("forks")
 def test_games_that_cannot_be_played_are_told() -> None:
     with pytest.raises(InputError, match="ended with exit code 2"):
         evaluate(POLICY, 1, 0.001, ["--play.vector"])

@@ -168,6 +168,7 @@ def test_a_resumed_run_films_its_newest_epoch(folder: RunFolder) -> None:
         shutil.rmtree(making, ignore_errors=True)
 
 
+@pytest.mark.usefixtures("forks")
 def test_the_real_film(folder: RunFolder) -> None:
     shutil.copy(
         ROOT / "policies" / "ale_pong.safetensors", folder.snapshots / "epoch-0001.safetensors"

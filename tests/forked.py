@@ -1,0 +1,124 @@
+"""Programs that are forked instead of started.
+
+The process that forks has imported PyTorch and the rest, which takes three seconds of a core, once.
+"""
+
+import fcntl
+import multiprocessing
+import os
+import runpy
+import subprocess
+import sys
+import termios
+from collections.abc import Mapping, Sequence
+from multiprocessing import forkserver, reduction
+from pathlib import Path
+from typing import Any
+
+from tests.paths import ROOT
+
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload(
+    [
+        *("actors.actor", "actors.evaluator", "actors.envs.ale", "actors.envs.robot"),
+        *("learner.assembly", "learner.options", "replay.server"),
+        "torch._dynamo",  # of every optimizer
+        *("tests.forked", "pytest"),
+    ]
+)
+
+
+def become(folder: Path, log: Path, arguments: Sequence[str], forks: bool) -> None:
+    """Be `python ARGUMENTS` from now on, in a session and a folder of its own.
+
+    Args:
+        forks: whether the programs that it starts are forked too.
+    """
+    path = (str(ROOT), str(folder))  # a package that the test puts into its folder is installed
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
+    with log.open("wb") as file, open(os.devnull) as nothing:
+        streams = (nothing.fileno(), file.fileno(), file.fileno())
+        _become(folder, streams, arguments, environment, forks)
+
+
+def _become(
+    folder: Path,
+    streams: Sequence[int],
+    arguments: Sequence[str],
+    environment: Mapping[str, str],
+    forks: bool = True,
+) -> None:
+    os.setsid()
+    os.chdir(folder)
+    for number, stream in enumerate(streams):
+        os.dup2(stream, number)
+    if os.isatty(0):
+        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+    # The server's own were made for other files.
+    sys.stdin, sys.stdout = os.fdopen(0, closefd=False), os.fdopen(1, "w", closefd=False)
+    sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace", closefd=False)
+    os.environ.clear()
+    os.environ.update(environment)
+    sys.path[:0] = environment.get("PYTHONPATH", "").split(os.pathsep)
+    if forks:
+        # The server that forked this process forks its children; else each would begin another.
+        forkserver._forkserver.ensure_running = lambda: None  # type: ignore[attr-defined]
+        for name, method in FORKING.items():
+            setattr(subprocess.Popen, name, method)
+    module, sys.argv = arguments[0] == "-m", list(arguments)
+    if module:
+        sys.argv.pop(0)
+        runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    else:
+        runpy.run_path(sys.argv[0], run_name="__main__")
+
+
+class _Stream(int):
+    """A file descriptor, which has another number in the process to which it is sent."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _received, (reduction.DupFd(int(self)),)
+
+
+def _received(duplicate: Any) -> int:
+    found: int = duplicate.detach()
+    return found
+
+
+_started = subprocess.Popen._execute_child  # type: ignore[attr-defined]
+_poll, _wait = subprocess.Popen.poll, subprocess.Popen.wait
+
+
+def _start(self: Any, args: Any, *more: Any) -> None:
+    """Forks `python -m MODULE`, in a session of its own; starts whatever else it is."""
+    if args[:2] != [sys.executable, "-m"]:
+        _started(self, args, *more)
+        return
+    folder, environment, pipes = more[4] or Path.cwd(), more[5], more[9:15]
+    theirs = enumerate((pipes[0], pipes[3], pipes[5]))
+    streams = [_Stream(number if given == -1 else given) for number, given in theirs]
+    environment = dict(os.environ if environment is None else environment)
+    self.fork = FORKS.Process(target=_become, args=(folder, streams, args[1:], environment))
+    self.fork.start()
+    self.pid = self.fork.pid
+    self._close_pipe_fds(*pipes)
+
+
+def _fork_polled(self: Any) -> int | None:
+    if self.fork is None:
+        return _poll(self)
+    self.returncode = self.fork.exitcode
+    return self.returncode
+
+
+def _fork_waited(self: Any, timeout: float | None = None) -> int:
+    if self.fork is None:
+        return _wait(self, timeout)
+    self.fork.join(timeout)
+    if self.poll() is None:
+        raise subprocess.TimeoutExpired(self.args, timeout)
+    return self.returncode
+
+
+FORKING = {"fork": None, "_execute_child": _start, "poll": _fork_polled, "wait": _fork_waited}
+"""Members of `subprocess.Popen` by which what would be started as `python -m` is forked."""
