@@ -1,16 +1,16 @@
 """The command line of `python -m actors`."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from actors.__main__ import ActorOptions, viewer_command
+from actors.__main__ import ActorOptions, main, viewer_command
 from common.errors import InputError
 from common.process.command_line import parse
-from tests.paths import ROOT
+from viewer import __main__ as viewer
+from viewer.check import Check
 
 
 @pytest.mark.parametrize(
@@ -29,17 +29,19 @@ def test_former_flags_of_the_viewer(arguments: str, meant: str) -> None:
     assert viewer_command(arguments.split()) == meant.split()
 
 
-def test_a_former_flag_starts_the_viewer(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "actors", "--check", "--env", "ale", "-o", tmp_path / "check.png"],
-        cwd=ROOT,
-        env={**os.environ, "COLUMNS": "120"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert "pong (ale), 200 random agent steps" in done.stdout
-    assert (tmp_path / "check.png").is_file()
+def test_a_former_flag_starts_the_viewer(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Replaced(Exception):
+        """This process is another program from here on."""
+
+    def become(program: str, arguments: list[str]) -> None:
+        assert (program, arguments[:3]) == (sys.executable, [sys.executable, "-m", "viewer"])
+        assert parse(viewer.EVERY, "viewer", arguments[3:]) == Check(env="ale", output=Path("p"))
+        raise Replaced
+
+    monkeypatch.setattr(sys, "argv", ["actors", "--check", "--env", "ale", "-o", "p"])
+    monkeypatch.setattr(os, "execv", become)
+    with pytest.raises(Replaced):
+        main()
 
 
 @pytest.mark.parametrize(
