@@ -11,10 +11,11 @@ from tests.paths import ROOT
 POLICY = str(ROOT / "policies" / "ale_pong.safetensors")
 
 
-@pytest.fixture
-def recording(stage: Stage) -> Path:
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A minute of the published policy's play."""
-    folder = stage.folder / "recording"
+    stage = Stage(tmp_path_factory.mktemp("recording"))
+    folder = stage.folder / "d"
     record = ("-m", "viewer", "record", POLICY, "-o", str(folder), "--minutes=1")
     assert "wrote 1 game of 900 steps" in stage.start(*record).ends()
     return folder
