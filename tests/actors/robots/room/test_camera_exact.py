@@ -149,7 +149,7 @@ def assert_exact(room: Nao, poses: int, seed: int) -> None:
 
 
 def test_the_fast_picture_is_exact(room: Nao) -> None:
-    assert_exact(room, 40, 1)
+    assert_exact(room, 20, 1)
 
 
 @pytest.mark.slow
