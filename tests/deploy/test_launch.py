@@ -102,11 +102,13 @@ def test_an_actor_follows_the_learner_to_another_node(tmp_path: Path) -> None:
         f"[ $4 = tcp/new:1 ] && exit 0\ntrap 'exit 0' TERM\nwhile :; do sleep 0.1; done\n"
     )
     program.chmod(0o700)
+    (tmp_path / "sleep").write_text("#!/bin/sh\nexec /bin/sleep 0.1\n")  # not 5 s between looks
+    (tmp_path / "sleep").chmod(0o700)
     head = f"run={tmp_path}\npython={program}\nscheme=tcp\nactors=(1)\nflags=()\n"
     script = tmp_path / "actors.sh"
     script.write_text(head + (ROOT / "deploy/slurm/actors.sh").read_text())
     address.write_text("tcp/old:1\n")
-    environment = {"SLURM_ARRAY_TASK_ID": "1", "PATH": "/usr/bin:/bin"}
+    environment = {"SLURM_ARRAY_TASK_ID": "1", "PATH": f"{tmp_path}:/usr/bin:/bin"}
     job = subprocess.Popen(["bash", script], env=environment, start_new_session=True)
     try:
         wait_until(said.exists, "the actor is there")
