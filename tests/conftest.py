@@ -2,6 +2,7 @@
 
 import subprocess
 from collections.abc import Iterator
+from multiprocessing import forkserver
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -63,5 +64,6 @@ def zenoh_client(zenoh_hub: ZenohTransport, endpoint: str) -> Iterator[ZenohTran
 @pytest.fixture
 def forks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Forks the programs that would be started, so that none need import anything."""
+    forkserver.ensure_running()  # before the test changes what a process inherits
     for name, member in FORKING.items():
         monkeypatch.setattr(subprocess.Popen, name, member, raising=False)
