@@ -488,7 +488,7 @@ def test_damaged_rows_are_reported_and_the_rest_is_used(
 
 @pytest.mark.parametrize("whole", [0, 1, 3])
 def test_ids_of_damaged_chunks_are_not_used_again(tmp_path: Path, whole: int) -> None:
-    config = make_config(capacity=40, batch_size=2_000, sampler="prioritised")
+    config = make_config(capacity=40, batch_size=500, sampler="prioritised")
     actor, rng = Actor("0", 4), np.random.default_rng(0)
     endings = [*[GOES_ON] * 9, TERMINATES]
     memory = ReplayBuffer(config, tmp_path)
