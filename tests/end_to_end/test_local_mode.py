@@ -19,7 +19,7 @@ HALF = (
     "--protocol.epoch-steps=300",
     "--protocol.test-steps=150",
 )
-"""Of a robot, whose steps take ten times an emulator's."""
+"""Settings of a run that takes half as long: a robot's steps take ten times an emulator's."""
 
 
 @pytest.mark.parametrize("env", ["ale", "robot"])
