@@ -111,7 +111,11 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         if actor == DEMONSTRATIONS or self._quota.admits(actor, steps):
             return True
         self._memory.over_quota += 1
-        _refusals.warning("%s sends more than --actor-quota lets it: the rest has to wait", actor)
+        if self._quota.knows(actor):
+            text = "%s sends more than --actor-quota lets it: the rest has to wait"
+            _refusals.warning(text, actor)
+        else:
+            _refusals.warning("more new actors come than are let in at once: the rest has to wait")
         return False
 
     def _ack_of(self, payload: bytes, actor: str) -> Ack:

@@ -9,15 +9,22 @@ many as an ALE-Only actor makes on one core."""
 REPORTS_PER_SECOND = 2_000
 """Reports that are taken of one evaluator. Catch, the shortest game, ends after six steps, and an
 evaluator makes some 300 of its games a second."""
+NEW_NAMES_PER_SECOND = 128.0
+"""Names that are heard for the first time. Whoever invents one for each chunk of 64 steps sends no
+more than one actor may, and 1,024 actors that come at once are all in within eight seconds."""
 _AHEAD = 1.0
 """Seconds of its quota that may come at once, as after a pause of the hub."""
 _MOST_NAMES = 4_096
+"""Names that have a measure of their own, as many as a hub takes connections."""
+_FORGOTTEN = 60.0
+"""Seconds of silence after which a name may give its place to a new one."""
 
 
 class Quota:
-    """Admits so much a second of each name; a leaky bucket, for one thread.
+    """Admits so much a second of each name, and so many new names; leaky buckets, for one thread.
 
-    What is turned away should be sent again: it costs its sender nothing of the quota.
+    What is turned away should be sent again: it costs its sender nothing of the quota. A name that
+    is in use keeps its measure, however many names others invent.
     """
 
     def __init__(self, per_second: float, now: Callable[[], float] = time.monotonic) -> None:
@@ -25,14 +32,31 @@ class Quota:
         self._now = now
         self._paid_until: dict[str, float] = {}
         """By name, the moment at which what was admitted has had its time."""
+        self._joined_until = -float("inf")
+        """The same of all new names together."""
+
+    def knows(self, name: str) -> bool:
+        """Whether ``name`` has a measure of its own."""
+        return name in self._paid_until
 
     def admits(self, name: str, amount: float = 1.0) -> bool:
         """Whether ``amount`` of ``name`` may come in now; it may be more than a second's."""
         now = self._now()
+        if not self.knows(name) and not self._lets_in(now):
+            return False
         begins = max(self._paid_until.get(name, now), now)
         if begins - now > _AHEAD:
             return False
-        if len(self._paid_until) >= _MOST_NAMES:
-            self._paid_until.clear()  # who invents names has no measure anyway
         self._paid_until[name] = begins + amount / self._per_second
         return True
+
+    def _lets_in(self, now: float) -> bool:
+        """Whether another name may have a measure of its own."""
+        begins = max(self._joined_until, now)
+        if begins - now > _AHEAD:
+            return False
+        self._joined_until = begins + 1 / NEW_NAMES_PER_SECOND
+        if len(self._paid_until) >= _MOST_NAMES:
+            heard = {n: until for n, until in self._paid_until.items() if until > now - _FORGOTTEN}
+            self._paid_until = heard
+        return len(self._paid_until) < _MOST_NAMES

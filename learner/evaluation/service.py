@@ -45,7 +45,8 @@ def serve_evaluators(
     def take_report(request: Request) -> bytes | None:
         evaluator = name_in(request.key)
         if not quota.admits(evaluator):
-            _log.warning("%s reports more often than anybody plays: not all is heard", evaluator)
+            who = evaluator if quota.knows(evaluator) else "a crowd of new evaluators"
+            _log.warning("%s reports more often than anybody plays: not all is heard", who)
             request.drop()
             return None
         report = EvaluationReport.decode(request.payload)

@@ -5,6 +5,7 @@ import random
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from common.protocol.wire import pack
 from common.run.config import StreamConfig
 from common.run.join import find_run
 from common.transport.interface import Envelope, Transport, Unanswered
-from common.transport.quota import Quota
+from common.transport.quota import NEW_NAMES_PER_SECOND, Quota
 from replay import server as replay_server
 from replay.client import AHEAD, MOST_ADVICE, RemoteReplay
 from replay.messages import NO_BATCH, Priorities, SampleRequest
@@ -176,6 +177,23 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
     assert caplog.messages == [
         "fast sends more than --actor-quota lets it: the rest has to wait",
     ]
+
+
+def test_who_invents_names_holds_up_nobody_at_work_and_is_told_of_once(
+    place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(replay_server, "Quota", lambda per_second: Quota(per_second, lambda: 0.0))
+    place.server.close()
+    place.server = ReplayServer(place.hub, place.memory, make_config(), RUN)
+    rng, worker = np.random.default_rng(0), Actor("worker", 4)
+    assert insert(place.client, worker.live([GOES_ON], rng)).status == "stored"
+    for number in range(2 * int(NEW_NAMES_PER_SECOND)):  # a second's of them may come at once
+        with suppress(Unanswered, MessageError):
+            ask(place.client, KEYS.insert(f"invented-{number}"), b"x")
+    assert place.memory.over_quota > NEW_NAMES_PER_SECOND / 2
+    assert insert(place.client, worker.live([GOES_ON], rng)).status == "stored"
+    crowd = [each for each in caplog.messages if "new actors" in each]
+    assert crowd == ["more new actors come than are let in at once: the rest has to wait"]
 
 
 def test_of_another_run_neither_chunks_nor_weights_nor_learners_are_taken(

@@ -3,7 +3,7 @@
 import pytest
 
 from common.transport import quota as quota_module
-from common.transport.quota import Quota
+from common.transport.quota import NEW_NAMES_PER_SECOND, Quota
 
 
 class Clock:
@@ -51,10 +51,32 @@ def test_names_have_each_their_own(clock: Clock) -> None:
     assert quota.admits("b")
 
 
-def test_however_many_names_there_are_memory_is_bounded(
+def test_names_that_are_invented_have_one_measure_together(clock: Clock) -> None:
+    quota = Quota(1e4, clock)
+    assert quota.admits("at work")
+    clock.seconds += 1.0
+    invented = 0
+    for number in range(10_000):  # 10 s of one that sends 1,000 a second
+        invented += quota.admits(f"invented-{number}")
+        assert quota.admits("at work")
+        clock.seconds += 1 / 1024
+    assert invented == pytest.approx(NEW_NAMES_PER_SECOND * (10_000 / 1024 + 1), abs=2)
+
+
+def test_a_name_in_use_keeps_its_place_and_one_that_is_silent_gives_it_up(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(quota_module, "_MOST_NAMES", 8)
+    monkeypatch.setattr(quota_module, "_MOST_NAMES", 2)
     quota = Quota(64.0, clock)
-    assert all(quota.admits(f"invented-{number}") for number in range(100))
-    assert len(quota._paid_until) <= 8
+    assert quota.admits("silent")
+    assert quota.admits("at work")
+    clock.seconds += 30.0
+    assert quota.admits("at work", 640.0)
+    clock.seconds += 20.0
+    assert not quota.admits("new")
+    assert not quota.knows("new")
+    clock.seconds += 11.0
+    assert quota.admits("new")
+    assert not quota.knows("silent")
+    assert quota.knows("at work")
+    assert len(quota._paid_until) == 2
