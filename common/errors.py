@@ -8,9 +8,12 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 
-from common.process.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, UNREACHABLE
+from common.process.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, NO_ROOM, UNREACHABLE
 from common.process.log_lines import line
 from common.process.output import escape, has_reader, silence
+
+NO_ROOM_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+"""What the system says where a disk is full or read-only, which may pass."""
 
 
 class InputError(Exception):
@@ -31,6 +34,18 @@ class ThreadDied(InputError):
     exit_code = FAILED
 
 
+class NoRoom(InputError):
+    """The disk is full or read-only: another try may succeed once it is not."""
+
+    exit_code = NO_ROOM
+
+
+def cannot_write(path: Path, error: OSError) -> InputError:
+    """Returns the error that tells that ``path`` cannot be written."""
+    kind = NoRoom if error.errno in NO_ROOM_ERRORS else InputError
+    return kind(f"{path} cannot be written: {error.strerror}.")
+
+
 def choice(given: str, known: Sequence[str]) -> str:
     """Returns the end of a sentence that refuses ``given``: what was meant, or what there is."""
     alike = get_close_matches(given, known, n=1)
@@ -47,7 +62,7 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}.") from None
+        raise cannot_write(path, error) from None
 
 
 def exit_on_input_error(main: Callable[[], int | None]) -> None:
@@ -83,7 +98,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
             ),
             file=sys.stderr,
         )
-        status = BAD_INPUT
+        status = NO_ROOM if error.errno in NO_ROOM_ERRORS else BAD_INPUT
     except KeyboardInterrupt:
         status = INTERRUPTED
     sys.exit(status)

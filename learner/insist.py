@@ -1,13 +1,12 @@
 """`insist`: a run that has begun outlasts a disk that is full or read-only for a while."""
 
-import errno
 import threading
 from collections.abc import Callable
 from typing import TypeVar
 
+from common.errors import NO_ROOM_ERRORS
 from common.process.service_manager import alive
 
-_WAITED_FOR = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 _POLL = 0.1
 T = TypeVar("T")
 
@@ -30,7 +29,7 @@ def insist(write: Callable[[], T], say: Callable[[str], None], stop: threading.E
             found = write()
             break
         except OSError as error:
-            if error.errno not in _WAITED_FOR or stopped:
+            if error.errno not in NO_ROOM_ERRORS or stopped:
                 raise
             if not told:
                 what = error.filename or "a file of the run"

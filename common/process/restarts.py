@@ -15,7 +15,7 @@ from functools import partial
 from types import FrameType
 
 from common.errors import exit_on_input_error
-from common.process.exit_codes import EXIT_CODES
+from common.process.exit_codes import EXIT_CODES, NO_ROOM
 from common.process.log_lines import line
 
 _FIRST_PAUSE, _LONGEST_PAUSE = 1.0, 60.0
@@ -29,9 +29,9 @@ _PR_SET_PDEATHSIG = 1
 def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> int | None:
     """Does ``work`` in a child process, and again where it fails; returns its last exit code.
 
-    Pauses between restarts grow. It is not done again after a status that says that this is in
-    vain, nor once this process was asked to end: signals are handed on. A child that loses this
-    process ends as by SIGTERM.
+    Pauses between restarts grow. A full disk is waited for without a limit. Work is not done again
+    after a status that says that this is in vain, nor once this process was asked to end: signals
+    are handed on. A child that loses this process ends as by SIGTERM.
 
     Args:
         name: how people know the process.
@@ -54,7 +54,7 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, hand_on)
-    restarts, parent, told = 0, os.getpid(), 0
+    starts, restarts, parent, told = 0, 0, os.getpid(), 0
     while True:
         began = time.monotonic()
         sys.stdout.flush()  # or the child would say it too
@@ -63,7 +63,7 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
             return told or 128 + asked
         child = os.fork()
         if not child:
-            _be_child(parent, partial(work, restarts > 0))
+            _be_child(parent, partial(work, starts > 0))
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
         os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT)
         ended, child = child, 0  # from here on its number may be another process'
@@ -72,16 +72,17 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
         told = status if status >= 0 else 128 - status
         if asked or status in _IN_VAIN or status > 128:
             return told
-        restarts = 1 if worked > _SETTLED else restarts + 1
+        if worked > _SETTLED:
+            starts, restarts = 0, 0
+        starts += 1
+        restarts += status != NO_ROOM
         how = f"status {status}" if status > 0 else f"signal {-status}"
         if restarts > most:
             _say(f"{name} ended by {how} after {worked:.0f} s, and {most} restarts were in vain.")
             return told
-        pause = min(_FIRST_PAUSE * 2 ** (restarts - 1), _LONGEST_PAUSE)
-        _say(
-            f"{name} ended by {how} after {worked:.0f} s: restart {restarts} of {most} "
-            f"in {pause:.0f} s."
-        )
+        pause = min(_FIRST_PAUSE * 2 ** (starts - 1), _LONGEST_PAUSE)
+        which = "another try" if status == NO_ROOM else f"restart {restarts} of {most}"
+        _say(f"{name} ended by {how} after {worked:.0f} s: {which} in {pause:.0f} s.")
         if stop.wait(pause):
             return told
 

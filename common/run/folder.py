@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Literal, Self, get_args
 
-from common.errors import InputError
+from common.errors import InputError, cannot_write
 from common.protocol.run_keys import check_name
 from common.regular_file import no_links
 from common.run.config import RunConfig
@@ -177,7 +177,7 @@ class RunFolder:
         except BlockingIOError:
             raise InputError(f"another {part} is at work in {self.path}.") from None
         except OSError as error:
-            raise InputError(f"{self.path} cannot be written: {error.strerror}.") from None
+            raise cannot_write(self.path, error) from None
         self._locks.append(lock)  # held until the process ends, however it ends
         self._claimed.add(part)
         if stored != config:

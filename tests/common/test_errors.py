@@ -4,10 +4,11 @@ import errno
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from common.errors import InputError, MessageError, exit_on_input_error
+from common.errors import InputError, MessageError, exit_on_input_error, writing
 
 
 @pytest.mark.parametrize(("returned", "status"), [(None, None), (0, 0), (3, 3)])
@@ -37,6 +38,17 @@ def test_ctrl_c_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EROFS])
+def test_what_a_later_try_may_write_has_an_exit_code_of_its_own(number: int) -> None:
+    def main() -> int:
+        with writing(Path("r")):
+            raise OSError(number, os.strerror(number))
+
+    with pytest.raises(SystemExit) as caught:
+        exit_on_input_error(main)
+    assert caught.value.code == os.EX_TEMPFAIL
+
+
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
 def test_a_full_disk_is_one_line(number: int, capsys: pytest.CaptureFixture[str]) -> None:
     def main() -> int:
@@ -44,7 +56,7 @@ def test_a_full_disk_is_one_line(number: int, capsys: pytest.CaptureFixture[str]
 
     with pytest.raises(SystemExit) as caught:
         exit_on_input_error(main)
-    assert caught.value.code == 2
+    assert caught.value.code == os.EX_TEMPFAIL
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err.startswith("error: the disk is full: free some space")
@@ -83,6 +95,7 @@ def test_other_errors_are_bugs_and_keep_their_traceback() -> None:
 
 PRINTS = """
 import sys
+from pathlib import Path
 from common.errors import exit_on_input_error
 
 def main():

@@ -102,6 +102,19 @@ def test_there_is_an_end_to_restarts(tmp_path: Path, end: str, status: int) -> N
     assert len(work.begun) == 2
 
 
+def test_a_full_disk_is_waited_for_without_a_limit(tmp_path: Path) -> None:
+    body = """
+    if times < 4: raise OSError(28, "No space left on device")
+    if times == 4: os.kill(os.getpid(), signal.SIGKILL)
+"""
+    status, said = Work(tmp_path, body, 1).ended()
+    assert status == 0
+    assert said == [
+        *["the work ended by status 75 after N s: another try in 0 s."] * 3,
+        "the work ended by signal 9 after N s: restart 1 of 1 in 0 s.",
+    ]
+
+
 def test_what_was_long_ago_is_forgotten(tmp_path: Path) -> None:
     body = "    if times < 3: os.kill(os.getpid(), signal.SIGKILL)\n    return 0\n"
     status, said = Work(tmp_path, body + "restarts._SETTLED = -1.0\n", 1).ended()
