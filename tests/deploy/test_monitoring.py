@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import urllib.parse
 import urllib.request
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 
 from benchmarks.child import free_endpoint
+from common.metrics import METRICS
 from common.process.http_endpoints import http_endpoints
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
@@ -70,13 +72,15 @@ def test_each_alert_fires_and_is_silent_of_a_healthy_run() -> None:
         assert any(f"alertname: {alert}\n        exp_alerts:\n" in test for test in tests)
 
 
-def test_a_real_prometheus_reads_a_learner(tmp_path: Path) -> None:
+def test_a_real_prometheus_reads_a_learner_and_answers_every_panel(tmp_path: Path) -> None:
     prometheus, promtool = tool("prometheus"), tool("promtool")
     page, own = (free_endpoint().removeprefix("tcp/") for _ in range(2))
     sink = PrometheusSink()
+    known = {metric.key: 1 for metric in METRICS.values() if metric.form != "text"}
+    values = {"learning/updates": 1_250, "hands/press_p99": 66.5, "replay/private_bytes": None}
     sink.write(
         snapshot(
-            {"learning/updates": 1_250, "hands/press_p99": 66.5, "learning/loss": None},
+            {**known, **values},
             actors=(ActorView(stats=ActorStats("a-1", "actor", steps=7), alive=True),),
             checks=(HealthCheck(name="valid frames", value=0.1, passed=False, bound="", why="x"),),
         )
@@ -87,7 +91,8 @@ def test_a_real_prometheus_reads_a_learner(tmp_path: Path) -> None:
     shutil.copy(PROMETHEUS / "alerts.yml", tmp_path)
 
     def ask(query: str) -> list[dict[str, Any]]:
-        with urllib.request.urlopen(f"http://{own}/api/v1/query?query={query}", timeout=5) as told:
+        asked = urllib.parse.urlencode({"query": query})
+        with urllib.request.urlopen(f"http://{own}/api/v1/query?{asked}", timeout=5) as told:
             found: list[dict[str, Any]] = json.load(told)["data"]["result"]
             return found
 
@@ -113,9 +118,17 @@ def test_a_real_prometheus_reads_a_learner(tmp_path: Path) -> None:
             (updates,) = ask("ale_robot_learning_updates_total")
             assert (updates["value"][1], updates["metric"]["job"]) == ("1250", "ale-robot-learner")
             assert ask("ale_robot_hands_press_p99_seconds")[0]["value"][1] == "0.0665"
-            assert ask("ale_robot_learning_loss") == []
+            assert ask("ale_robot_replay_private_bytes") == []
             assert ask("ale_robot_actor_steps_total")[0]["metric"]["actor"] == "a-1"
             assert ask("ale_robot_gates_red")[0]["metric"]["check"] == "valid frames"
+            for panel in json.loads(DASHBOARD.read_text())["panels"]:
+                for target in panel["targets"]:
+                    found = wait_until(
+                        lambda target=target: ask(target["expr"]),  # a rate needs two readings
+                        f"{panel['title']} has {target['expr']}",
+                    )
+                    labels = set(re.findall(r"{{(\w+)}}", target["legendFormat"]))
+                    assert all(labels <= series["metric"].keys() for series in found)
         finally:
             process.kill()
             process.wait()
