@@ -1,6 +1,7 @@
 """``python -m replay``: the replay as a process of its own, and the run's hub.
 
-The learner joins it by ``--connect``, as the actors do.
+The learner joins it by ``--connect``, as the actors do. With ``--connect`` the replay itself joins
+the hub of another run, so that one address serves both.
 """
 
 if __name__ == "__main__":
@@ -8,6 +9,7 @@ if __name__ == "__main__":
 
     leave_at_interrupt()
 
+import math
 import sys
 import threading
 from collections.abc import Callable
@@ -19,7 +21,7 @@ from pathlib import Path
 import tyro
 
 from common.checked import Count, FromOne
-from common.errors import exit_on_input_error
+from common.errors import InputError, exit_on_input_error
 from common.metrics import Values
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunFlags, parse_run
@@ -31,15 +33,20 @@ from common.process.output import silence
 from common.process.restarts import with_restarts
 from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
+from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
+from common.run.join import patiently
 from common.transport.endpoint import DEFAULT_ENDPOINT
+from common.transport.interface import Transport
 from common.transport.quota import STEPS_PER_SECOND
-from common.transport.zenoh_transport import open_hub
+from common.transport.zenoh_transport import connect, open_hub
 from replay.chunk_statistics import Progress
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 
 _REPORT_EVERY = 5.0
+_DEADLINE = 5.0
+"""Seconds that a run of the same name has to say that it is there."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +60,9 @@ class ReplayOptions:
     """Folder that holds the runs; the replay lies in <runs>/<run>/replay."""
     listen: str = DEFAULT_ENDPOINT
     """Address where learner and actors find this process."""
+    connect: str | None = None
+    """Address of another run's hub, at which learner and actors find this run too, instead of
+    --listen; it begins with tcp/."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
     actor_quota: FromOne = STEPS_PER_SECOND
@@ -96,14 +106,15 @@ def serve(options: ReplayOptions, again: bool) -> None:
         folder.removed_if_unused(),
         end_with_any_thread(stop),
         kept_log(folder.logs / "replay.jsonl", "replay"),
-        open_hub(options.listen, options.certificates) as transport,
+        _open(options, stop) as transport,
         closing(ReplayBuffer(config, folder.replay)) as memory,
     ):
         with (
             ReplayServer(transport, memory, config, folder.name, options.actor_quota),
             http_endpoints(options.http, lambda: _pages(memory, folder.name)),
         ):
-            _say(f"replay of run {folder.name} in {folder.replay}, at {options.listen}.")
+            place = options.connect or options.listen
+            _say(f"replay of run {folder.name} in {folder.replay}, at {place}.")
             _say(_line(memory.progress(sys.maxsize)))
             tell("READY=1")
             while not stop.wait(_REPORT_EVERY):
@@ -112,6 +123,23 @@ def serve(options: ReplayOptions, again: bool) -> None:
                 tell(f"STATUS={_line(progress)}", "WATCHDOG=1")
             tell("STOPPING=1")
         _say(_line(memory.progress(sys.maxsize)))
+
+
+def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
+    """Opens the run's hub, or joins that of another run."""
+    hub = options.connect
+    if hub is None:
+        return open_hub(options.listen, options.certificates)
+    if options.certificates is not None or not hub.startswith("tcp/"):
+        raise InputError(
+            "a hub with certificates serves no replay but its own: use --listen with an address "
+            "of this run's own."
+        )
+    transport = connect(hub, math.inf, patiently(stop, hub))
+    if transport.gather(RunKeys(options.run).config, _DEADLINE):
+        transport.close()
+        raise InputError(f"the hub at {hub} serves a run called {options.run}: name another.")
+    return transport
 
 
 def _pages(memory: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:

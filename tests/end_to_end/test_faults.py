@@ -113,6 +113,38 @@ def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stag
     assert end.refused == 0
 
 
+def test_two_runs_share_a_hub_and_do_not_see_each_other(stage: Stage) -> None:
+    flags = ("--env=ale", *SMALL)
+    for run, place in (("one", "--listen"), ("two", "--connect")):
+        hub = stage.start("-m", "replay", place, stage.endpoint, "--run", run, *flags)
+        hub.says(f"replay of run {run} in")
+    twice = stage.start(
+        *("-m", "replay", "--connect", stage.endpoint, "--run=one", "--runs=others", *flags)
+    )
+    assert "serves a run called one: name another" in twice.ends(2)
+    lost = stage.actor("a", "--patience=0")
+    assert "the hub serves several runs (one, two): name one with --run" in lost.ends(2)
+    started = [
+        program
+        for run in ("one", "two")
+        for program in (
+            stage.start(
+                *("-m", "learner", "--connect", stage.endpoint, "--run", run, "--threads=1"),
+                *("--steps=900", *flags),
+            ),
+            stage.actor("a", "--run", run),  # of the same name
+        )
+    ]
+    for program in started:
+        program.ends()
+    for run in ("one", "two"):
+        summary = json.loads((stage.folder / "runs" / run / "summary.json").read_text())
+        assert summary["agent_steps"] >= 900
+        assert summary["chunks"]["made"] == summary["chunks"]["acked"] > 0
+        assert summary["chunks"]["refused"] == 0
+        assert len(summary["actors"]) == 1
+
+
 def test_a_learner_that_is_killed_goes_on_where_it_was(stage: Stage) -> None:
     learner = stage.learner("--env", "ale", "--restart=2", "--steps=3500", *SMALL)
     actor = stage.actor("a")
