@@ -23,7 +23,7 @@ from ray.exceptions import RayError
 
 from common.process.exit_codes import BAD_INPUT
 from common.process.supervisor import Child
-from common.run.folder import RunFolder
+from common.run.folder import RunFolder, append_whole
 from deploy.certificates import make_certificates
 
 LEARNER = "learner"
@@ -33,8 +33,6 @@ _LOOK = 2.0
 _PAUSE = 5.0
 """Seconds between the end of a process and that of its keeper: time to ask for the exit code, and
 a pause between restarts."""
-_FREED = 120.0
-"""Seconds that a learner which has lost its keeper may take for its last checkpoint."""
 _PORTS = range(20_000, 30_000)
 """Ports of learners; neither Ray nor Linux chooses one of them by itself."""
 _prctl = ctypes.CDLL(None).prctl
@@ -73,15 +71,14 @@ class LearnerKeeper:
             certificates = run.path / "certificates"
             make_certificates(certificates, node)
             secure = ["--certificates", str(certificates)]
-        deadline = time.monotonic() + _FREED
-        while run.is_at_work() and time.monotonic() < deadline:
-            time.sleep(_LOOK)
+        log = run.logs / "learner.log"
+        _await_former(run, log)
         self._join = (str(run.logs), ("--connect", address, *secure, *actor))
         self._asked = False
         self._child = Child(
             *("learner", *(resume if run.replay.is_dir() else begin), "--listen", address),
             *secure,
-            log=run.logs / "learner.log",
+            log=log,
             cwd=directory,
             preexec_fn=_leave_with_keeper,
         )
@@ -168,6 +165,15 @@ class ActorKeeper:
             ray.kill(ray.get_actor(self._name))
         time.sleep(_PAUSE)
         os._exit(1)  # Ray starts it again
+
+
+def _await_former(run: RunFolder, log: Path) -> None:
+    """Returns once the run's former learner, which has lost its keeper, has written its checkpoint
+    and ended; of one whose node has failed, once the shared disk has given up its lock."""
+    if run.is_at_work():
+        append_whole(log, b"The former learner is still at work: the next begins when it ends.\n")
+    while run.is_at_work():
+        time.sleep(_LOOK)
 
 
 def _in_thread(work: Callable[[], None]) -> None:

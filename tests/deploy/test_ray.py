@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from common.errors import InputError
 from deploy.__main__ import main
 from tests.end_to_end.conftest import SMALL
 from tests.paths import ROOT
-from tests.patience import wait_until
+from tests.patience import PATIENCE, wait_until
 
 SMALL_NODES, LARGE_NODES = 2, 6
 """Cores of the two nodes beside the head, which has one: too few on one node for a run of five
@@ -80,6 +81,27 @@ class RayCluster:
                 (node,) = (each for each in environment if each.startswith("RAY_RAYLET_PID="))
                 found.setdefault(name, (int(entry.name), int(node.partition("=")[2])))
         return found
+
+    def learner(self) -> int:
+        """Number of the process that learns; its parent starts it again."""
+        starts, _ = self.processes()["learner"]
+        (found,) = Path(f"/proc/{starts}/task/{starts}/children").read_text().split()
+        return int(found)
+
+    def began(self, times: int) -> None:
+        """Waits until so many learners have begun, one after the other."""
+        log = self.run / "logs" / "learner.log"
+        wait_until(
+            lambda: log.exists() and log.read_text().count("actors find it at") == times,
+            f"the learner of {self.run} begins, the {times}. time",
+        )
+
+    def goes_on(self, steps: int) -> None:
+        """Waits until the run has more steps."""
+        wait_until(
+            lambda: (self.run / "summary.json").exists() and self.summary()["agent_steps"] > steps,
+            f"{self.run} has more than {steps} steps",
+        )
 
     def remove(self, raylet: int) -> None:
         """Has a node fail, with all that Ray has there."""
@@ -153,6 +175,65 @@ def test_a_run_is_placed_mended_scaled_ended_and_gone_on_with(
     assert summary["agent_steps"] >= kept["agent_steps"] + 1500
     assert summary["chunks"]["acked"] > kept["chunks"]["acked"]
     assert log.read_text().count("Everything is in") == 2
+
+
+def parent(process: int) -> int:
+    (line,) = re.findall(r"(?m)^PPid:\t(\d+)$", Path(f"/proc/{process}/status").read_text())
+    return int(line)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cluster", [LARGE_NODES], indirect=True)
+def test_keepers_and_learner_may_be_killed_while_a_launcher_waits(cluster: RayCluster) -> None:
+    flags = ("--actors=1", "--evaluators=0", "--wait", "--", "--env=catch", *SMALL)
+    command = [sys.executable, "-m", "deploy", *cluster.command(*flags)]
+    launcher = subprocess.Popen(command, cwd=cluster.folder, stdout=subprocess.PIPE, text=True)
+    try:
+        cluster.began(1)
+        cluster.goes_on(0)
+        for begun, name, keeper in (
+            (2, "learner", True),
+            (2, "actor-1", True),
+            (3, "learner", False),
+        ):
+            steps, (process, _) = cluster.summary()["agent_steps"], cluster.processes()[name]
+            os.kill(parent(process) if keeper else process, signal.SIGKILL)
+            cluster.began(begun)
+            cluster.goes_on(steps)
+        assert launcher.poll() is None
+        launcher.send_signal(signal.SIGTERM)
+        told, _ = launcher.communicate(timeout=PATIENCE)
+    finally:
+        launcher.kill()
+        launcher.wait()
+    assert launcher.returncode == 0
+    assert "The run r is over." in told
+    cluster.began(3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cluster", [LARGE_NODES], indirect=True)
+def test_a_learner_waits_for_the_former_one_however_long_that_takes(
+    cluster: RayCluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cluster.launch(monkeypatch, "--actors=1", "--evaluators=0", "--", "--env=catch", *SMALL)
+    cluster.began(1)
+    cluster.goes_on(0)
+    steps, log = cluster.summary()["agent_steps"], cluster.run / "logs" / "learner.log"
+    former = cluster.learner()
+    os.kill(former, signal.SIGSTOP)
+    os.kill(parent(parent(former)), signal.SIGKILL)
+    try:
+        wait_until(
+            lambda: "The former learner is still at work" in log.read_text(),
+            "the new keeper has seen the former learner",
+        )
+        cluster.began(1)
+    finally:
+        os.kill(former, signal.SIGCONT)
+    cluster.began(2)
+    cluster.goes_on(steps)
+    cluster.launch(monkeypatch, "--stop")
 
 
 @pytest.mark.slow
