@@ -7,11 +7,13 @@ import shutil
 import signal
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from safetensors import safe_open
 
+from benchmarks.chaos.disk import Disk
 from benchmarks.chaos.link import Link
 from benchmarks.child import free_endpoint
 from common.run.folder import write_atomically
@@ -323,6 +325,25 @@ def test_training_waits_while_the_disk_is_full(stage: Stage, tmp_path: Path) -> 
     learner.ends()
     assert stage.summary()["updates"] >= (900 - 600) // 4
     assert (stage.run / "checkpoint.safetensors").stat().st_mtime_ns > written
+
+
+@pytest.mark.parametrize(("fault", "end"), [(Disk.fill, Disk.empty), (Disk.forbid, Disk.allow)])
+def test_a_replay_that_finds_no_room_tries_again(
+    stage: Stage, fault: Callable[[Disk], None], end: Callable[[Disk], None]
+) -> None:
+    with Disk(stage.folder / "runs", 2**28) as disk:
+        if disk.missing is not None:
+            pytest.skip(disk.missing)
+        fault(disk)
+        flags = ("--listen", stage.endpoint, "--run=r", *SMALL)
+        assert "error: " in stage.start("-m", "replay", *flags).ends(os.EX_TEMPFAIL)
+        replay = stage.start("-m", "replay", *flags, "--restart=1")
+        replay.says("the replay ended by status 75")
+        replay.says("another try in 1 s")
+        end(disk)
+        replay.says("replay of run r")
+        replay.send(signal.SIGTERM)
+        replay.ends()
 
 
 def test_a_learner_that_waits_for_room_can_be_stopped(stage: Stage, tmp_path: Path) -> None:
