@@ -1,7 +1,7 @@
 """`python -m tests.fuzz TARGET --messages N`: fuzz one target, guided by coverage (Atheris).
 
-It ends with exit code 0 after N messages. What a target raises beside a refusal, and memory beyond
-`_MOST_MIB`, end it with the message in a file ``crash-…``.
+It ends with exit code 0 after N messages; without a target it names them all. What a target raises
+beside a refusal, and memory beyond `_MOST_MIB`, end it with the message in a file ``crash-…``.
 """
 
 import contextlib
@@ -22,11 +22,14 @@ _LONGEST = 10
 """Seconds that one message may take."""
 
 
-def main(target: tyro.conf.Positional[str], messages: int = 100_000, seed: int = 1) -> None:
-    """Fuzz one target."""
+def main(target: tyro.conf.Positional[str] = "", messages: int = 100_000, seed: int = 1) -> None:
+    """Fuzz one target, or name them all."""
     with tempfile.TemporaryDirectory(prefix="ale-robot-fuzz-") as name:
         folder = Path(name)
         targets = Targets(folder)  # never closed: Atheris ends the process
+        if not target:
+            print(*targets.all, sep="\n")
+            return
         chosen = targets.all[target]
         corpus = folder / "corpus"
         corpus.mkdir()

@@ -1,0 +1,83 @@
+"""`python -m benchmarks.lab.fuzz --json FILE`: what changed messages of each kind do.
+
+`tests.fuzz` throws them at each part that decodes what comes from outside, guided by the lines that
+they reach (Atheris: `pip install -e '.[fuzz]'`). A message that is neither taken nor refused, takes
+ten seconds or 2 GiB of memory is told with the file that holds it. The same command goes on with
+the kinds that are missing from FILE.
+"""
+
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.report import BenchmarkOptions, Report, main, resumed, write
+from common.checked import FromOne
+from common.errors import InputError
+from common.process.extras import extra_for
+from common.process.supervisor import ROOT
+
+
+@dataclass(frozen=True)
+class Options(BenchmarkOptions):
+    """Throw changed messages of each kind at the program, and count what they reach."""
+
+    messages: FromOne = 100_000
+    """Messages of each kind."""
+    seed: FromOne = 1
+    """Seed of the changes."""
+    kinds: tuple[str, ...] = ()
+    """Kinds; all, where none is named."""
+
+
+def measure(options: Options) -> Report:
+    with extra_for("fuzzing", "fuzz"):
+        import atheris  # noqa: F401
+    about = {"title": "changed messages", "messages": options.messages, "seed": options.seed}
+    found = resumed(options.json, about, "fuzzing with these flags")
+    rows: list[dict[str, Any]] = found.setdefault("rows", [])
+    for kind in options.kinds or _kinds():
+        if kind in {row["kind"] for row in rows}:
+            continue
+        rows.append(_fuzz(kind, options.messages, options.seed))
+        if options.json is not None:
+            write(options.json, found)
+    return Report.of(found["title"], rows, about)
+
+
+def _kinds() -> list[str]:
+    return _run().stdout.split()
+
+
+def _fuzz(kind: str, messages: int, seed: int) -> dict[str, Any]:
+    """Returns the row of a kind; ``kept`` are the messages that reached edges of their own.
+
+    Raises:
+        InputError: a message did harm.
+    """
+    said = _run(kind, "--messages", f"{messages}", "--seed", f"{seed}").stderr
+    last = re.findall(r"^#\d+\s+DONE\s+cov: (\d+) .*? corp: (\d+)/", said, re.MULTILINE)
+    numbers = dict(re.findall(r"^stat::(\w+):\s+(\d+)$", said, re.MULTILINE))
+    if not last:
+        raise InputError(f"the fuzzer of {kind} told no end: {said[-400:]}.")
+    return {
+        "kind": kind,
+        "messages": int(numbers["number_of_executed_units"]),
+        "edges reached": int(last[0][0]),
+        "kept": int(last[0][1]),
+        "longest s": int(numbers["slowest_unit_time_sec"]),
+        "memory MiB": int(numbers["peak_rss_mb"]),
+    }
+
+
+def _run(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "tests.fuzz", *arguments]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    if done.returncode:
+        raise InputError(f"{' '.join(arguments)} did harm: {done.stderr[-2_000:].strip()}")
+    return done
+
+
+if __name__ == "__main__":
+    main("lab.fuzz", Options, measure)
