@@ -30,6 +30,7 @@ from common.run.config import RunConfig, all_ranges
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
 from common.run.stored_config import REMOVED, RENAMED, from_mapping
+from common.version import VERSION
 
 RunFlags = Annotated[RunConfig, tyro.conf.arg(name="")]
 """A `RunConfig` field whose flags carry no prefix: ``--game``, ``--learning.n-step``."""
@@ -125,9 +126,12 @@ def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any
     """A ``kind`` filled from the command line, its other fields from ``defaults``.
 
     Raises:
-        SystemExit: code 0 after ``--help``.
+        SystemExit: code 0 after ``--help`` and ``--version``.
         InputError: a flag is not known, lacks its value, or is beyond the bounds beside its field.
     """
+    if "--version" in arguments:
+        print(f"ale-robot {VERSION}")
+        raise SystemExit(0)
     arguments = with_file(arguments)
     _refuse_former_flags(arguments)
     given: dict[str, Any] = {"default": kind(**defaults)} if defaults else {}

@@ -4,7 +4,9 @@
 ``/metrics`` gives its figures. It is a page for machines that a person can read too.
 """
 
+import ipaddress
 import logging
+import re
 import socket
 import socketserver
 import threading
@@ -24,6 +26,10 @@ _SLOWEST = 5.0
 _log = logging.getLogger(__name__)
 
 TEXT = "text/plain; charset=utf-8"
+WRONG_HOST = (
+    "ask for this page by an IP address, localhost, the host's own name, or the one it listens at\n"
+)
+"""What is answered, with status 421, where `may_be_asked_as` says no."""
 
 
 class Page(NamedTuple):
@@ -57,6 +63,22 @@ def check_address(
     if found is None:
         raise InputError(f"{address!r} is no address for {flag}: write it as {usual}.")
     return found
+
+
+def may_be_asked_as(told: Sequence[str], host: str) -> bool:
+    """Whether a browser that asks with the Host headers ``told`` meant us, who listen at ``host``.
+
+    A stranger's page may have its own name lead to our address (DNS rebinding), and then read us
+    as itself; a number leads nowhere else.
+    """
+    if len(told) != 1:
+        return False
+    asked = re.sub(r":\d*$", "", told[0].strip()).strip("[]").lower()
+    try:
+        ipaddress.ip_address(asked)
+    except ValueError:
+        return asked in {"localhost", host.lower(), socket.gethostname().lower()}
+    return True
 
 
 @contextmanager
@@ -98,6 +120,7 @@ class _Server(ThreadingHTTPServer):
     request_queue_size = 16
 
     def __init__(self, place: tuple[str, int], pages: dict[str, Callable[[], Page]]) -> None:
+        self.host = place[0]
         self.pages = pages
         self._open: dict[Any, float] = {}
         """Requests that are served, and until when."""
@@ -141,7 +164,9 @@ class _Handler(BaseHTTPRequestHandler):
         assert isinstance(self.server, _Server)
         pages = self.server.pages
         path = self.path.partition("?")[0]
-        if path not in pages:
+        if not may_be_asked_as(self.headers.get_all("Host", []), self.server.host):
+            page = Page(WRONG_HOST.encode(), status=421)
+        elif path not in pages:
             page = Page(f"not found; there are {', '.join(pages)}\n".encode(), status=404)
         else:
             try:

@@ -24,8 +24,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from common.actions import KEYS_OF_ACTION
 from common.errors import InputError
+from common.process.http_endpoints import WRONG_HOST, may_be_asked_as
 from common.protocol.live_view import LiveView
-from learner.telemetry.web.address import may_be_asked_as
 
 _PAGE = Path(__file__).parent / "page"
 _MOST_CONNECTIONS = 64
@@ -134,10 +134,10 @@ class _Guarded:
         self._host = host
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        told = [value for name, value in scope["headers"] if name == b"host"]
+        told = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
         answer: ASGIApp = self._app
-        if len(told) != 1 or not may_be_asked_as(told[0].decode("latin-1"), self._host):
-            answer = PlainTextResponse("ask for this page by its own address", 421)
+        if not may_be_asked_as(told, self._host):
+            answer = PlainTextResponse(WRONG_HOST, 421)
 
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":

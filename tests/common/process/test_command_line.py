@@ -1,5 +1,6 @@
 """Command lines: presets below flags, a resumed run's own settings below both."""
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -64,6 +65,13 @@ def test_a_preset_that_is_not_there_is_told_with_those_that_are() -> None:
 @pytest.mark.parametrize("name", list(PRESETS))
 def test_a_preset_alone_is_taken_whole(name: str) -> None:
     assert parsed("--preset", name).config == PRESETS[name]  # type: ignore[index]
+
+
+def test_every_program_tells_the_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        parsed("--version")
+    assert left.value.code == 0
+    assert re.fullmatch(r"ale-robot \S+\n", capsys.readouterr().out)
 
 
 def test_flags_go_over_the_preset() -> None:

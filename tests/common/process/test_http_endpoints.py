@@ -9,7 +9,13 @@ import pytest
 from benchmarks.child import free_endpoint
 from common.errors import InputError
 from common.process import http_endpoints as module
-from common.process.http_endpoints import Page, check_address, http_endpoints, verdict
+from common.process.http_endpoints import (
+    Page,
+    check_address,
+    http_endpoints,
+    may_be_asked_as,
+    verdict,
+)
 from tests.http_get import get
 from tests.patience import PATIENCE, wait_until
 
@@ -47,6 +53,26 @@ def test_a_page_that_fails_is_no_reason_to_end(
     assert get(address, "/mistake") == (500, "it cannot be shown: see the log\n")
     assert "/mistake cannot be shown: ValueError('a mistake')" in caplog.text
     assert get(address, "/healthz") == (200, "ok\n")
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        *(("evil.example", 421), ("localhost.evil.example:80", 421), ("", 421)),
+        *(("localhost:18080", 200), ("[::1]:80", 200), ("192.0.2.7:80", 200)),
+    ],
+)
+def test_only_who_means_this_host_is_answered(address: str, host: str, status: int) -> None:
+    """A stranger's name that leads here (DNS rebinding) is none of ours."""
+    assert get(address, "/healthz", Host=host)[0] == status
+
+
+def test_the_name_that_it_listens_at_is_its_own() -> None:
+    assert may_be_asked_as(["learner.example:8080"], "learner.example")
+    assert may_be_asked_as([socket.gethostname()], "0.0.0.0")
+    assert not may_be_asked_as(["learner.example:8080"], "0.0.0.0")
+    assert not may_be_asked_as(["localhost", "localhost"], "0.0.0.0")
+    assert not may_be_asked_as([], "0.0.0.0")
 
 
 def test_those_who_connect_and_say_nothing_are_bounded(address: str) -> None:

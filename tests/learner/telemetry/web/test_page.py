@@ -30,7 +30,7 @@ from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.snapshot import ActorView
 from learner.telemetry.web import server
-from learner.telemetry.web.address import check_web_address, may_be_asked_as
+from learner.telemetry.web.address import check_web_address
 from learner.telemetry.web.page_sink import PageSink
 from tests.common.protocol.test_live_view import VIEW
 from tests.epoch_rows import epoch_row
@@ -326,12 +326,6 @@ def test_only_who_means_it_is_answered(place: Place) -> None:
     evil = ("evil.example", "evil.example:80", "localhost.evil.example", "127.0.0.1.evil.example")
     for host in ("", *evil):
         assert place.ask("/state", Host=host)[0] == 421, host
-
-
-def test_the_name_that_it_listens_at_is_its_own() -> None:
-    assert may_be_asked_as("learner.example:8080", "learner.example")
-    assert may_be_asked_as(socket.gethostname(), "0.0.0.0")
-    assert not may_be_asked_as("learner.example:8080", "0.0.0.0")
 
 
 def test_an_address_that_cannot_be_used_is_told(place: Place) -> None:
