@@ -100,8 +100,8 @@ class OwnNao:
             self._engine.resetJointState(self._body, self._joints[name], angle)
         self._controller.mimic(nao.controller)
         self._controller.show()
-        seen_from = Nao.viewpoints[viewpoint].turned(turn)
-        return self._views.picture(seen_from, game, width, height, moved=moved)
+        seen_from = Nao.viewpoints[viewpoint]
+        return self._views.picture(seen_from, game, width, height, moved=moved, turn=turn)
 
     def _new_views(self) -> Views:
         furniture = self._furniture

@@ -16,6 +16,8 @@ CAMERA_SIZE = (320, 240)
 # In front of the lens, so that the camera does not see it.
 _NEAR = 0.03
 _FAR = 10.0
+Window = tuple[slice, slice]
+"""Rows and columns of a picture."""
 _LIGHT: Vector = (-0.6, -0.5, 1.6)
 """Position of the light."""
 
@@ -50,8 +52,10 @@ class Camera:
         self._view = engine.computeViewMatrix(
             position.tolist(), (position + forward).tolist(), up.tolist()
         )
-        right, top = (math.tan(math.radians(angle) / 2) * _NEAR for angle in angles)
-        self._projection = engine.computeProjectionMatrix(-right, right, -top, top, _NEAR, _FAR)
+        self._right, self._top = (math.tan(math.radians(angle) / 2) * _NEAR for angle in angles)
+        self.whole: Window = (slice(0, self.height), slice(0, self.width))
+        """Window of the whole picture."""
+        self._projection = self._frustum(self.whole)
         # OpenGL's matrices come column by column.
         view = np.array(self._view).reshape(4, 4).T
         self._to_clip: NDArray[np.float64] = np.array(self._projection).reshape(4, 4).T @ view
@@ -63,14 +67,25 @@ class Camera:
         planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
         self._planes: list[list[float]] = planes.tolist()
 
-    def render(self, *, shadow: bool = True) -> Rendering:
-        """Render the room without the projected game. Without shadows, which are coarse on near
-        objects and streak the wall, it takes half the time."""
+    def _frustum(self, window: Window) -> Any:
+        """Returns the projection matrix of a part of the picture."""
+        rows, columns = window
+        left, right = (
+            self._right * (2 * x / self.width - 1) for x in (columns.start, columns.stop)
+        )
+        top, bottom = (self._top * (1 - 2 * y / self.height) for y in (rows.start, rows.stop))
+        return self._engine.computeProjectionMatrix(left, right, bottom, top, _NEAR, _FAR)
+
+    def render(self, *, shadow: bool = True, window: Window | None = None) -> Rendering:
+        """Render the room, or the ``window`` of its picture, without the projected game. Without
+        shadows, which are coarse on near objects and streak the wall, it takes half the time."""
+        rows, columns = window or self.whole
+        shape = (rows.stop - rows.start, columns.stop - columns.start)
         _, _, rgba, _, bodies = self._engine.getCameraImage(
-            self.width,
-            self.height,
+            shape[1],
+            shape[0],
             self._view,
-            self._projection,
+            self._projection if window is None else self._frustum(window),
             lightDirection=_LIGHT,
             shadow=int(shadow),
             lightAmbientCoeff=0.72,
@@ -78,7 +93,6 @@ class Camera:
             lightSpecularCoeff=0.04,
             renderer=self._engine.ER_TINY_RENDERER,
         )
-        shape = (self.height, self.width)
         rgb = np.asarray(rgba, np.uint8).reshape(*shape, 4)[:, :, :3].copy()
         return Rendering(rgb, np.asarray(bodies, np.int32).reshape(shape))
 
@@ -91,6 +105,17 @@ class Camera:
         x = (normal[:, 0] + 1) / 2 * self.width
         y = (1 - normal[:, 1]) / 2 * self.height - 1
         return np.stack([x, y], axis=1)
+
+    def window_of(self, points: NDArray[np.float64]) -> Window | None:
+        """Returns the window that shows all that is seen of what lies between room ``points [N,
+        3]``, and little more; None if nothing of it is in the picture."""
+        if (points @ self._to_clip[3, :3] + self._to_clip[3, 3]).min() <= _NEAR:
+            return self.whole
+        x, y = self.project(points).T
+        # A pixel more on each side, because a renderer rounds.
+        top, bottom = (int(each) for each in np.clip((y.min() - 1, y.max() + 3), 0, self.height))
+        left, right = (int(each) for each in np.clip((x.min() - 1, x.max() + 3), 0, self.width))
+        return (slice(top, bottom), slice(left, right)) if top < bottom and left < right else None
 
     def may_see(self, centres: Iterable[Sequence[float]], radii: Iterable[float]) -> bool:
         """Whether any ball, given by centre (x, y, z) and radius, could be in view; there are no

@@ -148,13 +148,24 @@ def _coverage(camera: Camera, seen: NDArray[np.float32]) -> NDArray[np.float64]:
     share = np.zeros((camera.height, camera.width))
     left, top = np.maximum(np.floor(seen.min(axis=0)).astype(int), 0)
     right, bottom = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 1, share.shape[::-1])
-    # Samples at the centres of _FINER × _FINER parts of each pixel.
-    x = left - 0.5 + (np.arange((right - left) * _FINER) + 0.5) / _FINER
-    y = top - 0.5 + (np.arange((bottom - top) * _FINER) + 0.5) / _FINER
     h = cv2.getPerspectiveTransform(seen, UNIT_SQUARE)
-    across, down, scale = (row[0] * x[None, :] + row[1] * y[:, None] + row[2] for row in h)
-    u, v = across / scale, down / scale
-    inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
-    parts = inside.reshape(bottom - top, _FINER, right - left, _FINER)
-    share[top:bottom, left:right] = parts.mean(axis=(1, 3))
+
+    def inside(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+        across, down, scale = (row[0] * x + row[1] * y + row[2] for row in h)
+        u, v = across / scale, down / scale
+        return np.asarray((u >= 0) & (u <= 1) & (v >= 0) & (v <= 1))
+
+    # Samples are at the centres of _FINER × _FINER parts of each pixel. The picture is convex, so a
+    # pixel whose four outermost samples are inside is wholly inside.
+    offsets = -0.5 + (np.arange(_FINER) + 0.5) / _FINER
+    x, y = np.arange(left, right)[None, :], np.arange(top, bottom)[:, None]
+    outermost = [inside(x + dx, y + dy) for dx in offsets[[0, -1]] for dy in offsets[[0, -1]]]
+    share[top:bottom, left:right] = whole = np.logical_and.reduce(outermost)
+    rows, columns = np.nonzero(~whole)
+    rows, columns = rows + top, columns + left
+    parts = inside(
+        columns[:, None, None] + offsets[None, None, :],
+        rows[:, None, None] + offsets[None, :, None],
+    )
+    share[rows, columns] = parts.mean(axis=(1, 2))
     return share

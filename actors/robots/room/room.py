@@ -152,7 +152,7 @@ class Room(ABC):
         corners, screen = self.furniture.picture_corners, self.furniture.screen
         self.view_of_robot = StillView(self._engine, eye, self._moves, self._appearance)
         self._projection = Projection(eye, corners, screen, self._game_size, camera)
-        self._views = Views(self._engine, screen, self._game_size, corners)
+        self._views = Views(self._engine, screen, self._game_size, corners, self.scene)
 
     def _limit_contacts(self, body: int) -> None:
         """Allow contacts only between what is solid of the robot's ``body`` and other solid bodies,
@@ -212,13 +212,16 @@ class Room(ABC):
         moved: bool = True,
         turn: float = 0.0,
     ) -> NDArray[np.uint8]:
-        """Returns a visitor's view of the room, ``uint8 [height, width, 3]`` (0.1 s or more).
+        """Returns a visitor's view of the room, ``uint8 [height, width, 3]``.
 
-        Without ``moved`` (1 ms) only the game is drawn anew, over the last rendering.
+        The first at a viewpoint takes 0.1 s or more, for those after it only what moved is rendered
+        anew. Without ``moved`` (1 ms) only the game is drawn anew, over the last rendering.
         """
         self.controller.show()
-        seen_from = self.viewpoints[viewpoint].turned(turn)
-        return self._views.picture(seen_from, game, width, height, moved=moved)
+        seen_from = self.viewpoints[viewpoint]
+        return self._views.picture(
+            *(seen_from, game, width, height), moved=moved, turn=turn, appearance=self.held
+        )
 
     def scene(self) -> Scene:
         """Returns the room's shapes and where they are, for viewers that render them."""

@@ -11,6 +11,7 @@ from actors.robots.room.urdf import BALL_MESH
 
 Quaternion = tuple[float, float, float, float]
 """A rotation: x, y, z, w."""
+_CUBE = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 
 
 class DrawnShape(NamedTuple):
@@ -37,13 +38,30 @@ class Scene:
         self._robot = robot
         self.shapes: dict[str, list[DrawnShape]] = {}
         """Shapes of each visible link by its name; meshes other than balls are left out."""
+        self.whole = True
+        """Whether nothing was left out."""
         self._links: dict[str, tuple[int, int]] = {}
         for body, name in names.items():
             for data in engine.getVisualShapeData(body):
-                if (shape := _shape(engine, data)) is not None:
+                if (shape := _shape(engine, data)) is None:
+                    self.whole = False
+                else:
                     link = _name(engine, body, data[1], name)
                     self._links[link] = (body, data[1])
                     self.shapes.setdefault(link, []).append(shape)
+
+        self._corners = {
+            name: np.concatenate([_corners(engine, shape) for shape in shapes])
+            for name, shapes in self.shapes.items()
+        }
+
+    def corners(self) -> dict[str, NDArray[np.float64]]:
+        """Returns the present corners of the boxes around each visible link's shapes in the room by
+        its name, m, ``float64 [N, 3]``."""
+        return {
+            name: _placed(self._engine, corners, *self._pose(*self._links[name]))
+            for name, corners in self._corners.items()
+        }
 
     def poses(self) -> dict[str, NDArray[np.float64]]:
         """Returns the present pose of each visible link's frame in the room by its name: position,
@@ -84,6 +102,24 @@ def _shape(engine: Any, data: tuple[Any, ...]) -> DrawnShape | None:
     if kind == engine.GEOM_MESH and mesh.decode().endswith(BALL_MESH):
         return DrawnShape("egg", size, *place)
     return None
+
+
+def _corners(engine: Any, shape: DrawnShape) -> NDArray[np.float64]:
+    """Returns the corners of the box around ``shape``, in its link's frame, ``float64 [8, 3]``."""
+    half: Vector = shape.size
+    if shape.kind == "box":
+        half = (half[0] / 2, half[1] / 2, half[2] / 2)
+    elif shape.kind == "rod":
+        length, radius, _ = shape.size
+        half = (radius, radius, length / 2)
+    return _placed(engine, _CUBE * half, shape.origin, shape.turn)
+
+
+def _placed(
+    engine: Any, points: NDArray[np.float64], position: Vector, turn: Quaternion
+) -> NDArray[np.float64]:
+    matrix = np.array(engine.getMatrixFromQuaternion(turn)).reshape(3, 3)
+    return np.asarray(points @ matrix.T + position, np.float64)
 
 
 def _name(engine: Any, body: int, link: int, name: str) -> str:

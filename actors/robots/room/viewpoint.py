@@ -1,7 +1,8 @@
 """Pictures of a room for people, from any viewpoint."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,13 @@ from actors.robots.room.camera import Camera, Rendering
 from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.robots.room.projector import Projection
 from actors.robots.room.rotation import Vector, about
+from actors.robots.room.scene import Scene
 
 _MOST_KEPT = 8
-"""Views that are kept between pictures: a view that turns is another in each."""
+"""Views that are kept between pictures; one that turns is kept as it was turned last."""
+_SEEN = 2e-4
+"""Movement, m, from which on it is drawn: less than half a pixel in the pictures of films, and
+motors are never quite still."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +59,15 @@ VISITOR = Viewpoint((-0.60, -1.05, 0.85), (0.50, 0.0, 0.335), 40.0)
 
 @dataclass
 class _View:
+    turn: float
     camera: Camera
     projection: Projection | None
     """None where the screen is behind the viewer."""
     rendering: Rendering | None = None
+    appearance: object = None
+    """What changed the rendering beside movements."""
+    corners: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Where each link was when it was rendered last."""
 
 
 class Views:
@@ -69,13 +79,22 @@ class Views:
         screen_body: int,
         game_size: tuple[int, int],
         picture_corners: NDArray[np.float64] = PICTURE_CORNERS,
+        scene: Callable[[], Scene] | None = None,
     ) -> None:
-        """``screen_body`` shows the game, of ``game_size`` rows and columns, between
-        ``picture_corners``."""
+        """Views of the room of ``engine``.
+
+        Args:
+            screen_body: shows the game.
+            game_size: rows and columns of the game.
+            picture_corners: between which the game is shown.
+            scene: tells where all is that is drawn, if somebody knows: less has to be rendered.
+        """
         self._engine = engine
         self._screen_body = screen_body
         self._game_size = game_size
         self._corners = picture_corners
+        self._find_scene = scene
+        self._scene: Scene | None = None
         self._views: dict[tuple[Viewpoint, int, int], _View] = {}
         """Those that were used last, the latest last."""
 
@@ -87,26 +106,58 @@ class Views:
         height: int,
         *,
         moved: bool = True,
+        turn: float = 0.0,
+        appearance: object = None,
     ) -> NDArray[np.uint8]:
         """Returns the present room, ``uint8 [height, width, 3]``.
 
-        Without ``moved`` only the game is drawn anew, over the last rendering.
+        Args:
+            moved: without, only the game is drawn anew, over the last rendering.
+            turn: see `Viewpoint.turned`.
+            appearance: differs whenever what moved has other colours.
         """
         key = (viewpoint, width, height)
         view = self._views.pop(key, None)
-        if view is None:
-            view = self._prepare(viewpoint.camera(self._engine, width, height))
+        if view is None or view.turn != turn:
+            view = self._prepare(viewpoint, width, height, turn)
             for oldest in list(self._views)[: 1 - _MOST_KEPT]:
                 del self._views[oldest]
         self._views[key] = view
         if moved or view.rendering is None:
-            view.rendering = view.camera.render(shadow=False)
+            view.rendering = self._rendering(view, appearance)
         if view.projection is None:
-            return view.rendering.rgb
+            return view.rendering.rgb.copy()
         return view.projection.draw(view.rendering, game)
 
-    def _prepare(self, camera: Camera) -> _View:
+    def _prepare(self, viewpoint: Viewpoint, width: int, height: int, turn: float) -> _View:
+        camera = viewpoint.turned(turn).camera(self._engine, width, height)
         if not camera.may_see(self._corners.tolist(), [0.0] * len(self._corners)):
-            return _View(camera, None)
+            return _View(turn, camera, None)
         projection = Projection(camera, self._corners, self._screen_body, self._game_size)
-        return _View(camera, projection)
+        return _View(turn, camera, projection)
+
+    def _rendering(self, view: _View, appearance: object) -> Rendering:
+        """Returns the present rendering: the last one, with the window in which something moved
+        rendered anew."""
+        if self._scene is None and self._find_scene is not None:
+            self._scene = self._find_scene()
+        if self._scene is None or not self._scene.whole:
+            return view.camera.render(shadow=False)
+        last, before, now = view.rendering, view.corners, self._scene.corners()
+        # What has another colour has moved, however little.
+        least = _SEEN if appearance == view.appearance else 0.0
+        view.appearance = appearance
+        if last is None:
+            view.corners = now
+            return view.camera.render(shadow=False)
+        moved = [name for name in now if abs(now[name] - before[name]).max() > least]
+        if not moved:
+            return last
+        points = np.concatenate([at[name] for at in (before, now) for name in moved])
+        before |= {name: now[name] for name in moved}
+        if (window := view.camera.window_of(points)) is None:
+            return last
+        part = view.camera.render(shadow=False, window=window)
+        rgb, bodies = last.rgb.copy(), last.bodies.copy()
+        rgb[window], bodies[window] = part.rgb, part.bodies
+        return Rendering(rgb, bodies)

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from actors.robots.interface import ViewName
 from actors.robots.nao.controller import RELEASE_DEPTH
 from actors.robots.nao.robot import Nao
+from actors.robots.room import scene
+from actors.robots.room import viewpoint as module
+from actors.robots.room.camera import Camera, Rendering, Window
 from actors.robots.room.viewpoint import _MOST_KEPT, VISITOR
 from common.actions import KEYS_OF_ACTION, Keys
 
@@ -105,6 +109,75 @@ def test_a_view_that_turns_keeps_its_distance_and_is_not_kept_for_ever(room: Nao
     room.rest()
     for turn in range(20):
         room.view(GAME, 32, 24, turn=float(turn))
-    assert len(room._views._views) == _MOST_KEPT
+    views = room._views._views
+    assert sum(key == (VISITOR, 32, 24) for key in views) == 1  # those before do not come again
+    for width in range(20):
+        room.view(GAME, 40 + width, 24)
+    assert len(views) == _MOST_KEPT
     kept = room.view(GAME, 32, 24, moved=False)  # rendered anew, for it was dropped
     assert np.array_equal(kept, room.view(GAME, 32, 24))
+
+
+@pytest.fixture
+def windows(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The share of its picture of each rendering for a view."""
+    shares: list[float] = []
+    render = Camera.render
+
+    def spy(camera: Camera, *, shadow: bool = True, window: Window | None = None) -> Rendering:
+        part = render(camera, shadow=shadow, window=window)
+        if not shadow:
+            shares.append(part.bodies.size / (camera.width * camera.height))
+        return part
+
+    monkeypatch.setattr(Camera, "render", spy)
+    return shares
+
+
+@pytest.mark.parametrize("viewpoint", ["room", "hands"])
+def test_of_a_view_only_what_moved_is_rendered_anew(
+    room: Nao, viewpoint: ViewName, windows: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_SEEN", 0.0)
+    room.rest()
+    room.view(GAME, 320, 240, viewpoint)
+    room.view(GAME, 320, 240, viewpoint)
+    windows.clear()
+    for keys in (Keys.UP | Keys.FIRE, Keys.RIGHT, Keys.NONE):
+        room.command(keys)
+        for _ in range(6):
+            room.step_frame()
+        seen = room.view(GAME, 320, 240, viewpoint)
+        room._views._views.clear()
+        new = room.view(GAME, 320, 240, viewpoint)
+        # Rounding differs at a few edges between shades.
+        off = abs(seen.astype(int) - new)
+        assert off.max() <= 2
+        assert (off > 0).mean() < 0.001
+    # Only all of it, and then the window.
+    assert windows[1::2] == [1.0] * 3
+    assert 0.0 < max(windows[::2]) < 0.65
+
+
+def test_of_a_view_without_visible_movement_nothing_is_rendered_anew(
+    room: Nao, windows: list[float]
+) -> None:
+    room.rest()
+    for _ in range(60):  # until the arms hang still
+        room.step_frame()
+    room.view(GAME, 320, 240, "hands")
+    windows.clear()
+    room.step_frame()
+    room.view(GAME, 320, 240, "hands")
+    assert windows == []
+
+
+def test_where_the_scene_is_not_known_whole_all_is_rendered(
+    room: Nao, windows: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scene, "_shape", lambda engine, data: None)
+    monkeypatch.setattr(room._views, "_scene", None)
+    for _ in range(2):
+        room.view(GAME, 48, 32, "front")
+    assert windows == [1.0, 1.0]
+    room._views._scene = None
