@@ -4,6 +4,7 @@ On the left what the camera sees, with the screen and the game found in it; on t
 at the controller, the score, the keys and the value of each action.
 """
 
+import math
 import threading
 import time
 from collections.abc import Sequence
@@ -25,6 +26,7 @@ from common.run.origin import find_weights
 from viewer import overlay
 from viewer.human import keys_text
 from viewer.player import Played, ShownPolicy, shown_env
+from viewer.terminal.graphics import QUESTIONS, Graphics, GraphicsAnswers
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys
 from viewer.terminal.terminal import Terminal
@@ -37,6 +39,8 @@ _WHOLE = 120
 """Width from which the whole camera picture is shown; in a smaller one the game's ball would
 vanish, so it is cut to `_MARGIN` times the height of the screen."""
 _MARGIN = 1.4
+_WIDEST = 800
+"""Pixels: a larger picture shows no more, and not every terminal takes it."""
 _BOLD, _DIM, _GOOD, _BAD, _CHOSEN = (f"\x1b[{code}m" for code in ("1", "2", "32", "1;31", "33"))
 _PLAIN = "\x1b[0;38;2;214;214;214;48;2;0;0;0m"
 """Grey on black, as what is beside the pictures, whatever colours the terminal has."""
@@ -69,13 +73,18 @@ class Watch(Played):
         keys, scores = HeldKeys(), list[float]()
         with shown_env(config) as env, Terminal(LEAST_SIZE) as terminal:
             screen = WatchScreen(env, config, weights.stem)
+            answers = GraphicsAnswers()
+            terminal.write(QUESTIONS)
             period, due = config.play.frame_skip / 60, time.monotonic()
             for step in play([env], policy, [config.seed]):
                 terminal.write(screen.draw(terminal.size, step, policy.values, scores))
                 # A picture that is late is not made up for.
                 due = max(due + period * step.info.elapsed, time.monotonic())
                 stop.wait(due - time.monotonic())
-                keys.feed(terminal.keys(), time.monotonic())
+                sent = terminal.keys()
+                keys.feed(sent, time.monotonic())
+                answers.feed(sent)
+                screen.graphics = answers.graphics(terminal.cell)
                 if step.info.game_over:
                     scores.append(step.info.game_score)
                 if stop.is_set() or keys.wants_out or 0 < self.games <= len(scores):
@@ -91,6 +100,9 @@ class WatchScreen:
         self._env = env
         self._name = name
         self._title = f"{config.game.replace('_', ' ')} ({config.env})"
+        self.graphics: Graphics | None = None
+        """How to draw pictures; None for half blocks."""
+        self._drawn: Graphics | None = None
         self._blocks = HalfBlocks()
 
     def draw(
@@ -108,14 +120,24 @@ class WatchScreen:
             scores: of the games that ended.
         """
         columns, rows = size
+        if self.graphics != self._drawn:
+            self._drawn, self._blocks = self.graphics, HalfBlocks()
         side = columns // 3
-        left = _fitting(columns - side - 1, 2 * (rows - 1))
-        right = _fitting(side, rows)
         canvas = np.zeros((2 * (rows - 1), columns, 3), np.uint8)
-        canvas[: left[1], : left[0]] = self._seen(left)
-        canvas[: right[1], columns - right[0] :] = self._hands(right, step)
-        text = self._blocks.draw(canvas, columns, rows - 1)
-        free = rows - 1 - (right[1] + 1) // 2
+        if self.graphics is None:
+            left = _fitting(columns - side - 1, 2 * (rows - 1))
+            right = _fitting(side, rows)
+            canvas[: left[1], : left[0]] = self._seen(left)
+            canvas[: right[1], columns - right[0] :] = self._hands(right, step)
+            text = self._blocks.draw(canvas, columns, rows - 1)
+            free = rows - 1 - (right[1] + 1) // 2
+        else:
+            left = _fitting(*self.graphics.size(columns - side - 1, rows - 1))
+            right = _fitting(*self.graphics.size(side, rows // 2))
+            text = self._blocks.draw(canvas, columns, rows - 1)
+            text += self.graphics.draw(self._seen(left), 1, 1, 1)
+            text += self.graphics.draw(self._hands(right, step), columns - side + 1, 1, 2)
+            free = rows - 1 - math.ceil(right[1] / self.graphics.cell[1])
         lines = self._lines(step, values, scores, side, free)
         for number, line in enumerate(lines[:free], rows - free):
             text += f"\x1b[{number};{columns - side + 1}H{_PLAIN}{line}{_PLAIN}\x1b[K"
@@ -140,16 +162,19 @@ class WatchScreen:
         left, top = corner.astype(int)
         part = env.seen[top : top + round(high), left : left + round(high * width / height)]
         picture = _scaled(part, size)
+        # Sixels have 256 colours, none of them for a thin line.
+        thickness = 1 if self.graphics is None else 3
         for corners, colour in ((border, overlay.YELLOW), (found, overlay.MAGENTA)):
             place = np.asarray(corners - (left, top), np.float32)
-            overlay.outline(picture, place, size[0] / part.shape[1], colour, thickness=1)
+            overlay.outline(picture, place, size[0] / part.shape[1], colour, thickness)
         return picture
 
     def _hands(self, size: tuple[int, int], step: Step) -> NDArray[np.uint8]:
         """The hands at the controller; of an emulator alone the network's input."""
         env = self._env
         if isinstance(env, RobotEnv):
-            return _scaled(env.robot.view(env.emulator.screen_rgb(), *_HANDS, "hands"), size)
+            view = env.robot.view(env.emulator.screen_rgb(), *max(size, _HANDS), "hands")
+            return _scaled(view, size)
         return _scaled(cv2.cvtColor(step.s_t[-1], cv2.COLOR_GRAY2RGB), size)
 
     def _lines(
@@ -186,8 +211,8 @@ class WatchScreen:
 
 
 def _fitting(columns: int, pixel_rows: int) -> tuple[int, int]:
-    """Returns width and height of the largest picture there, in half blocks."""
-    width = min(columns, round(pixel_rows * _ASPECT))
+    """Returns width and height of the largest picture there, in half blocks or pixels."""
+    width = min(columns, round(pixel_rows * _ASPECT), _WIDEST)
     return width, round(width / _ASPECT)
 
 

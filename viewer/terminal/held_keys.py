@@ -27,18 +27,20 @@ _OPPOSITE = {
     Keys.RIGHT: Keys.LEFT,
 }
 # An arrow key, with modifiers or without, in the cursor keys' two modes, and what became of it; the
-# answer whether arrow keys that are let go are told of; any other sequence; or a single character.
+# answer whether arrow keys that are let go are told of; any other sequence or answer; or a single
+# character.
 _TOKEN = re.compile(
     rb"\x1b[\[O][0-9;]*(?P<event>:[0-9])?(?P<arrow>[ABCD])"
     rb"|\x1b\[\?(?P<flags>[0-9]+)u"
     rb"|\x1b[\[O][?0-9;:]*[@-~]"
+    rb"|\x1b_[^\x1b]*\x1b\\"
     rb"|[\x00-\xff]",
     re.DOTALL,
 )
 _REPEATED, _LET_GO = b":2", b":3"
 _TELLS = 2
 _ESCAPE = b"\x1b"
-_UNFINISHED = re.compile(rb"\x1b([\[O][?0-9;:]*)?\Z")
+_UNFINISHED = re.compile(rb"\x1b([\[O][?0-9;:]*|_[^\x1b]*\x1b?)?\Z")
 
 
 class HeldKeys:

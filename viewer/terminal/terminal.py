@@ -1,7 +1,9 @@
 """The terminal as a screen and a keyboard, given back as it was however the block is left."""
 
+import fcntl
 import os
 import select
+import struct
 import sys
 import termios
 from typing import Any, Self
@@ -22,6 +24,16 @@ def size_of(descriptor: int) -> tuple[int, int]:
         columns, rows = 0, 0
     # A terminal that does not know its size says 0.
     return (columns, rows) if columns and rows else (80, 24)
+
+
+def cell_of(descriptor: int) -> tuple[int, int] | None:
+    """Width and height of a character's cell, pixels; None where the terminal does not tell."""
+    try:
+        told = fcntl.ioctl(descriptor, termios.TIOCGWINSZ, bytes(8))
+    except OSError:
+        return None
+    rows, columns, width, height = struct.unpack("HHHH", told)
+    return (width // columns, height // rows) if rows and columns and width and height else None
 
 
 def write_all(descriptor: int, text: str) -> None:
@@ -76,6 +88,11 @@ class Terminal:
     def size(self) -> tuple[int, int]:
         """Columns and rows."""
         return size_of(self._out)
+
+    @property
+    def cell(self) -> tuple[int, int] | None:
+        """Width and height of a character's cell, pixels, if it tells."""
+        return cell_of(self._out)
 
     def write(self, text: str) -> None:
         """Write all of ``text``, however slowly it is taken."""

@@ -17,6 +17,7 @@ from viewer.terminal.held_keys import HOLD, LONGEST_HOLD, HeldKeys
         (b"\x1b[A\x1b[C ", Keys.UP | Keys.RIGHT | Keys.FIRE),
         (b"\x1b[A\x1b[B", Keys.DOWN),
         (b"x\x1b[5~\x1b[H\xff", Keys.NONE),
+        (b"\x1b_Gi=31;quite so \x1b\\ ", Keys.FIRE),
     ],
 )
 def test_what_is_sent_is_held_for_a_while(sent: bytes, keys: Keys) -> None:
@@ -39,6 +40,14 @@ def test_a_sequence_may_come_in_parts() -> None:
     for part in (b"\x1b", b"[", b"1;", b"2A"):
         held.feed(part, 0.0)
     assert held.held(0.0) == Keys.UP
+    assert not held.wants_out
+
+
+def test_an_answer_about_graphics_in_parts_is_no_key() -> None:
+    held = HeldKeys()
+    for part in (b"\x1b", b"_Gi=31;q", b"uit\x1b", b"\\"):
+        held.feed(part, 0.0)
+    assert held.held(0.0) == Keys.NONE
     assert not held.wants_out
 
 
