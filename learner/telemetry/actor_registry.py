@@ -43,6 +43,8 @@ class _Process:
     """Its chunks that the replay has stored."""
     heard: float = field(default_factory=lambda: time.monotonic())
     """Monotonic seconds at which a heartbeat, a chunk or a checkpoint last told of it."""
+    born: float = field(default_factory=lambda: time.monotonic())
+    """Monotonic seconds at which it was first told of."""
     known: int = 0
     """Accepted chunks that are so old that its counters must include them."""
     marked: tuple[float, int] = (-math.inf, 0)
@@ -92,6 +94,8 @@ class _Name:
     """Its liveliness token is there; None if there never was one."""
     heard: float = -math.inf
     """Monotonic seconds at which its token or a heartbeat last told of it."""
+    shared: bool = False
+    """Two processes go by it at once."""
     lost: float | None = None
     """Monotonic seconds at which its token went, until it is noted how it left."""
 
@@ -263,8 +267,20 @@ class ActorRegistry:
         with self._lock:
             known = self._known(stats.role, stats.name)
             if known is not None and stats.incarnation not in self._folded:
-                self._processes.setdefault(stats.incarnation, _Process(stats)).hear(stats, now)
+                process = self._processes.setdefault(stats.incarnation, _Process(stats))
+                if not (known.shared or stats.leaving) and self._shares(process, known.newest, now):
+                    known.shared = True
+                    self._notes.append(
+                        f"two processes are called {stats.name}, and take each other's work: give "
+                        "each a --name of its own"
+                    )
+                process.hear(stats, now)
                 known.newest, known.heard = stats.incarnation, now
+
+    def _shares(self, process: _Process, heard_last: int, now: float) -> bool:
+        """Whether a process speaks that another one of its name has not followed, but joined."""
+        other = self._processes.get(heard_last, process)
+        return process.born < other.born < now - _LONGEST_DELAY
 
     def _known(self, role: str, name: str) -> _Name | None:
         """Returns what is known of a name; None for one that is not valid, or one too many."""

@@ -388,3 +388,16 @@ def test_only_names_are_known_and_only_so_many(told: Told, monkeypatch: pytest.M
     assert [actor.stats.name for actor in told.registry.actors()] == []
     told.registry._on_presence(KEYS.live("actor", "good"), True)
     assert [actor.stats.name for actor in told.registry.actors()] == ["good"]
+
+
+def test_two_processes_of_one_name_are_told_once(told: Told) -> None:
+    told.say(incarnation=7)
+    told.say(1.0, incarnation=8)
+    told.say(1.0, incarnation=7)  # was on its way
+    told.say(10.0, incarnation=8)
+    told.say(1.0, incarnation=7, leaving=True)
+    assert told.registry.take_notes() == []
+    for incarnation in (8, 7, 8, 7):
+        told.say(1.0, incarnation=incarnation)
+    notes = told.registry.take_notes()
+    assert [note.partition(",")[0] for note in notes] == ["two processes are called a1"]
