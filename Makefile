@@ -10,7 +10,7 @@ ACTORS ?= 1
 ARGS ?=
 RESULTS := benchmarks/results
 
-.PHONY: browser help setup train test test-slow test-lowest check bench figures docs wheel lock clean
+.PHONY: browser help setup train test test-slow test-lowest check bench figures screens docs wheel lock clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ —/'
@@ -81,6 +81,9 @@ figures: setup  ## draw the figures of docs/ from the results
 	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale.json robot.json robot_whole.json) \
 		-o docs/race.png
 	$(PLOT) --figure scaling $(RESULTS)/scaling.json -o docs/scaling.png
+
+screens: setup  ## draw docs/screen.png and docs/web.png from a run of some minutes; it needs `make browser`
+	$(BIN)/python -m benchmarks.figures.screens
 
 docs: setup  ## build the documentation's site in build/site, and check its links
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
