@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.terminal_theme import SVG_EXPORT_THEME
 from rich.text import Text
 
 from benchmarks.child import free_endpoint, scratch
@@ -42,10 +43,11 @@ _RUN = (
 _ERASED = re.compile(r"\r?\x1b\[2K(?:\x1b\[1A\x1b\[2K)+")
 """What Rich's live display writes before it draws anew."""
 _PAGE = """<style>
-  body {{ margin: 0; background: #282828; }}
+  body {{ margin: 0; }}
   pre {{ margin: 0; width: max-content; font: 15px/18px "DejaVu Sans Mono", monospace;
-        color: #d0d0d0; background: #282828; }}
+        letter-spacing: calc(9px - 1ch); color: {foreground}; background: {background}; }}
 </style><pre>{code}</pre>"""
+"""Cells of whole pixels: between blocks of others there are seams."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ def _draw_terminal(browser: Any, screen: str, path: Path) -> None:
     with open(os.devnull, "w") as nowhere:
         console = Console(record=True, width=COLUMNS, file=nowhere, force_terminal=True)
         console.print(Text.from_ansi(screen), no_wrap=True, crop=True)
-        html = console.export_html(code_format=_PAGE, inline_styles=True)
+        html = console.export_html(theme=SVG_EXPORT_THEME, code_format=_PAGE, inline_styles=True)
     page = browser.new_page(viewport={"width": 2_000, "height": 1_000})
     page.set_content(html)
     page.locator("pre").screenshot(path=path)
