@@ -17,9 +17,10 @@ from actors.loop import play
 from common.checked import Amount, Fraction
 from common.errors import InputError
 from common.process.command_line import WeightsFile
+from common.run.config import RunConfig
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
-from common.run.origin import find_weights
+from common.run.origin import shown_weights
 from viewer import overlay
 from viewer.movie import filming, open_movie
 from viewer.panels import Panels
@@ -50,7 +51,7 @@ class Film(Played):
     folder: tyro.conf.Positional[File] = None
     """Folder of a run, such as runs/NAME."""
     weights: WeightsFile | None = None
-    """Network that plays, where no run is given; robot_pong by default."""
+    """Network that plays, where no run is given; by default the published one of --env."""
     epsilon: Fraction = 0.001
     """Share of random actions of the network's play."""
     seconds: Amount = 0.0
@@ -72,7 +73,7 @@ class Film(Played):
             return
         Play(
             *(self.env, self.game, self.robot, self.seed, self.minimal_actions),
-            weights=self.weights or find_weights("robot_pong"),
+            weights=self.weights or shown_weights(self.env or RunConfig.env),
             epsilon=self.epsilon,
             seconds=self.seconds,
             video=self.video or Path("film.mp4"),

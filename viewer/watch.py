@@ -22,7 +22,7 @@ from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
 from common.process.command_line import WeightsFile
 from common.run.config import RunConfig
-from common.run.origin import find_weights
+from common.run.origin import shown_weights
 from viewer import overlay
 from viewer.human import keys_text
 from viewer.player import Played, ShownPolicy, shown_env
@@ -67,7 +67,7 @@ class Watch(Played):
         Raises:
             InputError: there is no terminal, or it is too small; the network cannot be used.
         """
-        weights = self.weights or find_weights(f"{self.env or RunConfig.env}_pong")
+        weights = self.weights or shown_weights(self.env or RunConfig.env)
         config = self.config(weights)
         policy = ShownPolicy.of_file(config, weights, self.epsilon, config.seed)
         keys, scores = HeldKeys(), list[float]()

@@ -17,6 +17,8 @@ from common.run.stored_config import from_mapping, to_json
 
 SHIPPED = Path(__file__).resolve().parents[2] / "ale_robot" / "policies"
 """Folder of the published policies and their cards."""
+SHOWN = {"robot": "robot_pong_sticky", "ale": "ale_pong"}
+"""Published policy that plays where none is named: the best under sticky actions."""
 
 
 def find_weights(name: str | Path) -> Path:
@@ -39,6 +41,15 @@ def find_weights(name: str | Path) -> Path:
             f"{published}."
         )
     return path
+
+
+def shown_weights(env: str) -> Path:
+    """Returns the network that plays in environment ``env`` where none is named.
+
+    Raises:
+        InputError: none is published.
+    """
+    return find_weights(SHOWN.get(env, env))
 
 
 _CONFIG = "config"
