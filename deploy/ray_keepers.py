@@ -62,6 +62,8 @@ class LearnerKeeper:
     ) -> None:
         run = RunFolder(Path(folder).parent, Path(folder).name)
         run.logs.mkdir(parents=True, exist_ok=True)
+        log = run.logs / "learner.log"
+        _await_former(run, log)  # before a port is chosen, which might be taken meanwhile
         node: str = ray.util.get_node_ip_address()  # type: ignore[no-untyped-call, unused-ignore]
         host = f"[{node}]" if ":" in node else node
         address = f"{'tls' if tls else 'tcp'}/{host}:{_free_port(node)}"
@@ -71,8 +73,6 @@ class LearnerKeeper:
             certificates = run.path / "certificates"
             make_certificates(certificates, node)
             secure = ["--certificates", str(certificates)]
-        log = run.logs / "learner.log"
-        _await_former(run, log)
         self._join = (str(run.logs), ("--connect", address, *secure, *actor))
         self._asked = False
         self._child = Child(

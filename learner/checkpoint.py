@@ -100,7 +100,7 @@ class Checkpoint:
         """
         folder = self.path.parent
         needed = _ROOM * self.path.stat().st_size
-        if not os.access(folder, os.W_OK):
+        if os.statvfs(folder).f_flag & os.ST_RDONLY:
             raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(folder))
         if shutil.disk_usage(folder).free < needed:
             needs = f"{os.strerror(errno.ENOSPC)}; it needs {-(-needed // 2**20)} MiB"

@@ -40,6 +40,6 @@ def insist(write: Callable[[], T], say: Callable[[str], None], stop: threading.E
             told = True
         stop.wait(_POLL)
         alive()
-    if told:
+    if told and not stopped:
         say("The disk can be written again: training continues.")
     return found

@@ -130,6 +130,8 @@ def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
     hub = options.connect
     if hub is None:
         return open_hub(options.listen, options.certificates)
+    if options.listen != DEFAULT_ENDPOINT:
+        raise InputError("a replay listens, or joins another hub: give --listen or --connect.")
     if options.certificates is not None or not hub.startswith("tcp/"):
         raise InputError(
             "a hub with certificates serves no replay but its own: use --listen with an address "

@@ -69,9 +69,9 @@ class Columns:
 
     def _check(self, sizes: dict[str, int]) -> None:
         for name, size in sizes.items():
-            path = self._path(name)
             if name == "priorities":
                 continue  # a cache of what the learner thinks, not data: a ring does without them
+            path = self._path(name)
             if not path.is_file() or path.stat().st_size != size:
                 raise damaged(path, f"or missing, for it should have {size:,} bytes")
 

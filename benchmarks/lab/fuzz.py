@@ -37,7 +37,10 @@ def measure(options: Options) -> Report:
     about = {"title": "changed messages", "messages": options.messages, "seed": options.seed}
     found = resumed(options.json, about, "fuzzing with these flags")
     rows: list[dict[str, Any]] = found.setdefault("rows", [])
-    for kind in options.kinds or _kinds():
+    known = _kinds()
+    if unknown := sorted({*options.kinds} - {*known}):
+        raise InputError(f"there is no kind {unknown[0]}: choose of {', '.join(known)}.")
+    for kind in options.kinds or known:
         if kind in {row["kind"] for row in rows}:
             continue
         rows.append(_fuzz(kind, options.messages, options.seed))

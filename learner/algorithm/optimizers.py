@@ -80,9 +80,11 @@ def build_optimizer(
         eps=config.optimizer_epsilon,
         fused=True,  # the same arithmetic in one pass over memory
     )
+    if adam:
+        return optimizer
     # Adam whose gradients are their own means, and which corrects its second means no more because
     # its first step is long ago, is RMSprop, but with a fused kernel, which takes half the time.
-    for weight in [] if adam else weights:
+    for weight in weights:
         optimizer.state[weight] = {
             "step": torch.tensor(_LONG_AGO, device=weight.device),
             "exp_avg": torch.zeros_like(weight),

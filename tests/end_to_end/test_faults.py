@@ -349,4 +349,6 @@ def test_a_replay_that_finds_no_room_tries_again(
 def test_a_learner_that_waits_for_room_can_be_stopped(stage: Stage, tmp_path: Path) -> None:
     learner = _on_a_full_disk(stage, tmp_path / "free")
     learner.send(signal.SIGINT)
-    assert "go on with" in learner.ends()
+    said = learner.ends()
+    assert "go on with" in said
+    assert "can be written again" not in said, "nobody made room"

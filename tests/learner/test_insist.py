@@ -51,6 +51,22 @@ def test_a_stop_ends_the_wait() -> None:
     assert (disk.tries, len(said)) == (4, 1)
 
 
+def test_who_gives_up_when_stopped_has_written_nothing() -> None:
+    said: list[str] = []
+    stop = threading.Event()
+    disk = Disk(2, errno.ENOSPC)
+
+    def write() -> str | None:
+        return None if stop.is_set() else disk.write()
+
+    def say(text: str) -> None:
+        said.append(text)
+        stop.set()
+
+    assert insist(write, say, stop) is None
+    assert len(said) == 1, "nobody made room"
+
+
 def test_what_will_not_pass_is_not_waited_for() -> None:
     disk = Disk(float("inf"), errno.EACCES)
     with pytest.raises(PermissionError):

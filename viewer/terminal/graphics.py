@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _KITTY_QUERY = 31
+"""Number by which the terminal repeats which picture it was asked about."""
 QUESTIONS = (
     f"\x1b_Gi={_KITTY_QUERY},s=1,v=1,a=q,t=d,f=24;AAAA\x1b\\"  # are there graphics as kitty's?
     "\x1b[16t"  # how large is a cell? xterm does not say, but its driver does
@@ -25,7 +26,7 @@ QUESTIONS = (
 )
 """What to write to a terminal, so that it answers what it can show."""
 _ANSWERS = {
-    "kitty": re.compile(rb"\x1b_Gi=31;OK\x1b\\"),
+    "kitty": re.compile(rb"\x1b_Gi=%d;OK\x1b\\" % _KITTY_QUERY),
     "cell": re.compile(rb"\x1b\[6;(\d{1,3});(\d{1,3})t"),
     "colours": re.compile(rb"\x1b\[\?1;0;(\d{1,9})S"),
     "attributes": re.compile(rb"\x1b\[\?([\d;]{1,99})c"),
@@ -35,7 +36,8 @@ _SIXEL = b"4"
 _SIXEL_HEIGHT = 6
 _COLOURS = 256
 """Those of a picture: a terminal with fewer would show others."""
-_MOST_KEPT = 1_024
+_LONGEST = 256
+"""Bytes of an answer, of which the first may have come before the others."""
 _LEAST_CELL = 4
 """Pixels: a smaller one is none."""
 _CHUNK = 4_096
@@ -97,11 +99,14 @@ class GraphicsAnswers:
     """What a terminal answered to `QUESTIONS`; it may come in parts, and among keys."""
 
     def __init__(self) -> None:
-        self._told = b""
+        self._found: dict[str, re.Match[bytes]] = {}
+        self._last = b""
 
     def feed(self, sent: bytes) -> None:
         """Take what the terminal sent."""
-        self._told = (self._told + sent)[-_MOST_KEPT:]
+        told = self._last + sent
+        self._found |= {name: match for name, it in _ANSWERS.items() if (match := it.search(told))}
+        self._last = told[-_LONGEST:]
 
     def graphics(self, cell: tuple[int, int] | None) -> Graphics | None:
         """Returns how it shows pictures; None for as long as that is not known.
@@ -109,7 +114,7 @@ class GraphicsAnswers:
         Args:
             cell: width and height of a character's cell, pixels, if its driver tells.
         """
-        found = {name: match for name, it in _ANSWERS.items() if (match := it.search(self._told))}
+        found = self._found
         if cell is None and "cell" in found:
             high, wide = map(int, found["cell"].groups())
             cell = (wide, high)

@@ -33,14 +33,14 @@ _TOKEN = re.compile(
     rb"\x1b[\[O][0-9;]*(?P<event>:[0-9])?(?P<arrow>[ABCD])"
     rb"|\x1b\[\?(?P<flags>[0-9]+)u"
     rb"|\x1b[\[O][?0-9;:]*[@-~]"
-    rb"|\x1b_[^\x1b]*\x1b\\"
+    rb"|\x1b_G[^\x1b]{0,99}\x1b\\"
     rb"|[\x00-\xff]",
     re.DOTALL,
 )
 _REPEATED, _LET_GO = b":2", b":3"
 _TELLS = 2
 _ESCAPE = b"\x1b"
-_UNFINISHED = re.compile(rb"\x1b([\[O][?0-9;:]*|_[^\x1b]*\x1b?)?\Z")
+_UNFINISHED = re.compile(rb"\x1b([\[O][?0-9;:]*|_G[^\x1b]{0,99}\x1b?)?\Z")
 
 
 class HeldKeys:

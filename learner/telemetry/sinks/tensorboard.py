@@ -69,9 +69,8 @@ class TensorBoardSink(CurvesSink):
         """Open a file; TensorBoard forgets the points after ``resumed_at``."""
         self._file = EventFile(self._folder)
         if resumed_at is None:
-            settings = {name: each for name, each in self._settings.items() if each is not None}
             # TensorBoard's page "HParams" takes a run's settings from it.
-            self._add([*hparams_pb(settings).value, _layout()], 0)
+            self._add([*hparams_pb(self._settings).value, _layout()], 0)
         else:
             restart = SessionLog(status=SessionLog.START)
             event = Event(wall_time=time.time(), step=resumed_at + 1, session_log=restart)

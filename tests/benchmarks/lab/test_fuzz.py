@@ -33,7 +33,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def run(command: Sequence[str], **_: Any) -> subprocess.CompletedProcess[str]:
         kind = next(iter(command[3:]), "")
         if not kind:
-            return subprocess.CompletedProcess(command, 0, "ack\nstats\n", "")
+            return subprocess.CompletedProcess(command, 0, "ack\nstats\nharmed\n", "")
         found.append(kind)
         harmed = kind == "harmed"
         return subprocess.CompletedProcess(command, 77 * harmed, "", "crash-1" if harmed else _SAID)
@@ -56,7 +56,7 @@ def test_all_kinds_are_told_and_none_is_fuzzed_again(asked: list[str], tmp_path:
             "memory MiB": 307,
         }
     ]
-    report = fuzz.measure(fuzz.Options(messages=10_000, json=file))
+    report = fuzz.measure(fuzz.Options(messages=10_000, kinds=("ack", "stats"), json=file))
     assert [row["kind"] for row in report.tables[0].rows] == ["stats", "ack"]
     assert asked == ["stats", "ack"]
 
@@ -65,3 +65,9 @@ def test_harm_is_told_with_the_fuzzers_last_words(asked: list[str]) -> None:
     with pytest.raises(InputError, match=r"harmed .* did harm: crash-1"):
         fuzz.measure(fuzz.Options(kinds=("harmed",)))
     assert asked == ["harmed"]
+
+
+def test_an_unknown_kind_is_refused(asked: list[str]) -> None:
+    with pytest.raises(InputError, match="no kind nothing: choose of ack, stats"):
+        fuzz.measure(fuzz.Options(kinds=("nothing",)))
+    assert asked == []

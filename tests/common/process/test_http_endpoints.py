@@ -75,6 +75,12 @@ def test_the_name_that_it_listens_at_is_its_own() -> None:
     assert not may_be_asked_as([], "0.0.0.0")
 
 
+def test_beyond_loopback_any_name_will_do() -> None:
+    port = free_endpoint().rpartition(":")[2]
+    with http_endpoints(f"0.0.0.0:{port}", lambda: PAGES):
+        assert get(f"127.0.0.1:{port}", "/healthz", Host="learner.cluster.example")[0] == 200
+
+
 def test_those_who_connect_and_say_nothing_are_bounded(address: str) -> None:
     before = threading.active_count()
     silent = [socket.create_connection(check_address(address), PATIENCE) for _ in range(20)]

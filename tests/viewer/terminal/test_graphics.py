@@ -112,6 +112,13 @@ def test_what_a_terminal_answers(
     assert found == (None if kind is None else Graphics(kind, CELL))  # type: ignore[arg-type]
 
 
+def test_keys_held_down_do_not_make_it_forget() -> None:
+    answers = GraphicsAnswers()
+    answers.feed(KITTY_ANSWERED)
+    answers.feed(400 * b"\x1b[1;1:2A")
+    assert answers.graphics(CELL) == Graphics("kitty", CELL)
+
+
 def test_who_watches_sees_pixels_once_the_terminal_has_answered() -> None:
     person = Person("watch", "--env", "ale")
     person.sees(r"\x1b\[c")
