@@ -76,12 +76,13 @@ class Cluster:
         """Whether the run has reached its goal, and its learner ended."""
         self.steps_back = 0
         """How often weights came that were older than those before."""
-        everyone = (HUB, LEARNER, *self.actors)
+        self.clients = (LEARNER, *self.actors)
+        self.everyone = (HUB, *self.clients)
         self._roles: dict[str, Role] = {
-            name: _ROLES.get(name, "actor") for name in (*everyone, _AUDITOR)
+            name: _ROLES.get(name, "actor") for name in (*self.everyone, _AUDITOR)
         }
         self.clocks = Clocks(folder)
-        self.clocked = everyone if start is None else (HUB,)
+        self.clocked = self.everyone if start is None else (HUB,)
         """Processes whose clocks can be moved."""
         self.certificates = Certificates(folder / "certificates", self._roles)
         self.no_certificates = "the run is a plain one" if plain else self.certificates.missing
@@ -98,7 +99,7 @@ class Cluster:
         with ExitStack() as stack:
             stack.enter_context(self.disk)
             stack.callback(self._kill_all)
-            for name in (LEARNER, *self.actors):
+            for name in self.clients:
                 self.links[name] = stack.enter_context(Link(self.endpoint))
             self.start(HUB)
             self.transport = stack.enter_context(
@@ -110,7 +111,7 @@ class Cluster:
             keys, self.config = find_run(self.transport, RUN, _START, lambda: False)
             self.transport.subscribe(keys.weights, self._hear_weights)
             self._run_id = keys.run_id
-            for name in (LEARNER, *self.actors):
+            for name in self.clients:
                 self.start(name)
             self._stack = stack.pop_all()
         return self

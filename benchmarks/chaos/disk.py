@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
@@ -38,8 +39,8 @@ class Disk:
             self.folder.rmdir()
             kept.rename(self.folder)
 
-    def fill(self) -> None:
-        """Take all the room that is left."""
+    def fill(self) -> Callable[[], None]:
+        """Take all the room that is left; returns what gives it back."""
         size, more = 0, 2**30
         with self._ballast.open("wb") as file:
             while more >= _LEAST:
@@ -48,20 +49,15 @@ class Disk:
                     size += more
                 except OSError:
                     more //= 2
+        return self._ballast.unlink
 
-    def empty(self) -> None:
-        """Give the room back."""
-        self._ballast.unlink()
-
-    def forbid(self) -> None:
-        """Let nothing be made, changed or removed by its name; files that are open stay so."""
+    def forbid(self) -> Callable[[], None]:
+        """Let nothing be made, changed or removed by its name; files that are open stay so.
+        Returns what allows it again."""
         place = str(self.folder)
         if why := _mount("--bind", place, place) or _mount("-o", "remount,bind,ro", place):
             raise OSError(why)
-
-    def allow(self) -> None:
-        """Take back `forbid`."""
-        self._unmount()
+        return self._unmount
 
     def _unmount(self) -> None:
         subprocess.run(["umount", "--lazy", self.folder], check=True)

@@ -3,6 +3,7 @@
 import random
 from collections.abc import Callable
 from contextlib import suppress
+from operator import attrgetter
 from typing import NamedTuple
 
 from benchmarks.chaos.cluster import HUB, LEARNER, Cluster
@@ -34,44 +35,15 @@ class Fault(NamedTuple):
     """Why it cannot strike on this machine, if it cannot."""
 
 
-def _kill(cluster: Cluster, name: str, _: random.Random) -> None:
-    cluster.kill(name)
-
-
-def _pause(cluster: Cluster, name: str, _: random.Random) -> End:
-    return cluster.pause(name)
-
-
-def _rejoin(cluster: Cluster, name: str, _: random.Random) -> None:
-    cluster.rejoin(name)
-
-
-def _double(cluster: Cluster, name: str, _: random.Random) -> End:
-    return cluster.double(name).end
-
-
-def _cut(cluster: Cluster, name: str, _: random.Random) -> End:
-    cluster.links[name].cut()
-    return cluster.links[name].mend
-
-
 def _half_open(cluster: Cluster, name: str, _: random.Random) -> End:
     link = cluster.links[name]
-    link.cut()
+    mend = link.cut()
 
     def end() -> None:
         link.reset()
-        link.mend()
+        mend()
 
     return end
-
-
-def _forget(cluster: Cluster, name: str, _: random.Random) -> None:
-    cluster.links[name].forget()
-
-
-def _reset(cluster: Cluster, name: str, _: random.Random) -> None:
-    cluster.links[name].reset()
 
 
 def _delay(cluster: Cluster, name: str, draw: random.Random) -> End:
@@ -93,16 +65,6 @@ def _junk(cluster: Cluster, name: str, draw: random.Random) -> None:
             requester.request(draw.randbytes(draw.randrange(1, 5_000))).result()
             raise AssertionError("junk was stored")
     requester.close()
-
-
-def _fill(cluster: Cluster, _: str, __: random.Random) -> End:
-    cluster.disk.fill()
-    return cluster.disk.empty
-
-
-def _forbid(cluster: Cluster, _: str, __: random.Random) -> End:
-    cluster.disk.forbid()
-    return cluster.disk.allow
 
 
 def _jump(cluster: Cluster, name: str, draw: random.Random) -> End:
@@ -146,20 +108,7 @@ def _old(cluster: Cluster, name: str, __: random.Random) -> None:
         raise AssertionError(f"a former version ended with {process.returncode}, and said: {said}")
 
 
-def _everyone(cluster: Cluster) -> tuple[str, ...]:
-    return (HUB, LEARNER, *cluster.actors)
-
-
-def _clients(cluster: Cluster) -> tuple[str, ...]:
-    return (LEARNER, *cluster.actors)
-
-
-def _actors(cluster: Cluster) -> tuple[str, ...]:
-    return cluster.actors
-
-
-def _clocked(cluster: Cluster) -> tuple[str, ...]:
-    return cluster.clocked
+_everyone, _clients, _actors = attrgetter("everyone"), attrgetter("clients"), attrgetter("actors")
 
 
 def _the_disk(_: Cluster) -> tuple[str, ...]:
@@ -167,26 +116,34 @@ def _the_disk(_: Cluster) -> tuple[str, ...]:
 
 
 FAULTS = {
-    "kill -9": Fault(_kill, _everyone),
-    "pause (SIGSTOP)": Fault(_pause, _everyone, (1.0, 12.0)),
-    "leave and join": Fault(_rejoin, _actors),
-    "same name twice": Fault(_double, _actors, (1.0, 4.0)),
-    "network away, what was sent arrives later": Fault(_cut, _clients, (1.0, 12.0)),
+    "kill -9": Fault(lambda run, name, _: run.kill(name), _everyone),
+    "pause (SIGSTOP)": Fault(lambda run, name, _: run.pause(name), _everyone, (1.0, 12.0)),
+    "leave and join": Fault(lambda run, name, _: run.rejoin(name), _actors),
+    "same name twice": Fault(lambda run, name, _: run.double(name).end, _actors, (1.0, 4.0)),
+    "network away, what was sent arrives later": Fault(
+        lambda run, name, _: run.links[name].cut(), _clients, (1.0, 12.0)
+    ),
     "half-open connection": Fault(_half_open, _clients, (1.0, 12.0)),
-    "router restart, connection forgotten": Fault(_forget, _clients),
-    "connection reset": Fault(_reset, _clients),
+    "router restart, connection forgotten": Fault(
+        lambda run, name, _: run.links[name].forget(), _clients
+    ),
+    "connection reset": Fault(lambda run, name, _: run.links[name].reset(), _clients),
     "slow network, 20 to 300 ms": Fault(_delay, _clients, (2.0, 6.0)),
     # Zenoh's own messages have no checksum: some wrong bits in them make it panic. TLS has one.
     "one wrong bit in each piece": Fault(_flip, _clients, (1.0, 3.0), may_end=True),
     "junk in an actor's name": Fault(_junk, _actors),
-    "disk full": Fault(_fill, _the_disk, (1.0, 6.0), missing=lambda c: c.disk.missing),
-    "disk read-only": Fault(_forbid, _the_disk, (1.0, 6.0), missing=lambda c: c.disk.missing),
+    "disk full": Fault(
+        lambda run, *_: run.disk.fill(), _the_disk, (1.0, 6.0), missing=attrgetter("disk.missing")
+    ),
+    "disk read-only": Fault(
+        lambda run, *_: run.disk.forbid(), _the_disk, (1.0, 6.0), missing=attrgetter("disk.missing")
+    ),
     "clock a minute to a month off": Fault(
-        _jump, _clocked, (1.0, 6.0), missing=lambda c: c.clocks.missing
+        _jump, attrgetter("clocked"), (1.0, 6.0), missing=attrgetter("clocks.missing")
     ),
     "certificate expired": Fault(
-        _expire, _everyone, (1.0, 6.0), missing=lambda c: c.no_certificates
+        _expire, _everyone, (1.0, 6.0), missing=attrgetter("no_certificates")
     ),
-    "old version of the program": Fault(_old, _actors, missing=lambda c: c.old_version.missing),
+    "old version of the program": Fault(_old, _actors, missing=attrgetter("old_version.missing")),
 }
 """By what people call them."""

@@ -50,9 +50,10 @@ class Link:
         self._listener.close()
         self.reset()
 
-    def cut(self) -> None:
-        """Nothing arrives any more."""
+    def cut(self) -> Callable[[], None]:
+        """Nothing arrives any more; returns what mends it."""
         self._whole.clear()
+        return self.mend
 
     def forget(self) -> None:
         """What is connected stays so for ever, and nothing arrives; who connects anew is served.

@@ -18,15 +18,15 @@ def test_a_disk_is_full_and_read_only_for_a_while_and_its_files_stay(tmp_path: P
         if disk.missing is not None:
             pytest.skip(disk.missing)
         (disk.folder / "file").write_bytes(b"before")
-        disk.fill()
+        give_back = disk.fill()
         with pytest.raises(OSError, match="No space left"):
             (disk.folder / "more").write_bytes(bytes(4096))
-        disk.empty()
+        give_back()
         (disk.folder / "more").write_bytes(bytes(4096))
-        disk.forbid()
+        allow = disk.forbid()
         with pytest.raises(OSError, match="Read-only"):
             (disk.folder / "more").write_bytes(b"")
-        disk.allow()
+        allow()
         (disk.folder / "more").unlink()
     assert [path.name for path in disk.folder.iterdir()] == ["file"]
     assert not disk.folder.is_mount()
