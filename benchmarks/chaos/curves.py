@@ -22,11 +22,12 @@ from benchmarks.chaos.cluster import Cluster
 from benchmarks.chaos.faults import PATIENCE
 from benchmarks.chaos.storm import Storm
 from benchmarks.child import scratch
+from benchmarks.lab.policy import scores_of
 from benchmarks.report import BenchmarkOptions, Report, Seconds, main, resumed, write
 from common.checked import FromOne
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
-from common.run.epochs import EpochRow, EpochTable
+from common.run.epochs import EpochTable
 
 _LAST = 3
 """Epochs at the end of a curve that are what was learned."""
@@ -128,16 +129,8 @@ def _run(options: Options, seed: int, *, faults: bool) -> tuple[list[float], int
         cluster.conclude()
         if storm.unforeseen:
             raise InputError(f"a process ended: {'; '.join(storm.unforeseen)}.")
-        return scores_of(EpochTable(cluster.run.epochs).rows()), len(storm.struck)
-
-
-def scores_of(rows: Sequence[EpochRow]) -> list[float]:
-    """Returns the mean scores of the epochs of training in which a game ended."""
-    return [
-        row.average_reward
-        for row in rows
-        if row.phase == "train" and row.average_reward is not None
-    ]
+        scores = scores_of(EpochTable(cluster.run.epochs).rows())
+        return [mean for _, mean in scores], len(storm.struck)
 
 
 @contextmanager

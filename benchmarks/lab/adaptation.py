@@ -15,7 +15,7 @@ from typing import Any
 
 import tyro
 
-from benchmarks.lab.policy import EPSILON, evaluate, train
+from benchmarks.lab.policy import EPSILON, evaluate, first_at, scores_of, train
 from benchmarks.report import BenchmarkOptions, Report, Table, main
 from common.checked import Fraction, FromOne
 from common.errors import InputError
@@ -81,7 +81,7 @@ def measure(options: Options) -> Report:
     initial = [] if folder.checkpoint.exists() else ["--initial", str(options.network)]
     train(folder, options.steps, [*flags, *shlex.split(options.learner), *initial])
     after = evaluate(folder.checkpoint, options.games, options.epsilon)
-    curve = [row for row in EpochTable(folder.epochs).rows() if row.phase == "train"]
+    curve = scores_of(EpochTable(folder.epochs).rows())
     return _report(options, flags, {"own": own, "before": before, "after": after}, curve)
 
 
@@ -125,11 +125,12 @@ def _as_flags(settings: Mapping[str, Any]) -> list[str]:
 
 
 def _report(
-    options: Options, flags: Sequence[str], games: dict[str, Any], curve: Sequence[EpochRow]
+    options: Options,
+    flags: Sequence[str],
+    games: dict[str, Any],
+    curve: Sequence[tuple[EpochRow, float]],
 ) -> Report:
-    goal = games["own"]["mean"] - _NEAR
-    told = [row for row in curve if row.average_reward is not None]
-    reached = next((row for row in told if (row.average_reward or 0.0) >= goal), None)
+    reached = first_at(curve, games["own"]["mean"] - _NEAR)
     rows = [
         {
             "world": title,
@@ -145,12 +146,8 @@ def _report(
         )
     ]
     points = [
-        {
-            "steps": row.total_train_steps,
-            "minutes": row.total_time / 60,
-            "score": row.average_reward,
-        }
-        for row in told
+        {"steps": row.total_train_steps, "minutes": row.total_time / 60, "score": mean}
+        for row, mean in curve
     ]
     note = (
         "the training games did not come within two points of its own world"

@@ -9,14 +9,13 @@ command resumes a training that was interrupted.
 
 import json
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import tyro
 
-from benchmarks.lab.policy import train
+from benchmarks.lab.policy import first_at, scores_of, train
 from benchmarks.report import BenchmarkOptions, Report, main
 from common.checked import FromOne
 from common.run.epochs import EpochTable
@@ -79,8 +78,8 @@ def _train(options: Options, seed: int, how: str) -> dict[str, Any]:
     summary = json.loads(folder.summary.read_text())
     recorded = summary["demonstrations"]
     own = summary["config"]["replay"]["learning_starts"] - recorded
-    tests = [row for row in EpochTable(folder.epochs).rows() if row.phase == "test"]
-    there = next((row for row in tests if _at_least(row.average_reward, options.score)), None)
+    tests = scores_of(EpochTable(folder.epochs).rows(), "test")
+    there = first_at(tests, options.score)
     return {
         "runs": how,
         "seed": seed,
@@ -88,7 +87,7 @@ def _train(options: Options, seed: int, how: str) -> dict[str, Any]:
         "own steps": there and there.total_train_steps + own,
         "updates": there and there.weight_updates,
         "minutes": there and there.total_time / 60,
-        "best test": _best([row.average_reward for row in tests]),
+        "best test": max((mean for _, mean in tests), default=None),
     }
 
 
@@ -96,14 +95,6 @@ def _is_done(folder: RunFolder, steps: int) -> bool:
     if not folder.summary.exists():
         return False
     return bool(json.loads(folder.summary.read_text())["agent_steps"] >= steps)
-
-
-def _at_least(score: float | None, least: float) -> bool:
-    return score is not None and score >= least
-
-
-def _best(scores: Sequence[float | None]) -> float | None:
-    return max((score for score in scores if score is not None), default=None)
 
 
 if __name__ == "__main__":

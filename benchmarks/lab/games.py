@@ -8,7 +8,6 @@ the robot has. The same command goes on with what was interrupted or is missing.
 `python -m benchmarks.figures.plot --figure games FILE` draws the curves of training.
 """
 
-import json
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +15,9 @@ from typing import Annotated, Any, NamedTuple
 
 from annotated_types import MinLen
 
-from benchmarks.lab.policy import EPSILON, evaluate, train
+from benchmarks.lab.policy import EPSILON, evaluate, scores_of, summary_of_all, train
 from benchmarks.report import BenchmarkOptions, Report, Table, main, resumed, write
 from common.checked import FromOne
-from common.errors import InputError
 from common.games import check_game
 from common.run.config import PresetName
 from common.run.epochs import EpochTable
@@ -103,22 +101,13 @@ def measure(options: Options) -> Report:
 def _trained(options: Options, game: str, env: str) -> dict[str, Any]:
     folder = options.folder(game, env)
     train(folder, options.steps, options.flags(game, env))
-    summary = json.loads(folder.summary.read_text())
-    if summary["agent_steps"] < options.steps:
-        raise InputError(
-            f"{folder.name} was stopped after {summary['agent_steps']:,} of {options.steps:,} "
-            "agent steps: give the same command again to resume it."
-        )
-    curve = [
-        (row.total_train_steps, row.average_reward)
-        for row in EpochTable(folder.epochs).rows()
-        if row.phase == "train" and row.average_reward is not None
-    ]
+    summary = summary_of_all(folder, options.steps)
+    scores = scores_of(EpochTable(folder.epochs).rows())
     games = EvaluationOptions.games
     played = evaluate(folder.checkpoint, games, EPSILON, ["--headline"], quiet=True)
     return {
         **{name: summary[name] for name in _TOLD},
-        "curve": curve,
+        "curve": [(row.total_train_steps, mean) for row, mean in scores],
         "headline": [
             {name: row[name] for name in ("epsilon", "sticky", "mean", "deviation", "scores")}
             for row in played["rows"]

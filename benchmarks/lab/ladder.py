@@ -27,7 +27,7 @@ from typing import Any, Literal
 import tyro
 
 from benchmarks.child import run_module
-from benchmarks.lab.policy import EPSILON, evaluate, present_names, train
+from benchmarks.lab.policy import EPSILON, evaluate, first_at, present_names, scores_of, train
 from common.errors import InputError, exit_on_input_error
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, write_atomically
@@ -149,14 +149,10 @@ def row_of(
 
 
 def _milestones(epochs: Sequence[EpochRow]) -> dict[str, float | None]:
-    trained = [
-        (row.average_reward, row)
-        for row in epochs
-        if row.phase == "train" and row.average_reward is not None
-    ]
+    scores = scores_of(epochs)
     found: dict[str, float | None] = {}
     for name, score in MILESTONES.items():
-        first = next((row for mean, row in trained if mean >= score), None)
+        first = first_at(scores, score)
         found[f"steps_to_{name}"] = first.total_train_steps if first else None
         found[f"seconds_to_{name}"] = first.total_time if first else None
     return found

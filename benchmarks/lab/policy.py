@@ -1,7 +1,8 @@
 """How the experiments train and evaluate a policy: by `python -m learner`, as anybody would.
 
-`train` makes a run of given flags, or resumes it, and `evaluate` plays whole games. `press_latency`
-and `present_names` are about the flags that both take.
+`train` makes a run of given flags, or resumes it, and `evaluate` plays whole games.
+`summary_of_all` and `scores_of` are what a run's files tell of it; `press_latency` and
+`present_names` are about the flags that both take.
 """
 
 import json
@@ -10,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.child import free_endpoint, run_module, scratch
+from common.errors import InputError
 from common.process.command_line import PRESENT_FLAGS
+from common.run.epochs import EpochPhase, EpochRow
 from common.run.folder import RunFolder
 
 EPSILON = 0.001
@@ -27,6 +30,37 @@ def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
     place = ["--run", folder.name, "--runs", str(folder.path.parent)]
     address = ["--listen", free_endpoint()]
     run_module("learner", "--local", *place, "--steps", f"{steps}", *resumed, *address, *flags)
+
+
+def summary_of_all(folder: RunFolder, steps: int) -> dict[str, Any]:
+    """Returns the ``summary.json`` of a run that was to have so many agent steps.
+
+    Raises:
+        InputError: it was stopped before.
+    """
+    summary: dict[str, Any] = json.loads(folder.summary.read_text())
+    if summary["agent_steps"] < steps:
+        raise InputError(
+            f"{folder.name} was stopped after {summary['agent_steps']:,} of {steps:,} "
+            "agent steps: give the same command again to resume it."
+        )
+    return summary
+
+
+def scores_of(
+    rows: Sequence[EpochRow], phase: EpochPhase = "train"
+) -> list[tuple[EpochRow, float]]:
+    """Returns the epochs in whose ``phase`` a game ended, each with the mean score."""
+    return [
+        (row, row.average_reward)
+        for row in rows
+        if row.phase == phase and row.average_reward is not None
+    ]
+
+
+def first_at(scores: Sequence[tuple[EpochRow, float]], least: float) -> EpochRow | None:
+    """Returns the first epoch whose mean score was at ``least`` that; None if there was none."""
+    return next((row for row, mean in scores if mean >= least), None)
 
 
 def evaluate(

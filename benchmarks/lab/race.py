@@ -11,7 +11,6 @@ only a learner ended by kill -9 forgets the time since its last checkpoint.
 
 import csv
 import hashlib
-import json
 import re
 import shlex
 import time
@@ -21,7 +20,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from benchmarks.lab.ladder import MILESTONES
-from benchmarks.lab.policy import EPSILON, evaluate, train
+from benchmarks.lab.policy import EPSILON, evaluate, summary_of_all, train
 from benchmarks.peer_dqn import Point, peer_curve
 from benchmarks.peers import is_installed
 from benchmarks.report import BenchmarkOptions, Report, Table, main, resumed, write
@@ -136,12 +135,7 @@ def _train(options: Options, seed: int) -> dict[str, Any]:
     folder, flags = options.folder(seed), options.flags(seed)
     interrupted = folder.checkpoint.exists()
     train(folder, options.steps, flags)
-    summary = json.loads(folder.summary.read_text())
-    if summary["agent_steps"] < options.steps:
-        raise InputError(
-            f"{folder.name} was stopped after {summary['agent_steps']:,} of {options.steps:,} "
-            "agent steps: give the same command again to resume it."
-        )
+    summary = summary_of_all(folder, options.steps)
     command = ["python", "-m", "learner", "--local", "--steps", f"{options.steps}", *flags]
     warm_up = summary["config"]["replay"]["learning_starts"]
     with folder.gates.open() as file:

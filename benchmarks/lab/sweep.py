@@ -20,6 +20,7 @@ import tyro
 from annotated_types import MinLen
 
 from benchmarks.child import free_endpoint
+from benchmarks.lab.policy import scores_of
 from benchmarks.report import BenchmarkOptions, Report, main
 from common.checked import Count, FromOne
 from common.errors import InputError
@@ -148,9 +149,9 @@ def _play(options: Options, axes: list[Axis], trial: "Trial") -> float:
         stack.callback(learner.end)
         while True:
             over = learner.poll() is not None  # first, for its last row may come with its end
-            scores = _scores(folder)
-            for epoch, score in scores[told:]:
-                trial.report(score, epoch)
+            scores = scores_of(EpochTable(folder.epochs).rows())
+            for row, score in scores[told:]:
+                trial.report(score, row.epoch)
             told = len(scores)
             if over:
                 break
@@ -162,18 +163,6 @@ def _play(options: Options, axes: list[Axis], trial: "Trial") -> float:
     if not scores:
         raise InputError("no game ended in a whole epoch: raise --steps.")
     return scores[-1][1]
-
-
-def _scores(folder: RunFolder) -> list[tuple[int, float]]:
-    """Returns epochs and the mean scores of their training games."""
-    if not folder.epochs.exists():
-        return []
-    rows = EpochTable(folder.epochs).rows()
-    return [
-        (row.epoch, row.average_reward)
-        for row in rows
-        if row.phase == "train" and row.average_reward is not None
-    ]
 
 
 def _report(options: Options, study: "Study") -> Report:
