@@ -1,18 +1,21 @@
 """What a benchmark with processes of its own needs: an address for them, and a way to end.
 
-`Helper` is a process that works on demand, `run_module` one that is waited for.
+`Helper` is a process whose object's methods are called, `run_module` one that is waited for.
 """
 
 import contextlib
+import json
+import os
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
-from common.errors import InputError
+from common.errors import InputError, exit_on_input_error
 from common.process.supervisor import Child
 
 
@@ -61,31 +64,45 @@ def run_module(module: str, *arguments: str, quiet: bool = False) -> None:
         )
 
 
-class Helper(Child):
-    """A child process that answers on its standard output what it reads on its standard input.
+def stat_of(process: int) -> list[str]:
+    """Returns what Linux tells of a process after its name: its state, its parent and so on."""
+    # The name, in brackets, may hold anything; what follows it are numbers.
+    return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
 
-    A context manager that ends it.
+
+def cpu_seconds(stat: list[str]) -> float:
+    """Returns the processor time of `stat_of`."""
+    return sum(map(int, stat[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
+class Helper(Child):
+    """A child process that made an object, and calls its methods when it is asked to.
+
+    A context manager that ends it. What is asked and answered are values of JSON.
 
     Args:
         name: what people call it.
+        module: its main program is `serve`.
+        settings: arguments of what makes the object.
     """
 
-    def __init__(self, name: str, module: str, *arguments: str) -> None:
-        super().__init__(module, *arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    def __init__(self, name: str, module: str, /, **settings: Any) -> None:
+        pipe = subprocess.PIPE
+        super().__init__(module, json.dumps(settings), stdin=pipe, stdout=pipe)
         self.name = name
 
     def __exit__(self, *_: object) -> None:
         self.end()
 
-    def say(self, line: str) -> None:
-        """Writes a line to it; that it is gone is noticed by `hear`."""
+    def begin(self, method: str, *arguments: Any) -> None:
+        """Lets it call a method; that it is gone is noticed by `hear`."""
         assert self.stdin is not None
         with contextlib.suppress(BrokenPipeError):
-            self.stdin.write(f"{line}\n")
+            self.stdin.write(f"{json.dumps([method, *arguments])}\n")
             self.stdin.flush()
 
-    def hear(self) -> str:
-        """Returns its next line.
+    def hear(self) -> Any:
+        """Returns what the next method returned.
 
         Raises:
             InputError: it ended, and has said why.
@@ -94,4 +111,21 @@ class Helper(Child):
         line = self.stdout.readline()
         if not line:
             raise InputError(f"the process of {self.name} failed, see above.")
-        return line.strip()
+        return json.loads(line)
+
+    def ask(self, method: str, *arguments: Any) -> Any:
+        """Returns what a method returns. Raises InputError as `hear` does."""
+        self.begin(method, *arguments)
+        return self.hear()
+
+
+def serve(make: Callable[..., object]) -> None:
+    """The main program of a `Helper`, which ends when nobody asks any more."""
+
+    def work() -> None:
+        made = make(**json.loads(sys.argv[1]))
+        for line in sys.stdin:
+            method, *arguments = json.loads(line)
+            print(json.dumps(getattr(made, method)(*arguments)), flush=True)
+
+    exit_on_input_error(work)

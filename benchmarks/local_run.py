@@ -5,7 +5,6 @@ of chunks, which the replay tells whoever asks; the evaluators' steps from their
 processor time from /proc. A window begins and ends as a chunk is accepted.
 """
 
-import math
 import os
 import shlex
 import threading
@@ -18,6 +17,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import tyro
 
+from benchmarks.child import cpu_seconds, stat_of
 from benchmarks.hosted_run import HostedRun
 from benchmarks.report import BenchmarkOptions
 from common.checked import FromOne
@@ -272,16 +272,14 @@ def cpu_share(
 
 def _cpu_times(learner: int) -> dict[int, tuple[str, float]]:
     """Role and processor seconds of the learner and its children; Linux only."""
-    tick = os.sysconf("SC_CLK_TCK")
     found: dict[int, tuple[str, float]] = {}
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit():
             continue
         try:
-            # The name, in brackets, may hold anything; what follows it are numbers.
-            fields = (entry / "stat").read_text().rpartition(")")[2].split()
-            process, parent = int(entry.name), int(fields[1])
-            if process != learner and parent != learner:
+            process = int(entry.name)
+            stat = stat_of(process)
+            if learner not in (process, int(stat[1])):
                 continue
             command = (entry / "cmdline").read_bytes().split(b"\0")
         except OSError:  # it is gone
@@ -289,5 +287,5 @@ def _cpu_times(learner: int) -> dict[int, tuple[str, float]]:
         role = "learner"
         if process != learner:
             role = "evaluator" if b"--evaluator" in command else "actors"
-        found[process] = (role, math.fsum(map(int, fields[11:13])) / tick)
+        found[process] = (role, cpu_seconds(stat))
     return found

@@ -4,20 +4,18 @@ A real replay process is the hub. Each actor has a real session of its own and s
 pace of a robot in real time, an agent step each 66.7 ms; then weights are broadcast to all.
 """
 
-import json
-import os
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from benchmarks.child import Helper
+from benchmarks.child import Helper, cpu_seconds, stat_of
 from benchmarks.hosted_run import RUN, HostedRun
 from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
 from common.checked import FromOne
+from common.process.footprint import footprint
 
 _STEPS_PER_SECOND = 15
 """Agent steps of a robot in real time: 60 frames of the game, 4 each."""
@@ -39,26 +37,6 @@ class Options(BenchmarkOptions):
     """Steps in the replay."""
 
 
-class Usage(NamedTuple):
-    """What a process has used up to now; Linux only."""
-
-    cpu_seconds: float
-    private_bytes: int
-    """Memory without pages of files."""
-
-    @classmethod
-    def of(cls, process: int) -> "Usage":
-        """Returns that of a process that runs."""
-        folder = Path(f"/proc/{process}")
-        # The name, in brackets, may hold anything; what follows it are numbers.
-        fields = (folder / "stat").read_text().rpartition(")")[2].split()
-        status = (folder / "status").read_text()
-        return cls(
-            sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK"),
-            int(status.partition("RssAnon:")[2].split()[0]) * 1024,
-        )
-
-
 def measure_number(options: Options, actors: int) -> dict[str, Any]:
     """Returns what ``actors`` actors, and the hub, did.
 
@@ -75,40 +53,40 @@ def measure_number(options: Options, actors: int) -> dict[str, Any]:
             )
         )
         weights = hub.transport.publisher(hub.keys.weights)  # before those who listen
-        alone = Usage.of(hub.process.pid)
+        pid = hub.process.pid
+        alone = footprint(pid).private
         crowd = stack.enter_context(
             Helper(
                 "the actors",
                 "benchmarks.many_actors_client",
-                *("--actors", str(actors), "--connect", hub.endpoint, "--run", RUN),
-                *("--seconds", str(options.seconds)),
-                *("--period", str(options.chunk_steps / _STEPS_PER_SECOND)),
+                actors=actors,
+                connect_to=hub.endpoint,
+                run=RUN,
             )
         )
-        joined = json.loads(crowd.hear())
-        before, began = Usage.of(hub.process.pid), time.monotonic()
-        crowd.say("go")
-        told = json.loads(crowd.hear())
-        after = Usage.of(hub.process.pid)
+        join_seconds = crowd.ask("join_seconds")
+        joined, spent, began = footprint(pid).private, cpu_seconds(stat_of(pid)), time.monotonic()
+        told = crowd.ask("play", options.seconds, _STEPS_PER_SECOND)
+        spent = cpu_seconds(stat_of(pid)) - spent
+        private = footprint(pid).private
         seconds = max(time.monotonic() - began, options.seconds)
         latencies = told.pop("latencies")
-        crowd.say("weights")
         published = time.monotonic()
         weights.publish(bytes(_WEIGHTS_BYTES))
-        arrivals = json.loads(crowd.hear())["arrivals"]
+        arrivals = crowd.ask("arrivals")
         hub.check()
     p50, p99 = np.percentile(latencies, (50, 99)).tolist()
     return {
         "actors": actors,
-        **joined,
+        "join_seconds": join_seconds,
         **told,
         "seconds": seconds,
         "steps_per_second": told["acknowledged"] * options.chunk_steps / seconds,
         "p50_ms": p50 * 1e3,
         "p99_ms": p99 * 1e3,
-        "hub_cores": (after.cpu_seconds - before.cpu_seconds) / seconds,
-        "hub_bytes": after.private_bytes,
-        "hub_bytes_per_actor": (before.private_bytes - alone.private_bytes) / actors,
+        "hub_cores": spent / seconds,
+        "hub_bytes": private,
+        "hub_bytes_per_actor": (joined - alone) / actors,
         "weights_arrived": len(arrivals),
         "weights_seconds": arrivals[-1] - published if arrivals else None,
     }

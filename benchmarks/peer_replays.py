@@ -6,19 +6,16 @@ depends on what the process has allocated before, up to tenfold.
 """
 
 import itertools
-import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
-import tyro
 from numpy.typing import NDArray
 
-from benchmarks.child import Helper
+from benchmarks.child import serve
 from benchmarks.pace import slice_per_second
 from benchmarks.replay import BATCH, draw, draw_and_rate, fill, prioritised, unlimited
 from benchmarks.synthetic import Streams
@@ -30,14 +27,13 @@ _ALPHA, _BETA = 0.6, 0.4
 Who = Literal["ours", "cpprb", "cpprb-stacks", "cpprb-states", "stable-baselines3"]
 
 
-@dataclass(frozen=True)
-class Options:
-    """Answer each line ``insert SECONDS`` or ``draw SECONDS`` with a rate per second."""
+class Wanted(NamedTuple):
+    """What is asked of a replay."""
 
-    who: Who
     size: int
+    """Steps."""
     folder: Path
-    prioritised: bool = False
+    prioritised: bool
 
 
 class Filled(NamedTuple):
@@ -51,16 +47,16 @@ class Filled(NamedTuple):
     """Steps that an insert brings."""
 
 
-def ours(options: Options) -> Filled:
+def ours(wanted: Wanted) -> Filled:
     """`ReplayBuffer`, in files."""
-    config = unlimited(options.size)
-    memory = ReplayBuffer(prioritised(config) if options.prioritised else config, options.folder)
+    config = unlimited(wanted.size)
+    memory = ReplayBuffer(prioritised(config) if wanted.prioritised else config, wanted.folder)
     streams = Streams("bench", actors=("actor-1",), steps=_CHUNK, frame_stack=4)
-    fill(memory, streams, options.size)
+    fill(memory, streams, wanted.size)
     rated = draw_and_rate(memory, np.random.default_rng(1))
     return Filled(
         lambda: memory.insert(streams.next()),
-        rated if options.prioritised else lambda: draw(memory),
+        rated if wanted.prioritised else lambda: draw(memory),
         _CHUNK,
     )
 
@@ -71,7 +67,7 @@ def _states(*shape: int) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]
     return itertools.pairwise(itertools.cycle(pool))
 
 
-def cpprb(options: Options, **shared: Any) -> Filled:
+def cpprb(wanted: Wanted, **shared: Any) -> Filled:
     """cpprb's.
 
     Args:
@@ -98,22 +94,22 @@ def cpprb(options: Options, **shared: Any) -> Filled:
         drawn = replay.sample(BATCH, beta=_BETA)
         replay.update_priorities(drawn["indexes"], rng.random(BATCH))
 
-    if options.prioritised:
-        replay = cpprb.PrioritizedReplayBuffer(options.size, layout, alpha=_ALPHA, **shared)
+    if wanted.prioritised:
+        replay = cpprb.PrioritizedReplayBuffer(wanted.size, layout, alpha=_ALPHA, **shared)
     else:
-        replay = cpprb.ReplayBuffer(options.size, layout, **shared)
-    for _ in range(options.size):
+        replay = cpprb.ReplayBuffer(wanted.size, layout, **shared)
+    for _ in range(wanted.size):
         insert()
-    return Filled(insert, rated if options.prioritised else lambda: replay.sample(BATCH))
+    return Filled(insert, rated if wanted.prioritised else lambda: replay.sample(BATCH))
 
 
-def stable_baselines3(options: Options) -> Filled:
+def stable_baselines3(wanted: Wanted) -> Filled:
     """stable-baselines3's, as its DQN makes it; it has no priorities."""
     from gymnasium.spaces import Box, Discrete
     from stable_baselines3.common.buffers import ReplayBuffer
 
     replay: Any = ReplayBuffer(
-        options.size, Box(0, 255, (4, 84, 84), np.uint8), Discrete(6), torch.device("cpu")
+        wanted.size, Box(0, 255, (4, 84, 84), np.uint8), Discrete(6), torch.device("cpu")
     )
     states, zero = _states(1, 4, 84, 84), np.zeros(1)
 
@@ -121,7 +117,7 @@ def stable_baselines3(options: Options) -> Filled:
         state, following = next(states)
         replay.add(state, following, np.ones(1, np.int64), zero, zero, [{}])
 
-    for _ in range(options.size):
+    for _ in range(wanted.size):
         insert()
     return Filled(insert, lambda: replay.sample(BATCH))
 
@@ -130,7 +126,7 @@ class Peer(NamedTuple):
     """A replay that is compared."""
 
     name: str
-    make: Callable[[Options], Filled]
+    make: Callable[[Wanted], Filled]
     package: str | None
     """That it comes from, if it is not this one."""
     rated: bool = True
@@ -150,36 +146,21 @@ REPLAYS: dict[Who, Peer] = {
 }
 
 
-class Elsewhere(Helper):
-    """A replay in a process of its own; a context manager that ends it."""
+class Replay:
+    """One of `REPLAYS` at work; rates are per second."""
 
-    def __init__(self, who: Who, size: int, folder: Path, *, prioritised: bool = False) -> None:
-        super().__init__(
-            REPLAYS[who].name,
-            "benchmarks.peer_replays",
-            *("--who", who, "--size", str(size), "--folder", str(folder)),
-            "--prioritised" if prioritised else "--no-prioritised",
-        )
+    def __init__(self, who: Who, size: int, folder: str, prioritised: bool) -> None:
+        torch.set_num_threads(1)  # two wait for each other on a busy machine
+        self._filled = REPLAYS[who].make(Wanted(size, Path(folder), prioritised))
 
-    def rate(self, work: Literal["insert", "draw"], seconds: float) -> float:
-        """Returns steps inserted, or batches drawn, per second.
+    def insert(self, seconds: float) -> float:
+        """Returns the rate of steps inserted."""
+        return slice_per_second(self._filled.insert, seconds) * self._filled.steps
 
-        Raises:
-            InputError: the process failed, and has said why.
-        """
-        self.say(f"{work} {seconds}")
-        return float(self.hear())
-
-
-def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.peer_replays")
-    torch.set_num_threads(1)  # two wait for each other on a busy machine
-    replay = REPLAYS[options.who].make(options)
-    for line in sys.stdin:
-        work, seconds = line.split()
-        action, units = (replay.insert, replay.steps) if work == "insert" else (replay.draw, 1)
-        print(slice_per_second(action, float(seconds)) * units, flush=True)
+    def draw(self, seconds: float) -> float:
+        """Returns the rate of batches drawn."""
+        return slice_per_second(self._filled.draw, seconds)
 
 
 if __name__ == "__main__":
-    main()
+    serve(Replay)

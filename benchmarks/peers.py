@@ -19,11 +19,11 @@ import torch
 from annotated_types import Ge, MinLen
 
 from benchmarks import peer_update
-from benchmarks.child import scratch
+from benchmarks.child import Helper, scratch
 from benchmarks.local_run import LocalRun, Setting
 from benchmarks.pace import Spread, in_turns, slice_per_second
 from benchmarks.peer_dqn import peer_dqn
-from benchmarks.peer_replays import REPLAYS, Elsewhere
+from benchmarks.peer_replays import REPLAYS
 from benchmarks.report import BenchmarkOptions, Report, Seconds, main
 from common.checked import FromOne
 from common.errors import InputError
@@ -127,8 +127,15 @@ def compare_replays(options: Options) -> list[dict[str, Any]]:
             contenders = {}
             for who, peer in REPLAYS.items():
                 if is_installed(peer.package) and (peer.rated or not prioritised):
-                    replay = Elsewhere(who, options.replay_steps, folder, prioritised=prioritised)
-                    contenders[peer.name] = partial(stack.enter_context(replay).rate, work)
+                    replay = Helper(
+                        peer.name,
+                        "benchmarks.peer_replays",
+                        who=who,
+                        size=options.replay_steps,
+                        folder=str(folder),
+                        prioritised=prioritised,
+                    )
+                    contenders[peer.name] = partial(stack.enter_context(replay).ask, work)
             found += in_short_turns(name, contenders)
     return found
 

@@ -4,7 +4,6 @@ A real replay process, real outboxes and the learner's real client, each in a pr
 meet on loopback. Encoding, decoding, checking, storing and journaling are all in it.
 """
 
-import json
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -61,19 +60,20 @@ class Exchange(HostedRun):
                 for role in roles
             ]
             for client in clients:
-                client.hear()  # that it is ready
-            for client in clients:
-                client.say("go")
-            return [json.loads(client.hear()) for client in clients]
+                client.ask("wait")
+            for client, role in zip(clients, roles, strict=True):
+                client.begin(role, self._options.seconds)
+            return [client.hear() for client in clients]
 
     def _client(self, role: str, window: int) -> Helper:
         self._clients += 1  # a name of its own, for sequence numbers begin anew
         return Helper(
             f"the measurement ({role})",
             "benchmarks.transport_client",
-            *("--role", role, "--connect", self.endpoint, "--run", RUN),
-            *("--seconds", str(self._options.seconds), "--window", str(window)),
-            *("--name", f"sender-{self._clients}"),
+            connect_to=self.endpoint,
+            run=RUN,
+            name=f"sender-{self._clients}",
+            window=window,
         )
 
 

@@ -1,30 +1,24 @@
-"""`python -m benchmarks.transport_client`: one side of `benchmarks.transport`, as a process.
+"""The sides of `benchmarks.transport`, each a process of its own.
 
-A sender hands in chunks through the actors' own outbox; a drawer draws batches through the
-learner's own client, and gives them new priorities if they are prioritised. Each says ``ready``,
-waits for a line on its standard input, works, and prints what it counted as a line of JSON.
+A sender hands in chunks through the actors' own insert client; a drawer draws batches through the
+learner's own client, and gives them new priorities if they are prioritised.
 """
 
-import json
-import sys
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-import tyro
 
 from actors.member import Member
 from actors.stream.insert_client import InsertClient
+from benchmarks.child import serve
 from benchmarks.pace import repeat
 from benchmarks.synthetic import Streams
-from common.errors import exit_on_input_error
 from common.process.allocator import keep_large_blocks
-from common.protocol.run_keys import RunKeys
-from common.run.config import RunConfig
 from common.run.join import find_run
 from common.transport.interface import Envelope, Requester, Transport, Unanswered
 from common.transport.zenoh_transport import connect
@@ -34,20 +28,6 @@ _PATIENCE = 60.0
 _FLUSH = 10.0
 _WARM_UP = 0.3
 """Seconds before the counting."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """Send chunks, or draw batches."""
-
-    role: Literal["send", "draw"]
-    connect: str
-    run: str
-    seconds: float
-    name: str = "sender"
-    """The sender's."""
-    window: int = 4
-    """Chunks that the sender may have unacknowledged."""
 
 
 def time_requests(transport: Transport) -> list[float]:
@@ -77,10 +57,74 @@ def time_requests(transport: Transport) -> list[float]:
     return latencies
 
 
-def figures(
-    action: Callable[[], int], steps: int, latencies: list[float], options: Options
+class Client:
+    """A process that joined a run.
+
+    Args:
+        window: chunks that it may have unacknowledged.
+    """
+
+    def __init__(self, connect_to: str, run: str, name: str, window: int) -> None:
+        keep_large_blocks()
+        self._transport = connect(connect_to, _PATIENCE)
+        self._keys, config = find_run(self._transport, run, _PATIENCE, lambda: False)
+        self._config = replace(config, stream=replace(config.stream, window=window))
+        self._name = name
+
+    def wait(self) -> None:
+        """Returns when it has joined."""
+
+    def send(self, seconds: float) -> dict[str, Any]:
+        """Encode and send chunks, as fast as the window lets it; returns what was counted."""
+        latencies = time_requests(self._transport)
+        outbox = InsertClient(
+            Member(
+                *(self._name, self._transport, self._keys, self._config),
+                *(_PATIENCE, threading.Event()),
+            )
+        )
+        steps = self._config.stream.chunk_steps
+        streams = Streams(
+            self._keys.run_id,
+            actors=(self._name,),
+            steps=steps,
+            frame_stack=self._config.play.frame_stack,
+        )
+
+        def action() -> int:
+            payload = streams.next().encode()
+            outbox.send(payload)
+            return len(payload)
+
+        found = _figures(action, steps, latencies, seconds)
+        outbox.flush(_FLUSH)
+        counted = ("retried", "refused", "unacknowledged")
+        return found | {name: getattr(outbox, name) for name in counted}
+
+    def draw(self, seconds: float) -> dict[str, Any]:
+        """Draw batches one after the other; megabytes are those learned from, made whole."""
+        config = self._config
+        replay = RemoteReplay(self._transport, self._keys, config)
+        rng = np.random.default_rng(1)
+        latencies: list[float] = []
+
+        def action() -> int:
+            began = time.perf_counter()
+            batch = replay.sample(0, _PATIENCE)
+            latencies.append(time.perf_counter() - began)
+            if batch is None:
+                raise RuntimeError("no batch was to be had")
+            if config.replay.sampler == "prioritised":
+                replay.update_priorities(batch.ids, rng.random(len(batch.ids)).astype(np.float32))
+            return sum(part.nbytes for part in batch if isinstance(part, np.ndarray))
+
+        return _figures(action, config.learning.batch_size, latencies, seconds)
+
+
+def _figures(
+    action: Callable[[], int], steps: int, latencies: list[float], seconds: float
 ) -> dict[str, Any]:
-    """Says that it is ready, waits for a line, repeats ``action``, and returns what it counted.
+    """Repeats ``action`` for so many seconds, and returns what was counted.
 
     Args:
         action: moves so many transitions, and returns their bytes.
@@ -93,80 +137,19 @@ def figures(
         nonlocal size
         size = action()
 
-    print("ready", flush=True)
-    sys.stdin.readline()
     repeat(sized, _WARM_UP)
-    calls, seconds = repeat(sized, options.seconds)
+    calls, spent = repeat(sized, seconds)
     p50, p99 = np.percentile(latencies[-calls:], (50, 99)).tolist()
     return {
         "calls": calls,
-        "seconds": seconds,
-        "calls_per_second": calls / seconds,
+        "seconds": spent,
+        "calls_per_second": calls / spent,
         "p50_ms": p50 * 1e3,
         "p99_ms": p99 * 1e3,
-        "transitions_per_second": calls * steps / seconds,
-        "megabytes_per_second": calls * size / seconds / 1e6,
+        "transitions_per_second": calls * steps / spent,
+        "megabytes_per_second": calls * size / spent / 1e6,
     }
-
-
-def send(
-    transport: Transport, keys: RunKeys, config: RunConfig, options: Options
-) -> dict[str, Any]:
-    """Encode and send chunks, as fast as the window lets it."""
-    latencies = time_requests(transport)
-    windowed = replace(config, stream=replace(config.stream, window=options.window))
-    outbox = InsertClient(
-        Member(options.name, transport, keys, windowed, _PATIENCE, threading.Event())
-    )
-    steps = config.stream.chunk_steps
-    streams = Streams(
-        keys.run_id, actors=(options.name,), steps=steps, frame_stack=config.play.frame_stack
-    )
-
-    def action() -> int:
-        payload = streams.next().encode()
-        outbox.send(payload)
-        return len(payload)
-
-    found = figures(action, steps, latencies, options)
-    outbox.flush(_FLUSH)
-    return {
-        **found,
-        "retried": outbox.retried,
-        "refused": outbox.refused,
-        "unacknowledged": outbox.unacknowledged,
-    }
-
-
-def draw(
-    transport: Transport, keys: RunKeys, config: RunConfig, options: Options
-) -> dict[str, Any]:
-    """Draw batches one after the other; megabytes are those learned from, made whole."""
-    replay = RemoteReplay(transport, keys, config)
-    rng = np.random.default_rng(1)
-    latencies: list[float] = []
-
-    def action() -> int:
-        began = time.perf_counter()
-        batch = replay.sample(0, _PATIENCE)
-        latencies.append(time.perf_counter() - began)
-        if batch is None:
-            raise RuntimeError("no batch was to be had")
-        if config.replay.sampler == "prioritised":
-            replay.update_priorities(batch.ids, rng.random(len(batch.ids)).astype(np.float32))
-        return sum(part.nbytes for part in batch if isinstance(part, np.ndarray))
-
-    return figures(action, config.learning.batch_size, latencies, options)
-
-
-def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.transport_client")
-    keep_large_blocks()
-    with connect(options.connect, _PATIENCE) as transport:
-        keys, config = find_run(transport, options.run, _PATIENCE, lambda: False)
-        part = send if options.role == "send" else draw
-        print(json.dumps(part(transport, keys, config, options)), flush=True)
 
 
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    serve(Client)

@@ -16,6 +16,7 @@ from benchmarks.chaos.link import Link
 from benchmarks.chaos.old_version import OldVersion
 from benchmarks.child import free_endpoint
 from common.errors import Unreachable
+from common.process.footprint import footprint
 from common.process.supervisor import Child
 from common.protocol.wire import decode_version
 from common.run.folder import RunFolder
@@ -257,8 +258,7 @@ class Cluster:
 
     def private_mib(self, name: str) -> float:
         """Memory of a process, without the files that it maps."""
-        status = Path(f"/proc/{self.processes[name].pid}/status").read_text()
-        return int(status.partition("RssAnon:")[2].split()[0]) / 1024
+        return footprint(self.processes[name].pid).private / 2**20
 
     def open_files(self, name: str) -> int:
         """Files, connections and the like that a process holds."""

@@ -12,17 +12,42 @@ from benchmarks.hosted_run import HostedRun
 from common.errors import InputError
 from tests.patience import wait_until
 
+SUMS = """
+from benchmarks.child import serve
+
+class Sums:
+    def __init__(self, begin):
+        self.sum = begin
+
+    def add(self, number, numbers):
+        self.sum += number + sum(numbers)
+        return {"sum": self.sum}
+
+serve(Sums)
+"""
+
 
 def test_a_helper_that_ends_is_told_by_its_name() -> None:
     def ask_on(helper: Helper) -> None:
         while True:
-            helper.say("more")
-            helper.hear()
+            helper.ask("play", 1.0, 1.0)
 
-    with Helper("the third", "json.tool", "--help") as helper:
-        assert helper.hear().startswith("usage")
-        with pytest.raises(InputError, match="the third failed"):
-            ask_on(helper)
+    with (
+        Helper("the third", "benchmarks.many_actors_client", unknown=1) as helper,
+        pytest.raises(InputError, match="the third failed"),
+    ):
+        ask_on(helper)
+
+
+def test_a_helper_calls_the_methods_of_its_object(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sums.py").write_text(SUMS)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    with Helper("the sums", "sums", begin=5) as sums:
+        assert sums.ask("add", 2, [1, 2]) == {"sum": 10}
+        sums.begin("add", 1, [])
+        assert sums.hear() == {"sum": 11}
 
 
 def test_a_module_that_fails_is_told() -> None:

@@ -1,12 +1,12 @@
 """`benchmarks.many_actors` with real sessions, for a moment."""
 
-from pathlib import Path
+import os
 
 import pytest
 
 from benchmarks import many_actors
-from benchmarks.many_actors_client import Arrivals
-from common.transport.interface import Envelope
+from benchmarks.child import cpu_seconds, stat_of
+from common.process.footprint import footprint
 
 
 def test_all_actors_are_heard_and_hear_the_weights() -> None:
@@ -30,16 +30,9 @@ def test_a_hub_takes_more_sessions_than_zenoh_does_by_itself() -> None:
 
 
 def test_usage_is_that_of_the_process_asked_for() -> None:
-    own = many_actors.Usage.of(int(Path("/proc/self").readlink().name))
-    first = many_actors.Usage.of(1)
-    assert own.private_bytes > 10_000_000
-    assert own.cpu_seconds > 0
-    assert own != first
-
-
-def test_arrivals_end_when_all_have_come() -> None:
-    arrivals = Arrivals(expected=2)
-    arrivals.note(Envelope(b""))
-    arrivals.note(Envelope(b""))
-    early, late = arrivals.wait()
-    assert early <= late
+    own, first = os.getpid(), 1
+    assert footprint(own).private > 10_000_000
+    assert footprint(own).private != footprint(first).private
+    assert cpu_seconds(stat_of(own)) > 0
+    assert int(stat_of(own)[1]) == os.getppid()
+    assert cpu_seconds(stat_of(own)) != cpu_seconds(stat_of(first))

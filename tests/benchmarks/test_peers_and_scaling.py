@@ -12,9 +12,9 @@ import pytest
 import torch
 
 from benchmarks import peer_update, peers, scaling
+from benchmarks.child import Helper
 from benchmarks.epochs_per_day import Paces
 from benchmarks.local_run import LocalRun, Pace, Setting
-from benchmarks.peer_replays import Elsewhere
 from benchmarks.report import run
 from common.errors import InputError
 
@@ -35,13 +35,18 @@ def test_medians_of_turns_after_the_first(monkeypatch: pytest.MonkeyPatch) -> No
     assert order == ["ours", "slow"] * 4
 
 
+def replay_elsewhere(folder: Path, *, prioritised: bool) -> Helper:
+    settings = {"who": "ours", "size": 1_000, "folder": str(folder), "prioritised": prioritised}
+    return Helper("ours", "benchmarks.peer_replays", **settings)
+
+
 @pytest.mark.usefixtures("forks")
 def test_our_replay_in_a_process_of_its_own(tmp_path: Path) -> None:
-    with Elsewhere("ours", 1_000, tmp_path, prioritised=True) as ours:
+    with replay_elsewhere(tmp_path, prioritised=True) as ours:
         for work, units in (("insert", 64), ("draw", 1)):
             for seconds in (0.02, 0.0):
                 began = time.monotonic()
-                rate = ours.rate(work, seconds)  # type: ignore[arg-type]
+                rate = ours.ask(work, seconds)
                 # However slow the machine: at least one call, in no more time than has passed.
                 assert rate * (time.monotonic() - began) >= units
 
@@ -50,10 +55,10 @@ def test_our_replay_in_a_process_of_its_own(tmp_path: Path) -> None:
 def test_a_replay_that_cannot_be_had_says_so(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with (
-        Elsewhere("ours", 1_000, tmp_path / "file" / "below") as ours,
+        replay_elsewhere(tmp_path / "file" / "below", prioritised=False) as ours,
         pytest.raises(InputError, match="ours failed"),
     ):
-        ours.rate("draw", 0.1)
+        ours.ask("draw", 0.1)
 
 
 def test_each_peer_beside_ours() -> None:
