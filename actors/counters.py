@@ -30,7 +30,6 @@ class ActorCounters:
         self._worked = (self._began, time.process_time())
 
     def count(self, step: Step) -> None:
-        """Add one step of an environment."""
         stats, info = self.stats, step.info
         stats.steps += 1
         stats.valid += step.valid

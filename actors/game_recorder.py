@@ -45,7 +45,6 @@ class GameRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._steps: deque[bytes] = deque(maxlen=ending)
 
     def reset(self, **how: Any) -> tuple[Any, dict[str, Any]]:
-        """Begin the record of another game."""
         found = self.env.reset(**how)
         self._whole = hashlib.blake2b(digest_size=_BYTES)
         self._steps.clear()
@@ -53,7 +52,6 @@ class GameRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         return found
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Record an agent step."""
         observation, *rest = self.env.step(action)
         self.seconds = self._now() - self._began
         inner = self.env.unwrapped

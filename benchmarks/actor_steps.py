@@ -90,7 +90,6 @@ class Hub(HostedRun):
         return (finish.agent_steps - begin.agent_steps) / (finish.at - begin.at)
 
     def _next_chunk(self, name: str) -> Mark:
-        """Waits for the actor's next chunk."""
         while True:
             now, chunks = self.next_chunks()
             if chunks[-1].actor == name:

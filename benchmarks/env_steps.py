@@ -95,7 +95,6 @@ class Player:
         self._rng = np.random.default_rng(1)
 
     def play(self, steps: int) -> Turn:
-        """Plays so many steps."""
         actions = self._rng.integers(18, size=steps)
         decisions = 0
         began = time.perf_counter()
@@ -108,7 +107,6 @@ class Player:
         return Turn(steps, decisions, time.perf_counter() - began)
 
     def close(self) -> None:
-        """Close all environments."""
         for env in self._envs:
             env.close()
 

@@ -95,7 +95,6 @@ def paces_of(setting: Setting, seconds: float) -> Paces:
 
 
 def row(name: str, pace: Pace) -> dict[str, Any]:
-    """A window as a line of the table."""
     return {
         "evaluator": name,
         "train/s": pace.train_steps_per_second,

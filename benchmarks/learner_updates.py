@@ -138,7 +138,6 @@ def losses(algorithm: Algorithm, batches: Sequence[DeviceBatch], updates: int) -
 
 
 def real_batches(count: int, folder: Path, device: torch.device) -> list[DeviceBatch]:
-    """Minibatches of random play."""
     memory = random_play(_CONFIG, _RANDOM_STEPS, folder)
     batches = [to_device(draw(memory), device) for _ in range(count)]
     memory.close()

@@ -93,7 +93,6 @@ def measure_number(options: Options, actors: int) -> dict[str, Any]:
 
 
 def row(found: dict[str, Any]) -> dict[str, Any]:
-    """One number of actors as a line of the table."""
     return {
         "actors": found["actors"],
         "steps/s": found["steps_per_second"],

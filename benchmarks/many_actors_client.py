@@ -24,8 +24,6 @@ _BROADCAST = 10.0
 
 
 class Crowd:
-    """Many actors of a run."""
-
     def __init__(self, actors: int, connect_to: str, run: str) -> None:
         began = time.monotonic()
         self._latencies: list[list[float]] = []
@@ -47,7 +45,6 @@ class Crowd:
         self._join_seconds = time.monotonic() - began
 
     def join_seconds(self) -> float:
-        """Returns the seconds until all had joined."""
         return self._join_seconds
 
     def play(self, seconds: float, steps_per_second: float) -> dict[str, Any]:

@@ -26,7 +26,6 @@ class Spread(NamedTuple):
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Spread":
-        """Returns the median, the least and the most of ``values``."""
         return cls(float(np.median(values)), min(values), max(values))
 
     def cells(self, name: str = "per second") -> dict[str, float]:

@@ -154,11 +154,9 @@ class Replay:
         self._filled = REPLAYS[who].make(Wanted(size, Path(folder), prioritised))
 
     def insert(self, seconds: float) -> float:
-        """Returns the rate of steps inserted."""
         return slice_per_second(self._filled.insert, seconds) * self._filled.steps
 
     def draw(self, seconds: float) -> float:
-        """Returns the rate of batches drawn."""
         return slice_per_second(self._filled.draw, seconds)
 
 

@@ -78,7 +78,6 @@ def fill(memory: ReplayBuffer, streams: Streams, capacity: int) -> int:
 
 
 def draw(memory: ReplayBuffer) -> Batch:
-    """One batch."""
     batch = memory.sample(0, 0.0)
     if batch is None:
         raise RuntimeError("no batch was to be had")
@@ -86,7 +85,6 @@ def draw(memory: ReplayBuffer) -> Batch:
 
 
 def draw_and_rate(memory: ReplayBuffer, rng: np.random.Generator) -> Callable[[], None]:
-    """One batch, and new priorities for it."""
 
     def action() -> None:
         batch = draw(memory)
@@ -96,7 +94,6 @@ def draw_and_rate(memory: ReplayBuffer, rng: np.random.Generator) -> Callable[[]
 
 
 def measure_size(capacity: int, options: Options, folder: Path) -> dict[str, Any]:
-    """All figures of one size."""
     config = unlimited(capacity)
     names = tuple(f"actor-{number}" for number in range(1, options.actors + 1))
     streams = Streams(
@@ -135,7 +132,6 @@ def measure_size(capacity: int, options: Options, folder: Path) -> dict[str, Any
 
 
 def row(found: dict[str, Any]) -> dict[str, Any]:
-    """One size as a line of the table."""
     return {
         "steps": found["stored"],
         "fill": round(found["fill_steps_per_second"]),

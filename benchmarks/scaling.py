@@ -25,7 +25,6 @@ class Options(Setting):
 
 
 def row(found: Mapping[str, Any]) -> dict[str, Any]:
-    """The measurement of one number of actors as a line of the table."""
     return {
         "actors": found["actors"],
         "train/s": found["train_steps_per_second"],

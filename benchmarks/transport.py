@@ -84,7 +84,6 @@ def together(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def row(work: str, found: dict[str, Any]) -> dict[str, Any]:
-    """One measurement as a line of the table."""
     return {
         "work": work,
         "per second": found["calls_per_second"],

@@ -17,8 +17,6 @@ from common.run.config import NetworkName, RunConfig
 
 
 class Layers(NamedTuple):
-    """Sizes of a network."""
-
     convolutions: tuple[tuple[int, int, int], ...]
     """Channels, kernel and stride of each; kernels and strides are square."""
     hidden: int

@@ -114,7 +114,6 @@ class Registry(Generic[T]):
 
     @property
     def names(self) -> list[str]:
-        """The names of all entries."""
         return sorted({*self._entries, *entry_points(group=self._group).names})
 
     def add(self, entry: T) -> None:
@@ -139,7 +138,6 @@ class Registry(Generic[T]):
         return self._entries[key]
 
     def make(self, name: str, *arguments: Any, **named: Any) -> Any:
-        """Returns what the factory of the entry called ``name`` makes."""
         return resolve(self.find(name).factory)(*arguments, **named)
 
 

@@ -10,7 +10,7 @@ from common.run.conditions import PlayConfig
 
 
 class ActuationDelay:
-    """Keys that follow each command with the latencies of ``play``.
+    """Implements `Hands`: keys that follow each command with the latencies of ``play``.
 
     The keys of the previous command are released ``release_latency`` emulator frames after a
     command arrives, and its own are pressed after ``press_latency``.
@@ -22,22 +22,18 @@ class ActuationDelay:
 
     @property
     def held(self) -> Keys:
-        """The keys that were pressed at the end of the last frame."""
         return self._held
 
     def rest(self) -> None:
-        """No key pressed, no command followed."""
         self._held = self._old = self._wanted = Keys.NONE
         self._since = 0
         """Emulator frames since the last command that asked for other keys."""
 
     def command(self, keys: Keys) -> None:
-        """Set out for exactly ``keys``."""
         if keys != self._wanted:
             self._old, self._wanted, self._since = self._held, keys, 0
 
     def step_frame(self) -> Keys:
-        """Pass one emulator frame; the keys that are pressed in it."""
         self._held = self._wanted
         if self._since < self._play.press_latency:
             # What both commands hold stays down, as under a finger that has not to move.

@@ -55,7 +55,6 @@ class Emulator:
         """Numbers of the actions that the game tells apart."""
 
     def reset(self) -> None:
-        """Start a new game."""
         self._ale.reset_game()
         self._remember()
         self._first_frame = self._ale.getEpisodeFrameNumber()

@@ -16,7 +16,8 @@ from common.run.conditions import PlayConfig
 
 
 class LateCommands:
-    """Hands whose commands arrive ``latency`` emulator frames late, and up to ``jitter`` more.
+    """Implements `Hands` by others, whose commands arrive ``latency`` emulator frames late, and up
+    to ``jitter`` more.
 
     The jitter of each command is drawn uniformly from ``rng``. A command never overtakes an earlier
     one.
@@ -31,23 +32,19 @@ class LateCommands:
 
     @property
     def held(self) -> Keys:
-        """The keys that were pressed at the end of the last frame."""
         return self._hands.held
 
     def rest(self) -> None:
-        """No key pressed, no command on its way."""
         self._hands.rest()
         self._forget()
 
     def command(self, keys: Keys) -> None:
-        """Set out for exactly ``keys`` once the command has arrived."""
         due = self._frame + self._latency
         if self._jitter:
             due += int(self._rng.integers(self._jitter + 1))
         self._coming.append((due, keys))
 
     def step_frame(self) -> Keys:
-        """Pass one emulator frame; the keys that are pressed at its end."""
         while self._coming and self._coming[0][0] <= self._frame:
             self._hands.command(self._coming.popleft()[1])
         self._frame += 1

@@ -35,7 +35,6 @@ class AgentStep:
 
     @property
     def ended(self) -> bool:
-        """The episode is over."""
         return self.terminated or self.truncated
 
 

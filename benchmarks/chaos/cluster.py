@@ -257,7 +257,6 @@ class Cluster:
             self.start(name)
 
     def private_mib(self, name: str) -> float:
-        """Memory of a process, without the files that it maps."""
         return footprint(self.processes[name].pid).private / 2**20
 
     def open_files(self, name: str) -> int:

@@ -22,8 +22,6 @@ End = Callable[[], None]
 
 
 class Fault(NamedTuple):
-    """A kind of fault."""
-
     strike: Callable[[Cluster, str, random.Random], End | None]
     """Breaks the target; returns what mends it, or None if that mends itself."""
     targets: Callable[[Cluster], tuple[str, ...]]

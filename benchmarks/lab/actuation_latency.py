@@ -67,7 +67,6 @@ def hand_flags(network: Path, press: int) -> list[str]:
 
 
 def play(network: Path, press: int, options: Options) -> dict[str, Any]:
-    """One row of the table."""
     told = evaluate(network, options.games, options.epsilon, hand_flags(network, press))
     told |= {
         "network": name_of(network),

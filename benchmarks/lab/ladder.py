@@ -98,7 +98,6 @@ class Options:
         return [*run, *FLAGS[self.rung], *late, *shlex.split(self.learner)]
 
     def run_name(self, seed: int) -> str:
-        """Returns the name of the run's folder."""
         parts = [self.label] if self.label else []
         parts += [f"late-{self.delay}"] if self.delay else []
         parts = ["ladder", self.rung, *parts, self.game, self.preset, f"seed-{seed}"]

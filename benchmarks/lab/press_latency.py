@@ -83,7 +83,6 @@ def content(latency: Latency, settled: Latency, unsettled: Latency) -> dict[str,
 
 
 def table(latency: Latency) -> Table:
-    """The medians, pair by pair."""
     return Table(
         "Command to keys, ms: from (row) to (column), median",
         [

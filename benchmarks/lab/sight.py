@@ -106,7 +106,6 @@ def _drawn(look: Look) -> NDArray[np.uint8]:
 
 
 def look_around(options: Options, album: Album) -> dict[str, dict[str, ActorCounters]]:
-    """Tallies by case and game."""
     rng = np.random.default_rng(options.seed)
     return {
         case.name: measure(case, options.games, options.poses, rng, album.keep) for case in cases()
@@ -136,7 +135,6 @@ def _explained(title: str, frames: NDArray[np.uint8], truth: NDArray[np.float64]
 def goals(
     by_case: dict[str, Any], by_game: list[dict[str, Any]], read: list[dict[str, Any]]
 ) -> dict[str, bool]:
-    """Which goals are kept."""
     worst = [row["p95_px"] for row in by_case.values()]
     kept = {"corners": all(p95 is not None and p95 <= MOST_PIXELS for p95 in worst)}
     for row in by_game:

@@ -131,7 +131,6 @@ def _predict(
 
 
 def _explained(found: NDArray[np.float64], truth: NDArray[np.float64]) -> NDArray[np.float64]:
-    """R², quantity by quantity."""
     missed = ((found - truth) ** 2).sum(axis=0)
     result: NDArray[np.float64] = 1 - missed / ((truth - truth.mean(axis=0)) ** 2).sum(axis=0)
     return result

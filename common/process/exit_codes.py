@@ -4,8 +4,6 @@ from typing import NamedTuple
 
 
 class ExitCode(NamedTuple):
-    """One exit code."""
-
     number: int
     meaning: str
     again: bool

@@ -98,7 +98,6 @@ class ActorStats(Message):
         return self.matched / max(self.steps, 1)
 
     def check(self) -> None:
-        """See `Message.check`."""
         if len(self.key_times) not in (0, COUNTS):
             raise MessageError(f"key_times should be {COUNTS} counts, or none")
 

@@ -80,7 +80,6 @@ class LiveView(Message):
     """Index of the action."""
 
     def check(self) -> None:
-        """See `Message.check`."""
         for corners in (self.border, self.game):
             if len(corners) not in (0, 8):
                 raise MessageError("four corners should be eight numbers")

@@ -67,8 +67,6 @@ class StepFields:
 
 
 class StepField(NamedTuple):
-    """One line of the table."""
-
     dtype: np.dtype[Any]
     array: Array
 

@@ -105,7 +105,6 @@ class Window:
         self._changed = threading.Condition()
 
     def __len__(self) -> int:
-        """Return the number of requests that are not settled."""
         return len(self._pending)
 
     def send(self, payload: bytes) -> None:

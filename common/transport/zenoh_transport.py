@@ -72,7 +72,6 @@ class ZenohTransport:
         self.close()
 
     def close(self) -> None:
-        """See `Transport`."""
         for declared in self._declared:
             declared.close()
         self._declared.clear()
@@ -80,27 +79,21 @@ class ZenohTransport:
             self.session.close()  # type: ignore[no-untyped-call]
 
     def serve(self, key: str, answer: Answer) -> Closeable:
-        """See `Transport.serve`."""
         return self._keep(_Service(self.session, key, answer))
 
     def requester(self, key: str, deadline: float) -> Requester:
-        """See `Transport.requester`."""
         return self._keep(_Requester(self.session, key, deadline))
 
     def gather(self, key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
-        """See `Transport.gather`."""
         sealed = seal(key, payload)
         replies = self.session.get(key, timeout=deadline, payload=payload, attachment=sealed)
         found = (_envelope(reply.ok) for reply in replies if reply.ok is not None)
         return [each for each in found if each is not None]
 
     def publisher(self, key: str) -> Publisher:
-        """See `Transport.publisher`."""
         return self._keep(_Publisher(self.session, key))
 
     def subscribe(self, key: str, callback: Callable[[Envelope], None]) -> Closeable:
-        """See `Transport.subscribe`."""
-
         def hear(sample: zenoh.Sample) -> None:
             if (envelope := _envelope(sample)) is not None:
                 callback(envelope)
@@ -109,12 +102,9 @@ class ZenohTransport:
         return self._keep(_Declared(self.session.declare_subscriber(key, handler)))
 
     def announce(self, key: str) -> Closeable:
-        """See `Transport.announce`."""
         return self._keep(_Declared(self.session.liveliness().declare_token(key)))
 
     def watch_presence(self, key: str, callback: Callable[[str, bool], None]) -> Closeable:
-        """See `Transport.watch_presence`."""
-
         def hear(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 

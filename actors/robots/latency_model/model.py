@@ -16,7 +16,7 @@ _NOTHING = (0, ACTIONS)
 
 
 class LatencyModel:
-    """Keys that follow the commands as the network of ``weights`` says.
+    """Implements `Hands`: keys that follow the commands as the network of ``weights`` says.
 
     Thirty times a second the present command joins the last 29, each with the action that the
     console was given just before: one-hot the command, then one-hot that action. Two dense layers
@@ -38,20 +38,16 @@ class LatencyModel:
 
     @property
     def held(self) -> Keys:
-        """The keys that were pressed at the end of the last frame."""
         return KEYS_OF_ACTION[self._taken]
 
     def rest(self) -> None:
-        """No key pressed, and no command remembered."""
         self._past = deque([_NOTHING] * COMMANDS, maxlen=COMMANDS)
         self._wanted = self._taken = self._frame = 0
 
     def command(self, keys: Keys) -> None:
-        """Set out to hold exactly ``keys`` down."""
         self._wanted = _ACTION_OF_KEYS[keys]
 
     def step_frame(self) -> Keys:
-        """Pass one emulator frame; the keys that are pressed in it."""
         if self._frame % FRAMES == 0:
             self._past.append((self._wanted, ACTIONS + self._taken))
             self._taken = self._next()

@@ -9,8 +9,8 @@ from common.run.conditions import CameraConfig, PlayConfig
 class ModelledNao(Nao):
     """NAO in its room, but the keys follow the latency model in the file ``play.robot``.
 
-    It sees what NAO sees. No finger moves: the joints of its proprioception are those of arms at
-    rest, as with ``play.hand`` "model".
+    It sees what NAO sees. A frame passes without physics, and no finger moves: the joints of its
+    proprioception are those of arms at rest, as with ``play.hand`` "model".
     """
 
     def __init__(self, game_size: tuple[int, int], camera: CameraConfig, play: PlayConfig) -> None:
@@ -20,18 +20,14 @@ class ModelledNao(Nao):
 
     @property
     def held(self) -> Keys:
-        """The keys pressed at the end of the last frame."""
         return self._model.held
 
     def rest(self) -> None:
-        """Nothing pressed, and no command remembered."""
         super().rest()
         self._model.rest()
 
     def command(self, keys: Keys) -> None:
-        """Give the model a command."""
         self._model.command(keys)
 
     def step_frame(self) -> Keys:
-        """Pass one emulator frame without physics; returns the keys pressed at its end."""
         return self._model.step_frame()

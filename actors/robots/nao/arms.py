@@ -122,7 +122,6 @@ class Arm:
         self._still = 0
 
     def limit_speed(self, share: float) -> None:
-        """From the next target on, let no joint be faster than ``share`` of its usual speed."""
         self._speeds = [share * SPEED_MARGIN * joint.max_speed for joint in self.chain.joints]
 
     def want(self, keys: Keys) -> None:
@@ -184,7 +183,6 @@ class Arm:
             self._engine.resetJointState(self._body, joint, float(angle), 0.0)
 
     def settle(self) -> None:
-        """Set the hand at rest over the keys, at once."""
         pose = self.poses.over[Keys.NONE]
         self.place(pose)
         self._wanted = Keys.NONE
@@ -194,7 +192,7 @@ class Arm:
 
 
 class Arms:
-    """Both arms: takes commanded keys, sets motor targets."""
+    """Implements `Limbs` by both arms, which follow planned paths."""
 
     def __init__(self, engine: Any, body: int, controller: Controller) -> None:
         directions = {
@@ -237,21 +235,17 @@ class Arms:
         }
 
     def limit_speed(self, share: float) -> None:
-        """Let no joint be faster than ``share`` of its usual speed."""
         self.left.limit_speed(share)
         self.right.limit_speed(share)
 
     def command(self, keys: Keys) -> None:
-        """Plan paths to hold exactly ``keys``; `advance` follows them."""
         self.left.want(keys & _DIRECTIONS)
         self.right.want(keys & Keys.FIRE)
 
     def advance(self) -> None:
-        """Set both arms' motor targets for one emulator frame."""
         self.left.advance()
         self.right.advance()
 
     def settle(self) -> None:
-        """Set both hands at rest over the keys, at once."""
         self.left.settle()
         self.right.settle()

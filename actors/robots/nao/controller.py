@@ -79,7 +79,7 @@ CROSS_MIDDLE: tuple[float, float] = (0.0, _CROSS_Y)
 
 
 class Controller:
-    """The controller in a physics client; ``desk_top`` is the height of the desk, m."""
+    """Implements `Pressed` in a physics client; ``desk_top`` is the height of the desk, m."""
 
     def __init__(self, engine: Any, folder: Path, desk_top: float) -> None:
         path = folder / "controller.urdf"
@@ -112,7 +112,6 @@ class Controller:
 
     @property
     def held(self) -> Keys:
-        """The keys that were held down when `pressed` was last called."""
         return self._held
 
     @property
@@ -121,7 +120,6 @@ class Controller:
         return [(joint, CAP_RADIUS) for joint in self._joints]
 
     def set_threshold(self, share: float) -> None:
-        """Let a key count as pressed and as released at ``share`` of the usual depths."""
         self._press_depth, self._release_depth = share * PRESS_DEPTH, share * RELEASE_DEPTH
 
     def depths(self) -> NDArray[np.float64]:
@@ -144,7 +142,6 @@ class Controller:
         return self._held
 
     def show(self) -> None:
-        """Colour pressed and released keys; call it before rendering them."""
         for key, joint in zip(KEY_PLACES, self._joints, strict=True):
             if key & (self._held ^ self._shown):
                 colour = _PRESSED if key & self._held else _RELEASED[key]
@@ -152,7 +149,6 @@ class Controller:
         self._shown = self._held
 
     def forget(self) -> None:
-        """Treat every key as released, after the physics was restored to its start."""
         self._held = Keys.NONE
 
     def mimic(self, other: "Controller") -> None:

@@ -108,7 +108,6 @@ class OwnNao:
         return Views(self._engine, furniture.screen, self._game_size, furniture.picture_corners)
 
     def close(self) -> None:
-        """Leave the second room."""
         self._engine.disconnect()
 
 

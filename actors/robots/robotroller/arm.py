@@ -69,7 +69,7 @@ Angles = NDArray[np.float64]
 
 
 class Arm:
-    """The three servos in a physics client: takes commanded keys, sets the motors' goals."""
+    """Implements `Limbs` by three servos in a physics client."""
 
     def __init__(self, engine: Any, folder: Path, desk_top: float) -> None:
         self._engine = engine
@@ -97,20 +97,16 @@ class Arm:
 
     @property
     def movables(self) -> list[tuple[int, float]]:
-        """Links that move, each with the radius that holds what is drawn of it, m."""
         return [(link, part.extent) for link, part in zip(self.joints, _PARTS[1:], strict=True)]
 
     def limit_speed(self, share: float) -> None:
-        """From the next goal on, let no servo be faster than ``share`` of its speed."""
         self._speed = share * NO_LOAD_SPEED
         self._given = None
 
     def command(self, keys: Keys) -> None:
-        """Set out to hold exactly ``keys``."""
         self._goals = _GOALS[keys]
 
     def advance(self) -> None:
-        """Give the motors their goals for one emulator frame."""
         if self._goals == self._given:
             return
         self._given = self._goals
@@ -129,7 +125,6 @@ class Arm:
         return angles / MOST_TURN, speeds / NO_LOAD_SPEED
 
     def settle(self) -> None:
-        """Put the servos at rest, at once."""
         for joint in self.joints:
             self._engine.resetJointState(self.body, joint, 0.0, 0.0)
         self._goals, self._given = (0.0, 0.0, 0.0), None

@@ -76,7 +76,7 @@ _KEY_SETS = tuple(map(Keys, range(32)))
 
 
 class Joystick:
-    """The joystick in a physics client; ``desk_top`` is the height of the desk, m."""
+    """Implements `Pressed` in a physics client; ``desk_top`` is the height of the desk, m."""
 
     def __init__(self, engine: Any, folder: Path, desk_top: float) -> None:
         self._engine = engine
@@ -105,12 +105,10 @@ class Joystick:
 
     @property
     def held(self) -> Keys:
-        """The keys that were held down when `pressed` was last called."""
         return self._held
 
     @property
     def movables(self) -> list[tuple[int, float]]:
-        """Links that move, each with the radius that holds what is drawn of it, m."""
         return [(link, part.extent) for link, part in zip(self._joints[1:], _MOVING, strict=True)]
 
     def set_threshold(self, share: float) -> None:
@@ -124,7 +122,6 @@ class Joystick:
         return np.array([state[0] for state in self._states(self.body, self._joints)])
 
     def pressed(self) -> Keys:
-        """Returns the keys held down now; call it once per frame."""
         left, away, down = (state[0] for state in self._states(self.body, self._joints))
         before, held = int(self._held), 0
         for index, depth in enumerate((away, -away, left, -left, down)):
@@ -146,7 +143,6 @@ class Joystick:
         self._shown = self._held
 
     def forget(self) -> None:
-        """Treat every key as released, after the physics was restored to its start."""
         self._held = Keys.NONE
 
 

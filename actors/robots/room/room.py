@@ -45,7 +45,8 @@ USUAL_PLAY = PlayConfig()
 
 
 class Room(ABC):
-    """One room in its own physics client; ``game_size`` is the game picture's rows and columns."""
+    """Implements `Robot` in its own physics client; ``game_size`` is the game picture's rows and
+    columns."""
 
     mount: ClassVar[Mount]
     """Where the robot's camera is."""
@@ -112,15 +113,12 @@ class Room(ABC):
 
     @property
     def held(self) -> Keys:
-        """The keys pressed at the end of the last frame."""
         return self.controller.held
 
     def command(self, keys: Keys) -> None:
-        """Command the hands to hold exactly ``keys`` down."""
         self.arms.command(keys)
 
     def proprioception(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Angles and speeds of the joints; see `Robot`."""
         return self.arms.posture()
 
     def rest(self) -> None:
@@ -130,7 +128,6 @@ class Room(ABC):
         self._settle()
 
     def step_frame(self) -> Keys:
-        """Simulate one emulator frame (1/60 s); returns the keys pressed at its end."""
         self.arms.advance()
         for _ in range(FRAME_SUBSTEPS):
             self._step()
@@ -176,7 +173,6 @@ class Room(ABC):
         return self.held
 
     def begin_game(self, conditions: Conditions, rng: Generator) -> None:
-        """Let hands and eye be as ``conditions`` say; see `Robot`."""
         self._set_hands(conditions.play)
         if conditions.camera != self.camera:
             self.set_eye(conditions.camera)
@@ -188,11 +184,9 @@ class Room(ABC):
         return self._projection.draw(self.view_of_robot.rendering(), game)
 
     def camera_picture(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
-        """What the robot's camera gives, with its faults; see `Robot`."""
         return self.sensor.take(self.picture(screen), agent_steps, self._projection.scene)
 
     def true_corners(self) -> NDArray[np.float64]:
-        """Where the projected picture's corners are in the robot's picture; see `Robot`."""
         return self.seen_at(self.furniture.picture_corners)
 
     def seen_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -42,7 +42,6 @@ class Shape:
 
 
 def ball(radius: float, origin: Vector, colour: Colour, *, solid: bool = False) -> Shape:
-    """Returns a ball."""
     return Shape("ball", (radius, 0.0, 0.0), origin, colour, solid=solid)
 
 
@@ -53,5 +52,4 @@ def rod(
     colour: Colour,
     turn: Vector = (0.0, 0.0, 0.0),
 ) -> Shape:
-    """Returns a rod along z, turned."""
     return Shape("rod", (radius, length, 0.0), origin, colour, turn)
