@@ -6,9 +6,8 @@ trained for a fixed number of agent steps, and played once more. The same comman
 that was interrupted.
 """
 
-import dataclasses
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
 from common.run.origin import SHAPING_SETTINGS, origin_of
 from common.run.presets import PRESETS
+from common.run.stored_config import flag_of, flat
 
 ADAPTING = {
     "learning.learning-rate": "1e-4",
@@ -38,6 +38,7 @@ ADAPTING = {
 }
 """Settings of the training: what is learned already is to be kept, so updates are small and nearly
 all actions are the policy's."""
+_WORLD = ("play.", "camera.", "randomise.")
 _EPOCHS = 10
 _NEAR = 2.0
 """Points below the score in its own world from which a policy plays as before."""
@@ -90,38 +91,16 @@ def training_flags(trained: RunConfig, steps: int) -> list[str]:
     preset = PRESETS[ENVIRONMENTS.find(trained.env).preset]
     epoch = {"protocol.epoch-steps": f"{max(steps // _EPOCHS, 1)}"}
     settings = {"preset": preset.preset, "env": trained.env, "game": trained.game}
-    flags = [part for each in (settings, ADAPTING, epoch) for part in _as_flags(each)]
+    usual = flat(preset)
     world = {
-        f"{group}.{name}": value
-        for group in ("play", "camera", "randomise")
-        for name, value in _unlike(getattr(trained, group), getattr(preset, group)).items()
+        name: value
+        for name, value in flat(trained).items()
+        if value != usual[name]
+        and name not in settings
+        and (name.startswith(_WORLD) or name in SHAPING_SETTINGS)
     }
-    network = {
-        setting: value
-        for name, value in _unlike(trained.learning, preset.learning).items()
-        if (setting := f"learning.{name}") in SHAPING_SETTINGS
-    }
-    return [*flags, *_as_flags(world | network)]
-
-
-def _unlike(config: Any, other: Any) -> dict[str, Any]:
-    return {
-        each.name: value
-        for each in dataclasses.fields(config)
-        if (value := getattr(config, each.name)) != getattr(other, each.name)
-    }
-
-
-def _as_flags(settings: Mapping[str, Any]) -> list[str]:
-    flags: list[str] = []
-    for name, value in settings.items():
-        group, _, field = name.replace("_", "-").rpartition(".")
-        prefix = f"--{group}." if group else "--"
-        if isinstance(value, bool):
-            flags.append(f"{prefix}{'' if value else 'no-'}{field}")
-        else:
-            flags += [f"{prefix}{field}", str(value)]
-    return flags
+    given = settings | ADAPTING | epoch | world
+    return [word for name, value in given.items() for word in flag_of(name, value)]
 
 
 def _report(

@@ -29,7 +29,7 @@ from common.regular_file import read_file
 from common.run.config import RunConfig, all_ranges
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
-from common.run.stored_config import REMOVED, RENAMED, from_mapping
+from common.run.stored_config import REMOVED, RENAMED, flag_of, from_mapping
 from common.version import VERSION
 
 RunFlags = Annotated[RunConfig, tyro.conf.arg(name="")]
@@ -228,13 +228,10 @@ def with_file(arguments: Sequence[str]) -> list[str]:
 
 def _flags_of(table: Mapping[str, Any], group: str = "") -> Iterator[str]:
     for name, value in table.items():
-        flag = f"{group}{name.replace('_', '-')}"
         if isinstance(value, dict):
-            yield from _flags_of(value, f"{flag}.")
-        elif isinstance(value, bool):
-            yield f"--{group}{'' if value else 'no-'}{flag.removeprefix(group)}"
+            yield from _flags_of(value, f"{group}{name}.")
         elif value is not None:
-            yield from (f"--{flag}", str(value))
+            yield from flag_of(group + name, value)
 
 
 def check_bounds(options: Any) -> None:
@@ -254,18 +251,13 @@ def check_bounds(options: Any) -> None:
                 raise InputError(f"{error}.") from None
 
 
-def _flag(field: str, negation: str = "") -> str:
-    group, name = field.replace("_", "-").split(".")
-    return f"--{group}.{negation}{name}"
-
-
 PRESENT_FLAGS = {
-    _flag(former, negation): _flag(present, negation)
+    flag_of(former, on)[0]: flag_of(present, on)[0]
     for former, present in RENAMED.items()
-    for negation in ("", "no-")
+    for on in (True, False)
 }
 """Flags by their former names, as tables of earlier results have them, and the present ones."""
-_GONE = {_flag(field, negation) for field in REMOVED for negation in ("", "no-")}
+_GONE = {flag_of(field, on)[0] for field in REMOVED for on in (True, False)}
 
 
 def _refuse_former_flags(arguments: Sequence[str]) -> None:

@@ -13,7 +13,7 @@ from common.pinned_file import path_of
 from common.registry import ALGORITHMS
 from common.run.config import LearningConfig, RunConfig
 from common.run.folder import RunFolder
-from common.run.stored_config import from_mapping, to_json
+from common.run.stored_config import flag_of, from_mapping, to_json
 
 SHIPPED = Path(__file__).resolve().parents[2] / "ale_robot" / "policies"
 """Folder of the published policies and their cards."""
@@ -169,11 +169,10 @@ def _differ(setting: str, trained: RunConfig, config: RunConfig) -> bool:
 
 def _flag(setting: str, config: RunConfig) -> str:
     """Returns the flag that gives ``setting`` its value in ``config``."""
-    group, dot, name = setting.replace("_", "-").rpartition(".")
     value = attrgetter(setting)(config)
-    if isinstance(value, bool):
-        return f"--{group}{dot}{'' if value else 'no-'}{name}"
-    return f"--robot {path_of(value)}" if name == "robot" else f"--{group}{dot}{name} {value}"
+    if setting == "play.robot":
+        return f"--robot {path_of(value)}"
+    return " ".join(flag_of(setting, value))
 
 
 def run_of(weights: Path) -> RunFolder | None:

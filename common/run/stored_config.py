@@ -1,4 +1,5 @@
-"""Configurations as plain data: written as JSON, read again whatever version wrote it, compared."""
+"""Configurations as plain data: written as JSON or as flags, read again whatever version wrote
+them, compared."""
 
 import dataclasses
 import json
@@ -58,6 +59,14 @@ def flat(config: Any) -> dict[str, bool | int | float | str]:
     return dict(settings(dataclasses.asdict(config), ""))
 
 
+def flag_of(setting: str, value: Any) -> list[str]:
+    """Returns the flag that gives a setting, as ``learning.n_step``, its value."""
+    group, dot, name = setting.replace("_", "-").rpartition(".")
+    if isinstance(value, bool):
+        return [f"--{group}{dot}{'' if value else 'no-'}{name}"]
+    return [f"--{group}{dot}{name}", str(value)]
+
+
 def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool = False) -> T:
     """Returns configuration dataclass ``kind`` built from plain data, strictly.
 
@@ -101,13 +110,7 @@ def _with_present_fields(data: Any, where: str) -> Any:
     return named
 
 
-def differences(old: Any, new: Any, prefix: str = "") -> list[str]:
-    """Names and values of the fields in which two configurations, or groups of them, differ."""
-    found = []
-    for name, before in vars(old).items():
-        after = getattr(new, name)
-        if dataclasses.is_dataclass(before):
-            found += differences(before, after, f"{prefix}{name}.")
-        elif before != after:
-            found.append(f"{prefix}{name} {before} → {after}")
-    return found
+def differences(old: Any, new: Any) -> list[str]:
+    """Returns names and values of the settings in which two configurations differ."""
+    before, after = flat(old), flat(new)
+    return [f"{name} {v} → {after[name]}" for name, v in before.items() if v != after[name]]

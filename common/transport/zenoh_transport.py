@@ -317,7 +317,7 @@ def open_hub(endpoint: str, certificates: Path | None = None) -> ZenohTransport:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind((host, port))
     except OSError as error:
-        another = f"{endpoint.rpartition(':')[0]}:{port % 65_535 + 1}"
+        another = f"{endpoint.rpartition(':')[0]}:{port + (1 if port < 65_535 else -1)}"
         raise InputError(
             f"cannot listen at {endpoint} ({error.strerror}): another learner or replay may be "
             f"running there; choose another address, as by --listen {another}."

@@ -99,6 +99,11 @@ def test_an_address_of_another_machine_is_told() -> None:
         open_hub("tcp/192.0.2.1:7447")
 
 
+def test_after_the_last_port_comes_the_one_before() -> None:
+    with pytest.raises(InputError, match=r"by --listen tcp/192\.0\.2\.1:65534\.$"):
+        open_hub("tcp/192.0.2.1:65535")
+
+
 def test_a_hub_that_is_not_there_is_told_after_the_patience(endpoint: str) -> None:
     with pytest.raises(InputError, match=f"^no hub answered at {endpoint} in .*--connect"):
         connect(endpoint, 0.0)
