@@ -6,7 +6,8 @@ Report``, and ``main(NAME, Options, measure)`` at its end. `benchmarks.registry`
 
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
@@ -72,13 +73,12 @@ class Report:
         return cls([Table(title, rows)], {"title": title, **summary, "rows": rows}, notes)
 
     def publish(self, file: Path | None) -> None:
-        """Prints the tables, and writes the JSON unless ``file`` is None."""
+        """Prints the tables, and writes the JSON as `write` does."""
         for table in self.tables:
             show(*table)
         for note in self.notes:
             print(note)
-        if file is not None:
-            write(file, self.content)
+        write(file, self.content)
 
 
 O = TypeVar("O", bound=BenchmarkOptions)  # noqa: E741
@@ -117,8 +117,10 @@ def show(title: str, rows: Sequence[Row]) -> None:
     Console().print(table)
 
 
-def write(file: Path, content: Row) -> None:
-    """Writes ``content`` as JSON, with versions, commit and machine."""
+def write(file: Path | None, content: Row) -> None:
+    """Writes ``content`` as JSON, with versions, commit and machine, unless ``file`` is None."""
+    if file is None:
+        return
     file.parent.mkdir(parents=True, exist_ok=True)
     whole = {**content, **provenance()}
     file.write_text(json.dumps(whole, indent=2) + "\n")
@@ -144,6 +146,26 @@ def resumed(file: Path | None, about: Row, what: str) -> dict[str, Any]:
     if not same:
         raise InputError(f"{file} holds no {what}: name another file.")
     return found
+
+
+@contextmanager
+def reading(file: Path, what: str, benchmark: str) -> Iterator[Any]:
+    """The content of a JSON file that `write` wrote, for those who take from it what they need.
+
+    Args:
+        what: is in it, for a person.
+        benchmark: makes such a file, and how if not by --json alone.
+
+    Raises:
+        InputError: it cannot be read, or holds something else.
+    """
+    try:
+        yield json.loads(file.read_bytes())
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(
+            f"{file} holds no {what} ({error!r}): write it with "
+            f"python -m benchmarks.{benchmark} --json FILE."
+        ) from None
 
 
 def cell(value: object) -> str:

@@ -71,8 +71,7 @@ def measure(options: Options) -> Report:
         without, _ = _run(options, seed, faults=False)
         broken, faults = _run(options, seed, faults=True)
         curves.append({"seed": seed, "faults": faults, "without": without, "with": broken})
-        if options.json is not None:
-            write(options.json, {**about, "curves": curves})
+        write(options.json, {**about, "curves": curves})
     rows = [
         {
             **{"seed": each["seed"], "faults": each["faults"]},

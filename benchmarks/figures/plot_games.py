@@ -1,6 +1,5 @@
 """The figure of games: scores of training, of robots and of their twins without a body."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.pyplot import subplots
 
 from benchmarks.lab.games import ANCHORS, BODIES
-from common.errors import InputError
+from benchmarks.report import reading
 from learner.figures.plot_style import (
     INK,
     RANDOM,
@@ -31,8 +30,8 @@ def games_figure(path: Path) -> Figure:
     Raises:
         InputError: the file holds something else, or no run yet.
     """
-    try:
-        found: list[dict[str, Any]] = json.loads(path.read_bytes())["runs"]
+    with reading(path, "games", "lab.games") as content:
+        found: list[dict[str, Any]] = content["runs"]
         games = {
             run["game"]: [each for each in found if each["game"] == run["game"]] for run in found
         }
@@ -45,11 +44,6 @@ def games_figure(path: Path) -> Figure:
         }
         if not games:
             raise ValueError("no run has ended")
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(
-            f"{path} holds no games ({error!r}): write it with "
-            "python -m benchmarks.lab.games --json FILE."
-        ) from None
     columns = min(len(games), _COLUMNS)
     height = math.ceil(len(games) / columns)
     figure, axes = subplots(

@@ -1,6 +1,5 @@
 """The figure of a robot's hands: time from a command to its keys, for every change of action."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.pyplot import get_cmap, subplots
 
-from common.errors import InputError
+from benchmarks.report import reading
 from common.press_latency import ms_of
 from learner.figures.plot_style import INK
 
@@ -25,15 +24,10 @@ def read_press(path: Path) -> dict[str, Any]:
     Raises:
         InputError: the file holds no press latencies.
     """
-    try:
-        found: dict[str, Any] = json.loads(path.read_text())
+    with reading(path, "press latency", "lab.press_latency") as found:
         np.array(found["table_ms"], np.float64)
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(
-            f"{path} holds no press latency ({error!r}): write one with "
-            "python -m benchmarks.lab.press_latency --json FILE."
-        ) from None
-    return found
+    told: dict[str, Any] = found
+    return told
 
 
 def press_figure(found: Mapping[str, Any]) -> Figure:

@@ -1,6 +1,5 @@
 """The figure of races: scores of tests against the wall clock of training."""
 
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.lab.ladder import MILESTONES
-from common.errors import InputError
+from benchmarks.report import reading
 from learner.figures.plot_style import (
     INK,
     Points,
@@ -42,8 +41,7 @@ def race_figure(paths: Sequence[Path]) -> Figure:
 
 
 def _read(path: Path) -> list[Series]:
-    try:
-        found = json.loads(path.read_bytes())
+    with reading(path, "race", "lab.race") as found:
         lines = [
             _line((test["seconds"], test["mean"]) for test in run["tests"] if "mean" in test)
             for run in found["runs"]
@@ -55,11 +53,6 @@ def _read(path: Path) -> list[Series]:
         if peer := found.get("peer"):
             curve = _line((seconds, mean) for seconds, _, mean in peer["curve"])
             series.append(Series(f"{peer['name']}, training games", [curve]))
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(
-            f"{path} holds no race ({error!r}): write it with "
-            "python -m benchmarks.lab.race --json FILE."
-        ) from None
     return series
 
 

@@ -1,6 +1,5 @@
 """The figure of a robustness grid: a heat map of scores, or curves where the optics are one."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.pyplot import subplots
 
-from common.errors import InputError
+from benchmarks.report import reading
 from learner.figures.plot_style import INK, Series, draw_series, label, legend, panels
 
 _WORST, _BEST = -21.0, 21.0
@@ -43,20 +42,14 @@ def read_grid(path: Path) -> Grid:
     Raises:
         InputError: it holds none.
     """
-    try:
-        found: dict[str, Any] = json.loads(path.read_bytes())
+    with reading(path, "grid", "lab.robustness POLICY") as found:
         means = {
             (str(cell["optics"]), float(cell["added_ms"])): float(cell["mean"])
             for cell in found["cells"]
         }
         name = f"{found['network']}, ε = {found['epsilon']:g}, sticky {found['sticky']:g}"
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(
-            f"{path} holds no grid ({error!r}): write one with "
-            "python -m benchmarks.lab.robustness POLICY --json FILE."
-        ) from None
-    if not means:
-        raise InputError(f"{path} holds no grid: none of its cells was played.")
+        if not means:
+            raise ValueError("none of its cells was played")
     optics = list(dict.fromkeys(each for each, _ in means))
     return Grid(name, optics, sorted({added for _, added in means}), means)
 

@@ -1,12 +1,11 @@
 """The figure of what more actors bring: agent steps per second against their number."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from common.errors import InputError
+from benchmarks.report import reading
 from learner.figures.plot_style import Series, draw_series, label, legend, panels
 
 _LINES = {
@@ -22,17 +21,12 @@ def scaling_figure(path: Path) -> Figure:
     Raises:
         InputError: it wrote something else.
     """
-    try:
-        found = json.loads(path.read_text())["scaling"]
+    with reading(path, "scaling", "scaling") as content:
+        found = content["scaling"]
         series = [
             Series(name, [np.array([(each["actors"], each[rate]) for each in found], np.float64)])
             for name, rate in _LINES.items()
         ]
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(
-            f"{path} holds no scaling ({error!r}): write it with "
-            "python -m benchmarks.scaling --json FILE."
-        ) from None
     figure, (axes,) = panels(1, width=6.5)
     draw_series(axes, series)
     axes.set_xticks([each["actors"] for each in found])

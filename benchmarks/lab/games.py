@@ -92,8 +92,7 @@ def measure(options: Options) -> Report:
     for done, (game, env) in enumerate(missing, 1):
         print(f"run {done} of {len(missing)}: {game}, {BODIES[env]}", flush=True)
         runs.append({"game": game, "env": env, **_trained(options, game, env)})
-        if options.json is not None:
-            write(options.json, found)
+        write(options.json, found)
     title = f"after {options.steps:,} agent steps, preset {options.preset} {options.learner}"
     return Report([Table(title.strip(), _rows(runs))], found)
 

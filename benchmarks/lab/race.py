@@ -97,27 +97,23 @@ def measure(options: Options) -> Report:
     runs: list[dict[str, Any]] = found.setdefault("runs", [])
     notes: list[str] = []
 
-    def save() -> None:
-        if options.json is not None:
-            write(options.json, found)
-
     known = {run["seed"] for run in runs}
     seeds = range(options.seed, options.seed + options.seeds)
     for seed in _told("training", [seed for seed in seeds if seed not in known]):
         runs.append(_train(options, seed))
         words = options.label or f"preset {runs[0]['preset']} {options.learner}".strip()
         found["title"] = f"{words} ({options.env})"
-        save()
+        write(options.json, found)
     if options.peer and not is_installed("stable_baselines3"):
         notes.append(f"{_PEER} is not installed, so not raced: pip install 'ale-robot[bench]'.")
     elif options.peer and "peer" not in found:
         found["peer"] = _train_peer(options, max(run["wall_seconds"] for run in runs))
-        save()
+        write(options.json, found)
     tests = [(run, test) for run in runs for test in run["tests"] if "mean" not in test]
     last = [(run, None) for run in runs if "headline" not in run]
     for run, test in _told("test", [*tests, *last]):
         _test(options, run, test)
-        save()
+        write(options.json, found)
     return Report(_tables(found), found, notes)
 
 

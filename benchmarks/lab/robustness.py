@@ -86,70 +86,53 @@ def cell_flags(latency: int, optics: Optics, sticky: float) -> list[str]:
 
 
 def measure(options: Options) -> Report:
-    grid = _Grid(options)
+    about = {
+        "title": f"robustness of {options.network.stem}",
+        "network": options.network.stem,
+        "sha256": hashlib.sha256(options.network.read_bytes()).hexdigest(),
+        "epsilon": options.epsilon,
+        "sticky": options.sticky,
+        "games": options.games,
+        "seed": options.seed,
+    }
+    found = resumed(options.json, about, "grid of this network, games, ε, sticky and seed")
+    cells: list[dict[str, Any]] = found.setdefault("cells", [])
+    grid = {(cell["optics"], cell["latency"]): cell for cell in cells}
     asked = [(optics, late) for optics in options.optics for late in options.latencies]
-    for optics, latency in asked:
-        if grid.find(optics, latency) is None:
-            grid.add(optics, latency, _play(options, optics, latency))
+    for place in asked:
+        if place not in grid:
+            grid[place] = _play(options, *place)
+            cells.append(grid[place])
+            write(options.json, found)
     rows = [
         {
             "optics": optics,
             **{
-                f"+{ms_of(latency):.0f} ms": _score(grid.find(optics, latency))
+                f"+{ms_of(latency):.0f} ms": _score(grid[optics, latency])
                 for latency in options.latencies
             },
         }
         for optics in options.optics
     ]
-    means = [cell["mean"] for each in asked if (cell := grid.find(*each)) is not None]
+    means = [grid[place]["mean"] for place in asked]
     title = (
         f"{options.network.stem}: mean ± deviation of {options.games} games a cell, "
         f"ε = {options.epsilon:g}, sticky {options.sticky:g}"
     )
     note = f"mean of all cells {sum(means) / len(means):.2f}, worst {min(means):.2f}"
-    return Report([Table(title, rows)], grid.content(), (note,))
-
-
-class _Grid:
-    """The cells that were played so far, in a file if there is one."""
-
-    def __init__(self, options: Options) -> None:
-        """Raises InputError if the file holds another grid."""
-        self._file = options.json
-        self._about = {
-            "title": f"robustness of {options.network.stem}",
-            "network": options.network.stem,
-            "sha256": hashlib.sha256(options.network.read_bytes()).hexdigest(),
-            "epsilon": options.epsilon,
-            "sticky": options.sticky,
-            "games": options.games,
-            "seed": options.seed,
-        }
-        found = resumed(self._file, self._about, "grid of this network, games, ε, sticky and seed")
-        self._cells: list[dict[str, Any]] = found.get("cells", [])
-
-    def find(self, optics: str, latency: int) -> dict[str, Any] | None:
-        place = (optics, latency)
-        return next((c for c in self._cells if (c["optics"], c["latency"]) == place), None)
-
-    def add(self, optics: str, latency: int, found: dict[str, Any]) -> None:
-        cell = {"optics": optics, "latency": latency, "added_ms": ms_of(latency)}
-        self._cells.append(cell | {name: found[name] for name in _KEPT})
-        if self._file is not None:
-            write(self._file, self.content())
-
-    def content(self) -> dict[str, Any]:
-        return {**self._about, "cells": self._cells}
+    return Report([Table(title, rows)], found, (note,))
 
 
 def _play(options: Options, optics: Optics, latency: int) -> dict[str, Any]:
     flags = [*cell_flags(latency, optics, options.sticky), "--seed", f"{options.seed}"]
     print(f"{optics}, +{ms_of(latency):.0f} ms", flush=True)
-    return evaluate(options.network, options.games, options.epsilon, flags)
+    told = evaluate(options.network, options.games, options.epsilon, flags)
+    cell = {"optics": optics, "latency": latency, "added_ms": ms_of(latency)}
+    return cell | {name: told[name] for name in _KEPT}
 
 
-def _score(cell: dict[str, Any] | None) -> str:
-    return "–" if cell is None else f"{cell['mean']:.1f} ± {cell['deviation']:.1f}"
+def _score(cell: dict[str, Any]) -> str:
+    return f"{cell['mean']:.1f} ± {cell['deviation']:.1f}"
 
 
 if __name__ == "__main__":

@@ -224,16 +224,6 @@ class Arms:
         angles, speeds = np.array([state[:2] for state in states]).T
         return (angles - self._middles) / self._ranges, speeds / self._top_speeds
 
-    def angles(self) -> dict[str, float]:
-        """Returns the angle of each moving joint, rad, by joint name."""
-        states = self._states(self.body, self._joints)
-        return {
-            joint.name: float(state[0])
-            for joint, state in zip(
-                (*self.left.chain.joints, *self.right.chain.joints), states, strict=True
-            )
-        }
-
     def limit_speed(self, share: float) -> None:
         self.left.limit_speed(share)
         self.right.limit_speed(share)

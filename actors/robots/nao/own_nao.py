@@ -17,7 +17,7 @@ from actors.robots.nao.controller import Controller
 from actors.robots.nao.meshes import check_meshes
 from actors.robots.nao.posture import ARM_JOINTS, HELD_ANGLES, TORSO_ORIGIN
 from actors.robots.nao.robot import Nao
-from actors.robots.room.engine import open_engine
+from actors.robots.room.engine import frame_of, joints_of, open_engine
 from actors.robots.room.furniture import DESK_TOP, Furniture
 from actors.robots.room.silence import silenced
 from actors.robots.room.viewpoint import Views
@@ -48,7 +48,7 @@ class OwnNao:
             self._body = _load(self._engine, path)
         self._game_size = game_size
         self._views = self._new_views()
-        self._joints = _joints_of(self._engine, self._body)
+        self._joints = joints_of(self._engine, self._body, hinges=True)
         if missing := [name for name in _MOVING if name not in self._joints]:
             raise InputError(
                 f"{path} has no joints called {', '.join(missing)}: --nao-urdf needs a robot "
@@ -63,18 +63,10 @@ class OwnNao:
         """Put the torso, whatever link the file begins with, where ours is."""
         engine = self._engine
         parent = engine.getJointInfo(self._body, self._joints[_ON_THE_TORSO])[16]
-        if parent >= 0:
-            state = engine.getLinkState(self._body, parent, computeForwardKinematics=1)
-            at, turn = state[4], state[5]
-        else:
-            # The base's position is that of its centre of mass, not of its frame.
-            at, turn = engine.getBasePositionAndOrientation(self._body)
-            inertial = engine.getDynamicsInfo(self._body, -1)
-            back = engine.invertTransform(inertial[3], inertial[4])
-            at, turn = engine.multiplyTransforms(at, turn, *back)
+        torso = frame_of(engine, self._body, parent)
         base = engine.getBasePositionAndOrientation(self._body)
         upright = engine.multiplyTransforms(
-            TORSO_ORIGIN, (0.0, 0.0, 0.0, 1.0), *engine.invertTransform(at, turn)
+            TORSO_ORIGIN, (0.0, 0.0, 0.0, 1.0), *engine.invertTransform(*torso)
         )
         engine.resetBasePositionAndOrientation(
             self._body, *engine.multiplyTransforms(*upright, *base)
@@ -96,7 +88,7 @@ class OwnNao:
         if place != self._furniture.screen_place:
             self._furniture.place_screen(*place)
             self._views = self._new_views()
-        for name, angle in nao.arms.angles().items():
+        for name, angle in nao.angles().items():
             self._engine.resetJointState(self._body, self._joints[name], angle)
         self._controller.mimic(nao.controller)
         self._controller.show()
@@ -128,9 +120,3 @@ def _load(engine: Any, path: Path) -> int:
     if not engine.getVisualShapeData(body):
         raise InputError(f"{path} shows nothing: it should be a robot with visible parts.")
     return body
-
-
-def _joints_of(engine: Any, body: int) -> dict[str, int]:
-    """Those that turn, by name."""
-    infos = (engine.getJointInfo(body, joint) for joint in range(engine.getNumJoints(body)))
-    return {info[1].decode(): info[0] for info in infos if info[2] == engine.JOINT_REVOLUTE}

@@ -8,6 +8,7 @@ from actors.robots.nao.controller import Controller
 from actors.robots.nao.eye import TOP_CAMERA
 from actors.robots.nao.posture import TORSO_ORIGIN
 from actors.robots.nao.urdf import write_urdf
+from actors.robots.room.engine import angles_of
 from actors.robots.room.furniture import DESK_TOP
 from actors.robots.room.room import Room
 from actors.robots.room.viewpoint import VISITOR, Viewpoint
@@ -39,3 +40,7 @@ class Nao(Room):
             engine.changeDynamics(self.body, link, linearDamping=0.0, angularDamping=0.0)
         self.controller = Controller(engine, folder, DESK_TOP)
         self.arms = Arms(engine, self.body, self.controller)
+
+    def angles(self) -> dict[str, float]:
+        """Returns the angle of each moving joint, rad, by joint name."""
+        return angles_of(self._engine, self.body)

@@ -6,11 +6,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.robots.room.engine import Quaternion, angles_of, frame_of
 from actors.robots.room.rotation import Vector
 from actors.robots.room.urdf import BALL_MESH
 
-Quaternion = tuple[float, float, float, float]
-"""A rotation: x, y, z, w."""
 _CUBE = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 
 
@@ -66,29 +65,13 @@ class Scene:
     def poses(self) -> dict[str, NDArray[np.float64]]:
         """Returns the present pose of each visible link's frame in the room by its name: position,
         m, and quaternion (x, y, z, w), ``float64 [7]``."""
-        return {name: np.hstack(self._pose(*link)) for name, link in self._links.items()}
-
-    def _pose(self, body: int, link: int) -> tuple[Vector, Quaternion]:
-        engine = self._engine
-        if link >= 0:
-            state = engine.getLinkState(body, link, computeForwardKinematics=1)
-            return state[4], state[5]
-        # The position of a base is that of its centre of mass, not of its frame.
-        inertial = engine.getDynamicsInfo(body, -1)[3:5]
-        pose: tuple[Vector, Quaternion] = engine.multiplyTransforms(
-            *engine.getBasePositionAndOrientation(body), *engine.invertTransform(*inertial)
-        )
-        return pose
+        return {
+            name: np.hstack(frame_of(self._engine, *link)) for name, link in self._links.items()
+        }
 
     def joints(self) -> dict[str, float]:
         """Returns the present angle of each of the robot's hinges by its name, rad."""
-        engine, robot = self._engine, self._robot
-        infos = (engine.getJointInfo(robot, joint) for joint in range(engine.getNumJoints(robot)))
-        return {
-            info[1].decode(): engine.getJointState(robot, info[0])[0]
-            for info in infos
-            if info[2] == engine.JOINT_REVOLUTE
-        }
+        return angles_of(self._engine, self._robot)
 
 
 def _shape(engine: Any, data: tuple[Any, ...]) -> DrawnShape | None:
