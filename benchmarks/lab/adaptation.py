@@ -9,13 +9,12 @@ that was interrupted.
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import tyro
 
-from benchmarks.lab.policy import EPSILON, evaluate, first_at, scores_of, train
-from benchmarks.report import BenchmarkOptions, Report, Table, main
+from benchmarks.lab.policy import EPSILON, TrainingOptions, evaluate, first_at, scores_of, train
+from benchmarks.report import Report, Table, main
 from common.checked import Fraction, FromOne
 from common.errors import InputError
 from common.process.command_line import WeightsFile
@@ -45,7 +44,7 @@ _NEAR = 2.0
 
 
 @dataclass(frozen=True)
-class Options(BenchmarkOptions):
+class Options(TrainingOptions):
     """Train a policy for a while in another world than its own, and play it before and after."""
 
     network: tyro.conf.Positional[WeightsFile]
@@ -58,14 +57,8 @@ class Options(BenchmarkOptions):
     """Games of each of the three evaluations."""
     epsilon: Fraction = EPSILON
     """Share of random actions in the evaluations."""
-    seed: FromOne = 1
-    """Seed of the training."""
-    learner: str = ""
-    """More flags for the training, as in --learner="--learning.learning-rate 5e-5"."""
     run: str = "adaptation"
     """Name of the training's run."""
-    runs: Path = Path("runs")
-    """Folder that holds the runs."""
 
 
 def measure(options: Options) -> Report:

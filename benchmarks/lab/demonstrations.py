@@ -15,8 +15,8 @@ from typing import Any
 
 import tyro
 
-from benchmarks.lab.policy import first_at, scores_of, train
-from benchmarks.report import BenchmarkOptions, Report, main
+from benchmarks.lab.policy import TrainingOptions, first_at, scores_of, train
+from benchmarks.report import Report, main
 from common.checked import FromOne
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
@@ -25,7 +25,7 @@ _WITHOUT, _WITH = _BOTH = ("without", "with")
 
 
 @dataclass(frozen=True)
-class Options(BenchmarkOptions):
+class Options(TrainingOptions):
     """Train with and without demonstrations, and compare how soon the tests have a score."""
 
     recording: tyro.conf.Positional[Path]
@@ -36,14 +36,8 @@ class Options(BenchmarkOptions):
     """Agent steps of each run, the warm-up and the recorded ones included."""
     seeds: FromOne = 1
     """Number of pairs of runs."""
-    seed: FromOne = 1
-    """Seed of the first pair; those of the others follow it."""
-    learner: str = ""
-    """Flags of the training, as in --learner="--env ale --protocol.epoch-steps 25000"."""
     run: str = "demonstrations"
     """First part of the runs' names."""
-    runs: Path = Path("runs")
-    """Folder that holds the runs."""
 
 
 def measure(options: Options) -> Report:
@@ -73,9 +67,10 @@ def _train(options: Options, seed: int, how: str) -> dict[str, Any]:
     folder = RunFolder(options.runs, f"{options.run}-{how}-seed-{seed}")
     given = ["--demonstrations", str(options.recording)] if how == _WITH else []
     flags = [*shlex.split(options.learner), "--seed", f"{seed}", *given]
-    if not _is_done(folder, options.steps):
+    summary = json.loads(folder.summary.read_text()) if folder.summary.exists() else {}
+    if summary.get("agent_steps", 0) < options.steps:
         train(folder, options.steps, flags)
-    summary = json.loads(folder.summary.read_text())
+        summary = json.loads(folder.summary.read_text())
     recorded = summary["demonstrations"]
     own = summary["config"]["replay"]["learning_starts"] - recorded
     tests = scores_of(EpochTable(folder.epochs).rows(), "test")
@@ -89,12 +84,6 @@ def _train(options: Options, seed: int, how: str) -> dict[str, Any]:
         "minutes": there and there.total_time / 60,
         "best test": max((mean for _, mean in tests), default=None),
     }
-
-
-def _is_done(folder: RunFolder, steps: int) -> bool:
-    if not folder.summary.exists():
-        return False
-    return bool(json.loads(folder.summary.read_text())["agent_steps"] >= steps)
 
 
 if __name__ == "__main__":

@@ -10,13 +10,19 @@ the robot has. The same command goes on with what was interrupted or is missing.
 
 import shlex
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from annotated_types import MinLen
 
-from benchmarks.lab.policy import EPSILON, evaluate, scores_of, summary_of_all, train
-from benchmarks.report import BenchmarkOptions, Report, Table, main, resumed, write
+from benchmarks.lab.policy import (
+    EPSILON,
+    TrainingOptions,
+    evaluate,
+    scores_of,
+    summary_of_all,
+    train,
+)
+from benchmarks.report import Report, Table, main, resumed, write
 from common.checked import FromOne
 from common.games import check_game
 from common.run.config import PresetName
@@ -52,21 +58,15 @@ _TOLD = ("agent_steps", "wall_seconds", "random_reward", "git_commit", "git_dirt
 
 
 @dataclass(frozen=True)
-class Options(BenchmarkOptions):
+class Options(TrainingOptions):
     """Train a robot and its twin without a body on each game, for as many steps, and play both."""
 
     game: Annotated[tuple[str, ...], MinLen(1)] = tuple(ANCHORS)
     """Games; any that ale-py bundles."""
     preset: PresetName = "robot"
     """Preset of all runs, twins included."""
-    learner: str = ""
-    """More flags for `python -m learner`, as in --learner="--play.sticky 0.25"."""
     steps: FromOne = 300_000
     """Agent steps of each run, the warm-up included."""
-    seed: FromOne = 1
-    """Seed of all runs."""
-    runs: Path = Path("runs")
-    """Folder that holds the runs."""
 
     def check(self) -> None:
         super().check()

@@ -7,10 +7,13 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from benchmarks.child import free_endpoint, run_module, scratch
+from benchmarks.report import BenchmarkOptions
+from common.checked import FromOne
 from common.errors import InputError
 from common.process.command_line import PRESENT_FLAGS
 from common.run.epochs import EpochPhase, EpochRow
@@ -18,6 +21,18 @@ from common.run.folder import RunFolder
 
 EPSILON = 0.001
 """Share of random actions in evaluations, unless another is asked for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingOptions(BenchmarkOptions):
+    """The flags of every experiment that trains."""
+
+    learner: str = ""
+    """More flags for `python -m learner`, as in --learner="--play.sticky 0.25"."""
+    seed: FromOne = 1
+    """Seed of the first run; those of further ones follow it."""
+    runs: Path = Path("runs")
+    """Folder that holds the runs."""
 
 
 def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> None:

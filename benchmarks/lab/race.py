@@ -16,14 +16,13 @@ import shlex
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypeVar
 
 from benchmarks.lab.ladder import MILESTONES
-from benchmarks.lab.policy import EPSILON, evaluate, summary_of_all, train
+from benchmarks.lab.policy import EPSILON, TrainingOptions, evaluate, summary_of_all, train
 from benchmarks.peer_dqn import Point, peer_curve
 from benchmarks.peers import is_installed
-from benchmarks.report import BenchmarkOptions, Report, Table, main, resumed, write
+from benchmarks.report import Report, Table, main, resumed, write
 from common.checked import FromOne
 from common.errors import InputError
 from common.run.config import PresetName, ProtocolConfig, RunConfig
@@ -43,7 +42,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Options(BenchmarkOptions):
+class Options(TrainingOptions):
     """Train from scratch, and tell when training games and tests first had a mean of 0, of a
     human's 9.3 and of 18."""
 
@@ -53,16 +52,12 @@ class Options(BenchmarkOptions):
     """Any game that ale-py bundles."""
     preset: PresetName | None = None
     """Preset of the runs; by default that of the environment."""
-    learner: str = ""
-    """More flags for `python -m learner`, as in --learner="--envs 4 --learning.n-step 5"."""
     label: str = ""
     """Words for these settings, for the figure's legend and the names of the runs."""
     steps: FromOne = 500_000
     """Agent steps of each run, the warm-up included."""
     seeds: FromOne = 3
     """Number of runs, each with a seed of its own."""
-    seed: FromOne = 1
-    """Seed of the first run; those of the others follow it."""
     every: FromOne = 25_000
     """Agent steps between the weights that are tested."""
     games: FromOne = 5
@@ -70,8 +65,6 @@ class Options(BenchmarkOptions):
     peer: bool = False
     """Also train stable-baselines3's DQN, for as long as the longest run, with the warm-up and the
     ε of ours, and tell its training games. It plays Pong by the emulator alone."""
-    runs: Path = Path("runs")
-    """Folder that holds the runs."""
 
     def check(self) -> None:
         super().check()
