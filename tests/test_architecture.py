@@ -25,7 +25,7 @@ ARROWS = {
 """By package, the others that it may import."""
 
 DOORS: dict[str, str | tuple[str, ...]] = {
-    "zenoh": "common/transport/zenoh_transport.py",
+    "zenoh": ("common/transport/zenoh_transport.py", "common/transport/zenoh_entities.py"),
     "pybullet": "actors/robots/",
     "pybullet_data": "actors/robots/",
     "pybullet_utils": "actors/robots/",
