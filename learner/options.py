@@ -22,7 +22,7 @@ from common.run.folder import RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
-from common.transport.quota import STEPS_PER_SECOND
+from common.transport.leaky_bucket import STEPS_PER_SECOND
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.offline import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES

@@ -38,7 +38,7 @@ from common.run.folder import RunFolder
 from common.run.join import patiently
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.interface import Transport
-from common.transport.quota import STEPS_PER_SECOND
+from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.transport.zenoh_transport import connect, open_hub
 from replay.chunk_statistics import Progress
 from replay.replay_buffer import ReplayBuffer

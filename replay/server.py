@@ -21,7 +21,7 @@ from common.protocol.step_fields import FRAME_SHAPE
 from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
 from common.run.config import RunConfig
 from common.transport.interface import Answer, Envelope, Request, Transport
-from common.transport.quota import STEPS_PER_SECOND, Quota
+from common.transport.leaky_bucket import STEPS_PER_SECOND, LeakyBucket
 from replay.messages import (
     NO_BATCH,
     HeldOutRequest,
@@ -58,7 +58,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         quota: float = STEPS_PER_SECOND,
     ) -> None:
         self._memory = memory
-        self._quota = Quota(quota)
+        self._quota = LeakyBucket(quota)
         self._keys = keys = RunKeys(run, memory.run_id)
         self._announcement = Announcement(run, config, config.action_count, memory.run_id).encode()
         self._weights: Envelope | None = None

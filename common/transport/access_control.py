@@ -93,8 +93,8 @@ _MOST_PER_SECOND = {
     _ANY.latest_weights: 5,  # each is answered with megabytes
 }
 """How often one process may tell or ask at a key: many times as often as ours do, and not sooner
-after another. Honest actors send several chunks at once, so chunks, and reports, have a `Quota` by
-name where they are taken."""
+after another. Honest actors send several chunks at once, so chunks, and reports, have a
+`LeakyBucket` by name where they are taken."""
 
 
 def rate_limits() -> list[dict[str, Any]]:

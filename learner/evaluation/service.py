@@ -10,7 +10,7 @@ from common.process.log_lines import Seldom
 from common.protocol.evaluation import EvaluationReport
 from common.protocol.run_keys import RunKeys, name_in
 from common.transport.interface import Request, Transport
-from common.transport.quota import REPORTS_PER_SECOND, Quota
+from common.transport.leaky_bucket import REPORTS_PER_SECOND, LeakyBucket
 from common.transport.signature import Sign
 from learner.evaluation.coordinator import EvaluationCoordinator
 
@@ -31,7 +31,7 @@ def serve_evaluators(
         sign: signs the weights of jobs.
         most_reports: that are taken of one evaluator a second.
     """
-    quota = Quota(most_reports)
+    quota = LeakyBucket(most_reports)
 
     def give_job(request: Request) -> bytes:
         evaluator = name_in(request.key)

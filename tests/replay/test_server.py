@@ -22,7 +22,7 @@ from common.protocol.wire import pack
 from common.run.config import StreamConfig
 from common.run.join import find_run
 from common.transport.interface import Envelope, Transport, Unanswered
-from common.transport.quota import NEW_NAMES_PER_SECOND, Quota
+from common.transport.leaky_bucket import NEW_NAMES_PER_SECOND, LeakyBucket
 from replay import server as replay_server
 from replay.client import AHEAD, MOST_ADVICE, RemoteReplay
 from replay.messages import NO_BATCH, Priorities, SampleRequest
@@ -147,7 +147,7 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
 ) -> None:
     seconds = [0.0]
     monkeypatch.setattr(
-        replay_server, "Quota", lambda per_second: Quota(per_second, lambda: seconds[0])
+        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: seconds[0])
     )
     place.server.close()
     config = replace(make_config(), stream=StreamConfig(chunk_steps=8, window=3))
@@ -182,7 +182,9 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
 def test_who_invents_names_holds_up_nobody_at_work_and_is_told_of_once(
     place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(replay_server, "Quota", lambda per_second: Quota(per_second, lambda: 0.0))
+    monkeypatch.setattr(
+        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
+    )
     place.server.close()
     place.server = ReplayServer(place.hub, place.memory, make_config(), RUN)
     rng, worker = np.random.default_rng(0), Actor("worker", 4)

@@ -58,7 +58,7 @@ class Scene:
         """Returns the present corners of the boxes around each visible link's shapes in the room by
         its name, m, ``float64 [N, 3]``."""
         return {
-            name: _placed(self._engine, corners, *self._pose(*self._links[name]))
+            name: _placed(self._engine, corners, *frame_of(self._engine, *self._links[name]))
             for name, corners in self._corners.items()
         }
 

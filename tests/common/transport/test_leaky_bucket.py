@@ -2,8 +2,8 @@
 
 import pytest
 
-from common.transport import quota as quota_module
-from common.transport.quota import NEW_NAMES_PER_SECOND, Quota
+from common.transport import leaky_bucket
+from common.transport.leaky_bucket import NEW_NAMES_PER_SECOND, LeakyBucket
 
 
 class Clock:
@@ -20,7 +20,7 @@ def clock() -> Clock:
 
 
 def test_over_time_so_much_a_second_is_admitted(clock: Clock) -> None:
-    quota = Quota(64.0, clock)
+    quota = LeakyBucket(64.0, clock)
     admitted = 0
     for _ in range(10_000):  # 10 s of one that sends 1,000 a second
         admitted += quota.admits("a")
@@ -29,14 +29,14 @@ def test_over_time_so_much_a_second_is_admitted(clock: Clock) -> None:
 
 
 def test_a_second_of_it_may_come_at_once(clock: Clock) -> None:
-    quota = Quota(64.0, clock)
+    quota = LeakyBucket(64.0, clock)
     assert [quota.admits("a", 16.0) for _ in range(6)] == [True] * 5 + [False]
     clock.seconds += 0.25
     assert [quota.admits("a", 16.0) for _ in range(2)] == [True, False]
 
 
 def test_what_is_more_than_a_second_of_it_comes_and_is_paid_for(clock: Clock) -> None:
-    quota = Quota(64.0, clock)
+    quota = LeakyBucket(64.0, clock)
     assert quota.admits("a", 640.0)
     clock.seconds += 8.9
     assert not quota.admits("a")
@@ -45,14 +45,14 @@ def test_what_is_more_than_a_second_of_it_comes_and_is_paid_for(clock: Clock) ->
 
 
 def test_names_have_each_their_own(clock: Clock) -> None:
-    quota = Quota(64.0, clock)
+    quota = LeakyBucket(64.0, clock)
     assert quota.admits("a", 640.0)
     assert not quota.admits("a")
     assert quota.admits("b")
 
 
 def test_names_that_are_invented_have_one_measure_together(clock: Clock) -> None:
-    quota = Quota(1e4, clock)
+    quota = LeakyBucket(1e4, clock)
     assert quota.admits("at work")
     clock.seconds += 1.0
     invented = 0
@@ -66,8 +66,8 @@ def test_names_that_are_invented_have_one_measure_together(clock: Clock) -> None
 def test_a_name_in_use_keeps_its_place_and_one_that_is_silent_gives_it_up(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(quota_module, "_MOST_NAMES", 2)
-    quota = Quota(64.0, clock)
+    monkeypatch.setattr(leaky_bucket, "_MOST_NAMES", 2)
+    quota = LeakyBucket(64.0, clock)
     assert quota.admits("silent")
     assert quota.admits("at work")
     clock.seconds += 30.0

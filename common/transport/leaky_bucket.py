@@ -1,4 +1,4 @@
-"""`Quota`: how much of what one process sends is taken, however many others send too."""
+"""`LeakyBucket`: how much of what one process sends is taken, however many others send too."""
 
 import time
 from collections.abc import Callable
@@ -21,7 +21,7 @@ _FORGOTTEN = 60.0
 """Seconds of silence after which a name may give its place to a new one."""
 
 
-class Quota:
+class LeakyBucket:
     """Admits so much a second of each name, and so many new names; leaky buckets, for one thread.
 
     What is turned away should be sent again: it costs its sender nothing of the quota. A name that
