@@ -28,9 +28,9 @@ class Spread(NamedTuple):
     def of(cls, values: Sequence[float]) -> "Spread":
         return cls(float(np.median(values)), min(values), max(values))
 
-    def cells(self, name: str = "per second") -> dict[str, float]:
-        """Returns three columns of a table, the median under ``name``."""
-        return {name: self.median, "least": self.least, "most": self.most}
+    def cells(self) -> dict[str, float]:
+        """Returns three columns of a table."""
+        return {"per second": self.median, "least": self.least, "most": self.most}
 
 
 def in_turns(

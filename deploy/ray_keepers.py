@@ -5,10 +5,8 @@ when its keeper does, so that none is left on a node that Ray has given up. Whic
 is known to Ray alone, by their names in a namespace of the run's own.
 """
 
-import ctypes
 import os
 import random
-import signal
 import socket
 import threading
 import time
@@ -22,6 +20,7 @@ import ray
 from ray.exceptions import RayError
 
 from common.process.exit_codes import BAD_INPUT
+from common.process.restarts import end_with_parent
 from common.process.supervisor import Child
 from common.run.folder import RunFolder, append_whole
 from deploy.certificates import make_certificates
@@ -35,8 +34,6 @@ _PAUSE = 5.0
 a pause between restarts."""
 _PORTS = range(20_000, 30_000)
 """Ports of learners; neither Ray nor Linux chooses one of them by itself."""
-_prctl = ctypes.CDLL(None).prctl
-_PR_SET_PDEATHSIG = 1
 
 
 class LearnerKeeper:
@@ -80,7 +77,7 @@ class LearnerKeeper:
             *secure,
             log=log,
             cwd=directory,
-            preexec_fn=_leave_with_keeper,
+            preexec_fn=end_with_parent,  # Ray ends a keeper by SIGKILL
         )
         _in_thread(self._watch)
 
@@ -188,12 +185,6 @@ def _in_thread(work: Callable[[], None]) -> None:
             os._exit(1)
 
     threading.Thread(target=run, daemon=True).start()
-
-
-def _leave_with_keeper() -> None:
-    """In the child: has it end as by SIGTERM where its keeper is gone, as by kill -9; Ray itself
-    ends it by SIGKILL."""
-    _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _free_port(host: str) -> int:

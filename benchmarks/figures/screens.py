@@ -61,40 +61,39 @@ class Screens:
     learner: str = ""
     """More flags for `python -m learner`; with --resume in them, they are all that it gets."""
 
-    def run(self) -> None:
-        """Draw both.
 
-        Raises:
-            InputError: there is no Chromium, or the run does not begin.
-        """
-        with extra_for("benchmarks.figures.screens", "dev"):
-            from playwright.sync_api import sync_playwright
-        chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-        if chromium is None:
-            raise InputError("there is no Chromium to draw with: run make browser first.")
-        given = self.learner.split()
-        with scratch() as runs:
-            web = free_endpoint().removeprefix("tcp/")
-            own = () if "--resume" in given else ("--run", "pong", "--runs", str(runs), *_RUN)
-            flags = ["--local", "--web", web, "--listen", free_endpoint(), *own, *given]
-            with (
-                _run_in_terminal(flags) as terminal,
-                sync_playwright() as driver,
-                driver.chromium.launch(executable_path=chromium, args=_CHROMIUM_FLAGS) as browser,
-            ):
-                terminal.wait(self.minutes * 60)
-                window = browser.new_context(
-                    viewport={"width": 1_280, "height": 800}, bypass_csp=True
-                )
-                page = window.new_page()
-                page.goto(f"http://{web}/")
-                # The page's policy forbids the waiting function, and is therefore passed over.
-                page.wait_for_function("document.querySelector('#picture').naturalWidth > 0")
-                page.wait_for_timeout(3_000)
-                page.screenshot(path=self.folder / "web.png")
-                _draw_terminal(browser, terminal.screen(), self.folder / "screen.png")
-        for name in ("screen.png", "web.png"):
-            print(f"wrote {self.folder / name}")
+def draw(options: Screens) -> None:
+    """Draws both.
+
+    Raises:
+        InputError: there is no Chromium, or the run does not begin.
+    """
+    with extra_for("benchmarks.figures.screens", "dev"):
+        from playwright.sync_api import sync_playwright
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        raise InputError("there is no Chromium to draw with: run make browser first.")
+    given = options.learner.split()
+    with scratch() as runs:
+        web = free_endpoint().removeprefix("tcp/")
+        own = () if "--resume" in given else ("--run", "pong", "--runs", str(runs), *_RUN)
+        flags = ["--local", "--web", web, "--listen", free_endpoint(), *own, *given]
+        with (
+            _run_in_terminal(flags) as terminal,
+            sync_playwright() as driver,
+            driver.chromium.launch(executable_path=chromium, args=_CHROMIUM_FLAGS) as browser,
+        ):
+            terminal.wait(options.minutes * 60)
+            window = browser.new_context(viewport={"width": 1_280, "height": 800}, bypass_csp=True)
+            page = window.new_page()
+            page.goto(f"http://{web}/")
+            # The page's policy forbids the waiting function, and is therefore passed over.
+            page.wait_for_function("document.querySelector('#picture').naturalWidth > 0")
+            page.wait_for_timeout(3_000)
+            page.screenshot(path=options.folder / "web.png")
+            _draw_terminal(browser, terminal.screen(), options.folder / "screen.png")
+    for name in ("screen.png", "web.png"):
+        print(f"wrote {options.folder / name}")
 
 
 class _Terminal:
@@ -168,9 +167,5 @@ def _draw_terminal(browser: Any, screen: str, path: Path) -> None:
     page.locator("pre").screenshot(path=path)
 
 
-def main() -> None:
-    parse(Screens, "benchmarks.figures.screens", sys.argv[1:]).run()
-
-
 if __name__ == "__main__":
-    exit_on_input_error(main)
+    exit_on_input_error(lambda: draw(parse(Screens, "benchmarks.figures.screens", sys.argv[1:])))

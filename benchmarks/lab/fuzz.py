@@ -44,8 +44,7 @@ def measure(options: Options) -> Report:
         if kind in {row["kind"] for row in rows}:
             continue
         rows.append(_fuzz(kind, options.messages, options.seed))
-        if options.json is not None:
-            write(options.json, found)
+        write(options.json, found)
     return Report.of(found["title"], rows, about)
 
 

@@ -24,6 +24,7 @@ _SETTLED = 600.0
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _IN_VAIN = {code.number for code in EXIT_CODES if not code.again}
 _PR_SET_PDEATHSIG = 1
+_prctl = ctypes.CDLL(None).prctl
 
 
 def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> int | None:
@@ -87,13 +88,19 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
             return told
 
 
+def end_with_parent() -> None:
+    """In a child that was just forked: lets Linux end it as by SIGTERM once its parent is gone,
+    however that ends."""
+    _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
 def _be_child(parent: int, work: Callable[[], int | None]) -> None:
     """Does ``work`` and ends this process."""
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda number, _: os._exit(128 + number))
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    end_with_parent()
     if os.getppid() != parent:
         os._exit(128 + signal.SIGTERM)
     exit_on_input_error(work)

@@ -25,7 +25,7 @@ def test_every_turn_counts_without_a_warm_up() -> None:
 def test_a_spread_is_the_median_between_least_and_most() -> None:
     found = Spread.of([5.0, 1.0, 4.0, 2.0])
     assert found == (3.0, 1.0, 5.0)
-    assert found.cells("rate") == {"rate": 3.0, "least": 1.0, "most": 5.0}
+    assert found.cells() == {"per second": 3.0, "least": 1.0, "most": 5.0}
 
 
 def test_a_slice_has_at_least_one_call() -> None:
