@@ -7,7 +7,6 @@ processor time from /proc. A window begins and ends as a chunk is accepted.
 
 import os
 import shlex
-import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -131,8 +130,7 @@ class LocalRun(HostedRun):
             *setting.flags(),
         )
         self._setting = setting
-        self._lock = threading.Lock()
-        self._heard: list[Beat] = []
+        self._heard: list[Beat] = []  # grows meanwhile, in a thread of Zenoh's
         self._chunks: list[ChunkStatistics] = []
 
     def __enter__(self) -> Self:
@@ -143,8 +141,7 @@ class LocalRun(HostedRun):
 
     def _hear(self, message: Envelope) -> None:
         stats = ActorStats.decode(message.payload)
-        with self._lock:
-            self._heard.append((time.monotonic(), stats))
+        self._heard.append((time.monotonic(), stats))
 
     # ------------------------------------------------------------------ waiting
 
@@ -179,8 +176,7 @@ class LocalRun(HostedRun):
     def _await(self, holds: Callable[[ActorStats], bool], count: int) -> None:
         """Wait until it holds for so many processes."""
         while True:
-            with self._lock:
-                found = {stats.name for _, stats in self._heard if holds(stats)}
+            found = {stats.name for _, stats in tuple(self._heard) if holds(stats)}
             if len(found) == count:
                 return
             self.check()
@@ -202,8 +198,7 @@ class LocalRun(HostedRun):
         return rate_of_tests(self._heard_between(began, time.monotonic()))
 
     def _heard_between(self, begin: float, end: float) -> list[Beat]:
-        with self._lock:
-            return [(at, stats) for at, stats in self._heard if begin <= at <= end]
+        return [(at, stats) for at, stats in tuple(self._heard) if begin <= at <= end]
 
     def measure(self, seconds: float) -> Pace:
         """Watch for so many seconds, and until the next chunk."""

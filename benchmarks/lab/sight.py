@@ -19,8 +19,8 @@ from benchmarks.lab.sight_poses import (
     FAULTS,
     PERFECT,
     POSES,
-    ActorCounters,
     Look,
+    Tally,
     cases,
     measure,
 )
@@ -105,7 +105,7 @@ def _drawn(look: Look) -> NDArray[np.uint8]:
     return picture
 
 
-def look_around(options: Options, album: Album) -> dict[str, dict[str, ActorCounters]]:
+def look_around(options: Options, album: Album) -> dict[str, dict[str, Tally]]:
     rng = np.random.default_rng(options.seed)
     return {
         case.name: measure(case, options.games, options.poses, rng, album.keep) for case in cases()
@@ -152,9 +152,7 @@ def measure_sight(options: Options) -> Report:
     cv2.setNumThreads(1)
     album = Album(options.games)
     tallies = look_around(options, album)
-    by_case = {
-        name: sum(found.values(), ActorCounters()).figures() for name, found in tallies.items()
-    }
+    by_case = {name: sum(found.values(), Tally()).figures() for name, found in tallies.items()}
     by_game = [
         {
             "game": game,

@@ -84,7 +84,7 @@ def cases() -> list[Case]:
 
 
 @dataclass
-class ActorCounters:
+class Tally:
     """What came of one case and game."""
 
     pictures: int = 0
@@ -93,8 +93,8 @@ class ActorCounters:
     differences: list[float] = field(default_factory=list)
     """Mean absolute differences to the emulator's own 84×84 frames, grey levels."""
 
-    def __add__(self, other: "ActorCounters") -> "ActorCounters":
-        return ActorCounters(
+    def __add__(self, other: "Tally") -> "Tally":
+        return Tally(
             self.pictures + other.pictures,
             self.errors + other.errors,
             self.differences + other.differences,
@@ -131,11 +131,11 @@ def measure(
     poses: int,
     rng: Generator,
     keep: Callable[[Look], object] = lambda look: None,
-) -> dict[str, ActorCounters]:
+) -> dict[str, Tally]:
     """Look from so many poses at each game; ``keep`` gets every look."""
     room = Nao()
     emulators = {game: Emulator(game, int(rng.integers(2**31)), frame_skip=4) for game in games}
-    tallies = {game: ActorCounters() for game in games}
+    tallies = {game: Tally() for game in games}
     for _ in range(poses):
         begin_game(room, case.eye, POSES, rng)
         detectors = {game: ScreenDetector(room.camera.distortion) for game in games}

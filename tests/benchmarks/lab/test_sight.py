@@ -14,10 +14,10 @@ from benchmarks.lab import sight
 from benchmarks.lab.sight_poses import (
     FAULTS,
     PERFECT,
-    ActorCounters,
     Case,
     Eye,
     Look,
+    Tally,
     cases,
     corners_in,
     measure,
@@ -68,7 +68,7 @@ def test_corners_and_frames_from_random_poses(case: Case) -> None:
 def test_a_screen_behind_an_arm_is_where_it_was(eye: Eye) -> None:
     case = Case("an arm rises", eye, "later")
     tallies = measure(case, ("pong", "breakout"), 3, np.random.default_rng(4))
-    figures = sum(tallies.values(), ActorCounters()).figures()
+    figures = sum(tallies.values(), Tally()).figures()
     assert figures["found"] == 1.0
     assert figures["max_px"] <= sight.MOST_PIXELS
 
