@@ -75,6 +75,8 @@ class Cluster:
         """Processes that ended by themselves, and how."""
         self.finished = False
         """Whether the run has reached its goal, and its learner ended."""
+        self.published = 0
+        """How often weights came."""
         self.steps_back = 0
         """How often weights came that were older than those before."""
         self.clients = (LEARNER, *self.actors)
@@ -92,7 +94,6 @@ class Cluster:
         self._flags = (*flags, "--replay.capacity", str(capacity))
         self._goal = () if goal is None else ("--steps", str(goal))
         self._start = start
-        self._weights = 0
         self._version = 0
         self._stack = ExitStack()
 
@@ -124,7 +125,7 @@ class Cluster:
         version, _ = decode_version(message.attachment, self._run_id)
         self.steps_back += version < self._version
         self._version = version
-        self._weights += 1
+        self.published += 1
 
     def _kill_all(self) -> None:
         for process in self.processes.values():
@@ -278,11 +279,6 @@ class Cluster:
         """Agent steps in the replay, at least: what actors were told is stored."""
         return self.config.stream.chunk_steps * sum(self.stored().values())
 
-    @property
-    def published(self) -> int:
-        """How often weights came."""
-        return self._weights
-
     def recovery(self, patience: float, besides: str | None = None) -> float | None:
         """Wait until all work: each actor's next chunk is stored, and new weights come; or until
         the run is finished.
@@ -294,10 +290,10 @@ class Cluster:
             seconds until then, or None after ``patience`` seconds.
         """
         began = time.monotonic()
-        before, weights = self.stored(), self._weights
+        before, weights = self.stored(), self.published
         while (waited := time.monotonic() - began) < patience:
             now = self.stored()
-            learning = besides == LEARNER or self._weights > weights
+            learning = besides == LEARNER or self.published > weights
             playing = all(
                 now.get(name, 0) > before.get(name, 0) for name in self.actors if name != besides
             )
