@@ -119,6 +119,7 @@ def test_nothing_acknowledged_is_lost_by_kill_9(tmp_path: Path, started: list[Pr
         ([], "already holds a run"),
         (["--resume", "--learning.n-step", "2"], "n_step 5 → 2"),
         (["--resume", "--listen", "somewhere"], "no address"),
+        (["--resume", "--connect", "tcp/127.0.0.1:1"], "give --listen or --connect"),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(
