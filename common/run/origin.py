@@ -17,7 +17,7 @@ from common.run.stored_config import flag_of, from_mapping, to_json
 
 SHIPPED = Path(__file__).resolve().parents[2] / "ale_robot" / "policies"
 """Folder of the published policies and their cards."""
-SHOWN = {"robot": "robot_pong_sticky", "ale": "ale_pong"}
+SHOWN = {"robot": "robot_pong_sticky", "ale": "ale_pong_sticky"}
 """Published policy that plays where none is named: the best under sticky actions."""
 
 
