@@ -208,7 +208,7 @@ def test_there_must_be_room_for_two_more(
 def test_a_disk_that_is_read_only_has_no_room(
     checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(os, "access", lambda path, how: False)
+    monkeypatch.setattr(os, "statvfs", lambda path: SimpleNamespace(f_flag=os.ST_RDONLY))
     with pytest.raises(OSError, match="Read-only") as refused:
         checkpoint.check_room()
     assert refused.value.errno == errno.EROFS
