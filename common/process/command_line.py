@@ -178,7 +178,10 @@ _SAID = {
     r"Missing value for argument '(\S+)'.*": r"\1 needs a value:",
     r"Missing from .*?: \{(.*?)\} (.*?)\.? \(required\).*": r"name one of \1 (\2):",
     r"Missing from .*?: STR (.*?)\.? \(required\).*": r"a name is missing (\1):",
-    r"Missing from .*?: ((?:\S+ )*?)(STR|PATH) (.*?)\.? \(required\).*": r"\1\2 is missing (\3):",
+    # Of several, the first.
+    r"Missing from .*?: ((?:(?:-\S+|STR,|PATH,) )*)(STR|PATH|FILE) (.*?)\.? \(required\).*": (
+        r"\1\2 is missing (\3):"
+    ),
 }
 """What tyro says, and the same for people."""
 

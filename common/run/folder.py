@@ -22,6 +22,15 @@ def check_folder(folder: Path) -> None:
         raise InputError(f"there is no folder {folder}: make it, or name another.")
 
 
+def check_new_file(file: Path) -> None:
+    """Refuses a file that could not be written. Raises InputError."""
+    check_folder(file.parent)
+    if file.is_dir():
+        raise InputError(f"{file} is a folder: name a file in it.")
+    if not os.access(file.parent, os.W_OK):
+        raise InputError(f"{file} cannot be written: choose a folder that you may write to.")
+
+
 def write_atomically(path: Path, content: bytes, former: Path | None = None) -> None:
     """Replace ``path`` by ``content``: whoever reads sees the old or the new, never a half.
 

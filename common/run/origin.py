@@ -156,9 +156,11 @@ def check_fit(weights: Path, trained: RunConfig | None, config: RunConfig) -> No
             found = [_flag(name, trained) for name in settings if _differ(name, trained, config)]
             flags += found or [_flag("env", trained)]
     if flags:
+        other = "" if trained.game == config.game else f", or name a network of {config.game}"
         raise InputError(
             f"{weights}, which plays {trained.game} ({trained.env}), was trained with "
-            f"{', '.join(needs)}, and here it would have {', '.join(has)}: add {' '.join(flags)}."
+            f"{', '.join(needs)}, and here it would have {', '.join(has)}: add "
+            f"{' '.join(flags)}{other}."
         )
 
 

@@ -26,7 +26,7 @@ from common.process.supervisor import Child
 from common.protocol.weights import load_weights_file
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
-from common.run.folder import write_atomically
+from common.run.folder import check_new_file, write_atomically
 from common.run.origin import check_fit, find_weights
 from common.run.stored_config import differences, to_json
 from common.strict_json import strict
@@ -127,6 +127,8 @@ def evaluate(
     made_by = provenance()
     console = console or Console(highlight=False)
     assert options.evaluate is not None
+    if options.json is not None:
+        check_new_file(options.json)  # not after all those games
     check_fit(options.evaluate, trained, config)
     load_weights_file(build_network(config, config.action_count), options.evaluate, "this game")
     measures = options.measures(config, trained)

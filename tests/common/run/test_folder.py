@@ -13,7 +13,7 @@ import pytest
 
 from common.errors import InputError
 from common.run.config import RunConfig
-from common.run.folder import Part, RunFolder, append_whole, write_atomically
+from common.run.folder import Part, RunFolder, append_whole, check_new_file, write_atomically
 from common.run.presets import PRESETS
 from tests.full_disk import let_the_disk_take
 from tests.paths import ROOT
@@ -278,3 +278,11 @@ def test_no_link_is_followed_to_a_file_elsewhere(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written: Too many levels of symbolic links"):
         claim(tmp_path)
     assert elsewhere.read_text() == "precious"
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_it_is_needed(tmp_path: Path) -> None:
+    check_new_file(tmp_path / "new.json")
+    with pytest.raises(InputError, match="there is no folder"):
+        check_new_file(tmp_path / "none" / "new.json")
+    with pytest.raises(InputError, match="is a folder"):
+        check_new_file(tmp_path)
