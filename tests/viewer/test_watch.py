@@ -112,7 +112,7 @@ def test_without_a_terminal_it_is_refused() -> None:
 @pytest.mark.usefixtures("forks")
 def test_a_person_watches_and_leaves() -> None:
     person = Person("watch", "--env", "ale")
-    person.sees(r"ale_pong plays pong \(ale\)")
+    person.sees(r"ale_pong_sticky plays pong \(ale\)")
     person.types(b"q")
     assert person.leaves() == 0
     assert person.has_the_terminal_back()
