@@ -375,7 +375,7 @@ def test_a_network_is_a_file_or_a_published_one(
     assert parse(Shown, "program", ["--weights", "robot_pong"]).weights == Path("robot_pong")
     run = tmp_path / "runs" / "r1"
     run.mkdir(parents=True)
-    with pytest.raises(InputError, match=r"^runs/r1 is not a file: .* policy: ale_pong, ale_pong_sticky, robot_"):
+    with pytest.raises(InputError, match=r"^runs/r1 is not a file: .* policy: ale_pong, .*robot_"):
         parse(Shown, "program", ["--weights", "runs/r1"])
     (run / "config.json").touch()
     with pytest.raises(InputError, match=r"^runs/r1/checkpoint\.safetensors is not a file: "):

@@ -35,7 +35,7 @@ def changed(setting: str, value: Any) -> RunConfig:
         ("play.robot", "robotroller", "here it would have 134 numbers of .*: add --robot nao"),
         ("env", "ale", "144 numbers .* 128 numbers .*: add --env robot"),
         ("play.vector_commands", 9, r"add --play\.vector-commands 6"),
-        ("game", "breakout", "with 6 actions, .* would have 4 actions: add --game pong, or name a network of breakout"),
+        ("game", "breakout", "6 actions, .* 4 .*: add --game pong, or name a network of breakout"),
         ("play.minimal_actions", False, r"6 actions, .* 18 actions: add --play\.minimal-actions"),
         ("play.frame_stack", 3, r"4 frames per state, .* 3 frames .*: add --play\.frame-stack 4"),
         ("learning.network", "nips", r"of nature, .* of nips: add --learning\.network nature"),
