@@ -1,4 +1,4 @@
-"""Of what a program wrote to its terminal, the screen that is drawn."""
+"""Draws the terminal screen that a program has written."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""Of each kind it tells what the fuzzer says, goes on where it ended, and stops at harm."""
+"""It reports what the fuzzer says of each kind, resumes, and stops when a message does harm."""
 
 import json
 import subprocess
