@@ -21,7 +21,7 @@ from benchmarks.child import end_as_by_ctrl_c
 from common.checked import FromOne
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import check_bounds
-from common.run.folder import check_folder
+from common.run.folder import check_new_file
 from learner.telemetry.provenance import provenance
 
 Numbers = Annotated[tuple[FromOne, ...], MinLen(1)]
@@ -46,7 +46,7 @@ class BenchmarkOptions:
         """
         check_bounds(self)
         if self.json is not None:
-            check_folder(self.json.parent)
+            check_new_file(self.json)
 
 
 class Table(NamedTuple):

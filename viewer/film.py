@@ -17,7 +17,6 @@ from actors.loop import play
 from common.checked import Amount, Fraction
 from common.errors import InputError
 from common.process.command_line import WeightsFile
-from common.run.config import RunConfig
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
 from common.run.origin import shown_weights
@@ -73,7 +72,7 @@ class Film(Played):
             return
         Play(
             *(self.env, self.game, self.robot, self.seed, self.minimal_actions),
-            weights=self.weights or shown_weights(self.env or RunConfig.env),
+            weights=self.weights or shown_weights(self.env),
             epsilon=self.epsilon,
             seconds=self.seconds,
             video=self.video or Path("film.mp4"),

@@ -67,7 +67,7 @@ class Watch(Played):
         Raises:
             InputError: there is no terminal, or it is too small; the network cannot be used.
         """
-        weights = self.weights or shown_weights(self.env or RunConfig.env)
+        weights = self.weights or shown_weights(self.env)
         config = self.config(weights)
         policy = ShownPolicy.of_file(config, weights, self.epsilon, config.seed)
         keys, scores = HeldKeys(), list[float]()

@@ -21,7 +21,7 @@ from common.errors import InputError, exit_on_input_error
 from common.press_latency import ms_of
 from common.process.command_line import parse
 from common.run.conditions import Latency
-from common.run.folder import check_folder
+from common.run.folder import check_new_file
 from common.run.origin import origin_of, run_of
 
 COLUMNS = (
@@ -79,7 +79,7 @@ def play(network: Path, press: int, options: Options) -> dict[str, Any]:
 
 def main() -> None:
     options = parse(Options, "benchmarks.lab.actuation_latency", sys.argv[1:])
-    check_folder(options.output.parent)
+    check_new_file(options.output)
     with options.output.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()

@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks.report import BenchmarkOptions, Report, main, resumed, write
 from common.checked import FromOne
-from common.errors import InputError
+from common.errors import InputError, choice
 from common.process.extras import extra_for
 from common.process.supervisor import ROOT
 
@@ -39,7 +39,7 @@ def measure(options: Options) -> Report:
     rows: list[dict[str, Any]] = found.setdefault("rows", [])
     known = _kinds()
     if unknown := sorted({*options.kinds} - {*known}):
-        raise InputError(f"there is no kind {unknown[0]}: choose of {', '.join(known)}.")
+        raise InputError(f"there is no kind {unknown[0]}: {choice(unknown[0], known)}")
     for kind in options.kinds or known:
         if kind in {row["kind"] for row in rows}:
             continue

@@ -4,12 +4,13 @@ import fcntl
 import json
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Literal, Self, get_args
 
-from common.errors import InputError, cannot_write
+from common.errors import InputError, cannot_write, writing
 from common.protocol.run_keys import check_name
 from common.regular_file import no_links
 from common.run.config import RunConfig
@@ -27,8 +28,8 @@ def check_new_file(file: Path) -> None:
     check_folder(file.parent)
     if file.is_dir():
         raise InputError(f"{file} is a folder: name a file in it.")
-    if not os.access(file.parent, os.W_OK):
-        raise InputError(f"{file} cannot be written: choose a folder that you may write to.")
+    with writing(file), tempfile.TemporaryFile(dir=file.parent):
+        pass
 
 
 def write_atomically(path: Path, content: bytes, former: Path | None = None) -> None:

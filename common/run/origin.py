@@ -43,12 +43,13 @@ def find_weights(name: str | Path) -> Path:
     return path
 
 
-def shown_weights(env: str) -> Path:
-    """Returns the network that plays in environment ``env`` where none is named.
+def shown_weights(env: str | None) -> Path:
+    """Returns the network that plays in environment ``env``, or the usual one, where none is named.
 
     Raises:
         InputError: none is published.
     """
+    env = env or RunConfig.env
     return find_weights(SHOWN.get(env, env))
 
 

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from common.errors import InputError
-from common.run.folder import check_folder
+from common.run.folder import check_new_file
 
 _SUFFIXES = (".png", ".svg", ".pdf")
 RANDOM = "#c1121f"
@@ -81,7 +81,7 @@ def check_picture(path: Path) -> None:
     """
     if path.suffix not in _SUFFIXES:
         raise InputError(f"{path} is no {', '.join(_SUFFIXES)}: choose one of these.")
-    check_folder(path.parent)
+    check_new_file(path)
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -68,6 +68,6 @@ def test_harm_is_told_with_the_fuzzers_last_words(asked: list[str]) -> None:
 
 
 def test_an_unknown_kind_is_refused(asked: list[str]) -> None:
-    with pytest.raises(InputError, match="no kind nothing: choose of ack, stats"):
+    with pytest.raises(InputError, match=r"no kind nothing: choose one of ack, stats, harmed\.$"):
         fuzz.measure(fuzz.Options(kinds=("nothing",)))
     assert asked == []

@@ -286,3 +286,14 @@ def test_a_file_that_cannot_be_written_is_refused_before_it_is_needed(tmp_path: 
         check_new_file(tmp_path / "none" / "new.json")
     with pytest.raises(InputError, match="is a folder"):
         check_new_file(tmp_path)
+
+
+def test_a_folder_that_may_not_be_written_to_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(**_: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    with pytest.raises(InputError, match=r"new\.json cannot be written: Permission denied\.$"):
+        check_new_file(tmp_path / "new.json")

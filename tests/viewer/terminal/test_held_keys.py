@@ -35,19 +35,19 @@ def test_repeats_keep_a_key_down_and_others_fall_off() -> None:
     assert held.held(0.2) == Keys.FIRE
 
 
-def test_a_sequence_may_come_in_parts() -> None:
+@pytest.mark.parametrize(
+    ("parts", "keys"),
+    [
+        ((b"\x1b", b"[", b"1;", b"2A"), Keys.UP),
+        # An answer about graphics is no key, and the q in it leaves nothing.
+        ((b"\x1b", b"_Gi=31;q", b"uit\x1b", b"\\"), Keys.NONE),
+    ],
+)
+def test_a_sequence_may_come_in_parts(parts: tuple[bytes, ...], keys: Keys) -> None:
     held = HeldKeys()
-    for part in (b"\x1b", b"[", b"1;", b"2A"):
+    for part in parts:
         held.feed(part, 0.0)
-    assert held.held(0.0) == Keys.UP
-    assert not held.wants_out
-
-
-def test_an_answer_about_graphics_in_parts_is_no_key() -> None:
-    held = HeldKeys()
-    for part in (b"\x1b", b"_Gi=31;q", b"uit\x1b", b"\\"):
-        held.feed(part, 0.0)
-    assert held.held(0.0) == Keys.NONE
+    assert held.held(0.0) == keys
     assert not held.wants_out
 
 
