@@ -13,6 +13,8 @@ NEW_NAMES_PER_SECOND = 256.0
 """Names that are heard for the first time. A thousand robots that begin together bring 240, for
 each sends its first chunk of 64 steps within 4.3 s. Who invents a name for each chunk sends less
 than two actors may."""
+_NAMES_AMOUNT = 64.0
+"""Steps or reports that a new name may bring; who brings more counts as more names."""
 _AHEAD = 1.0
 """Seconds of its quota that may come at once, as after a pause of the hub."""
 _MOST_NAMES = 4_096
@@ -43,7 +45,7 @@ class LeakyBucket:
     def admits(self, name: str, amount: float = 1.0) -> bool:
         """Whether ``amount`` of ``name`` may come in now; it may be more than a second's."""
         now = self._now()
-        if not self.knows(name) and not self._lets_in(now):
+        if not self.knows(name) and not self._lets_in(now, amount):
             return False
         begins = max(self._paid_until.get(name, now), now)
         if begins - now > _AHEAD:
@@ -51,12 +53,13 @@ class LeakyBucket:
         self._paid_until[name] = begins + amount / self._per_second
         return True
 
-    def _lets_in(self, now: float) -> bool:
-        """Whether another name may have a measure of its own."""
+    def _lets_in(self, now: float, amount: float) -> bool:
+        """Whether another name, which brings ``amount``, may have a measure of its own."""
         begins = max(self._joined_until, now)
         if begins - now > _AHEAD:
             return False
-        self._joined_until = begins + 1 / NEW_NAMES_PER_SECOND
+        names = max(amount / _NAMES_AMOUNT, 1.0)
+        self._joined_until = begins + names / NEW_NAMES_PER_SECOND
         if len(self._paid_until) >= _MOST_NAMES:
             heard = {n: until for n, until in self._paid_until.items() if until > now - _FORGOTTEN}
             self._paid_until = heard

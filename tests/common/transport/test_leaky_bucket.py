@@ -63,6 +63,18 @@ def test_names_that_are_invented_have_one_measure_together(clock: Clock) -> None
     assert invented == pytest.approx(NEW_NAMES_PER_SECOND * (10_000 / 1024 + 1), abs=2)
 
 
+@pytest.mark.parametrize("amount", [64.0, 640.0, 6400.0])
+def test_of_invented_names_less_is_admitted_than_of_two_actors_however_much_each_brings(
+    clock: Clock, amount: float
+) -> None:
+    quota = LeakyBucket(1e4, clock)
+    admitted = 0.0
+    for number in range(10 * 1024):  # 10 s of one that sends 1,000 a second
+        admitted += amount * quota.admits(f"invented-{number}", amount)
+        clock.seconds += 1 / 1024
+    assert 1e4 < admitted / 10 < 2e4
+
+
 def test_a_name_in_use_keeps_its_place_and_one_that_is_silent_gives_it_up(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
