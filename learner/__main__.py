@@ -109,9 +109,11 @@ def train(options: LearnerOptions, again: bool) -> int:
         local = closing(launch(options, from_here(endpoint), folder)) if options.local else None
         with local or nullcontext() as children:
             join = join_command(options)
+            disk = replay.progress(sys.maxsize).file_bytes
             display.line(
                 f"run {folder.name} in {folder.path}: {config.game} ({config.env}), preset "
-                f"{config.preset}, on {device.name}; actors find it at {endpoint}"
+                f"{config.preset}, on {device.name}; its replay takes {disk / 1e9:.2f} GB of disk; "
+                f"actors find it at {endpoint}"
                 f"{f' ({join})' if join else ''}."
             )
             learner.run(children)
