@@ -4,7 +4,6 @@ import fcntl
 import os
 import pty
 import re
-import select
 import struct
 import subprocess
 import sys
@@ -25,6 +24,9 @@ from common.errors import InputError
 from tests.paths import ROOT
 from tests.viewer.person import Person
 from viewer.human import Human, keys_text
+
+GIVEN_BACK = b"\x1b[?25h\x1b[?1049l"
+"""Shows the cursor and the first screen."""
 
 
 @pytest.fixture
@@ -83,49 +85,61 @@ class Seat:
         streams = SimpleNamespace(stdin=self._file, stdout=self._file)
         monkeypatch.setattr(viewer.terminal.terminal, "sys", streams)
 
+    def written(self) -> bytes:
+        """Returns all that was written so far."""
+        os.write(self.slave, b"\0")
+        seen = b""
+        # What was written comes in parts, and some time after.
+        while not seen.endswith(b"\0"):
+            seen += os.read(self.master, 1024)
+        return seen[:-1]
+
     def close(self) -> None:
         """Look whether the terminal is as it was."""
         assert termios.tcgetattr(self.slave) == self.before
-        seen = b""
-        # Until nothing is left: what was written in parts may be read in parts.
-        while select.select([self.master], [], [], 0.0)[0]:
-            seen += os.read(self.master, 1024)
-        assert not seen or seen.endswith(b"\x1b[?25h\x1b[?1049l")
         self._file.close()
         os.close(self.master)
 
 
 @pytest.fixture
-def seat(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int, int], None]]:
+def seat(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int, int], Seat]]:
     seats = []
-    yield lambda columns, rows: seats.append(Seat(monkeypatch, columns, rows))
+
+    def take(columns: int, rows: int) -> Seat:
+        seats.append(Seat(monkeypatch, columns, rows))
+        return seats[-1]
+
+    yield take
     (taken,) = seats
     taken.close()
 
 
-def test_a_terminal_that_is_too_small_is_refused(seat: Callable[[int, int], None]) -> None:
-    seat(30, 10)
+def test_a_terminal_that_is_too_small_is_refused(seat: Callable[[int, int], Seat]) -> None:
+    taken = seat(30, 10)
     with pytest.raises(InputError, match="30 × 10 characters"):
         Human().run(threading.Event())
+    assert taken.written() == b""
 
 
-def test_a_stop_gives_the_terminal_back(seat: Callable[[int, int], None]) -> None:
-    seat(80, 24)
+def test_a_stop_gives_the_terminal_back(seat: Callable[[int, int], Seat]) -> None:
+    taken = seat(80, 24)
     stop = threading.Event()
     stop.set()
     Human().run(stop)
+    assert taken.written().endswith(GIVEN_BACK)
 
 
 def test_an_error_gives_the_terminal_back(
-    seat: Callable[[int, int], None], monkeypatch: pytest.MonkeyPatch
+    seat: Callable[[int, int], Seat], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(world: World) -> None:
         raise RuntimeError("a fault of ours")
 
-    seat(80, 24)
+    taken = seat(80, 24)
     monkeypatch.setattr(World, "frame", fail)
     with pytest.raises(RuntimeError, match="a fault of ours"):
         Human().run(threading.Event())
+    assert taken.written().endswith(GIVEN_BACK)
 
 
 def test_keys_as_text() -> None:
