@@ -70,8 +70,9 @@ class Watch(Played):
         weights = self.weights or shown_weights(self.env)
         config = self.config(weights)
         policy = ShownPolicy.of_file(config, weights, self.epsilon, config.seed)
+        terminal = Terminal(LEAST_SIZE)
         keys, scores = HeldKeys(), list[float]()
-        with shown_env(config) as env, Terminal(LEAST_SIZE) as terminal:
+        with shown_env(config) as env, terminal:
             screen = WatchScreen(env, config, weights.stem)
             answers = GraphicsAnswers()
             terminal.write(QUESTIONS)

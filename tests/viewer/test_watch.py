@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import viewer.watch
 from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
 from actors.envs.step_info import StepInfo
@@ -104,7 +105,10 @@ def test_of_an_emulator_its_screen_and_the_input_are_shown() -> None:
     assert "38;2;200;200;200" in written
 
 
-def test_without_a_terminal_it_is_refused() -> None:
+def test_without_a_terminal_it_is_refused_before_anything_is_built(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delattr(viewer.watch, "shown_env")
     with pytest.raises(InputError, match="need a terminal: run it in one"):
         Watch(env="ale").run(threading.Event())
 
