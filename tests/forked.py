@@ -4,6 +4,7 @@ The process that forks has imported PyTorch and the rest, which takes three seco
 """
 
 import fcntl
+import inspect
 import multiprocessing
 import os
 import runpy
@@ -89,19 +90,45 @@ _started = subprocess.Popen._execute_child  # type: ignore[attr-defined]
 _poll, _wait = subprocess.Popen.poll, subprocess.Popen.wait
 
 
+_USUAL = {
+    "executable": None,
+    "preexec_fn": None,
+    "close_fds": True,
+    "pass_fds": (),
+    "shell": False,
+    "restore_signals": True,
+    "gid": None,
+    "gids": None,
+    "uid": None,
+    "umask": -1,
+}
+"""What only a program that is started may have otherwise."""
+
+
 def _start(self: Any, args: Any, *more: Any) -> None:
-    """Forks `python -m MODULE`, in a session of its own; starts whatever else it is."""
+    """Forks `python -m MODULE`, in a session of its own; starts whatever else it is.
+
+    Raises:
+        NotImplementedError: it should have what a fork has not.
+    """
     if args[:2] != [sys.executable, "-m"]:
         _started(self, args, *more)
         return
-    folder, environment, pipes = more[4] or Path.cwd(), more[5], more[9:15]
-    theirs = enumerate((pipes[0], pipes[3], pipes[5]))
+    told = inspect.signature(_started).bind(self, args, *more).arguments
+    unusual = [name for name, usual in _USUAL.items() if told[name] != usual]
+    if told["process_group"] > 0:
+        unusual.append("process_group")
+    if unusual:
+        raise NotImplementedError(f"a program that is forked has no {', '.join(unusual)}")
+    environment = dict(os.environ if told["env"] is None else told["env"])
+    theirs = enumerate((told["p2cread"], told["c2pwrite"], told["errwrite"]))
     streams = [_Stream(number if given == -1 else given) for number, given in theirs]
-    environment = dict(os.environ if environment is None else environment)
+    folder = told["cwd"] or Path.cwd()
     self.fork = FORKS.Process(target=_become, args=(folder, streams, args[1:], environment))
     self.fork.start()
     self.pid = self.fork.pid
-    self._close_pipe_fds(*pipes)
+    pipes = ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")
+    self._close_pipe_fds(*(told[name] for name in pipes))
 
 
 def _fork_polled(self: Any) -> int | None:

@@ -16,7 +16,10 @@ from tests.patience import PATIENCE
 
 
 class Person:
-    """Sits at a pseudo-terminal in which `python -m viewer COMMAND` runs."""
+    """Sits at a pseudo-terminal in which `python -m viewer COMMAND` runs.
+
+    It is forked (see `forked`): so the terminal is its own, and Ctrl-C goes to it.
+    """
 
     def __init__(self, *arguments: str, columns: int = 80, rows: int = 24) -> None:
         self.master, self.slave = pty.openpty()
@@ -29,13 +32,8 @@ class Person:
             stdin=self.slave,
             stdout=self.slave,
             stderr=self.slave,
-            # Its own terminal, so that Ctrl-C goes to it.
-            preexec_fn=self._own_terminal,
+            start_new_session=True,
         )
-
-    def _own_terminal(self) -> None:
-        os.setsid()
-        fcntl.ioctl(self.slave, termios.TIOCSCTTY, 0)
 
     def types(self, keys: bytes) -> None:
         os.write(self.master, keys)

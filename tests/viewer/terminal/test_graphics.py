@@ -119,6 +119,7 @@ def test_keys_held_down_do_not_make_it_forget() -> None:
     assert answers.graphics(CELL) == Graphics("kitty", CELL)
 
 
+@pytest.mark.usefixtures("forks")
 def test_who_watches_sees_pixels_once_the_terminal_has_answered() -> None:
     person = Person("watch", "--env", "ale")
     person.sees(r"\x1b\[c")
