@@ -428,6 +428,18 @@ def test_a_full_disk_pauses_training_and_nothing_is_lost() -> None:
     assert world.published[1][0] >= 1_060.0
 
 
+def test_a_stop_while_training_waits_for_room_ends_it_with_a_last_checkpoint() -> None:
+    world = World()
+    world.free = False
+    world.once(lambda: world.now >= 1_060.0, world.stop.set)
+    run(world)
+    assert [state["updates"] for state in world.checkpoints] == [0, world.updates]
+    assert world.log[-1] == ("summary", world.updates)
+    assert world.said == [
+        "WARNING: FOLDER cannot be written (No space left on device): training waits until it can."
+    ]
+
+
 @pytest.mark.parametrize(
     ("part", "write"),
     [
