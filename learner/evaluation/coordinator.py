@@ -209,8 +209,7 @@ class EvaluationCoordinator:
             shard.left -= report.steps
             test.scores += [game.score for game in report.games]
             if report.done:
-                del self._shards[report.evaluator]
-                self._close_if_done(test)
+                self._give_back(report.evaluator)  # with what another of its name has not played
 
     def _give_back(self, evaluator: str) -> None:
         shard = self._shards.pop(evaluator)

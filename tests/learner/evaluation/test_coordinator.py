@@ -179,6 +179,23 @@ def test_an_evaluator_that_asks_again_has_given_up_its_job(tmp_path: Path) -> No
     assert tests.coordinator.take_finished() is None
 
 
+def test_two_of_one_name_play_a_whole_test_in_which_each_game_counts_once(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e", "f")
+    tests.coordinator.add(epoch_test(1), b"w")
+    assert tests.ask("e").steps == 50
+    assert tests.report("e", 1, 40, [1.0], done=False)
+    assert tests.ask("e").steps == 50, "to the other of that name"
+    assert tests.report("e", 1, 5, [2.0], done=False), "of the other"
+    assert tests.report("e", 1, 10, [3.0], done=True), "of the first"
+    assert not tests.report("e", 1, 20, [4.0], done=False), "the other has to ask again"
+    assert tests.coordinator.steps_left == 45
+    assert tests.ask("e").steps == 45
+    assert tests.report("e", 1, 45, [5.0], done=True)
+    done = tests.coordinator.take_finished()
+    assert done is not None
+    assert (done.steps, done.scores) == (100, [1.0, 2.0, 3.0, 5.0])
+
+
 @pytest.mark.parametrize(("name", "epoch"), [("f", 1), ("e", 2)])
 def test_a_report_of_somebody_elses_test_is_refused(tmp_path: Path, name: str, epoch: int) -> None:
     tests = Place(tmp_path, "e")
