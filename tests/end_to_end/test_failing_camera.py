@@ -1,0 +1,76 @@
+"""A camera that fails while the run goes on: the run ends by itself, and says what failed."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.envs.robot import RobotEnv
+from common.registry import ENVIRONMENTS, Environment
+from tests.end_to_end.conftest import SMALL, Stage
+
+FAILS_AT = 700
+"""Pictures that a camera takes before."""
+SOON = ("--gate-minutes=0.1", "--stream.chunk-steps=2", "--replay.learning-starts=100")
+"""A gate may be red for 6 seconds and 320 steps."""
+
+
+class _Camera:
+    """That of a robot, until it fails."""
+
+    def __init__(self, env: RobotEnv) -> None:
+        self._take = env.robot.camera_picture
+        self._left = FAILS_AT
+        self._last = np.zeros(0, np.uint8)
+
+    def freezing(self, screen: NDArray[np.uint8], agent_steps: int) -> NDArray[np.uint8]:
+        """The same picture for ever."""
+        self._left -= 1
+        if self._left >= 0:
+            self._last = self._take(screen, agent_steps)
+        return self._last
+
+    def darkening(self, screen: NDArray[np.uint8], agent_steps: int) -> NDArray[np.uint8]:
+        """All is black within the border."""
+        self._left -= 1
+        return self._take(screen if self._left >= 0 else np.zeros_like(screen), agent_steps)
+
+
+def freezing(*given: Any, training: bool) -> RobotEnv:
+    env = RobotEnv.of_run(*given, training=training)
+    env.robot.camera_picture = _Camera(env).freezing  # type: ignore[method-assign]
+    return env
+
+
+def darkening(*given: Any, training: bool) -> RobotEnv:
+    env = RobotEnv.of_run(*given, training=training)
+    env.robot.camera_picture = _Camera(env).darkening  # type: ignore[method-assign]
+    return env
+
+
+FREEZING, DARKENING = (
+    replace(ENVIRONMENTS.find("robot"), name=factory.__name__, factory=factory)
+    for factory in (freezing, darkening)
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("env", "gate"), [(FREEZING, "following frames"), (DARKENING, "valid frames")]
+)
+def test_a_camera_that_fails_ends_the_run(stage: Stage, env: Environment, gate: str) -> None:
+    installed = stage.folder / "failing_cameras-1.0.dist-info"
+    installed.mkdir()
+    (installed / "METADATA").write_text("Name: failing-cameras\nVersion: 1.0\n")
+    (installed / "entry_points.txt").write_text(
+        f"[ale_robot.environments]\n{env.name} = {__name__}:{env.name.upper()}\n"
+    )
+    small = [flag for flag in SMALL if "learning-starts" not in flag]
+    given = ("--local", "--evaluators=0", "--env", env.name, *small, *SOON, "--steps=4000")
+    output = stage.learner(*given).ends(3)
+
+    (last,) = (line for line in output.splitlines() if line.startswith("stopped: "))
+    assert f"gate '{gate}' has been red for 0.1 minutes and 320 steps: " in last
+    assert stage.summary()["agent_steps"] >= FAILS_AT + 320
