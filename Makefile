@@ -20,14 +20,18 @@ setup: $(VENV)/.installed  ## make .venv from requirements.lock (nothing to do w
 $(VENV)/.installed: requirements.lock requirements-torch.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' || \
 		{ echo "error: Python 3.11 or 3.12 is needed: install it, or name it by PYTHON=PATH." >&2; exit 2; }
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-torch.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@echo "making $(VENV) with $(PYTHON)"
+	@$(PYTHON) -m venv $(VENV)
+	@echo "fetching and installing the $$(grep -c == requirements.lock) packages of requirements.lock: minutes"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
+	@echo "fetching and installing PyTorch (requirements-torch.lock): minutes, gigabytes if it is the CUDA build"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-torch.lock
+	@echo "installing ALE-Robot from this folder"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
 train: setup  ## train the robot on this machine until Ctrl-C; go on by running it again (NAME=, ACTORS=, ARGS=)
-	$(BIN)/python -m learner --local --run $(NAME) --actors $(ACTORS) \
+	$(BIN)/ale-robot train --run $(NAME) --actors $(ACTORS) \
 		$(if $(wildcard runs/$(NAME)/replay),--resume) $(ARGS)
 
 test: setup check  ## static checks and the whole test suite

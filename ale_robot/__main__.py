@@ -31,6 +31,8 @@ def run() -> int | None:
     elif name == "evaluate" and (not arguments or arguments[0].startswith("-")):
         raise InputError("name a network first, as in `ale-robot evaluate robot_pong`.")
     sys.argv = [f"ale-robot {name}", *given, *arguments]
+    if name == "train" and not {"--help", "--version", "--log-json"} & {*arguments}:
+        print("starting ... (to load PyTorch takes some seconds)", flush=True)
     try:
         program = import_module(module)
     except ModuleNotFoundError as error:

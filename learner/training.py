@@ -226,8 +226,11 @@ class Learner:
 
     def _keep_what_was_learned(self) -> None:
         """Write the last checkpoint, but of nothing that has diverged."""
-        if not self.losses.have_diverged():
-            self._checkpoint()
+        if self.losses.have_diverged():
+            return
+        if self.stop.is_set():
+            self.telemetry.say("stopping: writing a checkpoint ...")
+        self._checkpoint()
 
     def _check_loss(self) -> None:
         """Called before anything of the network is kept or told: it may have diverged."""

@@ -58,6 +58,18 @@ def test_a_command_is_its_program_with_its_flags_before_the_users(
     ]
 
 
+def test_training_says_at_once_that_it_starts_but_for_programs_that_read_json(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(PROGRAMS, "train", ("nobodys",))  # fails where PyTorch would be loaded
+    said = []
+    for flag in ("--resume", "--log-json"):
+        with pytest.raises(InputError):
+            run(monkeypatch, "train", flag)
+        said.append(capsys.readouterr().out)
+    assert said == ["starting ... (to load PyTorch takes some seconds)\n", ""]
+
+
 def test_what_is_no_command_is_told_with_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match=r"no command 'wach': did you mean watch\?"):
         run(monkeypatch, "wach")

@@ -560,8 +560,9 @@ def test_force_only_warns_of_a_red_gate_once() -> None:
     world.once(lambda: world.now >= 1_700.0, world.stop.set)
     learner = run(world, force=True)
     assert learner.failed is None
-    (warning,) = world.said
+    warning, stopping = world.said
     assert warning.startswith("WARNING: gate 'valid frames' has been red")
+    assert stopping == "stopping: writing a checkpoint ..."
 
 
 def test_a_run_in_which_nothing_happens_ends() -> None:
