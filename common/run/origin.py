@@ -43,6 +43,11 @@ def find_weights(name: str | Path) -> Path:
     return path
 
 
+def name_of(weights: Path) -> str:
+    """Returns what a person calls a file of `find_weights`: a published policy by its name."""
+    return weights.stem if weights.parent == SHIPPED else str(weights)
+
+
 def shown_weights(env: str | None) -> Path:
     """Returns the network that plays in environment ``env``, or the usual one, where none is named.
 

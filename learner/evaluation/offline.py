@@ -27,7 +27,8 @@ from common.protocol.weights import load_weights_file
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.folder import check_new_file, write_atomically
-from common.run.origin import check_fit, find_weights
+from common.run.origin import SHAPING_SETTINGS, check_fit, find_weights, name_of
+from common.run.presets import PRESETS
 from common.run.stored_config import differences, to_json
 from common.strict_json import strict
 from learner.evaluation.results import ENDING, summarise, table
@@ -150,9 +151,10 @@ def evaluate(
                 return None
             known = trained and replace(trained, seed=config.seed)
             changed = differences(known, settings) if known else []
-            rows.append({**asdict(measure), "changed": changed, **summarise(found, clock)})
+            told = {"changed": changed, "conditions": _unusual(settings)}
+            rows.append({**asdict(measure), **told, **summarise(found, clock)})
     content: dict[str, Any] = {
-        "weights": str(options.evaluate),
+        "weights": name_of(options.evaluate),
         "seed": config.seed,
         "flags": clock.flags(),
         **({"rows": rows} if options.headline else rows[0]),
@@ -164,6 +166,17 @@ def evaluate(
         write_atomically(options.json, (json.dumps(content, indent=2) + "\n").encode())
         console.print(f"wrote {options.json}")
     return content
+
+
+def _unusual(settings: RunConfig) -> list[str]:
+    """Returns the conditions, of ``settings``, that differ from the preset's."""
+    preset = PRESETS[settings.preset]
+    usual = replace(settings, play=preset.play, camera=preset.camera, randomise=preset.randomise)
+    return [
+        change
+        for change in differences(usual, settings)
+        if change.split()[0] not in SHAPING_SETTINGS
+    ]
 
 
 def play(

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from itertools import chain
 from typing import Any
 
 from rich.table import Table
@@ -59,10 +60,15 @@ def table(content: Mapping[str, Any]) -> Table:
     """Returns what people read of an evaluation: a line for each figure, a column for each row."""
     rows = content.get("rows", [content])
     shown = Table(title=content["weights"], title_justify="left", show_header=False)
-    for change in dict.fromkeys(change for row in rows for change in row["changed"]):
-        shown.add_row(
-            "other than trained", *(change if change in row["changed"] else "" for row in rows)
-        )
+    trained = [row["changed"] for row in rows]
+    # What the network was trained under too, as under sticky actions; the rest is told above.
+    usual = [
+        [each for each in row["conditions"] if each not in changed]
+        for row, changed in zip(rows, trained, strict=True)
+    ]
+    for name, columns in (("other than trained", trained), ("other than the preset", usual)):
+        for change in dict.fromkeys(chain.from_iterable(columns)):
+            shown.add_row(name, *(change if change in column else "" for column in columns))
     lines = _LINES if len(rows) > 1 else (*_LINES, ("every game", _every_game))
     for name, cell_of in lines:
         cells = [cell_of(row) for row in rows]

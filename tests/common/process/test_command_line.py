@@ -14,7 +14,7 @@ from common.errors import InputError
 from common.process.command_line import RunFlags, WeightsFile, parse, parse_run, preset_of
 from common.run.conditions import RandomiseConfig
 from common.run.config import RunConfig, all_ranges
-from common.run.origin import SHIPPED
+from common.run.origin import SHIPPED, name_of
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 
@@ -368,11 +368,13 @@ def test_a_network_is_a_file_or_a_published_one(
 
     monkeypatch.chdir(tmp_path)
     for name in ("robot_pong", "policies/robot_pong.safetensors", "robot_pong.safetensors"):
-        assert parse(Shown, "program", ["--weights", name]).weights == SHIPPED / (
-            "robot_pong.safetensors"
-        )
-    (tmp_path / "robot_pong").touch()
-    assert parse(Shown, "program", ["--weights", "robot_pong"]).weights == Path("robot_pong")
+        weights = parse(Shown, "program", ["--weights", name]).weights
+        assert weights == SHIPPED / "robot_pong.safetensors"
+        assert name_of(weights) == "robot_pong"
+    (tmp_path / "robot_pong.safetensors").touch()
+    own = parse(Shown, "program", ["--weights", "robot_pong.safetensors"]).weights
+    assert own is not None
+    assert name_of(own) == str(own) == "robot_pong.safetensors"
     run = tmp_path / "runs" / "r1"
     run.mkdir(parents=True)
     with pytest.raises(InputError, match=r"^runs/r1 is not a file: .* policy: ale_pong, .*robot_"):

@@ -156,6 +156,7 @@ def test_settings_other_than_the_networks_are_told(program: Path) -> None:
     trained = replace(CONFIG, seed=1, play=replace(CONFIG.play, sticky=0.5))
     found, shown = evaluated(options, replace(trained, game="space_invaders", seed=3), trained)
     assert found["changed"] == ["game pong → space_invaders"]
+    assert found["conditions"] == ["play.sticky 0.0 → 0.5"]
     assert (found["epsilon"], found["sticky"], found["mean"]) == (0.05, 0.5, 100.0)
     assert "100.00 ± 0.00" in shown
 

@@ -29,7 +29,7 @@ LATE_KEYS = PlayConfig(
 )
 
 
-ABOUT = {"weights": "w", "epsilon": 0.0, "sticky": 0.25, "changed": []}
+ABOUT = {"weights": "w", "epsilon": 0.0, "sticky": 0.25, "changed": [], "conditions": []}
 
 
 def game(places: dict[int, int], whole: str = "1", ending: str = "2") -> dict[str, Any]:
@@ -130,6 +130,7 @@ def test_a_headline_has_a_column_for_each_measure() -> None:
     changes = (["env ale → robot"], ["env ale → robot", "play.sticky 0.0 → 0.5"])
     rows = [
         {"epsilon": epsilon, "sticky": sticky, "changed": changed}
+        | {"conditions": ["camera.noise 0.0 → 8.0", *changed[1:]]}
         | summarise([game({}, *hashes), game({}, "c", "x")], ClockConfig(sync=False))
         for epsilon, sticky, hashes, changed in (
             (0.001, 0.0, "ax", changes[0]), (0.05, 0.5, "by", changes[1])
@@ -145,6 +146,7 @@ def test_a_headline_has_a_column_for_each_measure() -> None:
     assert cells == [
         ["other than trained", "env ale → robot", "env ale → robot"],
         ["other than trained", "", "play.sticky 0.0 → 0.5"],
+        ["other than the preset", "camera.noise 0.0 → 8.0", "camera.noise 0.0 → 8.0"],
         ["random actions ε", "0.001", "0.05"],
         ["sticky actions", "0", "0.5"],
         ["games", "2", "2"],
