@@ -26,6 +26,19 @@ FLAGS = (
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: make browser")
 
 
+SCALES = """async curves => {
+    const {Chart} = await import("/charts.js");
+    return curves.map(curve => {
+        const chart = new Chart(document.body, {meaning: "", label: "", form: ".1"});
+        chart.set(curve);
+        const told = [...chart.svg.querySelectorAll("text")].map(each => each.textContent);
+        chart.svg.parentElement.remove();
+        return told;
+    });
+}"""
+"""What is written in charts of these curves."""
+
+
 class Browser:
     """A page in a window, and what it complained of or asked for."""
 
@@ -101,6 +114,10 @@ def test_a_person_sees_the_robots_play_and_the_curves_grow(stage: Stage, browser
     drawn = browser.points(4)
     browser.page.reload()
     browser.until(lambda: browser.points(4) >= drawn, "a reload has the curves as they were")
+
+    scales = browser.page.evaluate(SCALES, [[], [[0, 0.0]] * 2, [[0, 0.0], [9, 0.0]]])
+    assert scales[:2] == [["no curve yet"]] * 2
+    assert scales[2] == ["0", "0.5", "1", "0", "9 steps"]
 
     picture = stage.folder / "page.png"
     browser.page.screenshot(path=picture)

@@ -73,17 +73,17 @@ export class Chart {
     const all = [...this.line, ...this.dots];
     const last = this.line.at(-1) ?? this.dots.at(-1);
     this.now.textContent = last ? written(last[1], form) : "–";
-    if (!all.length) {
-      draw(svg, "text", {x: width / 2, y: height / 2, "text-anchor": "middle"}, "nothing measured yet");
+    const begin = Math.min(...all.map(point => point[0])), end = Math.max(...all.map(point => point[0]), begin + 1);
+    if (!this.dots.length && !all.some(point => point[0] > begin)) {
+      draw(svg, "text", {x: width / 2, y: height / 2, "text-anchor": "middle"}, "no curve yet");
       return;
     }
     const known = all.map(point => point[1]).concat(this.base === null || this.base === undefined ? [] : [this.base]);
     let low = Math.min(...known), high = Math.max(...known);
-    if (low === high) { const room = Math.abs(low) * 0.05 || 1; low -= room; high += room; }
+    if (low === 0 && high === 0) high = 1;  // such as updates before there are any
+    else if (low === high) { const room = Math.abs(low) * 0.05 || 1; low -= room; high += room; }
     const margin = (high - low) * 0.06;
     low -= margin; high += margin;
-    const begin = Math.min(...all.map(point => point[0]));
-    const end = Math.max(...all.map(point => point[0]), begin + 1);
     const left = 42, right = width - 8, top = 6, bottom = height - 16;
     const x = steps => left + (steps - begin) / (end - begin) * (right - left);
     const y = value => bottom - (value - low) / (high - low) * (bottom - top);
