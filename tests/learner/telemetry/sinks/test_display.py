@@ -181,7 +181,7 @@ def test_every_figure_is_there_at_80_by_24() -> None:
         r"Run .* 20 % +10,402,560 of 50,000,000 +2 d 04:07 so far",
         r"Replay .* 30 % +300,000 of 1,000,000",
         r"test, epoch 41 +18\.42 +mean max-Q +1\.393 +steps/s +186\.3",
-        r"train +17\.03 +its deviation +0\.2314 +samples/insert +8\.00 of 8",
+        r"train +17\.03 +its deviation +0\.2314 +samples/insert +8\.00 → 8",
         r"random policy +−20\.09 +loss +0\.0008290 +stale p50/95 +38/74 upd\.",
         r"games +11,204 +updates +2,588,140 +chunks acked +162,536",
         r"release p50/99 +17/∞ ms +updates/s +46\.6 +retried +12",
@@ -380,7 +380,7 @@ def test_plain_line_has_the_figures() -> None:
         "epoch 42 61 %, 14:32 left | 10,402,560 steps"
         " | reward train 17.03 test 18.42 random -20.09 | max-Q 1.393 | loss 0.0008290"
         " | 46.6 updates/s | epsilon 0.100 | press 50/67 ms | release 17/inf ms | 186.3 steps/s"
-        " | 8.00 samples/insert of 8 | staleness 38/74 updates | 3 of 4 actors"
+        " | 8.00 samples/insert, target 8 | staleness 38/74 updates | 3 of 4 actors"
         " | checks 1 open, 6 green"
     ]
 
