@@ -21,6 +21,8 @@ MAGENTA: Colour = (255, 0, 255)
 RED: Colour = (240, 70, 60)
 
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
+_SIZE = 0.5
+"""OpenCV's scale of small text: half of it, in a GIF, can still be read."""
 _KEY_AT: dict[Keys, tuple[int, int]] = {
     Keys.UP: (0, -1),
     Keys.DOWN: (0, 1),
@@ -34,7 +36,7 @@ def write(
     text: str,
     at: tuple[int, int],
     *,
-    size: float = 0.45,
+    size: float = _SIZE,
     colour: Colour = WHITE,
 ) -> None:
     """Write ASCII text with its baseline's left end ``at``."""
@@ -43,8 +45,8 @@ def write(
 
 def caption(picture: NDArray[np.uint8], text: str, colour: Colour = WHITE) -> None:
     """Write ``text`` into the lower left corner, on a dark ground."""
-    (width, _), _ = cv2.getTextSize(text, _FONT, 0.45, 1)
-    picture[-22:, : width + 14] = PAPER
+    (width, _), _ = cv2.getTextSize(text, _FONT, _SIZE, 1)
+    picture[-24:, : width + 14] = PAPER
     write(picture, text, (7, picture.shape[0] - 7), colour=colour)
 
 
@@ -134,9 +136,10 @@ def action_values(
         action_sign(picture, (left + 8, middle), action, colour)
         if values is None:
             continue
-        room = width - 34 - 44
+        room = width - 34 - 50
         length = round((float(values[index]) - least) / span * room) if span else 0
         above, below = middle - pitch // 3, middle + pitch // 3 + 1
         picture[above:below, left + 32 : left + 33 + length] = colour
         number = f"{values[index]:.2f}"
-        write(picture, number, (left + width - 42, middle + 4), size=0.34, colour=colour)
+        shade = YELLOW if index == chosen else WHITE
+        write(picture, number, (left + width - 48, middle + 5), colour=shade)

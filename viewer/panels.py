@@ -136,9 +136,9 @@ def network_panel(
     panel[8 : 8 + _INPUT, 8 : 8 + _INPUT] = large[:, :, None]
     overlay.caption(panel, "network's input, 84 x 84")
     left = _INPUT + 20
-    overlay.write(panel, game.replace("_", " ").upper()[:16], (left, 24), size=0.5)
-    overlay.write(panel, f"score {step.info.game_score:g}", (left, 48), size=0.5)
-    overlay.write(panel, f"step  {step.info.game_steps}", (left, 70), size=0.5)
+    overlay.write(panel, game.replace("_", " ").upper()[:16], (left, 24))
+    overlay.write(panel, f"score {step.info.game_score:g}", (left, 48))
+    overlay.write(panel, f"step  {step.info.game_steps}", (left, 70))
     heading = "random play" if values is None else "Q-values"
     overlay.write(panel, heading, (left, 98), colour=overlay.GREY)
     area = (left, 104, width - left - 6, height - 108)

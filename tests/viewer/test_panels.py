@@ -204,12 +204,12 @@ def test_bars_are_as_long_as_values_are_great() -> None:
     for index in range(4):
         row = picture[index * 22 + 11 - 6]
         colour = overlay.YELLOW if index == 3 else overlay.GREY
-        bars.append(int((row[32:158] == colour).all(axis=1).sum()))
-    full = 200 - 34 - 44
+        bars.append(int((row[32:152] == colour).all(axis=1).sum()))
+    full = 200 - 34 - 50
     assert bars == [1, full // 2 + 1, full // 4 + 1 + (full % 4 > 2), full + 1]
 
 
 def test_equal_values_have_no_bars() -> None:
     picture = np.zeros((120, 200, 3), np.uint8)
     overlay.action_values(picture, (0, 0, 200, 88), (0, 2), 0, np.zeros(2, np.float32))
-    assert (picture[5, 34:158] == 0).all()
+    assert (picture[5, 34:152] == 0).all()
