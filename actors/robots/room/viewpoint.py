@@ -16,8 +16,8 @@ from actors.robots.room.scene import Scene
 
 _MOST_KEPT = 8
 """Views that are kept between pictures; one that turns is kept as it was turned last."""
-_SEEN = 2e-4
-"""Movement, m, from which on it is drawn: less than half a pixel in the pictures of films, and
+_SEEN = 0.1
+"""Movement, m, from which on it is drawn, times the picture's width: less than half a pixel, and
 motors are never quite still."""
 
 
@@ -145,7 +145,7 @@ class Views:
             return view.camera.render(shadow=False)
         last, before, now = view.rendering, view.corners, self._scene.corners()
         # What has another colour has moved, however little.
-        least = _SEEN if appearance == view.appearance else 0.0
+        least = _SEEN / view.camera.width if appearance == view.appearance else 0.0
         view.appearance = appearance
         if last is None:
             view.corners = now
