@@ -60,8 +60,9 @@ Train a robot on this machine until Ctrl-C.
   --demonstrations FOLDER   recorded games with which the replay begins
   --play.vector        commands, keys and joints too, beside the camera's frames
   --no-sync            robots in real time
-  --device cuda        hardware of the learner: auto, cpu or cuda
+  --web ADDRESS        page of the run for a browser, such as 127.0.0.1:8080
   --no-local           replay and learner only; actors join from elsewhere
+  --listen ADDRESS     where they find it; tcp/0.0.0.0:7447 lets other hosts in
 """,
     "join": """\
 Join a run as an actor, from another terminal or machine.
