@@ -83,4 +83,5 @@ def told(recorder: Recorder) -> str:
     """Returns what a recording that is closed has."""
     dataset = recorder.dataset
     games = "1 game" if dataset.episodes == 1 else f"{dataset.episodes:,} games"
-    return f"wrote {games} of {dataset.steps:,} steps to {dataset.folder}"
+    cut = ", cut at the end," if recorder.was_cut else ""
+    return f"wrote {games} of {dataset.steps:,} steps{cut} to {dataset.folder}"

@@ -70,6 +70,8 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._film: Add
         self._filming = ExitStack()
         self._seen: _Seen = {}, None
+        self.was_cut = False
+        """Whether it was closed before its last game ended."""
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         self._seen = self._look()
@@ -122,6 +124,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     def close(self) -> None:
         """Keep what there is of the present game, and close the environment; a recording without
         any game leaves nothing."""
+        self.was_cut = bool(self._rows)
         try:
             self.cut()
         finally:

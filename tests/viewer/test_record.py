@@ -40,7 +40,7 @@ def test_a_recording_has_the_play_the_video_and_the_keys(
     folder = tmp_path / "d"
     command = Record(weights=ALE, output=folder, minutes=0.1, epsilon=0.5)
     command.run(threading.Event())
-    assert capsys.readouterr().out == f"wrote 1 game of 90 steps to {folder}\n"
+    assert capsys.readouterr().out == f"wrote 1 game of 90 steps, cut at the end, to {folder}\n"
 
     # Another player of the same seeds sees and does the same.
     config = command.config(ALE)
