@@ -123,8 +123,7 @@ Play whole games, and print their scores.
 
   ale-robot play --weights robot_pong --games 5
   ale-robot play --viewer rerun                    the room in 3-D, with figures
-  ale-robot play --save game.rrd                   the same as a file; both need
-                                                   pip install rerun-sdk
+  ale-robot play --save game.rrd                   the same as a file
 
   --weights NAME|FILE  network that plays; random actions without
   --env, --game, --robot, --seed    what is played
@@ -134,26 +133,28 @@ Play whole games, and print their scores.
   --viewer rerun       Rerun's viewer: a window, or a page without a display
   --save FILE.rrd      recording for that viewer
   --no-sync            real time
+
+  Rerun needs pip install 'ale-robot[viz]'.
 """,
     "human": """\
 Play yourself, through the robot's hands: arrow keys, space, q.
 
   ale-robot human --game breakout
   ale-robot human --robot robotroller
-  ale-robot human --record FOLDER                  for `train --demonstrations`;
-                                                   needs pip install pyarrow
+  ale-robot human --record FOLDER                  for `train --demonstrations`
 
   --game GAME          game, such as breakout
   --robot NAME         robot: nao or robotroller
   --record FOLDER      LeRobot dataset of what is played
+
+  --record needs pip install 'ale-robot[record]'.
 """,
     "record": """\
 Record a network's games as a LeRobot dataset.
 
   ale-robot record robot_pong -o FOLDER --minutes 10
   ale-robot record ale_pong -o FOLDER --games 3
-  ale-robot train --demonstrations FOLDER          begin with them; all need
-                                                   pip install pyarrow
+  ale-robot train --demonstrations FOLDER          begin with them
 
   -o FOLDER            folder of the recording, which must not exist yet
   --games N            number of whole games
@@ -161,6 +162,8 @@ Record a network's games as a LeRobot dataset.
   --env, --game, --robot, --seed    what is played
   --epsilon SHARE      share of random actions, 0 to 1
   --no-sync            real time
+
+  Recordings need pip install 'ale-robot[record]'.
 """,
     "check": """\
 Check a robot's sight and touch, and write a picture.
@@ -224,8 +227,9 @@ List the trained policies that are shipped; push and pull others.
   ale-robot policies                               those that are shipped
   ale-robot watch --weights ale_pong               watch one
   ale-robot policies pull OWNER/NAME -o FOLDER     from a hub of models
-  ale-robot policies push robot_pong OWNER/NAME    both need
-                                                   pip install huggingface_hub
+  ale-robot policies push robot_pong OWNER/NAME    to that hub
+
+  Both need pip install 'ale-robot[hub]'.
 """,
 }
 """One line of what the command does, examples, and the flags that are used most: with the last line

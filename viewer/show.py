@@ -48,7 +48,7 @@ class Play(Played):
     """Film of the panels; its name ends in .mp4, or in .gif with --seconds."""
     viewer: Literal["rerun"] | None = None
     """Live viewer of room, pictures and figures: a window, or a page where there is no display. It
-    needs pip install rerun-sdk."""
+    needs pip install 'ale-robot[viz]'."""
     save: File = None
     """Recording for that viewer; its name ends in .rrd."""
     nao_urdf: File = None

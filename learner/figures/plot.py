@@ -14,19 +14,23 @@ from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import tyro
-from matplotlib.figure import Figure
 
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
-from learner.figures.plot_histogram import histogram_figure, read_evaluations
-from learner.figures.plot_runs import (
-    Group,
-    Phase,
-    epochs_figure,
-    progress_figure,
-    read_groups,
-)
-from learner.figures.plot_style import check_picture, renamed, save
+from common.process.extras import extra_for
+
+with extra_for("a figure", "plot"):
+    from matplotlib.figure import Figure
+
+    from learner.figures.plot_histogram import histogram_figure, read_evaluations
+    from learner.figures.plot_runs import (
+        Group,
+        Phase,
+        epochs_figure,
+        progress_figure,
+        read_groups,
+    )
+    from learner.figures.plot_style import check_picture, renamed, save
 
 
 @dataclass(frozen=True)

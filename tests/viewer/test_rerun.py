@@ -43,7 +43,7 @@ def emulator() -> Any:
 @pytest.fixture(scope="module")
 def game(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     """A recording of a game with the published robot's values, and what engine and game said."""
-    pytest.importorskip("rerun", reason="needs pip install rerun-sdk")
+    pytest.importorskip("rerun", reason="needs pip install 'ale-robot[viz]'")
     path = tmp_path_factory.mktemp("rerun") / "new" / "game.rrd"
     weights = find_weights("robot_pong")
     config = Played(minimal_actions=True).config(weights)
@@ -191,7 +191,7 @@ def test_the_camera_looks_at_the_screen(game: SimpleNamespace) -> None:
 
 
 def test_a_robot_without_a_room_has_pictures_and_figures(tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="needs pip install rerun-sdk")
+    pytest.importorskip("rerun", reason="needs pip install 'ale-robot[viz]'")
     config = finger_config()
     config = replace(config, play=replace(config.play, vector=False))
     with added(ROBOTS, FINGER), closing(make_env(config, training=False)) as env:
@@ -208,7 +208,7 @@ def test_a_robot_without_a_room_has_pictures_and_figures(tmp_path: Path) -> None
 
 
 def test_an_emulator_alone_has_no_keys(tmp_path: Path, emulator: Any) -> None:
-    pytest.importorskip("rerun", reason="needs pip install rerun-sdk")
+    pytest.importorskip("rerun", reason="needs pip install 'ale-robot[viz]'")
     config = Played(env="ale").config()
     policy = ShownPolicy.of_file(config, None, 1.0, 0)
     stream = RerunStream(emulator, config.play, live=False, save=tmp_path / "a.rrd")

@@ -304,7 +304,7 @@ def test_another_nao_is_for_films(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_play_is_saved_for_rerun(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("rerun", reason="needs pip install rerun-sdk")
+    pytest.importorskip("rerun", reason="needs pip install 'ale-robot[viz]'")
     weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
     path = tmp_path / "game.rrd"
     assert command(monkeypatch, "play", "--weights", str(weights), "--save", str(path)) == 0

@@ -2,7 +2,7 @@
 
 The terminal is asked what it can, and pictures stay half blocks until it has answered; most
 terminals have no graphics, and some never answer. Sixels are encoded by Chafa
-(``pip install ale-robot[graphics]``), and the protocol of kitty
+(``pip install 'ale-robot[graphics]'``), and the protocol of kitty
 (https://sw.kovidgoyal.net/kitty/graphics-protocol) takes a PNG as it is.
 """
 
