@@ -33,9 +33,10 @@ def test_a_robot_learns_in_every_mode_and_tells_how_its_time_went(
         assert (summary["missed_deadlines"], summary["late_frames"]) == (0, 0)
     if "--wait-action" not in mode:
         assert summary["waits_given_up"] == 0
-        # One that missed a game's end has no agent step of its own.
+        # One that missed a game's end has no agent step of its own; a slow machine is late.
         games = sum(int(row["nr_games"]) for row in stage.rows())
-        assert 0 <= steps + summary["missed_deadlines"] - agent_steps <= games
+        more = games + summary["late_frames"]
+        assert 0 <= steps + summary["missed_deadlines"] - agent_steps <= more
     else:
         # The keys are as commanded unless the wait was given up, or the episode ended.
         assert summary["press_match_share"] > 0.95
