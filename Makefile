@@ -92,6 +92,7 @@ screens: setup  ## draw docs/screen.png and docs/web.png from a run of some minu
 docs: setup  ## build the documentation's site in build/site, and check its links
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
 	$(BIN)/python -m docs.settings
+	$(BIN)/python -m docs.metrics
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet && echo "wrote build/site/index.html"
 
 wheel: setup  ## build the wheel that pip installs anywhere, in dist/

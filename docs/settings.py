@@ -40,7 +40,7 @@ def page() -> str:
 
 def _section(kind: type, group: str, title: str) -> Iterator[str]:
     """Yields the table of ``kind``, and then those of the groups in it."""
-    hints, meanings = get_type_hints(kind, include_extras=True), _docstrings(kind)
+    hints, meanings = get_type_hints(kind, include_extras=True), docstrings(kind)
     yield from (f"## {title}", "")
     if group:
         yield from (_one_line(kind.__doc__ or ""), "")
@@ -61,7 +61,11 @@ def _row(group: str, name: str, hint: Any, meaning: str) -> str:
     flag = f"--{group}{'.' if group else ''}{name}".replace("_", "-")
     presets = [getattr(preset, group) if group else preset for preset in PRESETS.values()]
     values = [_value(getattr(preset, name)) for preset in presets]
-    cells = (f"`{flag}`", _bounds(hint), meaning, *values)
+    return row(f"`{flag}`", _bounds(hint), meaning, *values)
+
+
+def row(*cells: str) -> str:
+    """Returns a line of a table in Markdown."""
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 
 
@@ -89,7 +93,7 @@ def _bounds(hint: Any) -> str:
     return f"{'integer, ' if kind is int else ''}{low}{high}"
 
 
-def _docstrings(kind: type) -> dict[str, str]:
+def docstrings(kind: type) -> dict[str, str]:
     """Returns the text below each field of ``kind``."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
     assert isinstance(tree, ast.ClassDef)

@@ -40,21 +40,27 @@ class EpochRow:
     average_reward: Figure | None
     """Mean score of those games; None, an empty cell, without any."""
     min_game_reward: Figure | None
+    """Lowest of those scores."""
     max_game_reward: Figure | None
+    """Highest of those scores."""
     last_exploration_rate: Figure
+    """Share of random actions at the phase's end."""
     total_train_steps: Count
     """Training steps so far, the random ones not included."""
     replay_memory_count: Count
+    """Steps in the replay."""
     meanq: Figure | None
     """Mean max-Q over the held-out states, with the weights of the phase's end."""
     meancost: Figure | None
     """Mean loss over the phase's updates."""
     weight_updates: Count
+    """Updates of the network so far."""
     total_time: Figure
     """Seconds of the run until the phase's end."""
     epoch_time: Figure
     """Seconds of this phase."""
     steps_per_second: Figure
+    """Agent steps per second of this phase."""
 
     @classmethod
     def of_games(

@@ -2,13 +2,20 @@
 
 import dataclasses
 import re
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
+from common.metrics import Values
 from common.run.config import RunConfig
-from docs import settings
+from common.run.epochs import EpochPhase, EpochRow
+from docs import metrics, settings
+from learner.telemetry.sinks.curves import CurvesSink
+from learner.telemetry.snapshot import Histogram
+from tests.epoch_rows import epoch_row
 from tests.paths import ROOT
 
 FOLDERS = (ROOT, *(ROOT / name for name in ("benchmarks", "deploy", "docs")))
@@ -88,3 +95,44 @@ def test_the_settings_page_tells_bounds_and_presets() -> None:
         "| `--learning.n-step` | integer, 1 or more | Agent steps of the n-step return; 1 in 2017. "
         "| 1 | 5 | 5 |"
     ) in settings.page()
+
+
+class _Names(CurvesSink):
+    """Keeps the names of what it gets."""
+
+    def __init__(self) -> None:
+        self.found: set[str] = set()
+
+    def add(self, points: Values, agent_steps: int) -> None:
+        self.found |= {name for name, value in points.items() if value is not None}
+
+    def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
+        self.found |= found.keys()
+
+
+def test_the_page_of_figures_is_that_of_the_code() -> None:
+    assert metrics.PAGE.read_text(encoding="utf-8") == metrics.page(), (
+        "docs/metrics.md is old: run python -m docs.metrics."
+    )
+
+
+def test_the_page_of_figures_tells_units_meanings_and_where_they_are() -> None:
+    assert (
+        "| `play/valid_frame_share` | ratio | Share of the recent steps whose frame showed the "
+        "screen | frames valid |  | `valid_frames` | `valid_frame_share` | ≥ 0.99; else the screen "
+        "is not found in the camera's picture |"
+    ) in metrics.page()
+
+
+@pytest.mark.parametrize("phase", get_args(EpochPhase))
+def test_the_page_of_figures_has_each_curve_of_an_epoch(phase: str) -> None:
+    sink = _Names()
+    sink.phase(epoch_row([1.0], phase=phase, meanq=0.5, meancost=0.1), 1_000)
+    told = set(re.findall(r"`(\w+/epoch_\w+)`", metrics.page()))
+    assert sink.found <= {name.replace("PHASE", phase) for name in told}
+
+
+def test_the_page_of_figures_has_each_column_of_the_epochs() -> None:
+    columns = metrics.page().partition("## Columns of epochs.csv")[2]
+    told = re.findall(r"^\| `(\w+)` \| .+ \|$", columns, re.M)
+    assert told == [field.name for field in dataclasses.fields(EpochRow)]
