@@ -86,10 +86,12 @@ def histogram_figure(evaluations: Sequence[Evaluation]) -> Figure:
             ground = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
             axes.bar_label(bars, color=INK, fontsize=9, padding=2, bbox=ground, zorder=3)
         else:
-            axes.hist(
+            games, *_ = axes.hist(
                 each.scores, _BARS, range=(min(every), max(every)), color=_BAR, edgecolor="white"
             )
-        axes.axvline(np.interp(each.mean, scores, places), color=_MEAN, linewidth=1.8, alpha=0.7)
+        # No higher than the bars, or a piece of it would stand above the highest one's label.
+        mean = np.interp(each.mean, scores, places)
+        axes.vlines(mean, 0, games.max(), color=_MEAN, linewidth=1.8, alpha=0.7)
         axes.margins(y=0.25)
         figures = (
             f"{len(each.scores)} games, mean {each.mean:.2f} ± {each.deviation:.2f} (line), "

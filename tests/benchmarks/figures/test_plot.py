@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -330,7 +331,10 @@ def test_each_score_has_a_bar(tmp_path: Path) -> None:
     assert names == {0.0: "−21", 1.5: "…", 3.0: "18", 5.0: "20", 6.0: "21"}
     assert bars(above) == {0.0: 1, 3.0: 2, 6.0: 1}
     assert bars(below) == {5.0: 1}
-    assert lines(above)[0][0][0] == pytest.approx(3 * 38.5 / 39)
+    (mean,) = above.collections
+    assert isinstance(mean, LineCollection)
+    place = pytest.approx(3 * 38.5 / 39)
+    assert mean.get_segments()[0].tolist() == [[place, 0], [place, 2]]  # below the bars' labels
     assert above.get_title(loc="left") == (
         "a\n4 games, mean 17.50 ± 2.00 (line), interquartile mean 18.25"
     )
