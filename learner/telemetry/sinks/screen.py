@@ -144,7 +144,7 @@ def _progress(values: Values) -> Table:
             bar,
             "" if goal is None else formats.share(now, goal),
             figure(done, values),
-            _text("steps" if goal is None else f"of {figure(total, values)}", _LABEL),
+            _text("steps" if goal is None else f"of {figure(total, values)} steps", _LABEL),
             _text(note, _LABEL),
         )
     return grid

@@ -56,7 +56,9 @@ def figures(snapshot: Snapshot) -> dict[str, Any]:
 def _progress(progress: formats.Progress, values: Values) -> dict[str, Any]:
     done, total = (number(values, key) for key in (progress.done, progress.total))
     told = formats.figure(progress.done, values)
-    told += f" of {formats.figure(progress.total, values)}" if total else " steps, until stopped"
+    told += (
+        f" of {formats.figure(progress.total, values)} steps" if total else " steps, until stopped"
+    )
     return {
         "label": progress.label,
         "share": min((done or 0) / total, 1.0) if total else None,

@@ -177,9 +177,9 @@ def test_every_figure_is_there_at_80_by_24() -> None:
     text = "\n".join(drawn(STATUS))
     for pattern in (
         r"ALE-Robot +pong +run pong-robot-3 .* robot preset · cuda:0 \(NVIDIA H200\)",
-        r"Epoch 42 .* 61 % +152,560 of 250,000 +14:32 left",
-        r"Run .* 20 % +10,402,560 of 50,000,000 +2 d 04:07 so far",
-        r"Replay .* 30 % +300,000 of 1,000,000",
+        r"Epoch 42 .* 61 % +152,560 of 250,000 steps +14:32 left",
+        r"Run .* 20 % +10,402,560 of 50,000,000 steps +2 d 04:07 so far",
+        r"Replay .* 30 % +300,000 of 1,000,000 steps",
         r"test, epoch 41 +18\.42 +mean max-Q +1\.393 +steps/s +186\.3",
         r"train +17\.03 +its deviation +0\.2314 +samples/insert +8\.00 → 8",
         r"random policy +−20\.09 +loss +0\.0008290 +stale p50/95 +38/74 upd\.",
@@ -209,7 +209,7 @@ def test_red_check_is_told_with_its_reason() -> None:
 
 def test_warm_up_has_its_own_bar() -> None:
     text = "\n".join(drawn(changed(EMPTY, {"run/phase_steps": 2_500, "run/seconds_left": 90.0})))
-    assert re.search(r"Warm-up .* 25 % +2,500 of 10,000 +01:30 left", text)
+    assert re.search(r"Warm-up .* 25 % +2,500 of 10,000 steps +01:30 left", text)
     assert "no epoch is over yet" in text
 
 
