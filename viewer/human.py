@@ -9,6 +9,8 @@ import threading
 import time
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import or_
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,6 +25,7 @@ from actors.loop import Step, play
 from actors.vision.layout import ASPECT, UNIT_SQUARE
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.errors import InputError
+from common.games import MINIMAL_ACTIONS
 from common.press_latency import COUNTS, KeyLatency
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
@@ -41,6 +44,12 @@ _NAMES = {Keys.UP: "↑", Keys.DOWN: "↓", Keys.LEFT: "←", Keys.RIGHT: "→",
 def keys_text(keys: Keys) -> str:
     """Keys as arrows and a dot, with gaps for those that are not held."""
     return "".join(sign if key & keys else "·" for key, sign in _NAMES.items())
+
+
+def used_keys(game: str) -> str:
+    """Returns the keys that a game heeds, as they are on a keyboard."""
+    used = reduce(or_, (KEYS_OF_ACTION[action] for action in MINIMAL_ACTIONS[game]))
+    return " ".join("space" if key == Keys.FIRE else _NAMES[key] for key in _NAMES if key & used)
 
 
 @dataclass(frozen=True)
@@ -132,7 +141,7 @@ class _Seat:
         lines = (
             f"you {keys_text(env.wanted)}  keys {keys_text(env.pressed)}  "
             f"{self._latency()}  score {step.info.game_score:g}",
-            f"arrows and space play, q leaves  {env.emulator.game}"
+            f"{env.emulator.game} is played by {used_keys(env.emulator.game)}; q leaves"
             f"{'' if detection.valid else '  SCREEN NOT SEEN'}"
             f"{f'  {self._late} frames late' if self._late else ''}",
         )

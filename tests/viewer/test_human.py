@@ -23,7 +23,7 @@ from common.dataset.reader import Dataset
 from common.errors import InputError
 from tests.paths import ROOT
 from tests.viewer.person import Person
-from viewer.human import Human, keys_text
+from viewer.human import Human, keys_text, used_keys
 
 GIVEN_BACK = b"\x1b[?25h\x1b[?1049l"
 """Shows the cursor and the first screen."""
@@ -145,6 +145,18 @@ def test_an_error_gives_the_terminal_back(
 def test_keys_as_text() -> None:
     assert keys_text(Keys.NONE) == "·····"
     assert keys_text(Keys.UP | Keys.RIGHT | Keys.FIRE) == "↑··→●"
+
+
+@pytest.mark.parametrize(
+    ("game", "keys"),
+    [
+        ("pong", "← → space"),
+        ("freeway", "↑ ↓"),
+        ("seaquest", "↑ ↓ ← → space"),
+    ],
+)
+def test_the_keys_that_a_game_uses(game: str, keys: str) -> None:
+    assert used_keys(game) == keys
 
 
 @pytest.mark.usefixtures("forks")
