@@ -10,6 +10,7 @@ emulator alone, with Gymnasium::
     ale_robot.evaluate("robot_pong", games=5)["mean"]
 """
 
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,11 @@ for _name in ("actors", "common", "deploy", "learner", "replay", "viewer"):
         raise ImportError(
             f"{_file.parent} hides the package {_name} of ale-robot: run it in another folder."
         )
+
+if Path(sys.argv[0]).name == "ale-robot":  # whose program begins after what is imported here
+    from common.process.lifeline import leave_at_interrupt
+
+    leave_at_interrupt()
 
 from actors.envs import env_id  # noqa: E402
 from common.version import VERSION as __version__  # noqa: E402

@@ -1,6 +1,8 @@
 """`ale-robot`: which program each command is, and what its help says."""
 
 import re
+import signal
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +12,7 @@ import pytest
 import ale_robot.__main__ as command_line
 from ale_robot.commands import HELP, PROGRAMS, overview
 from common.errors import InputError
+from tests.paths import ROOT
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int | None:
@@ -124,3 +127,30 @@ def test_the_shipped_policies_are_listed(
     said = capsys.readouterr().out
     scores = r"20\.70 +15\.23 +8\.50"
     assert re.search(rf"robot_pong +pong \(robot\) +frames, vector +{scores}", said)
+
+
+@pytest.mark.parametrize(
+    ("name", "status", "told"),
+    [("ale-robot", 130, ""), ("mine", -signal.SIGINT, "KeyboardInterrupt")],
+)
+def test_an_interrupt_while_it_is_imported_ends_the_command_without_a_traceback(
+    tmp_path: Path, name: str, status: int, told: str
+) -> None:
+    program = tmp_path / name
+    program.write_text(
+        f"""
+import os, signal, sys
+
+class Interrupted:
+    def find_spec(self, name, *_):
+        if name == "gymnasium":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.path.insert(0, {str(ROOT)!r})
+sys.meta_path.insert(0, Interrupted())
+import ale_robot
+"""
+    )
+    ended = subprocess.run([sys.executable, program], capture_output=True, text=True, check=False)
+    assert ended.returncode == status
+    assert ended.stderr.strip()[-17:] == told
