@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from common.checked import MAX_COUNT
 from common.errors import Unreachable
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
@@ -124,6 +125,13 @@ def test_no_process_can_steer_the_terminal_of_who_asks(client: Transport) -> Non
     lines = shown(wicked_too).split("\n")
     assert all(line.isprintable() for line in lines)
     assert sum("mine" in line for line in lines) == 6
+
+
+def test_what_liars_count_hides_nothing(client: Transport) -> None:
+    StatusSink(client, KEYS).write(snapshot({"actors/steps": 3 * MAX_COUNT}))  # a sum of three
+    report = ask(client, KEYS, "")
+    assert report.learner is not None
+    assert report.learner.values["actors/steps"] == MAX_COUNT
 
 
 def test_a_red_check_and_a_loop_that_hangs_are_told(client: Transport) -> None:

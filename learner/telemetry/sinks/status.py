@@ -2,7 +2,7 @@
 
 import time
 
-from common.checked import MAX_TEXT
+from common.checked import MAX_COUNT, MAX_TEXT
 from common.errors import MessageError
 from common.metrics import Value, number
 from common.protocol.run_keys import RunKeys
@@ -53,4 +53,7 @@ def status_of(snapshot: Snapshot, silent_for: float) -> RunStatus:
 
 
 def _brief(value: Value) -> Value:
-    return value[:MAX_TEXT] if isinstance(value, str) else value
+    """As much of a figure as a message holds: sums of what actors tell may be more."""
+    if isinstance(value, str):
+        return value[:MAX_TEXT]
+    return min(value, MAX_COUNT) if isinstance(value, int) else value
