@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from replay.batch import Batch
 from replay.replay_buffer import ReplayBuffer
 from tests.replay.replay_reference import GOES_ON, TERMINATES, TRUNCATES, Actor, make_config
 from tests.replay.test_replay_buffer import check_batch
@@ -91,6 +92,11 @@ class Disk:
                     file.write(data)
 
 
+def ids_in(batch: Batch | None) -> set[int]:
+    """Ids of all steps that can be drawn, for a minibatch is so large that it has them all."""
+    return set() if batch is None else set(batch.ids.tolist())
+
+
 def test_a_power_failure_costs_only_what_was_not_synced_and_alters_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -101,16 +107,20 @@ def test_a_power_failure_costs_only_what_was_not_synced_and_alters_nothing(
     memory = ReplayBuffer(CONFIG, folder)
     memory.insert(actor.live([GOES_ON] * 4, rng))
     shutil.copytree(folder, start)
-    disk, durable, steps = Disk(folder), [(0, 0)], 4
-    """Writes and agent steps at each sync."""
+    disk, steps = Disk(folder), 4
+    durable = [(0, 0, ids_in(memory.sample(0, 0.0)))]
+    """Writes, agent steps and drawable steps at each sync."""
+    after = []
+    """Writes and drawable steps after each insert."""
     with disk.recording(monkeypatch):
         for number in range(40):
             end = (GOES_ON, TERMINATES, GOES_ON, TRUNCATES)[number % 4]
             memory.insert(actor.live([GOES_ON, GOES_ON, GOES_ON, end], rng))
             steps += 4
+            after.append((len(disk.log), ids_in(memory.sample(0, 0.0))))
             if number % 9 == 8:
                 memory.sync()
-                durable.append((len(disk.log), steps))
+                durable.append((len(disk.log), steps, after[-1][1]))
     memory.close()
     assert any(what == "rename" for what, *_ in disk.log)
 
@@ -122,11 +132,15 @@ def test_a_power_failure_costs_only_what_was_not_synced_and_alters_nothing(
         disk.crash(until, start, left, dice)
         memory = ReplayBuffer(CONFIG, left)
         progress = memory.progress(0)
-        assert progress.agent_steps >= max(told for at, told in durable if at <= until)
-        if progress.samplable:
-            batch = memory.sample(0, 0.0)
-            assert batch is not None
+        _, told, synced = [each for each in durable if each[0] <= until][-1]
+        assert progress.agent_steps >= told
+        batch = memory.sample(0, 0.0)
+        assert (batch is not None) == (progress.samplable > 0)
+        if batch is not None:
             check_batch(batch, [actor], CONFIG)  # every pixel, reward and discount
+        # What was synced is there, but for what the insert under way has evicted.
+        lasting = next((ids for at, ids in after if at >= until), after[-1][1])
+        assert synced & lasting <= ids_in(batch)
         assert memory.insert(Actor("1", 4, 0, 1_000_000).live([GOES_ON], rng)).status == "stored"
         memory.close()
         shutil.rmtree(left)
