@@ -4,7 +4,10 @@ import os
 import socket
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import cycle
+from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
@@ -65,6 +68,33 @@ def test_the_kernel_ends_a_hubs_connections_whose_other_side_takes_nothing() -> 
             accepted, _ = ours.accept()
             with accepted:
                 assert timeout(accepted) == LEASE_MS
+
+
+def ip_sockets() -> dict[str, tuple[socket.SocketKind, Any, int]]:
+    """Kind of this process' IP sockets; of those that listen also address and timeout."""
+    found: dict[str, tuple[socket.SocketKind, Any, int]] = {}
+    for file in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):
+            name = os.readlink(file)
+            if not name.startswith("socket:"):
+                continue
+            with socket.socket(fileno=os.dup(int(file.name))) as opened:
+                if opened.family not in (socket.AF_INET, socket.AF_INET6):
+                    continue
+                found[name] = (opened.type, None, 0)
+                if opened.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                    timeout = opened.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT)
+                    found[name] = (opened.type, opened.getsockname(), timeout)
+    return found
+
+
+def test_a_hub_alone_listens_at_its_address_alone_and_nobody_is_looked_for(endpoint: str) -> None:
+    before = ip_sockets()
+    with open_hub(endpoint), connect(endpoint, PATIENCE):
+        opened = [each for name, each in ip_sockets().items() if name not in before]
+    assert {kind for kind, *_ in opened} == {socket.SOCK_STREAM}, "UDP is for multicast"
+    listening = [(address, timeout) for _, address, timeout in opened if address]
+    assert listening == [(check_endpoint(endpoint), LEASE_MS)]
 
 
 def test_a_port_that_is_taken_is_told_and_the_next_one_named(endpoint: str) -> None:
