@@ -16,6 +16,9 @@ from replay.ring import Placement
 
 _KEPT_STATISTICS = 4 * MAX_STATISTICS
 _MOST_GAPS = 64
+_MOST_STREAMS = 65_536
+"""Streams that are remembered beyond their chunks in the ring, those that were heard last. Each
+start of an actor begins some."""
 
 
 class ChunkKey(NamedTuple):
@@ -77,11 +80,12 @@ class ChunkIndex:
         self.chunks: dict[ChunkKey, Placement] = {}
         """Those in the ring, oldest first."""
         self._received: dict[tuple[str, int, int], Received] = {}
+        """By actor, incarnation and stream, the one that was heard last at the end."""
 
     def has_received(self, key: ChunkKey) -> bool:
         """Whether this chunk came before, even if it is evicted by now."""
         received = self._received.get(key[:3])
-        return received is not None and key.sequence in received
+        return key in self.chunks or (received is not None and key.sequence in received)
 
     def steps_beside(self, key: ChunkKey, before: int, after: int) -> set[int]:
         """Ids of the nearest steps of the chunk's stream, as far as their chunks follow it."""
@@ -97,7 +101,11 @@ class ChunkIndex:
 
     def accept(self, key: ChunkKey, place: Placement, statistics: ChunkStatistics) -> None:
         """Count a chunk that is written."""
-        self._received.setdefault(key[:3], Received()).add(key.sequence)
+        received = self._received.pop(key[:3], None) or Received()
+        received.add(key.sequence)
+        self._received[key[:3]] = received
+        if len(self._received) > _MOST_STREAMS:
+            del self._received[next(iter(self._received))]
         self._hold(key, place)
         self.accepted = statistics.index + 1
         self.agent_steps = statistics.agent_steps

@@ -1,5 +1,6 @@
 import json
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -59,6 +60,22 @@ def filled(count: int) -> tuple[ChunkIndex, list[str]]:
 
 def same(one: ChunkIndex, other: ChunkIndex) -> bool:
     return list(one.entries()) == list(other.entries()) and one.stored == other.stored
+
+
+def test_streams_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Or whoever invents a stream for each chunk lets memory and journal grow without end."""
+    monkeypatch.setattr("replay.chunk_index._MOST_STREAMS", 3)
+    chunks = ChunkIndex()
+    keys = [ChunkKey("a", start, 0, 0) for start in (1, 2, 3)]
+    keys += [keys[0]._replace(sequence=1), *(ChunkKey("a", start, 0, 0) for start in (4, 5))]
+    for index, key in enumerate(keys):
+        chunks.accept(key, Placement(4 * index, 0, 4, 0, -1), statistics(index))
+    assert [stream[:2] for stream in next(chunks.entries())["received"]] == [
+        ["a", 1], ["a", 4], ["a", 5],
+    ]  # fmt: skip
+    assert all(map(chunks.has_received, keys))  # their chunks are in the ring
+    chunks.evict(4 * len(keys))
+    assert [key.incarnation for key in keys if chunks.has_received(key)] == [1, 1, 4, 5]
 
 
 def test_entries_make_the_index_again() -> None:
