@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Lt, MaxLen
 
 from common.checked import Count, Fraction, Name, Rows
+from common.errors import MessageError
 from common.protocol.chunk import Game
 from common.protocol.message import Message
 from common.protocol.wire import MAX_ITEMS
@@ -40,3 +41,8 @@ class EvaluationReport(Message):
     games: Annotated[Rows[Game], MaxLen(MAX_GAMES)]
     done: bool
     """The job is done."""
+
+    def check(self) -> None:
+        """See `Message.check`: refuses more games than could end."""
+        if len(self.games) > self.steps:
+            raise MessageError(f"{len(self.games)} games in {self.steps} steps")

@@ -8,7 +8,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from common.errors import MessageError
@@ -152,9 +152,11 @@ class EvaluationCoordinator:
         return self._snapshots.keep
 
     def state(self) -> list[dict[str, Any]]:
-        """Returns the tests whose result was not taken yet, of JSON's types."""
+        """Returns the tests whose result was not taken yet, of JSON's types; without their games,
+        which are played again."""
         with self._lock:
-            return [asdict(test) for test in (*self._finished, *self._tests.values())]
+            tests = (*self._finished, *self._tests.values())
+            return [asdict(replace(test, scores=[])) for test in tests]
 
     def restore(self, state: list[dict[str, Any]]) -> list[int]:
         """Take up the tests of a checkpoint; each is played again from its start.
@@ -198,13 +200,15 @@ class EvaluationCoordinator:
         """Count what an evaluator has played since its last report.
 
         Raises:
-            MessageError: its shard of that test was given to another evaluator.
+            MessageError: its shard of that test was given to another evaluator, or is played.
         """
         with self._lock:
             shard = self._shards.get(report.evaluator)
             test = self._tests.get(report.epoch)
             if shard is None or test is None or shard.epoch != report.epoch:
                 raise MessageError("that test was given to somebody else")
+            if shard.left <= 0:
+                raise MessageError("all its steps are played")
             test.steps += report.steps
             shard.left -= report.steps
             test.scores += [game.score for game in report.games]

@@ -42,7 +42,7 @@ def test_a_task_survives_the_wire(task: EvaluationJob) -> None:
         EvaluationReport,
         st.from_regex(NAME, fullmatch=True),
         COUNTS,
-        st.integers(0, 2**31 - 1),
+        st.integers(5, 2**31 - 1),
         st.lists(GAMES, max_size=5).map(tuple),
         st.booleans(),
     )
@@ -95,12 +95,19 @@ def test_a_wrong_game_is_refused(game: Any) -> None:
 
 
 def test_games_are_bounded() -> None:
-    most = dataclasses.replace(REPORT, games=(Game(1.0, 1),) * MAX_GAMES)
+    most = dataclasses.replace(REPORT, steps=MAX_GAMES, games=(Game(1.0, 1),) * MAX_GAMES)
     assert EvaluationReport.decode(most.encode()) == most
     with pytest.raises(MessageError, match=r"games is .* choose at most"):
         EvaluationReport.decode(
             dataclasses.replace(most, games=most.games + most.games[:1]).encode()
         )
+
+
+def test_a_game_has_a_step_of_its_own() -> None:
+    most = dataclasses.replace(REPORT, steps=2, games=(Game(1.0, 1),) * 2)
+    assert EvaluationReport.decode(most.encode()) == most
+    with pytest.raises(MessageError, match="2 games in 1 steps"):
+        EvaluationReport.decode(dataclasses.replace(most, steps=1).encode())
 
 
 @given(st.binary(max_size=50))

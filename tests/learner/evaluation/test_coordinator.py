@@ -196,6 +196,20 @@ def test_two_of_one_name_play_a_whole_test_in_which_each_game_counts_once(tmp_pa
     assert (done.steps, done.scores) == (100, [1.0, 2.0, 3.0, 5.0])
 
 
+def test_nobody_reports_more_than_it_was_asked_for(tmp_path: Path) -> None:
+    """Or memory and checkpoint would grow by games without end."""
+    tests = Place(tmp_path, "e")
+    tests.coordinator.add(epoch_test(1), b"w")
+    tests.ask("e")
+    assert tests.report("e", 1, 100, [1.0], done=False)
+    assert not tests.report("e", 1, 1, [2.0], done=False)
+    assert tests.coordinator.state()[0]["scores"] == []
+    assert tests.ask("e").kind == "wait"
+    done = tests.coordinator.take_finished()
+    assert done is not None
+    assert done.scores == [1.0]
+
+
 @pytest.mark.parametrize(("name", "epoch"), [("f", 1), ("e", 2)])
 def test_a_report_of_somebody_elses_test_is_refused(tmp_path: Path, name: str, epoch: int) -> None:
     tests = Place(tmp_path, "e")
