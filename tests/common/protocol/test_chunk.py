@@ -175,6 +175,7 @@ def test_a_boolean_is_0_or_1(name: str) -> None:
         [1.0, 2**31],
         [float("nan"), 2],
         [float("inf"), 2],
+        [1e308, 2],
         {"score": 1.0, "steps": 2},
     ],
 )

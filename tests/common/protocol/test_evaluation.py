@@ -88,7 +88,9 @@ def test_a_wrong_report_is_refused(name: str, value: Any) -> None:
         EvaluationReport.decode(pack(dataclasses.asdict(REPORT) | {name: value}))
 
 
-@pytest.mark.parametrize("game", [None, [1.0], ["1", 2], [1.0, -1], [float("nan"), 1]])
+@pytest.mark.parametrize(
+    "game", [None, [1.0], ["1", 2], [1.0, -1], [float("nan"), 1], [1e308, 1], [-1e308, 1]]
+)
 def test_a_wrong_game_is_refused(game: Any) -> None:
     with pytest.raises(MessageError, match="games"):
         EvaluationReport.decode(pack(dataclasses.asdict(REPORT) | {"games": [game]}))
