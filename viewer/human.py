@@ -1,8 +1,8 @@
 """`python -m viewer human`: a person plays through the robot's hands, in the terminal.
 
 The person's keys go where the agent's commands go: the arms set out for the controller's keys,
-and what they press plays the game. The picture is what the robot's camera sees of the screen. So
-one feels what the agent has to live with.
+and what they press plays the game. The picture is what the robot's camera sees of the screen, and
+beside it are the hands. So one feels what the agent has to live with.
 """
 
 import threading
@@ -37,6 +37,8 @@ from viewer.terminal.held_keys import HeldKeys
 from viewer.terminal.terminal import Terminal
 
 REAL_TIME = ClockConfig(sync=False)
+_HANDS_EVERY = 3
+"""Agent steps per picture of the hands, which takes some 15 ms, for which the world waits."""
 _LEAST_SIZE = (40, 12)
 _NAMES = {Keys.UP: "↑", Keys.DOWN: "↓", Keys.LEFT: "←", Keys.RIGHT: "→", Keys.FIRE: "●"}
 
@@ -114,6 +116,8 @@ class _Seat:
         self._key_times = [0] * COUNTS
         self._late = 0
         self._blocks = HalfBlocks()
+        self._shown = 0
+        self._hands: NDArray[np.uint8] | None = None
 
     @property
     def wants_out(self) -> bool:
@@ -137,7 +141,11 @@ class _Seat:
         columns, rows = self._terminal.size
         env, seen, detection = self._env, self._env.seen, self._env.detection
         picture = seen if detection.corners is None else _game_in(seen, detection.corners)
-        text = self._blocks.draw(picture, columns, max(rows - 2, 1), aspect=ASPECT)
+        if self._shown % _HANDS_EVERY == 0 or self._hands is None:
+            self._hands = env.view(picture.shape[1] // 2, picture.shape[0] // 2, "hands")
+        self._shown += 1
+        both = beside(picture, self._hands)
+        text = self._blocks.draw(both, columns, max(rows - 2, 1), aspect=ASPECT * 1.5)
         lines = (
             f"you {keys_text(env.wanted)}  keys {keys_text(env.pressed)}  "
             f"{self._latency()}  score {step.info.game_score:g}",
@@ -155,6 +163,15 @@ class _Seat:
         if press.p50 is None:
             return "latency –"
         return f"latency {press.p50:.0f} ms (p99 {press.p99:.0f})"
+
+
+def beside(game: NDArray[np.uint8], hands: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Returns the game, ``uint8 [height, width, 3]``, with a picture of half its size at its right,
+    halfway up."""
+    height = hands.shape[0]
+    above = (game.shape[0] - height) // 2
+    margins = ((above, game.shape[0] - height - above), (0, 0), (0, 0))
+    return np.hstack([game, np.pad(hands, margins)])
 
 
 def _game_in(seen: NDArray[np.uint8], corners: NDArray[np.float32]) -> NDArray[np.uint8]:

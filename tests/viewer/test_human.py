@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import viewer.human
@@ -23,7 +24,7 @@ from common.dataset.reader import Dataset
 from common.errors import InputError
 from tests.paths import ROOT
 from tests.viewer.person import Person
-from viewer.human import Human, keys_text, used_keys
+from viewer.human import Human, beside, keys_text, used_keys
 
 GIVEN_BACK = b"\x1b[?25h\x1b[?1049l"
 """Shows the cursor and the first screen."""
@@ -157,6 +158,15 @@ def test_keys_as_text() -> None:
 )
 def test_the_keys_that_a_game_uses(game: str, keys: str) -> None:
     assert used_keys(game) == keys
+
+
+def test_the_hands_are_beside_the_game() -> None:
+    game, hands = np.full((240, 320, 3), 9, np.uint8), np.full((120, 160, 3), 5, np.uint8)
+    both = beside(game, hands)
+    assert both.shape == (240, 480, 3)
+    assert (both[:, :320] == game).all()
+    assert (both[60:180, 320:] == hands).all()
+    assert both[:60, 320:].max() == both[180:, 320:].max() == 0
 
 
 @pytest.mark.usefixtures("forks")
