@@ -4,6 +4,7 @@ import io
 import json
 import math
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,11 +14,12 @@ from rich.console import Console
 
 from common.checked import MAX_COUNT
 from common.errors import Unreachable
+from common.process.exit_codes import DONE, FAILED
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import HealthCheck
 from common.transport.interface import Transport
-from learner.status import Report, ask
+from learner.status import Report, ask, main
 from learner.telemetry.health_checks import LONGEST_SILENCE
 from learner.telemetry.sinks.status import StatusSink
 from learner.telemetry.snapshot import ActorView
@@ -144,6 +146,20 @@ def test_a_red_check_and_a_loop_that_hangs_are_told(client: Transport) -> None:
     clock.now += LONGEST_SILENCE
     (reason,) = ask(client, KEYS, "").reasons
     assert reason == "the training loop has not looked around for 60 s: see its log"
+
+
+def test_the_exit_code_tells_whether_all_is_well(
+    client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("learner.status.connect", lambda *_, **__: nullcontext(client))
+    monkeypatch.setattr("learner.status.find_run", lambda *_: (KEYS, None))
+    assert main([]) == FAILED, "no learner answers"
+    sink = StatusSink(client, KEYS)
+    codes = []
+    for checks in ((), (RED,)):
+        sink.write(snapshot({}, checks=checks))
+        codes.append(main(["--json"]))
+    assert codes == [DONE, FAILED]
 
 
 def test_a_run_without_a_learner(client: Transport) -> None:
