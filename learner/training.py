@@ -41,9 +41,12 @@ _MEASURE_SECONDS = 30.0
 _PUBLISH_SECONDS = 10.0
 _LEAST_PHASE = 0.1
 """Share of an epoch below which the last steps of a run are no epoch of their own."""
-T = TypeVar("T")
 _FAREWELL = 10.0
 """Seconds that the actors, and then the evaluators, of a finished run have to leave."""
+_LONGEST_GAME = 3_600.0
+"""Seconds without a word of an evaluator after which the last tests are given up: a whole game in
+real time lasts at most half of it."""
+T = TypeVar("T")
 
 
 @dataclass
@@ -336,8 +339,25 @@ class Learner:
                 "No evaluator is there, so epochs stay untested: "
                 "start `python -m actors --evaluator` beside the learner next time."
             )
-        self._look_while(lambda: self.evaluation.pending > 0 and self._evaluator_expected())
+        self._await_tests()
         self._look_while(lambda: bool(self.registry.alive("evaluator")), _FAREWELL)
+
+    def _await_tests(self) -> None:
+        """Wait for the last tests as long as somebody plays them."""
+
+        def left() -> tuple[int, int]:
+            return self.evaluation.pending, self.evaluation.steps_left
+
+        while self.evaluation.pending and self._evaluator_expected() and not self.stop.is_set():
+            before = left()
+            self._look_while(lambda: left() == before and self._evaluator_expected(), _LONGEST_GAME)
+            if left() == before and self._evaluator_expected() and not self.stop.is_set():
+                minutes = _LONGEST_GAME / 60
+                self.telemetry.say(
+                    f"No game of a test has ended in {minutes:g} minutes, so epochs stay untested: "
+                    "look whether the evaluators play."
+                )
+                return
 
     def _evaluator_expected(self) -> bool:
         """Whether one is there, or is a child of local mode that has not joined yet."""

@@ -7,6 +7,7 @@ import re
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -225,7 +226,8 @@ class World:
                 max_q=(2.5, 0.1),
                 recent_std=0.05,
             ),
-            "evaluation": SimpleNamespace(
+            "evaluation": _Evaluation(
+                world=self,
                 keeps_snapshots=False,
                 add=self.add,
                 take_finished=self.take_finished,
@@ -235,7 +237,6 @@ class World:
                 sweep=lambda: self.log.append("sweep"),
                 finish=lambda: self.log.append("evaluators may leave"),
                 steps_left=0,
-                pending=_Count(self),
             ),
             "registry": SimpleNamespace(
                 alive=lambda role: self.actors if role == "actor" else self.evaluators,
@@ -277,17 +278,12 @@ class World:
         self.once(lambda: self.updates >= updates, self.stop.set)
 
 
-class _Count:
-    """How many tests are pending, whenever it is compared."""
+class _Evaluation(SimpleNamespace):
+    world: World
 
-    def __init__(self, world: World) -> None:
-        self._world = world
-
-    def __bool__(self) -> bool:
-        return bool(self._world.pending)
-
-    def __gt__(self, other: int) -> bool:
-        return len(self._world.pending) > other
+    @property
+    def pending(self) -> int:
+        return len(self.world.pending)
 
 
 def run(world: World, **more: Any) -> Learner:
@@ -436,7 +432,8 @@ def test_a_stop_while_training_waits_for_room_ends_it_with_a_last_checkpoint() -
     assert [state["updates"] for state in world.checkpoints] == [0, world.updates]
     assert world.log[-1] == ("summary", world.updates)
     assert world.said == [
-        "WARNING: FOLDER cannot be written (No space left on device): training waits until it can."
+        "WARNING: FOLDER cannot be written (No space left on device): training waits until it can.",
+        "stopping: writing a checkpoint ...",
     ]
 
 
@@ -633,6 +630,26 @@ def test_without_an_evaluator_the_end_is_not_waited_for() -> None:
     run(world, steps_goal=300)
     assert world.said[0].startswith("No evaluator is there")
     assert len(world.checkpoints[-1]["tests"]) == 1  # for one that comes to the resumed run
+
+
+def test_an_evaluator_that_plays_nothing_is_not_waited_for_without_end() -> None:
+    world = World(test_seconds=math.inf)
+    run(world, steps_goal=300)
+    assert [said for said in world.said if said.startswith("No game of a test has ended in 60 min")]
+    assert 3_600.0 < world.now - world.added < 3_700.0
+    assert len(world.checkpoints[-1]["tests"]) == 1  # for one that comes to the resumed run
+
+
+def test_tests_that_go_on_are_waited_for() -> None:
+    world = World(test_seconds=7_000.0)
+    learner = world.learner(steps_goal=300)
+    for end in (3_500.0, 6_500.0):
+        told = partial(setattr, learner.evaluation, "steps_left", end)
+        world.once(partial(lambda end: world.now >= end, end), told)
+    learner.start()
+    learner.run()
+    assert world.now - world.added >= 7_000.0
+    assert world.rows[-1].phase == "test"
 
 
 @pytest.mark.parametrize("beyond", [0, 1])
