@@ -344,20 +344,23 @@ class Learner:
 
     def _await_tests(self) -> None:
         """Wait for the last tests as long as somebody plays them."""
+        silence = Every(_LONGEST_GAME, self.clock.now)
+        left = (0, 0)
 
-        def left() -> tuple[int, int]:
-            return self.evaluation.pending, self.evaluation.steps_left
+        def go_on() -> bool:
+            nonlocal left
+            now_left = self.evaluation.pending, self.evaluation.steps_left
+            if now_left != left:
+                left = now_left
+                silence.restart()
+            return left[0] > 0 and self._evaluator_expected() and not silence.is_due()
 
-        while self.evaluation.pending and self._evaluator_expected() and not self.stop.is_set():
-            before = left()
-            self._look_while(lambda: left() == before and self._evaluator_expected(), _LONGEST_GAME)
-            if left() == before and self._evaluator_expected() and not self.stop.is_set():
-                minutes = _LONGEST_GAME / 60
-                self.telemetry.say(
-                    f"No game of a test has ended in {minutes:g} minutes, so epochs stay untested: "
-                    "look whether the evaluators play."
-                )
-                return
+        self._look_while(go_on)
+        if self.evaluation.pending and self._evaluator_expected() and not self.stop.is_set():
+            self.telemetry.say(
+                f"No game of a test has ended in {_LONGEST_GAME / 60:g} minutes, so epochs stay "
+                "untested: look whether the evaluators play."
+            )
 
     def _evaluator_expected(self) -> bool:
         """Whether one is there, or is a child of local mode that has not joined yet."""
