@@ -11,7 +11,7 @@ from learner.figures.plot_style import Series, draw_series, label, legend, panel
 _LINES = {
     "training, evaluator idle": "train_steps_per_second",
     "training beside a test": "train_steps_per_second_beside_test",
-    "that test": "test_steps_per_second_beside_training",
+    "a test beside training": "test_steps_per_second_beside_training",
 }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.robots.room.camera import Camera, Rendering
+from actors.robots.room.camera import Camera, Rendering, Window
 from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.robots.room.projector import Projection
 from actors.robots.room.rotation import Vector, about
@@ -19,6 +19,8 @@ _MOST_KEPT = 8
 _SEEN = 0.1
 """Movement, m, from which on it is drawn, times the picture's width: less than half a pixel, and
 motors are never quite still."""
+_BEYOND = (174, 181, 189)
+"""Colour where the room ends, about that of its wall: a visitor may look past it."""
 
 
 @dataclass(frozen=True)
@@ -142,14 +144,14 @@ class Views:
         if self._scene is None and self._find_scene is not None:
             self._scene = self._find_scene()
         if self._scene is None or not self._scene.whole:
-            return view.camera.render(shadow=False)
+            return _rendered(view.camera)
         last, before, now = view.rendering, view.corners, self._scene.corners()
         # What has another colour has moved, however little.
         least = _SEEN / view.camera.width if appearance == view.appearance else 0.0
         view.appearance = appearance
         if last is None:
             view.corners = now
-            return view.camera.render(shadow=False)
+            return _rendered(view.camera)
         moved = [name for name in now if abs(now[name] - before[name]).max() > least]
         if not moved:
             return last
@@ -157,7 +159,13 @@ class Views:
         before |= {name: now[name] for name in moved}
         if (window := view.camera.window_of(points)) is None:
             return last
-        part = view.camera.render(shadow=False, window=window)
+        part = _rendered(view.camera, window)
         rgb, bodies = last.rgb.copy(), last.bodies.copy()
         rgb[window], bodies[window] = part.rgb, part.bodies
         return Rendering(rgb, bodies)
+
+
+def _rendered(camera: Camera, window: Window | None = None) -> Rendering:
+    rendering = camera.render(shadow=False, window=window)
+    rendering.rgb[rendering.bodies < 0] = _BEYOND  # else white
+    return rendering

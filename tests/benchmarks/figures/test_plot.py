@@ -293,7 +293,11 @@ def test_rates_against_actors() -> None:
     published = ROOT / "benchmarks" / "results" / "scaling.json"
     figure = draw(Options((published,), figure="scaling"))
     found = json.loads(published.read_text())["scaling"]
-    assert names(figure) == ["training, evaluator idle", "training beside a test", "that test"]
+    assert names(figure) == [
+        "training, evaluator idle",
+        "training beside a test",
+        "a test beside training",
+    ]
     for line, rate in zip(
         lines(figure.axes[0]),
         (
