@@ -42,10 +42,11 @@ class Person:
         """Look until ``pattern`` has come, typing all the while."""
         deadline = time.monotonic() + PATIENCE
         while not re.search(pattern, self.seen.decode(errors="replace")):
-            assert time.monotonic() < deadline, self.seen[-500:]
-            if typing:
+            there = self.process.poll() is None and time.monotonic() < deadline
+            if there and typing:
                 self.types(typing)
-            self._look(0.05)
+            more = self._look(0.05)
+            assert there or more, self.seen[-500:]
 
     def leaves(self) -> int:
         """Wait for the end, looking on so that it is not held up; the exit status."""
