@@ -17,7 +17,7 @@ Value = float | int | str | None
 """None: not known yet."""
 Values = Mapping[str, Value]
 Unit = Literal[
-    "none", "bytes", "chunks", "commands", "epochs", "frames", "games", "grey levels",
+    "none", "bytes", "chunks", "commands", "cores", "epochs", "frames", "games", "grey levels",
     "milliseconds", "per day", "per second", "points", "processes", "ratio", "seconds", "steps",
     "updates",
 ]  # fmt: skip
@@ -152,6 +152,8 @@ declare(
     Metric("run/speed", "ratio", "plain",
            "Game seconds per second where the world does not wait, in local mode", summary="speed"),
     Metric("run/device", "none", "text", "Hardware of the updates", summary="device"),
+    Metric("run/busy_cores", "cores", ".2", "Processor time per second of the learner, of late"),
+    Metric("run/memory_bytes", "bytes", "count", "Memory of the learner, without file pages"),
     Metric("run/join", "none", "text", "Command that starts an actor, where the learner does not"),
     Metric("run/phase", "none", "text", "Warm-up, training, or finishing"),
     Metric("run/seconds", "seconds", "duration",

@@ -1,5 +1,6 @@
 """Merges what everybody knows into one mapping of figures, and hands it to every sink."""
 
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -7,6 +8,7 @@ from typing import Any
 
 from common.metrics import METRICS, Value, Values, number
 from common.press_latency import MOST_FRAMES, ms_of, reached_by_age
+from common.process.footprint import footprint
 from common.protocol.run_status import HealthCheck
 from common.run.config import RunConfig
 from common.run.epochs import EpochRow, EpochTable
@@ -71,7 +73,7 @@ class Telemetry:
         self._latency = RecentLatency(now)
         self.rows: list[EpochRow] = []
         """The rows of all complete phases and tests."""
-        self._ticks: deque[tuple[float, int, int]] = deque()
+        self._ticks: deque[tuple[float, int, int, float]] = deque()
         self._notes: deque[str] = deque(maxlen=_NOTES)
 
     def start(self, checkpoint: dict[str, Any] | None) -> None:
@@ -157,6 +159,7 @@ class Telemetry:
             "stream/samples_per_insert": (
                 updates * self._config.learning.batch_size / train_steps if train_steps else None
             ),
+            "run/memory_bytes": footprint().private,
             "stream/actors_alive": sum(actor.alive for actor in actors),
             "stream/actors_present": sum(not actor.left for actor in actors),
         }
@@ -193,12 +196,13 @@ class Telemetry:
         return found
 
     def _rates(self, updates: int) -> dict[str, Value]:
-        """Returns agent steps and updates per second, of late and over whole phases."""
-        now = self._now()
-        self._ticks.append((now, self._phases.agent_steps, updates))
+        """Returns agent steps, updates and processor time per second, of late, and steps per second
+        over whole phases."""
+        now, busy = self._now(), time.process_time()
+        self._ticks.append((now, self._phases.agent_steps, updates, busy))
         while now - self._ticks[0][0] > _RATE_WINDOW:
             self._ticks.popleft()
-        then, steps, before = self._ticks[0]
+        then, steps, before, idle = self._ticks[0]
         seconds = now - then
         steps_rate = (self._phases.agent_steps - steps) / seconds if seconds >= 1 else None
         train, test = self._rate("train"), self._rate("test")
@@ -206,6 +210,7 @@ class Telemetry:
         return {
             "stream/steps_per_second": steps_rate,
             "learning/updates_per_second": (updates - before) / seconds if seconds >= 1 else None,
+            "run/busy_cores": (busy - idle) / seconds if seconds >= 1 else None,
             "run/train_steps_per_second": train,
             "run/test_steps_per_second": test,
             "run/epochs_per_day": epochs_per_day(

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from common.metrics import METRICS, Metric, Values
+from common.metrics import METRICS, Metric, Values, number
 from common.registry import ENVIRONMENTS
 
 UNKNOWN = "–"
@@ -37,6 +37,19 @@ def share(done: float, total: float) -> str:
 def cores(busy: float) -> str:
     """Busy cores in per cent of one: ``98 % CPU``."""
     return f"{100 * busy:.0f} % CPU"
+
+
+def taken(busy: float, memory: int) -> str:
+    """What a process takes of its machine: ``98 % CPU, 277 MB``."""
+    return f"{cores(busy)}, {size(memory)}"
+
+
+def hardware(values: Values) -> str:
+    """Where the learner works, and what it takes of that machine."""
+    busy, memory = (number(values, f"run/{name}") for name in ("busy_cores", "memory_bytes"))
+    if busy is None or memory is None:
+        return f"{values['run/device']}"
+    return f"{values['run/device']}, {taken(busy, int(memory))}"
 
 
 def size(count: int) -> str:

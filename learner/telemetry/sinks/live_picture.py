@@ -54,7 +54,7 @@ class LivePicture:
         else:
             yield Segment("the screen is not found", Style(color="red", bold=True))
         yield Segment.line()
-        taken = f"{formats.cores(stats.busy_cores)}, {formats.size(stats.memory_bytes)}"
+        taken = formats.taken(stats.busy_cores, stats.memory_bytes)
         yield Segment(f"{taken} on {formats.one_line(stats.machine)}"[: self.WIDTH], dim)
         yield Segment.line()
 

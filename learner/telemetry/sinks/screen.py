@@ -84,7 +84,7 @@ def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType
     more_rows = min(max(wanted, 0), spare)
     taller = (spare - more_rows) * 2 // 3 if large else 0
     gap = [Text()] if large else []
-    yield _header(snapshot.values)
+    yield _header(snapshot.values, width)
     yield from gap
     yield _progress(snapshot.values)
     yield from gap
@@ -113,13 +113,14 @@ def _grid(*columns: Column, gap: int = 1) -> Table:
     return Table.grid(*columns, expand=True, padding=(0, gap, 0, 0))
 
 
-def _header(values: Values) -> Table:
+def _header(values: Values, width: int) -> Table:
     env = ENVIRONMENTS.find(str(values["run/env"]))
     title = Text(env.title or env.name, f"bold {_ACCENT}")
     title.append(f"  {values['run/game']}", "bold default")
     title.append(f"  run {values['run/run']}", "default")
     grid = _grid(Column(ratio=1), Column(justify="right"))
-    grid.add_row(title, _text(f"{values['run/preset']} preset · {values['run/device']}", _LABEL))
+    device = formats.hardware(values) if width >= _ROOMY else values["run/device"]
+    grid.add_row(title, _text(f"{values['run/preset']} preset · {device}", _LABEL))
     return grid
 
 
@@ -235,11 +236,7 @@ def _actors(actors: Sequence[ActorView], rows: int, width: int, values: Values) 
                 _text(f"silent {actor.silent_for:.0f} s", _LABEL),
             ]
         if machines:
-            cells.append(
-                _text(
-                    f"{formats.cores(stats.busy_cores)} {formats.size(stats.memory_bytes)}", _LABEL
-                )
-            )
+            cells.append(_text(formats.taken(stats.busy_cores, stats.memory_bytes), _LABEL))
         mark = Text("●", _GOOD) if actor.alive else Text("○", style)
         for cell in cells:
             cell.stylize(style)

@@ -32,7 +32,8 @@ def figures(snapshot: Snapshot) -> dict[str, Any]:
         "run": {
             "name": values["run/run"],
             "env": env.title or env.name,
-            **{key: values[f"run/{key}"] for key in ("game", "preset", "device", "phase")},
+            **{key: values[f"run/{key}"] for key in ("game", "preset", "phase")},
+            "device": formats.hardware(values),
             "join": values.get("run/join"),
             "robot": env.robot,
         },

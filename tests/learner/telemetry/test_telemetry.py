@@ -13,6 +13,7 @@ import pytest
 
 from common.metrics import METRICS, Metric, Value, declare
 from common.press_latency import COUNTS, place_of
+from common.process.footprint import footprint
 from common.protocol.actor_stats import ActorStats
 from common.run.epochs import EpochTable
 from common.run.presets import PRESETS
@@ -225,6 +226,18 @@ def test_rates_are_of_late_and_over_whole_phases(tmp_path: Path) -> None:
     assert values["run/epochs_per_day"] == 69.12
     run.now += 14.0
     assert run.values()["stream/steps_per_second"] == 0.0
+
+
+def test_what_the_learner_takes_of_its_machine_is_of_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, worked = Run(tmp_path), [7.0]
+    monkeypatch.setattr("learner.telemetry.telemetry.time.process_time", lambda: worked[0])
+    values = run.values()
+    assert values["run/busy_cores"] is None
+    assert values["run/memory_bytes"] == pytest.approx(footprint().private, rel=0.5)
+    worked[0], run.now = 13.0, run.now + 3.0
+    assert run.values()["run/busy_cores"] == 1.5
 
 
 def test_time_left_is_of_the_phase_and_then_of_the_tests(tmp_path: Path) -> None:

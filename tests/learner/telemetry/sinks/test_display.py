@@ -144,6 +144,13 @@ def test_a_run_without_actors_tells_how_to_start_one() -> None:
     assert "start one" not in "\n".join(drawn(STATUS))
 
 
+def test_a_wide_screen_tells_what_the_learner_takes_of_its_machine() -> None:
+    taken: dict[str, Value] = {"run/busy_cores": 1.404, "run/memory_bytes": 740_400_000}
+    told = "cuda:0 (NVIDIA H200), 140 % CPU, 740 MB"
+    assert drawn(changed(STATUS, taken), 120, 40)[0].endswith(told)
+    assert drawn(changed(STATUS, taken))[0].endswith("cuda:0 (NVIDIA H200)")
+
+
 def test_what_went_wrong_with_time_is_shown() -> None:
     assert "late" not in "\n".join(drawn(STATUS, 132, 40))
     late, waited, well = (
