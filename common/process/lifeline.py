@@ -1,12 +1,11 @@
 """How a process learns that it should end: by a signal, or because its parent is gone."""
 
-import _thread
 import os
 import signal
 import sys
 import threading
 import time
-from types import FrameType
+from collections.abc import Iterable
 
 _TOGETHER = 1.0
 LEASH = "--leash"
@@ -34,24 +33,44 @@ def on_signals(stop: threading.Event) -> None:
     process and to its group. A terminal that closes (SIGHUP) ends nothing at once, for nobody is
     there to be impatient, and nothing at all under `nohup`.
     """
-    first: float | None = None
+    told = signal_pipe(heeded_signals())
+    threading.Thread(target=_heed, args=(told, stop), name="signals", daemon=True).start()
 
-    def handle(number: int, frame: FrameType | None) -> None:
-        nonlocal first
-        global _was_asked
+
+def heeded_signals() -> list[signal.Signals]:
+    """Returns the signals that ask this process to end: without SIGHUP under `nohup`."""
+    hangs_up = signal.getsignal(signal.SIGHUP) != signal.SIG_IGN
+    return [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hangs_up else [])]
+
+
+def signal_pipe(numbers: Iterable[signal.Signals]) -> int:
+    """Returns a file descriptor from which the number of each of these signals can be read, a byte,
+    once it has come.
+
+    A handler of Python's would not do: it runs only between instructions of the main thread, so
+    a signal that comes just before a system call, or in another thread, waits as long as that.
+    """
+    told, tell = os.pipe()
+    os.set_blocking(tell, False)
+    signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
+    for number in numbers:
+        signal.signal(number, lambda number, frame: None)
+    return told
+
+
+def _heed(told: int, stop: threading.Event) -> None:
+    """Set ``stop`` at the first signal that ``told`` tells of; end the process at a later one."""
+    global _was_asked
+    first: float | None = None
+    while True:
+        number = os.read(told, 1)[0]
         _was_asked = True
         now = time.monotonic()
         if first is None:
             first = now
+            stop.set()
         elif now - first > _TOGETHER and number != signal.SIGHUP:
             os._exit(128 + number)
-        # In another thread: this one may hold the event's lock, in a wait that was interrupted.
-        _thread.start_new_thread(stop.set, ())
-
-    signal.signal(signal.SIGINT, handle)
-    signal.signal(signal.SIGTERM, handle)
-    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
-        signal.signal(signal.SIGHUP, handle)
 
 
 def leave_on_leash() -> None:

@@ -3,25 +3,23 @@
 The child is a fork, made before there are threads or sessions, so it need not import anything anew.
 """
 
-import _thread
 import ctypes
 import os
+import select
 import signal
 import sys
-import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from types import FrameType
 
 from common.errors import exit_on_input_error
 from common.process.exit_codes import EXIT_CODES, NO_ROOM
+from common.process.lifeline import heeded_signals, signal_pipe
 from common.process.log_lines import line
 
 _FIRST_PAUSE, _LONGEST_PAUSE = 1.0, 60.0
 _SETTLED = 600.0
 """Seconds of work after which earlier ends are forgotten."""
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _IN_VAIN = {code.number for code in EXIT_CODES if not code.again}
 _PR_SET_PDEATHSIG = 1
 _prctl = ctypes.CDLL(None).prctl
@@ -41,34 +39,18 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
     """
     if not most:
         return work(False)
-    stop = threading.Event()
-    child = asked = 0
-
-    def hand_on(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = number
-        if child:
-            os.kill(child, number)
-        # Not here: the wait below, which this interrupts, may hold the lock of the event.
-        _thread.start_new_thread(stop.set, ())
-
-    for number in _SIGNALS:
-        if signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, hand_on)
-    starts, restarts, parent, told = 0, 0, os.getpid(), 0
+    heeded = heeded_signals()
+    told_by = signal_pipe([*heeded, signal.SIGCHLD])
+    starts, restarts, parent = 0, 0, os.getpid()
     while True:
         began = time.monotonic()
         sys.stdout.flush()  # or the child would say it too
-        signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
-        if asked:
-            return told or 128 + asked
+        signal.pthread_sigmask(signal.SIG_BLOCK, heeded)  # those of the child are not for the pipe
         child = os.fork()
         if not child:
-            _be_child(parent, partial(work, starts > 0))
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
-        os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT)
-        ended, child = child, 0  # from here on its number may be another process'
-        status = os.waitstatus_to_exitcode(os.waitpid(ended, 0)[1])
+            _be_child(parent, heeded, partial(work, starts > 0))
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, heeded)
+        status, asked = _await(child, told_by)
         worked = time.monotonic() - began
         told = status if status >= 0 else 128 - status
         if asked or status in _IN_VAIN or status > 128:
@@ -84,8 +66,38 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
         pause = min(_FIRST_PAUSE * 2 ** (starts - 1), _LONGEST_PAUSE)
         which = "another try" if status == NO_ROOM else f"restart {restarts} of {most}"
         _say(f"{name} ended by {how} after {worked:.0f} s: {which} in {pause:.0f} s.")
-        if stop.wait(pause):
+        if _is_asked_within(pause, told_by):
             return told
+
+
+def _await(child: int, told_by: int) -> tuple[int, bool]:
+    """Waits for the end of ``child``, and hands on to it the signals that come until then.
+
+    Args:
+        told_by: the `signal_pipe`.
+
+    Returns:
+        Its exit status, negative for a signal; and whether it was asked to end.
+    """
+    asked = False
+    while True:
+        number = os.read(told_by, 1)[0]
+        if number != signal.SIGCHLD:
+            asked = True
+            os.kill(child, number)  # it was not waited for, so its number is no other process'
+            continue
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return os.waitstatus_to_exitcode(status), asked
+
+
+def _is_asked_within(seconds: float, told_by: int) -> bool:
+    """Waits, unless a signal asks this process to end."""
+    end = time.monotonic() + seconds
+    while select.select([told_by], [], [], max(end - time.monotonic(), 0.0))[0]:
+        if os.read(told_by, 1)[0] != signal.SIGCHLD:  # one of a child that had been stopped
+            return True
+    return False
 
 
 def end_with_parent() -> None:
@@ -94,12 +106,13 @@ def end_with_parent() -> None:
     _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def _be_child(parent: int, work: Callable[[], int | None]) -> None:
+def _be_child(parent: int, heeded: list[signal.Signals], work: Callable[[], int | None]) -> None:
     """Does ``work`` and ends this process."""
-    for number in _SIGNALS:
-        if signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, lambda number, _: os._exit(128 + number))
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+    signal.set_wakeup_fd(-1)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    for number in heeded:
+        signal.signal(number, lambda number, _: os._exit(128 + number))
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, heeded)
     end_with_parent()
     if os.getppid() != parent:
         os._exit(128 + signal.SIGTERM)

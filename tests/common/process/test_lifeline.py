@@ -161,6 +161,26 @@ def test_a_signal_may_come_while_the_event_is_locked() -> None:
     process.communicate(timeout=PATIENCE)
 
 
+def test_a_signal_may_come_in_another_thread() -> None:
+    """It interrupts no wait of the main thread then, nor does one that comes just before a wait."""
+    process = start(
+        "import signal, threading\n"
+        "from common.process import lifeline\n"
+        "stop = threading.Event()\n"
+        "lifeline.on_signals(stop)\n"
+        "def send():\n"
+        "    while not stop._cond._waiters:\n"
+        "        pass\n"
+        "    signal.pthread_kill(threading.get_ident(), signal.SIGTERM)\n"
+        "threading.Thread(target=send).start()\n"
+        "print('ready', flush=True)\n"
+        "stop.wait()\n"
+        "print('stopping', flush=True)\n"
+    )
+    assert line(process) == "stopping\n"
+    process.communicate(timeout=PATIENCE)
+
+
 def stopping(together: float) -> "subprocess.Popen[str]":
     """A process that got a signal, and is about to stop once its standard input ends."""
     process = start(on_signals(together=together))

@@ -146,6 +146,32 @@ def test_who_asks_it_to_end_asks_the_work(tmp_path: Path, number: signal.Signals
     assert len(work.begun) == 1
 
 
+def test_a_signal_in_another_thread_is_handed_on_too(tmp_path: Path) -> None:
+    """As one that comes just before the wait for the work: neither interrupts that wait. Libraries
+    have threads before there is work, and the system may choose any."""
+    ask = """
+def ask():
+    while not begun.read_text(): pass
+    signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
+threading.Thread(target=ask).start()
+"""
+    work = Work(tmp_path, WAITS + ask, 5)
+    work.waits()
+    assert work.ended() == (1, [])
+    assert len(work.begun) == 1
+
+
+def test_a_child_that_was_stopped_is_started_again(tmp_path: Path) -> None:
+    """Each change of its state is a signal, of which one may be left when it has ended."""
+    body = """
+    if times < 3:
+        os.kill(os.getppid(), signal.SIGCHLD)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 0
+"""
+    assert Work(tmp_path, body, 2).ended()[0] == 0
+
+
 def test_work_does_not_outlive_the_process_that_started_it(tmp_path: Path) -> None:
     body = WAITS.replace("    return 1", "    begun.write_text('left')")
     work = Work(tmp_path, body, 5)
