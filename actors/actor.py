@@ -52,7 +52,7 @@ class Actor:
         """
         try:
             self._obey(self._inserts.poll())
-            for step in play(self._envs, self._policy, seeds):
+            for step in play(self._envs, self._policy, seeds, self._sync.reset_options):
                 self._counters.count(step)
                 self._views.show(step)
                 self._sync.take_weights()

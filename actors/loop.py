@@ -3,7 +3,7 @@
 It is a generator, so streaming, statistics and stopping stay with whoever iterates.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import gymnasium
@@ -69,10 +69,17 @@ def frames_and_vector(observation: Any) -> tuple[NDArray[np.uint8], NDArray[np.f
 
 
 def play(
-    envs: Sequence[gymnasium.Env[Any, Any]], policy: Player, seeds: Sequence[int]
+    envs: Sequence[gymnasium.Env[Any, Any]],
+    policy: Player,
+    seeds: Sequence[int],
+    options: Callable[[], dict[str, Any]] = dict,
 ) -> Iterator[Step]:
-    """Endless steps, environment by environment; an ended episode is followed by a reset."""
-    first = [env.reset(seed=seed) for env, seed in zip(envs, seeds, strict=True)]
+    """Endless steps, environment by environment; an ended episode is followed by a reset.
+
+    Args:
+        options: tells those of the next reset.
+    """
+    first = [env.reset(seed=seed, options=options()) for env, seed in zip(envs, seeds, strict=True)]
     observed = [frames_and_vector(observation) for observation, _ in first]
     states = np.stack([frames for frames, _ in observed])
     vectors = np.stack([vector for _, vector in observed])
@@ -105,7 +112,7 @@ def play(
             )
             begins[i] = terminated or truncated
             if begins[i]:
-                observation, told = env.reset()
+                observation, told = env.reset(options=options())
                 info = StepInfo.of(told)
                 s_t, x_t = frames_and_vector(observation)
             states[i], vectors[i] = s_t, x_t

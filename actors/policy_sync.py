@@ -1,4 +1,4 @@
-"""Keeps an actor's policy up to date: weights of the learner, and ε by the run's steps."""
+"""Keeps an actor up to date: weights of the learner; ε and the difficulty by the run's steps."""
 
 from actors.member import Member
 from actors.policy import Policy
@@ -17,6 +17,11 @@ class PolicySync:
         self._config = member.config
         self._member = member
         self._has_weights = False
+        self._difficulty = self._config.difficulty_at(0)
+
+    def reset_options(self) -> dict[str, float]:
+        """Returns how the next game is to be drawn, as options of an environment's reset."""
+        return {"difficulty": self._difficulty}
 
     def take_weights(self) -> None:
         """Play by the newest weights that came."""
@@ -35,8 +40,9 @@ class PolicySync:
         self._has_weights = True
 
     def follow(self, ack: Ack) -> None:
-        """Set ε by the run's steps, and fetch weights if a broadcast was missed."""
+        """Set ε and the games' difficulty by the run's steps; fetch weights that were missed."""
         self._policy.epsilon = self._config.epsilon_at(ack.agent_steps)
+        self._difficulty = self._config.difficulty_at(ack.agent_steps)
         if not ack.finished and (not self._has_weights or self._lags(ack)):
             self._weights.fetch()
             self.take_weights()

@@ -116,7 +116,8 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         seeded = seed is not None
         new_game = bool((options or {}).get("new_game", False))
         if self._game.is_next_new(seeded=seeded, new_game=new_game):
-            self.conditions = draw(*self._usual, self._randomise, self.np_random.random)
+            difficulty = float((options or {}).get("difficulty", 1.0))
+            self.conditions = draw(*self._usual, self._randomise, self.np_random.random, difficulty)
             play, camera = self.conditions
             self._game.sticky = play.sticky
             self._game.begin_episode(self.np_random, seeded=seeded, new_game=new_game)

@@ -177,7 +177,8 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         new_game = bool((options or {}).get("new_game", False))
         new = self._game.is_next_new(seeded=seeded, new_game=new_game)
         if new:
-            self.conditions = draw(*self._usual, self._randomise, self.np_random.random)
+            difficulty = float((options or {}).get("difficulty", 1.0))
+            self.conditions = draw(*self._usual, self._randomise, self.np_random.random, difficulty)
             self._game.sticky = self.conditions.play.sticky
         self._game.begin_episode(self.np_random, seeded=seeded, new_game=new_game)
         if new:

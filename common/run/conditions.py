@@ -228,6 +228,15 @@ class RandomiseConfig:
     screen_tilt: Annotated[Amount, Drawn(_around, 5.0, "camera.screen_tilt")] = 0.0
     """Maximum change of the screen's tilt, degrees."""
 
+    def narrowed(self, share: float) -> "RandomiseConfig":
+        """Returns the same ranges with ``share``, 0 to 1, of their widths."""
+        widths: dict[str, Any] = {}
+        for name, whole in asdict(self).items():
+            nothing = getattr(NOTHING_DRAWN, name)
+            width = nothing + share * (whole - nothing)
+            widths[name] = round(width) if isinstance(nothing, int) else width
+        return RandomiseConfig(**widths)
+
 
 _FIXED = {"play": PlayConfig, "camera": CameraConfig}
 DRAWN: dict[str, Drawn] = {
@@ -256,7 +265,11 @@ class Conditions(NamedTuple):
 
 
 def draw(
-    play: PlayConfig, camera: CameraConfig, ranges: RandomiseConfig, random: Callable[[], float]
+    play: PlayConfig,
+    camera: CameraConfig,
+    ranges: RandomiseConfig,
+    random: Callable[[], float],
+    share: float = 1.0,
 ) -> Conditions:
     """Returns the conditions of one game around those of ``play`` and ``camera``.
 
@@ -265,9 +278,11 @@ def draw(
 
     Args:
         random: draws uniformly from 0 to 1, as `numpy.random.Generator.random`.
+        share: of the ranges' widths, 0 to 1.
     """
     if ranges == NOTHING_DRAWN:
         return Conditions(play, camera)
+    ranges = ranges.narrowed(share)
     usual = Conditions(play, camera)._asdict()
     drawn: dict[str, dict[str, Any]] = {group: {} for group in usual}
     glare_x, glare_y = random(), random()

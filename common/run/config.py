@@ -116,6 +116,10 @@ class LearningConfig:
     random_shift: Annotated[int, Ge(0), Le(MAX_SHIFT)] = 0
     """Maximum random shift of a sampled state in each direction, pixels (DrQ, Yarats et al.
     2021)."""
+    curriculum_steps: Count = 0
+    """Agent steps of the run, after learning starts, in which the ranges of `randomise` grow
+    linearly from nothing in the training games; 0 for whole ranges from the beginning. Tests always
+    have whole ranges."""
     clip_rewards: bool = True
     """Clipping of each agent step's reward to [-1, 1]; scores are never clipped."""
     discount: Fraction = 0.99
@@ -216,6 +220,14 @@ class RunConfig:
         done = (agent_steps - self.replay.learning_starts) / max(schedule.steps, 1)
         return schedule.start + (schedule.end - schedule.start) * min(max(done, 0.0), 1.0)
 
+    def difficulty_at(self, agent_steps: int) -> float:
+        """Returns which share of their widths, 0 to 1, the ranges of `randomise` have in training
+        games after ``agent_steps`` of all actors, those before learning starts included."""
+        if not self.learning.curriculum_steps:
+            return 1.0
+        done = (agent_steps - self.replay.learning_starts) / self.learning.curriculum_steps
+        return min(max(done, 0.0), 1.0)
+
     def pinned(self) -> "RunConfig":
         """Returns the settings with the hash of each file that they name.
 
@@ -253,6 +265,11 @@ class RunConfig:
                 f"learning.learning_rate {learning.learning_rate:g} would rise to "
                 f"learning.final_learning_rate {learning.final_learning_rate:g}: lower that too, "
                 "or set learning.annealing_steps to 0 for a constant rate."
+            )
+        if learning.curriculum_steps and self.randomise == RandomiseConfig():
+            raise InputError(
+                f"learning.curriculum_steps is {learning.curriculum_steps}, but no range of "
+                "--randomise is there to grow: give one, or --randomise.all."
             )
         if self.vector_width > MAX_VECTOR:
             raise InputError(

@@ -47,6 +47,8 @@ class NumberedEnv(gymnasium.Env[Any, np.int64]):
         self.action_space = gymnasium.spaces.Discrete(6)
         self.moments: list[Moment] = []
         self.seeds: list[int | None] = []
+        self.options: list[dict[str, Any] | None] = []
+        """Seed and options of each reset."""
         self._endings = endings
         self._frame_stack = frame_stack
         self._number = first
@@ -58,6 +60,7 @@ class NumberedEnv(gymnasium.Env[Any, np.int64]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         self.seeds.append(seed)
+        self.options.append(options)
         self._begins = True
         self._state = np.stack([self._next_frame()] * self._frame_stack)
         self._valid = self._number % 5 != 0

@@ -67,6 +67,7 @@ class Stage:
         self.replay = Replay(hub)
         self.warnings: list[str] = []
         self.stop = threading.Event()
+        self.config = CONFIG
         self.policy = Policy(QNetwork(6), 6, np.random.default_rng(0))
         self.stats: list[ActorStats] = []
         self.failure: str | None = None
@@ -79,7 +80,9 @@ class Stage:
         self.stats.append(ActorStats.decode(message.payload))
 
     def start(self, *envs: NumberedEnv) -> None:
-        member = Member("a", self._client, KEYS, CONFIG, 300.0, self.stop, 17, self.warnings.append)
+        member = Member(
+            *("a", self._client, KEYS, self.config, 300.0, self.stop, 17, self.warnings.append)
+        )
         actor = Actor(member, envs, self.policy)
         seeds = list(range(len(envs)))
 
@@ -167,6 +170,17 @@ def test_epsilon_follows_the_runs_steps(stage: Stage) -> None:
     stage.ended()
     assert stage.replay.chunks[0].epsilon == pytest.approx(0.51)
     assert stage.policy.epsilon == pytest.approx(0.51)
+
+
+def test_the_difficulty_of_the_next_game_follows_the_runs_steps(stage: Stage) -> None:
+    """The curriculum has 1,000 agent steps, of which a quarter is over when it begins."""
+    stage.config = replace(CONFIG, learning=replace(CONFIG.learning, curriculum_steps=1_000))
+    stage.replay.ack = replace(STORED, agent_steps=CONFIG.replay.learning_starts + 250)
+    stage.replay.limit = 1
+    env = NumberedEnv([GOES_ON, GAME_OVER])
+    stage.start(env)
+    stage.ended()
+    assert {told["difficulty"] for told in env.options if told} == {0.25}
 
 
 def test_while_the_learner_is_behind_it_pauses(stage: Stage) -> None:

@@ -1,6 +1,6 @@
 """The acting loop: who is asked when, and what is handed on."""
 
-from itertools import islice
+from itertools import count, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,13 @@ def test_only_the_first_reset_is_seeded() -> None:
     lived(envs, 2 * 7, Recorder())
     assert envs[0].seeds == [100, None, None, None]
     assert envs[1].seeds == [101, None, None, None]
+
+
+def test_each_reset_has_the_options_of_its_time() -> None:
+    env, asked = NumberedEnv([GOES_ON, GAME_OVER]), count()
+    steps = play([env], Recorder(), [1], lambda: {"number": next(asked)})
+    assert len(list(islice(steps, 5))) == 5
+    assert env.options == [{"number": 0}, {"number": 1}, {"number": 2}]
 
 
 def test_the_policy_sees_the_newest_state_of_every_environment() -> None:

@@ -147,6 +147,18 @@ def test_lost_pictures_reach_the_network_as_frames_seen_before() -> None:
         env.close()
 
 
+@pytest.mark.parametrize("env_name", ["robot", "ale"])
+def test_a_reset_may_ask_for_a_share_of_the_ranges(env_name: str, robot: RobotEnv) -> None:
+    ranges = all_ranges(env_name)
+    env = robot if env_name == "robot" else AtariEnv("pong", play=PLAY, randomise=ranges)
+    env.reset(seed=3, options={"difficulty": 0.25})
+    quarter, whole = (
+        draw(PLAY, CameraConfig(), ranges, np.random.default_rng(3).random, share)
+        for share in (0.25, 1.0)
+    )
+    assert env.conditions == quarter != whole
+
+
 def test_the_emulator_draws_conditions_for_each_game_too() -> None:
     env = AtariEnv("pong", play=PLAY, randomise=all_ranges("ale"))
     first, other = trace(env, 7), trace(env, 8)

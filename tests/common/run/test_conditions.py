@@ -126,6 +126,21 @@ def test_a_range_that_is_off_leaves_the_others_as_they_were(name: str) -> None:
         assert without[key] == (USUAL[key] if key in names else value)
 
 
+def test_ranges_narrow_to_nothing() -> None:
+    assert ALL.narrowed(1.0) == ALL
+    assert ALL.narrowed(0.0) == NOTHING_DRAWN
+    half = ALL.narrowed(0.5)
+    assert (half.latency, half.jitter, half.noise) == (6, 1, 4.0)
+    assert (half.gamma, half.head_pose) == (pytest.approx(1.3), 2.5)
+    assert ALL.narrowed(0.12).latency == 1  # 1.44 frames
+
+
+def test_a_game_may_be_drawn_from_a_share_of_the_ranges() -> None:
+    base = Conditions(PlayConfig(), PERFECT_CAMERA)
+    found = draw(*base, ALL, np.random.default_rng(5).random, 0.5)
+    assert flat(found) == drawn(ALL.narrowed(0.5), 5)
+
+
 def test_draws_are_around_the_settings() -> None:
     base = Conditions(
         PlayConfig(actuation_latency=4, arm_speed=0.8, sticky=0.1),
