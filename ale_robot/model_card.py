@@ -37,7 +37,7 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
     """Returns the text of README.md.
 
     Args:
-        card: as `learner.publish` writes it, and ``sha256``.
+        card: as `learner.publish` writes it.
         config: the settings in it.
 
     Raises:

@@ -1,10 +1,12 @@
 """`python -m learner.publish runs/NAME -o policies/NAME`: makes a policy to give away of a run.
 
-Writes NAME.safetensors, the weights in float16, and NAME.json, its card: the run's configuration,
-how long it was trained, and every game's score of an evaluation of exactly these weights.
+Writes NAME.safetensors, the weights in float16, and NAME.json, its card: their SHA-256, the run's
+configuration, how long it was trained, and every game's score of an evaluation of exactly these
+weights.
 `python -m viewer play --weights policies/NAME.safetensors` plays them.
 """
 
+import hashlib
 import json
 import sys
 import threading
@@ -83,7 +85,9 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
         card["snapshot"] = json.loads((folder.snapshots / "best.json").read_bytes())
     options.output.parent.mkdir(parents=True, exist_ok=True)
     weights = options.output.with_name(f"{options.output.name}.safetensors")
-    write_atomically(weights, encode_weights(network, config, torch.float16))
+    published = encode_weights(network, config, torch.float16)
+    card["sha256"] = hashlib.sha256(published).hexdigest()
+    write_atomically(weights, published)
     _write(options.output, card)
     card["evaluation"] = _evaluation(weights, config.fixed, options.games, stop)
     _write(options.output, card)

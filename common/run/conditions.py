@@ -8,6 +8,7 @@ describes all of them.
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from math import ceil
 from typing import Annotated, Any, Final, Literal, NamedTuple, get_type_hints
 
 import tyro
@@ -150,8 +151,9 @@ def _plus(value: float, most: float, share: float) -> float:
     return value + most * share
 
 
-def _plus_whole(value: int, most: int, share: float) -> int:
-    return value + min(int((most + 1) * share), most)
+def _plus_whole(value: int, most: float, share: float) -> int:
+    # Of a range that ends between two numbers, the last one is drawn more seldom than the others.
+    return value + min(int((most + 1) * share), ceil(most))
 
 
 def _less(value: float, most: float, share: float) -> float:
@@ -228,15 +230,6 @@ class RandomiseConfig:
     screen_tilt: Annotated[Amount, Drawn(_around, 5.0, "camera.screen_tilt")] = 0.0
     """Maximum change of the screen's tilt, degrees."""
 
-    def narrowed(self, share: float) -> "RandomiseConfig":
-        """Returns the same ranges with ``share``, 0 to 1, of their widths."""
-        widths: dict[str, Any] = {}
-        for name, whole in asdict(self).items():
-            nothing = getattr(NOTHING_DRAWN, name)
-            width = nothing + share * (whole - nothing)
-            widths[name] = round(width) if isinstance(nothing, int) else width
-        return RandomiseConfig(**widths)
-
 
 _FIXED = {"play": PlayConfig, "camera": CameraConfig}
 DRAWN: dict[str, Drawn] = {
@@ -282,15 +275,15 @@ def draw(
     """
     if ranges == NOTHING_DRAWN:
         return Conditions(play, camera)
-    ranges = ranges.narrowed(share)
     usual = Conditions(play, camera)._asdict()
     drawn: dict[str, dict[str, Any]] = {group: {} for group in usual}
     glare_x, glare_y = random(), random()
     for name, how in DRAWN.items():
         for setting in how.settings:
             group, field = setting.split(".")
-            value = getattr(usual[group], field)
-            drawn[group][field] = how.law(value, getattr(ranges, name), random())
+            nothing, whole = getattr(NOTHING_DRAWN, name), getattr(ranges, name)
+            most = nothing + share * (whole - nothing)
+            drawn[group][field] = how.law(getattr(usual[group], field), most, random())
     if ranges.glare:
         drawn["camera"] |= {"glare_x": glare_x, "glare_y": glare_y}
     return Conditions(replace(play, **drawn["play"]), replace(camera, **drawn["camera"]))

@@ -1,5 +1,6 @@
 """The published policies play as their cards say, from a clone alone."""
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -14,10 +15,20 @@ MOST_WORSE = 3.0
 skill: both are the mean of games of the same network."""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
+CARDS = pytest.mark.parametrize(
     "card", sorted((ROOT / "policies").glob("*.json")), ids=lambda card: card.stem
 )
+
+
+@CARDS
+def test_a_card_tells_the_hash_and_the_bound_of_its_weights(card: Path) -> None:
+    weights = card.with_suffix(".safetensors").read_bytes()
+    assert json.loads(card.read_text())["sha256"] == hashlib.sha256(weights).hexdigest()
+    assert len(weights) <= 4_000_000
+
+
+@pytest.mark.slow
+@CARDS
 def test_a_published_policy_plays_as_its_card_says(stage: Stage, card: Path) -> None:
     evaluation = json.loads(card.read_text())["evaluation"]
     told, *_ = evaluation.get("rows", [evaluation])  # a former card has one

@@ -1,5 +1,6 @@
 """A published policy: small weights, a card, and scores of just these weights."""
 
+import hashlib
 import json
 import threading
 from dataclasses import replace
@@ -59,6 +60,7 @@ def test_a_policy_plays_from_its_two_files_alone(
     weights = output.with_suffix(".safetensors")
     card = json.loads(output.with_suffix(".json").read_text())
     assert weights.stat().st_size < 4_000_000
+    assert card["sha256"] == hashlib.sha256(weights.read_bytes()).hexdigest()
     assert (card["agent_steps"], card["snapshot"]["epoch"]) == (12_345, 3)
     evaluation = card["evaluation"]
     assert evaluation["weights"] == "breakout"

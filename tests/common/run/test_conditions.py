@@ -1,6 +1,7 @@
 """The conditions of a game: within their ranges, uniform, and one draw for each setting."""
 
 from dataclasses import asdict, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -126,19 +127,35 @@ def test_a_range_that_is_off_leaves_the_others_as_they_were(name: str) -> None:
         assert without[key] == (USUAL[key] if key in names else value)
 
 
-def test_ranges_narrow_to_nothing() -> None:
-    assert ALL.narrowed(1.0) == ALL
-    assert ALL.narrowed(0.0) == NOTHING_DRAWN
-    half = ALL.narrowed(0.5)
-    assert (half.latency, half.jitter, half.noise) == (6, 1, 4.0)
-    assert (half.gamma, half.head_pose) == (pytest.approx(1.3), 2.5)
-    assert ALL.narrowed(0.12).latency == 1  # 1.44 frames
-
-
 def test_a_game_may_be_drawn_from_a_share_of_the_ranges() -> None:
+    """Those of half of the ranges are those of ranges half as wide; of none, the usual settings."""
+    half = replace(ALL, **{name: value / 2 for name, value in vars(ALL).items()})
+    half = replace(half, latency=6, jitter=1, gamma=1.3, picture_latency=0)
     base = Conditions(PlayConfig(), PERFECT_CAMERA)
-    found = draw(*base, ALL, np.random.default_rng(5).random, 0.5)
-    assert flat(found) == drawn(ALL.narrowed(0.5), 5)
+    for seed in range(20):
+        found = flat(draw(*base, ALL, np.random.default_rng(seed).random, 0.5))
+        expected = drawn(half, seed) | {"camera.latency": found["camera.latency"]}
+        assert found == pytest.approx(expected)
+        none = flat(draw(*base, ALL, np.random.default_rng(seed).random, 0.0))
+        places = ("camera.glare_x", "camera.glare_y")
+        assert none | {place: USUAL[place] for place in places} == USUAL
+
+
+@pytest.mark.parametrize(("most", "share", "shares"), [
+    (1, 0.1, [1 / 1.1, 0.1 / 1.1]),
+    (1, 0.5, [2 / 3, 1 / 3]),
+    (5, 0.5, [2 / 7, 2 / 7, 2 / 7, 1 / 7]),
+    (4, 0.5, [1 / 3, 1 / 3, 1 / 3]),
+])  # fmt: skip
+def test_a_range_of_whole_numbers_grows_without_jumps(
+    most: int, share: float, shares: list[float]
+) -> None:
+    """Of a range of 2.5, 0 to 2 are drawn twice as often as 3."""
+    base = Conditions(PlayConfig(), PERFECT_CAMERA)
+    ranges = RandomiseConfig(latency=most)
+    even = [draw(*base, ranges, partial(float, u), share) for u in (np.arange(7_000) + 0.5) / 7_000]
+    counts = np.bincount([found.play.actuation_latency for found in even]) / 7_000
+    assert counts == pytest.approx(shares, abs=1e-3)
 
 
 def test_draws_are_around_the_settings() -> None:
