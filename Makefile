@@ -9,6 +9,12 @@ NAME ?= nao-pong
 ACTORS ?= 1
 ARGS ?=
 RESULTS := benchmarks/results
+GPU ?= /dev/nvidia0
+# PyPI's PyTorch is the CUDA build. Where there is no GPU and nobody has chosen an index, pip gets PyTorch's index of
+# CPU builds too: 2.13.0+cpu meets ==2.13.0, and wins as the higher version (PEP 440). `pip config list` has PIP_* too.
+CPU_TORCH := https://download.pytorch.org/whl/cpu
+WANTS_CPU_TORCH = test -z "$$CI" -a ! -e $(GPU) && ! command -v nvidia-smi >/dev/null && \
+	! $(BIN)/python -m pip config list | grep -qE '^[^=]*(index|url|find-links)[^=]*='
 
 .PHONY: browser help setup train test test-slow test-lowest check bench figures screens docs wheel lock clean
 
@@ -24,8 +30,12 @@ $(VENV)/.installed: requirements.lock requirements-torch.lock pyproject.toml
 	@$(PYTHON) -m venv $(VENV)
 	@echo "fetching and installing the $$(grep -c == requirements.lock) packages of requirements.lock: minutes"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
-	@echo "fetching and installing PyTorch (requirements-torch.lock): minutes, gigabytes if it is the CUDA build"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-torch.lock
+	@if $(WANTS_CPU_TORCH); then index="--extra-index-url $(CPU_TORCH)"; \
+		echo "fetching and installing PyTorch for CPU, since no NVIDIA GPU was found: minutes;" \
+			"for CUDA: PIP_INDEX_URL=https://pypi.org/simple make setup"; \
+	else index=; \
+		echo "fetching and installing PyTorch (requirements-torch.lock): minutes, gigabytes if it is the CUDA build"; fi; \
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $$index -r requirements-torch.lock
 	@echo "installing ALE-Robot from this folder"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@

@@ -1,6 +1,14 @@
 """`python -m actors`: robots, or emulators alone, that join a run and play for it."""
 
 if __name__ == "__main__":
+    import os
+    import sys
+
+    # A working directory that does not hold this package may hold another `common`.
+    if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
+        del sys.path[0]
+        os.environ["PYTHONSAFEPATH"] = "1"  # for the programs that this one starts
+
     from common.process.lifeline import leave_at_interrupt, leave_on_leash
 
     leave_at_interrupt()

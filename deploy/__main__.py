@@ -1,5 +1,14 @@
 """`python -m deploy ENGINE … -- FLAGS`: launches a run on an engine that is there already."""
 
+if __name__ == "__main__":
+    import os
+    import sys
+
+    # A working directory that does not hold this package may hold another `common`.
+    if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
+        del sys.path[0]
+        os.environ["PYTHONSAFEPATH"] = "1"  # for the programs that this one starts
+
 import sys
 
 from common.errors import exit_on_input_error

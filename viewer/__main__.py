@@ -1,6 +1,14 @@
 """`python -m viewer`: checks a robot, shows it at play, or lets a person play, without any run."""
 
 if __name__ == "__main__":
+    import os
+    import sys
+
+    # A working directory that does not hold this package may hold another `common`.
+    if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
+        del sys.path[0]
+        os.environ["PYTHONSAFEPATH"] = "1"  # for the programs that this one starts
+
     from common.process.lifeline import leave_at_interrupt, leave_on_leash
 
     leave_at_interrupt()

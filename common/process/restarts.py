@@ -13,13 +13,11 @@ from collections.abc import Callable
 from functools import partial
 
 from common.errors import exit_on_input_error
+from common.process.backoff import SETTLED, growing_pause
 from common.process.exit_codes import EXIT_CODES, NO_ROOM
 from common.process.lifeline import heeded_signals, signal_pipe
 from common.process.log_lines import line
 
-_FIRST_PAUSE, _LONGEST_PAUSE = 1.0, 60.0
-_SETTLED = 600.0
-"""Seconds of work after which earlier ends are forgotten."""
 _IN_VAIN = {code.number for code in EXIT_CODES if not code.again}
 _PR_SET_PDEATHSIG = 1
 _prctl = ctypes.CDLL(None).prctl
@@ -55,7 +53,7 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
         told = status if status >= 0 else 128 - status
         if asked or status in _IN_VAIN or status > 128:
             return told
-        if worked > _SETTLED:
+        if worked > SETTLED:
             starts, restarts = 0, 0
         starts += 1
         restarts += status != NO_ROOM
@@ -63,7 +61,7 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
         if restarts > most:
             _say(f"{name} ended by {how} after {worked:.0f} s, and {most} restarts were in vain.")
             return told
-        pause = min(_FIRST_PAUSE * 2 ** (starts - 1), _LONGEST_PAUSE)
+        pause = growing_pause(starts)
         which = "another try" if status == NO_ROOM else f"restart {restarts} of {most}"
         _say(f"{name} ended by {how} after {worked:.0f} s: {which} in {pause:.0f} s.")
         if _is_asked_within(pause, told_by):

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from common.errors import InputError
+from common.process.backoff import SETTLED, growing_pause
 from common.process.lifeline import GRACE, LEASH
 from common.process.service_manager import without
 
@@ -124,7 +125,7 @@ class Child(subprocess.Popen[str]):
 
 
 class Supervisor:
-    """Children that are started again when they end before the work does.
+    """Children that are started again when they end before the work does, after growing pauses.
 
     Args:
         plans: what starts each child, by its name.
@@ -141,10 +142,17 @@ class Supervisor:
         self._children = {name: start() for name, start in plans.items()}
         self._started = dict.fromkeys(plans, now())
         self._early_ends = dict.fromkeys(plans, 0)
+        self._restarts = dict.fromkeys(plans, 0)
+        """Restarts of each child in a row."""
+        self._due: dict[str, float] = {}
+        """When each child that ended and waits is started again."""
         self._leaving = False
 
     def watch(self, *, finished: bool) -> list[str]:
-        """Start those that ended again; returns what happened, as sentences.
+        """Start those again that ended and have paused; returns what happened, as sentences.
+
+        The first restart is at once, those after it come 1, 2, 4 … 60 s after the end. This method
+        never waits: a restart comes with the first call after its pause.
 
         Args:
             finished: whether the work is, so that children leave by themselves.
@@ -154,33 +162,51 @@ class Supervisor:
         """
         notes = []
         for name, child in self._children.items():
+            now = self._now()
+            if name in self._due:
+                if now >= self._due[name]:
+                    self._start(name, now)
+                    notes.append(f"{name} started again")
+                continue
             status = child.poll()
             if status is None or self._leaving or (status == 0 and finished):
                 continue
             how = f"signal {-status}" if status < 0 else f"status {status}"
-            now = self._now()
-            early = now - self._started[name] < _EARLY
+            worked = now - self._started[name]
+            early = worked < _EARLY
             self._early_ends[name] = self._early_ends[name] + 1 if early else 0
             if self._early_ends[name] >= _MOST_EARLY_ENDS:
                 raise InputError(
                     f"{name} cannot start: it ended {_MOST_EARLY_ENDS} times by {how} and said: "
                     f"{child.last_line()} (more in {child.log})."
                 )
-            self._children[name] = self._plans[name]()
-            self._started[name] = now
-            notes.append(f"{name} ended by {how}, started again")
+            if worked > SETTLED:
+                self._restarts[name] = 0
+            if pause := growing_pause(self._restarts[name]):
+                self._due[name] = now + pause
+                notes.append(f"{name} ended by {how}, next try in {pause:.0f} s")
+            else:
+                self._start(name, now)
+                notes.append(f"{name} ended by {how}, started again")
+            self._restarts[name] += 1
         return notes
+
+    def _start(self, name: str, now: float) -> None:
+        self._due.pop(name, None)
+        self._children[name] = self._plans[name]()
+        self._started[name] = now
 
     def works(self, role: str) -> bool:
         """Whether a child with a name such as ``role-1`` is at work, or on its way to it."""
         return any(
-            name.startswith(f"{role}-") and child.poll() is None
+            name.startswith(f"{role}-") and (name in self._due or child.poll() is None)
             for name, child in self._children.items()
         )
 
     def ask_to_leave(self) -> None:
         """Ask all children to leave; none is started again."""
         self._leaving = True
+        self._due.clear()
         for child in self._children.values():
             child.ask_to_leave()
 

@@ -67,11 +67,14 @@ _MOST_BYTES: list[tuple[list[str], int, list[str]]] = [
 bounded by `MAX_MESSAGE_BYTES`."""
 
 
+LONGEST_RECEIVED = MAX_MESSAGE_BYTES + 64 * _KIB
+"""Bytes of a message that any process receives at most; Zenoh's own 1 GiB would be taken before
+anything is looked at. What Zenoh itself adds to a message, and its other messages, are small."""
+
+
 def size_limits() -> dict[str, Any]:
     """Zenoh's settings by which a hub drops what is too long before it takes memory."""
     return {
-        # What Zenoh itself adds to a message, and its other messages, are small.
-        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES + 64 * _KIB,
         "low_pass_filter": [
             {
                 "id": f"at-most-{most}",

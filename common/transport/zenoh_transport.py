@@ -19,7 +19,12 @@ from typing import Any, Self, TypeVar
 import zenoh
 
 from common.errors import InputError, Unreachable
-from common.transport.access_control import access_control, rate_limits, size_limits
+from common.transport.access_control import (
+    LONGEST_RECEIVED,
+    access_control,
+    rate_limits,
+    size_limits,
+)
 from common.transport.checksum import seal
 from common.transport.credentials import Role, allowed_actors, check_certificates
 from common.transport.endpoint import check_endpoint, is_loopback
@@ -117,6 +122,7 @@ def _config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
         "scouting/delay": 0,  # nobody is looked for, so there is nothing to wait for
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
+        "transport/link/rx/max_message_size": LONGEST_RECEIVED,
         # Of 64 KB each: a minibatch leaves in one go, not two at a time.
         "transport/link/tx/queue/size/data": 16,
         **settings,

@@ -15,10 +15,10 @@ from tests.patience import PATIENCE, wait_until
 HEAD = """
 import os, signal, sys, threading
 from pathlib import Path
-from common.process import restarts
+from common.process import backoff, restarts
 from common.errors import exit_on_input_error, Unreachable, ThreadDied
 from common.process.lifeline import on_signals
-restarts._FIRST_PAUSE = 0.01
+backoff.FIRST_PAUSE = 0.01
 for number in (signal.SIGINT, signal.SIGHUP):  # ignored where tests run in the background
     signal.signal(number, signal.SIG_DFL)
 begun = Path(sys.argv[1])
@@ -117,7 +117,7 @@ def test_a_full_disk_is_waited_for_without_a_limit(tmp_path: Path) -> None:
 
 def test_what_was_long_ago_is_forgotten(tmp_path: Path) -> None:
     body = "    if times < 3: os.kill(os.getpid(), signal.SIGKILL)\n    return 0\n"
-    status, said = Work(tmp_path, body + "restarts._SETTLED = -1.0\n", 1).ended()
+    status, said = Work(tmp_path, body + "restarts.SETTLED = -1.0\n", 1).ended()
     assert (status, len(said)) == (0, 2)
 
 

@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -100,10 +102,23 @@ def test_a_child_that_writes_much_to_a_piped_standard_error_is_not_held_up(progr
         child.end(0.0)
 
 
-def started(program: Path, tmp_path: Path, script: str) -> Supervisor:
+class Clock:
+    """A clock that stands still until it is set on."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def __call__(self) -> float:
+        return self.seconds
+
+
+def started(
+    program: Path, tmp_path: Path, script: str, now: Callable[[], float] = time.monotonic
+) -> Supervisor:
     """A supervisor of one actor that is this script."""
     write(program, script)
-    return Supervisor({"actor-1": partial(Child, "m", leash=True, log=tmp_path / "actor-1.log")})
+    start = partial(Child, "m", leash=True, log=tmp_path / "actor-1.log")
+    return Supervisor({"actor-1": start}, now)
 
 
 def notes_of(children: Supervisor, *, finished: bool = False) -> list[str]:
@@ -124,39 +139,77 @@ def notes_of(children: Supervisor, *, finished: bool = False) -> list[str]:
     ],
 )
 def test_a_child_that_cannot_start_is_given_up_with_its_last_line(
-    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, how: str
+    program: Path, tmp_path: Path, script: str, how: str
 ) -> None:
-    monkeypatch.setattr(module, "_EARLY", 1e9)
-    children = started(program, tmp_path, script)
-    for _ in range(2):
-        assert notes_of(children) == [f"actor-1 ended by {how}, started again"]
+    clock = Clock()
+    children = started(program, tmp_path, script, clock)
+    assert notes_of(children) == [f"actor-1 ended by {how}, started again"]
+    assert notes_of(children) == [f"actor-1 ended by {how}, next try in 1 s"]
+    clock.seconds += 1.0
+    assert children.watch(finished=False) == ["actor-1 started again"]
     with pytest.raises(InputError, match=f"^actor-1 cannot start: .*{how} and said: no room "):
         notes_of(children)
     children.close()
 
 
-def test_a_child_that_has_worked_may_end_often(
-    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "_EARLY", 0.0)
-    children = started(program, tmp_path, "raise SystemExit(0)")
+def test_a_child_that_has_worked_may_end_often(program: Path, tmp_path: Path) -> None:
+    clock = Clock()
+    children = started(program, tmp_path, "raise SystemExit(0)", clock)
     for _ in range(4):
+        clock.seconds += 601.0
         assert notes_of(children) == ["actor-1 ended by status 0, started again"]
     assert notes_of(children, finished=True) == []  # it left because the run is over
     children.close()
 
 
-def test_each_start_has_its_own_time_to_get_to_work(program: Path, tmp_path: Path) -> None:
-    write(program, "raise SystemExit(3)")
-    clock = [0.0]
-    start = partial(Child, "m", leash=True, log=tmp_path / "actor-1.log")
-    children = Supervisor({"actor-1": start}, lambda: clock[0])
-    clock[0] = 1_000.0  # it worked for long
-    notes_of(children)
+def test_pauses_between_restarts_grow_until_a_child_has_settled(
+    program: Path, tmp_path: Path
+) -> None:
+    clock, worked = Clock(), 20.0
+    children = started(program, tmp_path, "raise SystemExit(3)", clock)
+    clock.seconds += worked
+    assert notes_of(children) == ["actor-1 ended by status 3, started again"]
+    for pause in (1, 2, 4, 8, 16, 32, 60, 60):
+        clock.seconds += worked
+        assert notes_of(children) == [f"actor-1 ended by status 3, next try in {pause} s"]
+        clock.seconds += pause - 0.1
+        assert children.watch(finished=False) == []
+        clock.seconds += 0.2
+        assert children.watch(finished=False) == ["actor-1 started again"]
+    clock.seconds += 601.0
+    assert notes_of(children) == ["actor-1 ended by status 3, started again"]
+    clock.seconds += worked
+    assert notes_of(children) == ["actor-1 ended by status 3, next try in 1 s"]
+    children.close()
+
+
+def test_a_child_that_pauses_is_on_its_way_unless_it_was_asked_to_leave(
+    program: Path, tmp_path: Path
+) -> None:
+    clock = Clock()
+    children = started(program, tmp_path, "raise SystemExit(3)", clock)
     for _ in range(2):
-        clock[0] += 14.0
         notes_of(children)
-    clock[0] += 14.0
+    assert children.works("actor")
+    assert not children.works("evaluator")
+    children.ask_to_leave()
+    assert not children.works("actor")
+    clock.seconds += 1.0
+    assert children.watch(finished=False) == []
+    children.close()
+
+
+def test_each_start_has_its_own_time_to_get_to_work(program: Path, tmp_path: Path) -> None:
+    clock = Clock()
+    children = started(program, tmp_path, "raise SystemExit(3)", clock)
+    clock.seconds = 1_000.0  # it worked for long
+    notes_of(children)
+    for pause in (1.0, 2.0):
+        clock.seconds += 14.0
+        notes_of(children)
+        clock.seconds += pause
+        children.watch(finished=False)
+    clock.seconds += 14.0
     with pytest.raises(InputError, match="it ended 3 times"):
         notes_of(children)
     children.close()

@@ -14,6 +14,7 @@ import zenoh
 
 from common.errors import InputError
 from common.protocol.run_keys import RunKeys
+from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.transport.checksum import seal
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, is_loopback
 from common.transport.interface import Envelope, Unanswered
@@ -187,6 +188,21 @@ def test_what_is_longer_than_anybody_sends_is_dropped_at_the_hub(
     assert isinstance(task.request(b"x" * 70_000).exception(), Unanswered)
     assert isinstance(insert.request(b"x" * 33 * 2**20).exception(), Unanswered)
     assert chunk.exception() is not None or chunk.result().payload == b"%d" % (30 * 2**20)
+
+
+def test_what_is_longer_than_anybody_sends_is_dropped_at_a_client(
+    zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport
+) -> None:
+    """Else a hub that was taken over takes the memory of all who joined it."""
+    keys = RunKeys("r")
+    served = zenoh_hub.serve(keys.latest_weights, lambda request: bytes(int(request.payload)))
+    asking = zenoh_client.requester(keys.latest_weights, 30.0)
+    wait_until(lambda: asking.has_server, "weights are served")
+    longest = asking.request(b"%d" % MAX_MESSAGE_BYTES).result()
+    assert len(longest.payload) == MAX_MESSAGE_BYTES
+    too_long = asking.request(b"%d" % (MAX_MESSAGE_BYTES + 2**20))
+    assert isinstance(too_long.exception(), Unanswered)
+    served.close()
 
 
 def test_who_asks_or_tells_too_often_is_not_heard(
