@@ -7,12 +7,14 @@ from typing import Any
 
 from common.errors import InputError, writing
 from common.run.folder import write_atomically
-from deploy.containers import actor_command, learner_command
+from deploy.containers import actor_command, learner_command, replay_command
 from deploy.description import RunDescription
+
+_OWN = "compose.override.yaml"
 
 
 def launch(run: RunDescription) -> str:
-    """Writes the two files, and returns what the user should do with them."""
+    """Writes the files, and returns what the user should do with them."""
     options, place = run.options, run.folder.path / "compose"
     if options.gpus > 0:
         raise InputError("--gpus is for slurm and kubernetes: omit it, and see deploy/README.md.")
@@ -27,12 +29,19 @@ def launch(run: RunDescription) -> str:
         "actor": _service(run, actor, 1, memory) | {"scale": options.actors},
         "evaluator": _service(run, evaluator, 1, memory) | {"scale": options.evaluators},
     }
+    parts = ["compose.yaml"]
+    if options.replay:
+        parts.append("replay.yaml")
+        replay = replay_command(run, "127.0.0.1", "tcp")
+        services["replay"] = _service(run, replay, options.replay_cpus, options.replay_memory)
     # Compose fills in what follows a dollar.
     text = json.dumps({"services": services}, indent=2).replace("$", "$$")
     with writing(place):
         place.mkdir(parents=True, exist_ok=True)
-        shutil.copy(Path(__file__).parent / "compose" / "compose.yaml", place)
-        write_atomically(place / "compose.override.yaml", f"{text}\n".encode())
+        for part in parts:
+            shutil.copy(Path(__file__).parent / "compose" / part, place)
+        write_atomically(place / _OWN, f"{text}\n".encode())
+        write_atomically(place / ".env", f"COMPOSE_FILE={':'.join([*parts, _OWN])}\n".encode())
     return f"The run is in {place}. Start it:\n  cd {place} && docker compose up --detach"
 
 

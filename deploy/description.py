@@ -4,6 +4,7 @@ import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,10 +16,14 @@ from common.errors import InputError
 from common.process.command_line import parse_run
 from common.run.clock import ClockConfig
 from common.run.folder import RunFolder
+from common.run.presets import PRESETS
+from common.run.stored_config import flag_of, flat
 from learner.options import LearnerOptions, resume_flags, run_name, stored_config
 
 _SET_HERE = ("listen", "connect", "certificates", "local", "resume", "actors", "envs", "evaluators")
 """Fields of the learner that the engine sets."""
+_OF_THE_REPLAY = ("actor_quota", "log_json", "restart")
+"""Fields of the learner that a replay of its own has too, beside the run's settings."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,13 @@ class LaunchOptions:
     """Memory of the learner, GiB."""
     actor_memory: FromOne = 2
     """Memory of each actor and evaluator, GiB."""
+    replay: bool = False
+    """Give the replay a process of its own on Compose or Kubernetes, which learner and actors join;
+    by default the learner hosts it."""
+    replay_cpus: FromOne = 2
+    """Processor cores of the replay of --replay."""
+    replay_memory: FromOne = 8
+    """Memory of the replay of --replay, GiB, the page cache of its file included."""
     tls: bool = True
     """Certificates between all processes; --no-tls is for a network whose machines you trust.
     Compose has none: its network is of the run alone."""
@@ -81,6 +93,11 @@ class LaunchOptions:
                 raise InputError(f"--{flag} {word!r} cannot be used: write one word.")
         if not re.fullmatch(r"[\w.:/-]+:[\w.-]+", self.image):
             raise InputError(f"--image {self.image!r} is no image: write it as NAME:TAG.")
+        if self.replay and self.engine not in ("kubernetes", "compose"):
+            raise InputError(
+                f"--replay is for kubernetes and compose: omit it, so that {self.engine} has the "
+                "learner host the replay, or start the run by hand (deploy/README.md)."
+            )
 
 
 @dataclass(frozen=True)
@@ -91,8 +108,8 @@ class RunDescription:
     folder: RunFolder
     flags: tuple[str, ...]
     """Flags of the learner, by the user."""
-    force: bool
-    """Whether they have --force."""
+    learner: LearnerOptions
+    """What they mean."""
 
     def begin(self, runs: str, *own: str) -> list[str]:
         """Returns the flags of the learner that begins the run, in a folder where the engine sees
@@ -102,10 +119,25 @@ class RunDescription:
     def resume(self, runs: str, *own: str) -> list[str]:
         """Returns the flags of the learner that goes on with it."""
         flags = resume_flags(self.begin(runs, *own), self.folder.name, done=False)
-        return [*flags, *(["--force"] if self.force else [])]
+        return [*flags, *(["--force"] if self.learner.force else [])]
+
+    def replay(self, runs: str, *own: str) -> list[str]:
+        """Returns the flags of a replay of its own that begins the run, with the settings that the
+        learner's flags mean."""
+        config, usual = self.learner.config, LearnerOptions(self.learner.config)
+        preset = flat(PRESETS[config.preset])
+        told = {name: value for name, value in flat(config).items() if value != preset[name]}
+        for name in _OF_THE_REPLAY:
+            if (value := getattr(self.learner, name)) != getattr(usual, name):
+                told[name] = value
+        settings = chain.from_iterable(flag_of(name, value) for name, value in told.items())
+        return [
+            *("--run", self.folder.name, "--runs", runs, *own),
+            *("--preset", config.preset, *settings),
+        ]
 
     def actor(self) -> list[str]:
-        """Returns the flags of an actor, but who it is and where the learner is."""
+        """Returns the flags of an actor, but who it is and where the hub is."""
         patience = f"{self.options.patience:g}"
         return ["--run", self.folder.name, "--patience", patience, *self.options.clock.flags()]
 
@@ -132,4 +164,4 @@ def describe(options: LaunchOptions, flags: Sequence[str]) -> RunDescription:
     for path in (folder.path, Path(sys.executable)):
         if not re.fullmatch(r"[\w./+-]+", str(path)):
             raise InputError(f"{path} cannot be written into a job: use letters, digits and ./+-_.")
-    return RunDescription(options, folder, tuple(flags), learner.force)
+    return RunDescription(options, folder, tuple(flags), learner)

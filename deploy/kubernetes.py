@@ -9,8 +9,8 @@ from typing import Any
 
 from common.errors import InputError, writing
 from common.run.folder import write_atomically
-from deploy.certificates import make_certificates
-from deploy.containers import actor_command, learner_command
+from deploy.certificates import ensure_certificates
+from deploy.containers import actor_command, hub_of, learner_command, replay_command
 from deploy.description import RunDescription
 
 _HERE = Path(__file__).parent
@@ -31,9 +31,7 @@ def launch(run: RunDescription) -> str:
     with writing(place):
         shutil.copytree(_HERE / "kubernetes", place / "base", dirs_exist_ok=True)
         if run.options.tls:
-            certificates = place / "certificates"
-            if not (certificates / "hub.pem").exists():
-                make_certificates(certificates, "learner")
+            ensure_certificates(place / "certificates", hub_of(run))
         text = json.dumps(_kustomization(run), indent=2)
         write_atomically(place / "kustomization.yaml", f"{text}\n".encode())
     return (
@@ -52,16 +50,23 @@ def _kustomization(run: RunDescription) -> dict[str, Any]:
         "/spec/minReplicas": options.actors,
         "/spec/maxReplicas": max(options.actors, options.max_actors),
     }
+    # A learner that is the hub has the hub's certificate beside that by which it signs weights.
+    secrets: list[tuple[str, ...]] = [("hub", "learner")]
+    components, replay = [], []
+    if options.replay:
+        secrets, components = [("hub",), ("learner",)], ["base/replay"]
+        command = replay_command(run, "0.0.0.0", scheme)
+        size = (options.replay_cpus, options.replay_memory)
+        replay = [_workload("StatefulSet", "replay", command, *size)]
     return {
         "resources": ["base"],
+        "components": components,
         "namespace": run.folder.name,
         "images": [{"name": "ale-robot", "newName": image, "newTag": tag}],
         "replicas": [{"name": "evaluators", "count": options.evaluators}],
-        # The learner is the hub, and signs its weights by a certificate of its own.
-        "secretGenerator": [
-            _secret(*roles) for roles in (("hub", "learner"), ("actor",)) if options.tls
-        ],
+        "secretGenerator": [_secret(*roles) for roles in (*secrets, ("actor",)) if options.tls],
         "patches": [
+            *replay,
             _workload(
                 *("StatefulSet", "learner", learner_command(run, "0.0.0.0", scheme)),
                 *(options.cpus, options.memory, options.gpus),
