@@ -140,7 +140,8 @@ def build_learner(
         sinks.append(TrackerSink(options.track, tracked))
     if options.films:
         # Before those that it tells of a film that is complete at the end, as they close too.
-        sinks.insert(0, FilmsSink(folder, options.films, others=sinks.copy()))
+        epsilon = config.exploration.start
+        sinks.insert(0, FilmsSink(folder, options.films, epsilon, others=sinks.copy()))
     held_out = HeldOut(folder.held_out)
     telemetry = Telemetry(
         *(config, constants, phases, registry, epochs, sinks, clock.now),
