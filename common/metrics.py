@@ -154,6 +154,12 @@ declare(
     Metric("run/device", "none", "text", "Hardware of the updates", summary="device"),
     Metric("run/busy_cores", "cores", ".2", "Processor time per second of the learner, of late"),
     Metric("run/memory_bytes", "bytes", "count", "Memory of the learner, without file pages"),
+    Metric("run/gpu_memory_bytes", "bytes", "count",
+           "Memory in use of the learner's GPU, by all programs; with CUDA"),
+    Metric("run/gpu_capacity_bytes", "bytes", "count", "Memory of the learner's GPU; with CUDA"),
+    Metric("run/gpu_utilisation", "ratio", ".2",
+           "Share of the last second or less in which the learner's GPU was at work; with CUDA "
+           "and nvidia-ml-py"),
     Metric("run/join", "none", "text", "Command that starts an actor, where the learner does not"),
     Metric("run/phase", "none", "text", "Warm-up, training, or finishing"),
     Metric("run/seconds", "seconds", "duration",

@@ -64,7 +64,7 @@ that played.
 | `hands/press_ms` | Milliseconds until every key of a command is down |
 | `hands/release_ms` | Milliseconds until every key of the previous command is up |
 | `play/camera` | What an actor's camera sees, every five minutes; TensorBoard only |
-| `play/film` | Film of an epoch's network, with `--films SECONDS` |
+| `play/film` | Film of random play, then of an epoch's network, with `--films SECONDS` |
 
 ## Columns of epochs.csv
 

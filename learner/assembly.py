@@ -28,6 +28,7 @@ from learner.options import LearnerOptions, clock_figures, join_command
 from learner.phases import Phases
 from learner.prefetch import Prefetcher, to_device
 from learner.telemetry.actor_registry import ActorRegistry
+from learner.telemetry.gpu_figures import gpu_figures
 from learner.telemetry.held_out import HeldOut
 from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.provenance import provenance
@@ -140,11 +141,13 @@ def build_learner(
         sinks.append(TrackerSink(options.track, tracked))
     if options.films:
         # Before those that it tells of a film that is complete at the end, as they close too.
-        sinks.insert(0, FilmsSink(folder, options.films, others=sinks.copy()))
+        epsilon = config.exploration.start
+        sinks.insert(0, FilmsSink(folder, options.films, epsilon, others=sinks.copy()))
     held_out = HeldOut(folder.held_out)
     telemetry = Telemetry(
         *(config, constants, phases, registry, epochs, sinks, clock.now),
         max_q=lambda: held_out.histogram,
+        gpu=partial(gpu_figures, device.torch),
     )
     telemetry.start(state)
     learner = Learner(

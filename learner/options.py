@@ -59,8 +59,9 @@ class LearnerOptions:
     """Keep each epoch's weights in the run's snapshots/, 1 to 7 MB each, as epoch-0001.safetensors
     and so on, at each --resume too; epochs.csv tells their wall clock and steps."""
     films: Amount = 0.0
-    """Seconds of a film of each epoch's network, as far as there is time to make it, in the run's
-    films/ as epoch-0001.mp4 and so on; 0 for no films. Keeps each epoch's weights too."""
+    """Seconds of a film of random play and of each epoch's network, as far as there is time to make
+    it, in the run's films/ as epoch-0000.mp4, epoch-0001.mp4 and so on; 0 for no films. Keeps each
+    epoch's weights too."""
     local: bool = False
     """Local mode: start actors and evaluators on this machine, and end them with the learner."""
     actors: FromOne = 1

@@ -14,6 +14,9 @@ from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
 
 from common.errors import InputError, writing
 
+_SMPTE_170M, _LIMITED, _BT_709, _SRGB = 6, 1, 1, 13
+"""FFmpeg's numbers of the YUV matrix, the range, the primaries and the transfer function."""
+
 Add = Callable[[NDArray[np.uint8]], None]
 """Takes the film's next picture, ``uint8 [height, width, 3]``; all are of one size."""
 
@@ -56,6 +59,10 @@ def _mp4(path: Path, rate: float) -> Iterator[Add]:
     with av.open(str(path.absolute()), "w", options={"movflags": "+faststart"}) as film:
         stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1_000))
         stream.pix_fmt = "yuv420p"
+        # As FFmpeg makes YUV of RGB. A browser that is not told takes BT.709 for a large picture.
+        context = stream.codec_context
+        context.colorspace, context.color_range = _SMPTE_170M, _LIMITED
+        context.color_primaries, context.color_trc = _BT_709, _SRGB
         # Text and lines stay sharp; a film of 20 s takes about a megabyte.
         stream.options = {"crf": "20", "preset": "veryfast"}
         begun = False

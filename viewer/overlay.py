@@ -21,8 +21,12 @@ MAGENTA: Colour = (255, 0, 255)
 RED: Colour = (240, 70, 60)
 
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
-_SIZE = 0.5
-"""OpenCV's scale of small text: half of it, in a GIF, can still be read."""
+_SIZE = 0.6
+"""OpenCV's scale of text: half of it, in a GIF, can still be read."""
+_SMALL = 0.5
+"""The scale of numbers in rows of many."""
+_PITCHES = (22, 32)
+"""Rows between which numbers and signs grow with the room that they have, pixels."""
 _KEY_AT: dict[Keys, tuple[int, int]] = {
     Keys.UP: (0, -1),
     Keys.DOWN: (0, 1),
@@ -91,22 +95,29 @@ def controller_keys(
 
 
 def action_sign(
-    picture: NDArray[np.uint8], centre: tuple[int, int], action: int, colour: Colour
+    picture: NDArray[np.uint8],
+    centre: tuple[int, int],
+    action: int,
+    colour: Colour,
+    scale: float = 1.0,
 ) -> None:
     """An action as an arrow, with a red dot beside it for fire, or a dash for none; 26 pixels wide
-    from ``centre``'s 7 to its left."""
+    from ``centre``'s 7 to its left, times ``scale``."""
     keys = KEYS_OF_ACTION[action]
     x, y = centre
+    thickness = 1 if scale < 1.3 else 2
     right = sum(_KEY_AT[key][0] for key in _KEY_AT if key & keys)
     down = sum(_KEY_AT[key][1] for key in _KEY_AT if key & keys)
     if right or down:
-        reach = 6 if right == 0 or down == 0 else 5
+        reach = round((6 if right == 0 or down == 0 else 5) * scale)
         start, end = (x - reach * right, y - reach * down), (x + reach * right, y + reach * down)
-        cv2.arrowedLine(picture, start, end, colour, 1, cv2.LINE_AA, tipLength=0.4)
+        cv2.arrowedLine(picture, start, end, colour, thickness, cv2.LINE_AA, tipLength=0.4)
     if keys & Keys.FIRE:
-        cv2.circle(picture, (x + 14, y), 3, RED, -1, cv2.LINE_AA)
+        fire = (x + round(14 * scale), y)
+        cv2.circle(picture, fire, round(3 * scale), RED, -1, cv2.LINE_AA)
     if not keys:
-        cv2.line(picture, (x - 3, y), (x + 3, y), colour, 1, cv2.LINE_AA)
+        reach = round(3 * scale)
+        cv2.line(picture, (x - reach, y), (x + reach, y), colour, thickness, cv2.LINE_AA)
 
 
 def action_values(
@@ -119,7 +130,7 @@ def action_values(
     """The actions, one below the other, with bars for their values where there are any.
 
     Bars reach from the least value (no bar) to the greatest, since what matters is how they
-    differ; the numbers beside them are the values.
+    differ; the numbers beside them are the values. Fewer actions are larger.
 
     Args:
         area: left, top, width, height.
@@ -127,19 +138,26 @@ def action_values(
         chosen: index of the one that is marked.
     """
     left, top, width, height = area
-    pitch = min(height // len(actions), 22)
+    least_pitch, most_pitch = _PITCHES
+    pitch = min(height // len(actions), most_pitch)
+    scale = max(pitch / least_pitch, 1.0)
+    numbers = [] if values is None else [f"{value:.2f}" for value in values]
+    *widths, usual = (
+        cv2.getTextSize(number, _FONT, _SMALL * scale, 1)[0][0] for number in (*numbers, "-0.00")
+    )
+    sign = round(32 * scale)
+    room = width - sign - max(*widths, usual) - 4 if widths else 0
     least = 0.0 if values is None else float(values.min())
     span = 0.0 if values is None else float(values.max()) - least
     for index, action in enumerate(actions):
         colour = YELLOW if index == chosen else GREY
         middle = top + index * pitch + pitch // 2
-        action_sign(picture, (left + 8, middle), action, colour)
+        action_sign(picture, (left + round(8 * scale), middle), action, colour, scale)
         if values is None:
             continue
-        room = width - 34 - 50
         length = round((float(values[index]) - least) / span * room) if span else 0
         above, below = middle - pitch // 3, middle + pitch // 3 + 1
-        picture[above:below, left + 32 : left + 33 + length] = colour
-        number = f"{values[index]:.2f}"
+        picture[above:below, left + sign : left + sign + 1 + length] = colour
         shade = YELLOW if index == chosen else WHITE
-        write(picture, number, (left + width - 48, middle + 5), colour=shade)
+        at = (left + width - widths[index], middle + round(5 * scale))
+        write(picture, numbers[index], at, size=_SMALL * scale, colour=shade)

@@ -40,6 +40,7 @@ class Telemetry:
         epochs: takes a row for each phase.
         sinks: take the figures, each as often as it wants.
         max_q: returns how max-Q is spread over the held-out states; None while it is unknown.
+        gpu: returns what is taken of the GPU, if there is one.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class Telemetry:
         sinks: Sequence[Sink],
         now: Now,
         max_q: Callable[[], Histogram | None] = lambda: None,
+        gpu: Callable[[], Values] = dict,
     ) -> None:
         self._config = config
         self._constants = {
@@ -69,6 +71,7 @@ class Telemetry:
         self._sinks = [(sink, Every(sink.period, now)) for sink in sinks]
         self._now = now
         self._max_q = max_q
+        self._gpu = gpu
         self._means = RunningMeans()
         self._latency = RecentLatency(now)
         self.rows: list[EpochRow] = []
@@ -160,6 +163,7 @@ class Telemetry:
                 updates * self._config.learning.batch_size / train_steps if train_steps else None
             ),
             "run/memory_bytes": footprint().private,
+            **self._gpu(),
             "stream/actors_alive": sum(actor.alive for actor in actors),
             "stream/actors_present": sum(not actor.left for actor in actors),
         }

@@ -4,12 +4,15 @@ import re
 import shutil
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from tests.end_to_end.conftest import SMALL, Stage
+from tests.end_to_end.conftest import SMALL, Program, Stage
 from tests.patience import PATIENCE, wait_until
+from viewer.movie import open_movie
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
@@ -37,6 +40,15 @@ SCALES = """async curves => {
     });
 }"""
 """What is written in charts of these curves."""
+
+DECODED = """film => {
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [film.videoWidth, film.videoHeight];
+    const ink = canvas.getContext("2d");
+    ink.drawImage(film, 0, 0);
+    return [...ink.getImageData(canvas.width / 2, canvas.height / 2, 1, 1).data].slice(0, 3);
+}"""
+"""The colour in the middle of what a film shows."""
 
 
 class Browser:
@@ -84,14 +96,20 @@ def browser() -> Iterator[Browser]:
         yield Browser(chromium.new_page(viewport={"width": 1280, "height": 800}))
 
 
+def page_of(learner: Program) -> str:
+    """Returns the address of a run's page, once it is served."""
+    learner.says("watch the run at http://")
+    found = re.search(r"http://127\.0\.0\.1:\d+/", learner.output)
+    assert found is not None
+    return found[0]
+
+
 def test_a_person_sees_the_robots_play_and_the_curves_grow(stage: Stage, browser: Browser) -> None:
     learner = stage.learner(
         *("--local", "--evaluators=0", "--env=ale", "--game=pong", "--web=127.0.0.1:0"), *SMALL
     )
-    learner.says("watch the run at http://")
-    found = re.search(r"http://127\.0\.0\.1:\d+/", learner.output)
-    assert found is not None
-    browser.page.goto(found[0])
+    address = page_of(learner)
+    browser.page.goto(address)
 
     browser.until(browser.picture, "a picture is shown")
     first, pictures = browser.picture(), set[str]()
@@ -126,11 +144,57 @@ def test_a_person_sees_the_robots_play_and_the_curves_grow(stage: Stage, browser
     for width in (1280, 420):
         browser.page.set_viewport_size({"width": width, "height": 800})
         assert browser.page.evaluate(wide) <= 0, "nothing sticks out"
-    assert {url[: len(found[0])] for url in browser.asked if not url.startswith("data:")} == {
-        found[0]
+    assert {url[: len(address)] for url in browser.asked if not url.startswith("data:")} == {
+        address
     }
     assert browser.complaints == []
 
     learner.send(signal.SIGINT)
     learner.ends()
     browser.until(lambda: "no answer" in browser.text("#link"), "the page says that the run ended")
+
+
+def add_film(run: Path, name: str, *colours: tuple[int, int, int]) -> None:
+    """Puts a film into a run as `FilmsSink` does: whole, at once. Each colour lasts 2 s."""
+    making = run / "films" / "making" / name
+    with open_movie(making, 15.0) as add:
+        for colour in colours:
+            for _ in range(30):
+                add(np.full((768, 1024, 3), colour, np.uint8))
+    making.replace(run / "films" / name)
+
+
+def test_a_film_of_the_run_plays(stage: Stage, browser: Browser) -> None:
+    """H.264 in MP4, of which Debian's Chromium has a decoder of its own."""
+    learner = stage.learner("--env=ale", "--game=pong", "--web=127.0.0.1:0", *SMALL)
+    browser.page.goto(page_of(learner))
+    browser.until(lambda: browser.text("#link"), "the page is there")
+    assert browser.page.is_hidden("#cinema")
+    add_film(stage.run, "epoch-0001.mp4", (200, 30, 30), (30, 30, 200))
+    browser.until(lambda: browser.page.is_visible("#cinema"), "the page offers the film")
+
+    film = browser.page.locator("#films video").element_handle()
+    assert browser.text("#films figcaption") == "epoch-0001.mp4"
+    film.evaluate("film => film.play()")
+
+    def time() -> float:
+        assert film.evaluate("film => film.error?.message") is None
+        seconds: float = film.evaluate("film => film.currentTime")
+        return seconds
+
+    browser.until(lambda: time() > 0.2, "it plays")
+    assert film.evaluate("film => [film.videoWidth, film.videoHeight]") == [1024, 768]
+    assert film.evaluate("film => film.duration") == pytest.approx(4.0, abs=0.1)
+    np.testing.assert_allclose(film.evaluate(DECODED), (200, 30, 30), atol=6)
+
+    add_film(stage.run, "epoch-0002.mp4", (30, 200, 30))
+    browser.until(lambda: browser.page.locator("#films video").count() == 2, "another film comes")
+    assert browser.text("#films figure:first-child") == "epoch-0002.mp4"
+    assert film.evaluate("film => film.isConnected && !film.paused"), "it is not begun anew"
+    browser.until(lambda: time() > 2.5, "the first one plays on")
+    film.evaluate("film => film.pause()")
+    np.testing.assert_allclose(film.evaluate(DECODED), (30, 30, 200), atol=6)
+    film.evaluate("film => { film.currentTime = 1; }")
+    browser.until(lambda: not film.evaluate("film => film.seeking"), "a person goes back in it")
+    np.testing.assert_allclose(film.evaluate(DECODED), (200, 30, 30), atol=6)
+    assert browser.complaints == []

@@ -149,3 +149,22 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
     ):
         pass
     assert again.folder.epochs.read_bytes() == table
+
+
+def test_the_gpu_that_is_told_of_is_the_learners(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[torch.device] = []
+
+    def figures(device: torch.device) -> dict[str, int]:
+        asked.append(device)
+        return {"run/gpu_memory_bytes": 7}
+
+    monkeypatch.setattr("learner.assembly.gpu_figures", figures)
+    actor = Actor("a", CONFIG.play.frame_stack)
+    with place(tmp_path, actor, resume=False, steps_goal=None) as run:
+        run.learner.start()
+        run.learner.stop.set()
+        run.learner.run()
+    assert asked
+    assert set(asked) == {torch.device("cpu")}

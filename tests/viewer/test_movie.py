@@ -35,6 +35,10 @@ def test_an_mp4(tmp_path: Path) -> None:
     with av.open(str(path)) as made:  # as browsers demand it
         assert made.streams.video[0].codec_context.name == "h264"
         assert made.streams.video[0].codec_context.pix_fmt == "yuv420p"
+        # ITU-T H.273: the matrix of BT.601 and its limited range, primaries of BT.709, sRGB.
+        told = made.streams.video[0].codec_context
+        colours = told.colorspace, told.color_range, told.color_primaries, told.color_trc
+        assert colours == (6, 1, 1, 13)
     content = path.read_bytes()
     assert content.index(b"moov") < content.index(b"mdat")
 

@@ -26,6 +26,7 @@ from viewer.panels import PANEL, Panels, border_of, camera_panel, hands_panel, n
 from viewer.player import shown_env
 
 WIDTH, HEIGHT = PANEL
+ALL = tuple(range(18))
 CORNERS = np.array([[100, 60], [220, 60], [220, 150], [100, 150]], np.float32)
 
 
@@ -202,11 +203,24 @@ def test_bars_are_as_long_as_values_are_great() -> None:
     overlay.action_values(picture, (0, 0, 200, 88), (0, 2, 3, 4), 3, values)
     bars = []
     for index in range(4):
-        row = picture[index * 22 + 11 - 6]
+        row = picture[index * 22 + 11 - 7]  # above the numbers
         colour = overlay.YELLOW if index == 3 else overlay.GREY
-        bars.append(int((row[32:152] == colour).all(axis=1).sum()))
-    full = 200 - 34 - 50
-    assert bars == [1, full // 2 + 1, full // 4 + 1 + (full % 4 > 2), full + 1]
+        bars.append(int((row[32:200] == colour).all(axis=1).sum()))
+    full = bars[3] - 1
+    assert full > 100
+    assert bars == [1, round(full / 2) + 1, round(full / 4) + 1, full + 1]
+
+
+@pytest.mark.parametrize(("actions", "high"), [(6, 7), (18, 4)])
+def test_few_actions_have_large_numbers_and_all_have_whole_ones(actions: int, high: int) -> None:
+    """Rows of numbers at half size, as a GIF has them, in pixels."""
+    values = np.linspace(-12.34, -1.0, actions, dtype=np.float32)
+    panel = network_panel("pong", stepped(np.zeros((4, 84, 84), np.uint8)), ALL[:actions], values)
+    numbers = (panel[104:, 440:] > 200).all(axis=2)
+    assert not numbers[:, -2:].any()
+    rows = np.flatnonzero(numbers.any(axis=1))
+    first = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)[0]
+    assert len(first) / 2 >= high
 
 
 def test_equal_values_have_no_bars() -> None:

@@ -1,4 +1,5 @@
-"""``--films``: a film of each epoch's network, made by a process of its own beside training."""
+"""``--films``: a film of the warm-up's play and of each epoch's network, made by a process of its
+own beside training."""
 
 import logging
 import shutil
@@ -7,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from common.process.supervisor import Child
-from common.run.epochs import EpochRow
+from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
 from learner.evaluation.snapshots import Snapshots
 from learner.telemetry.sinks.sink import Sink
@@ -18,8 +19,9 @@ _log = logging.getLogger(__name__)
 
 class _Epoch(NamedTuple):
     number: int
+    """0 for the warm-up."""
     agent_steps: int
-    """At which its network was kept."""
+    """At its end."""
 
 
 class FilmsSink(Sink):
@@ -27,10 +29,12 @@ class FilmsSink(Sink):
 
     One is made at a time, at low priority. Where epochs pass faster than films are made, those
     between are left out, and so is one that the run's end breaks off: `ale-robot film --weights`
-    makes them later. A resumed run begins with that of its newest epoch.
+    makes them later. A resumed run begins with that of its newest epoch. The warm-up, which is
+    random play in a run without --initial, is epoch 0.
 
     Args:
         seconds: of play in each film.
+        epsilon: share of random actions in the warm-up.
         module: makes a film.
         others: take each film that is complete.
     """
@@ -41,6 +45,7 @@ class FilmsSink(Sink):
         self,
         folder: RunFolder,
         seconds: float,
+        epsilon: float,
         module: str = "viewer",
         others: Sequence[Sink] = (),
     ) -> None:
@@ -48,6 +53,7 @@ class FilmsSink(Sink):
         self._making = folder.films / "making"
         self._snapshots = Snapshots(folder.snapshots)
         self._seconds = seconds
+        self._epsilon = epsilon
         self._module = module
         self._others = others
         self._next: _Epoch | None = None
@@ -59,11 +65,12 @@ class FilmsSink(Sink):
         """Take up the newest epoch, as of the checkpoint's agent steps, if it has no film yet."""
         shutil.rmtree(self._making, ignore_errors=True)
         newest = max(kept_networks(self._folder.snapshots), default=0)
-        if newest and not self._file(newest).exists():
+        warmed_up = newest > 0 or bool(EpochTable(self._folder.epochs).rows())
+        if warmed_up and not self._file(newest).exists():
             self._next = _Epoch(newest, resumed_at or 0)
 
     def phase(self, row: EpochRow, agent_steps: int) -> None:
-        if row.phase == "train":
+        if row.phase != "test":
             self._next = _Epoch(row.epoch, agent_steps)
 
     def write(self, snapshot: Snapshot) -> None:
@@ -92,17 +99,24 @@ class FilmsSink(Sink):
             self._end_film(self._child)
 
     def _begin_film(self) -> Child:
-        network = self._snapshots.file(self._epoch.number)
         self._making.mkdir(parents=True, exist_ok=True)
         self._folder.logs.mkdir(parents=True, exist_ok=True)
         self._video = self._making / self._file(self._epoch.number).name
         return Child(
-            *(self._module, "film", "--weights", str(network), "--video", str(self._video)),
+            *(self._module, "film", *self._policy(), "--video", str(self._video)),
             *("--seconds", f"{self._seconds:g}"),
             leash=True,
             low_priority=True,
             log=self._folder.logs / "films.log",
         )
+
+    def _policy(self) -> list[str]:
+        """Returns the flags of the network that plays."""
+        if self._epoch.number:
+            return ["--weights", str(self._snapshots.file(self._epoch.number))]
+        given, own = self._folder.initial, self._folder.checkpoint
+        network = given if given.exists() else own  # where all is random, for its settings alone
+        return ["--weights", str(network), "--epsilon", f"{self._epsilon:g}"]
 
     def _end_film(self, child: Child) -> None:
         number, agent_steps = self._epoch

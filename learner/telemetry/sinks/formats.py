@@ -47,9 +47,20 @@ def taken(busy: float, memory: int) -> str:
 def hardware(values: Values) -> str:
     """Where the learner works, and what it takes of that machine."""
     busy, memory = (number(values, f"run/{name}") for name in ("busy_cores", "memory_bytes"))
-    if busy is None or memory is None:
-        return f"{values['run/device']}"
-    return f"{values['run/device']}, {taken(busy, int(memory))}"
+    parts = [f"{values['run/device']}"]
+    if busy is not None and memory is not None:
+        parts.append(taken(busy, int(memory)))
+    return ", ".join(parts + gpu(values))
+
+
+def gpu(values: Values) -> list[str]:
+    """What is taken of the GPU: ``["GPU 83 %", "1,870 of 81,559 MB"]``; nothing without one."""
+    names = ("utilisation", "memory_bytes", "capacity_bytes")
+    busy, memory, capacity = (number(values, f"run/gpu_{name}") for name in names)
+    if memory is None or capacity is None:
+        return []
+    told = f"{size(int(memory)).removesuffix(' MB')} of {size(int(capacity))}"
+    return [f"GPU {told}"] if busy is None else [f"GPU {100 * busy:.0f} %", told]
 
 
 def size(count: int) -> str:

@@ -33,7 +33,8 @@ class Sink:
         """Take the figures of a finished phase, whose weights are ``agent_steps`` old."""
 
     def filmed(self, file: Path, agent_steps: int) -> None:
-        """Take a film of an epoch's network at play, whose weights are ``agent_steps`` old."""
+        """Take a film of an epoch's network at play, whose weights are ``agent_steps`` old; of
+        epoch 0 it is the warm-up's play."""
 
     def event(self, text: str) -> None:
         """Take notice of an event, which snapshots have among their notes from now on."""

@@ -240,6 +240,15 @@ def test_what_the_learner_takes_of_its_machine_is_of_late(
     assert run.values()["run/busy_cores"] == 1.5
 
 
+def test_what_is_taken_of_the_gpu_is_among_the_figures(tmp_path: Path) -> None:
+    told: dict[str, Value] = {"run/gpu_memory_bytes": 3}
+    run = Run(tmp_path, gpu=lambda: told)
+    assert run.values()["run/gpu_memory_bytes"] == 3
+    told = {"run/gpu_memory_bytes": 4}
+    assert run.values()["run/gpu_memory_bytes"] == 4
+    assert "run/gpu_memory_bytes" not in Run(tmp_path).values()
+
+
 def test_time_left_is_of_the_phase_and_then_of_the_tests(tmp_path: Path) -> None:
     run = Run(tmp_path)
     run.values()

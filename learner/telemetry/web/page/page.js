@@ -124,17 +124,21 @@ function showEvents(events) {
   $("events").replaceChildren(...rows);
 }
 
-let films = "";
+const films = new Map();
 function showFilms(names) {
-  if (names.join("/") === films) return;
-  films = names.join("/");
+  if (names.join("/") === [...films.keys()].join("/")) return;
+  const known = new Map(films);  // one that plays goes on when another comes
+  films.clear();
+  for (const name of names) films.set(name, known.get(name) ?? filmOf(name));
   $("cinema").hidden = !names.length;
-  $("films").replaceChildren(...names.toReversed().map(name => {
-    const figure = element("figure");
-    const film = element("video", undefined, {controls: true, preload: "metadata", src: `/films/${encodeURIComponent(name)}`});
-    figure.append(film, element("figcaption", name));
-    return figure;
-  }));
+  $("films").replaceChildren(...[...films.values()].toReversed());
+}
+
+function filmOf(name) {
+  const figure = element("figure");
+  const film = element("video", undefined, {controls: true, preload: "metadata", src: `/films/${encodeURIComponent(name)}`});
+  figure.append(film, element("figcaption", name));
+  return figure;
 }
 
 function takePoints({curves: news, about, epochs, random}) {

@@ -9,7 +9,8 @@ if __name__ == "__main__":
     assert leash == "--leash"
     asked = dict(zip(flags[::2], flags[1::2], strict=True))
     weights, video = Path(asked["--weights"]), Path(asked["--video"])
-    video.write_text(f"{film} {weights.read_text()} {asked['--seconds']}")
+    epsilon = f" {asked['--epsilon']}" if "--epsilon" in asked else ""
+    video.write_text(f"{film} {weights.read_text()} {asked['--seconds']}{epsilon}")
     if weights.stem == "epoch-0002":
         sys.exit("error: no picture.")
     if weights.stem == "epoch-0003":

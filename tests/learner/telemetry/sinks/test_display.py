@@ -151,6 +151,19 @@ def test_a_wide_screen_tells_what_the_learner_takes_of_its_machine() -> None:
     assert drawn(changed(STATUS, taken))[0].endswith("cuda:0 (NVIDIA H200)")
 
 
+def test_a_wide_screen_tells_what_is_taken_of_the_gpu() -> None:
+    taken: dict[str, Value] = {
+        "run/busy_cores": 0.5,
+        "run/memory_bytes": 740_400_000,
+        "run/gpu_memory_bytes": 1_870_000_000,
+        "run/gpu_capacity_bytes": 81_559_000_000,
+    }
+    told = "NVIDIA H200), 50 % CPU, 740 MB, GPU 1,870 of 81,559 MB"
+    assert drawn(changed(STATUS, taken), 120, 40)[0].endswith(told)
+    told = "NVIDIA H200), 50 % CPU, 740 MB, GPU 83 %, 1,870 of 81,559 MB"
+    assert drawn(changed(STATUS, taken | {"run/gpu_utilisation": 0.83}), 120, 40)[0].endswith(told)
+
+
 def test_what_went_wrong_with_time_is_shown() -> None:
     assert "late" not in "\n".join(drawn(STATUS, 132, 40))
     late, waited, well = (

@@ -6,6 +6,7 @@ from pathlib import Path
 import av
 import pytest
 
+from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from learner.telemetry.sinks.films import FilmsSink
 from learner.telemetry.sinks.sink import Sink
@@ -51,8 +52,7 @@ def told(folder: RunFolder) -> dict[str, str]:
 
 def test_one_epoch_after_the_other_and_none_twice(folder: RunFolder) -> None:
     other = Shows()
-    films = FilmsSink(folder, 2.5, FILMER, [other])
-    end_epoch(films, 0, "random")
+    films = FilmsSink(folder, 2.5, 1.0, FILMER, [other])
     films.write(snapshot({}))
     assert not folder.films.exists()
     end_epoch(films, 1)
@@ -68,12 +68,59 @@ def test_one_epoch_after_the_other_and_none_twice(folder: RunFolder) -> None:
     assert other.films == [("epoch-0001.mp4", "film network 1 2.5", 1_000)]
 
 
+def test_the_first_film_is_of_random_play(folder: RunFolder) -> None:
+    other = Shows()
+    folder.checkpoint.write_text("the first weights")
+    films = FilmsSink(folder, 2.5, 1.0, FILMER, [other])
+    films.start(None)
+    films.phase(epoch_row((-21.0,), epoch=0, phase="random"), 600)
+    films.write(snapshot({}))
+    end_epoch(films, 1)
+    for _ in range(2):
+        end_film(films)
+        films.write(snapshot({}))
+    assert other.films == [
+        ("epoch-0000.mp4", "film the first weights 2.5 1", 600),
+        ("epoch-0001.mp4", "film network 1 2.5", 1_000),
+    ]
+    assert told(folder).keys() == {"epoch-0000.mp4", "epoch-0001.mp4"}
+
+
+def test_where_a_network_was_given_the_first_film_is_of_its_warm_up(folder: RunFolder) -> None:
+    folder.initial.write_text("given weights")
+    folder.checkpoint.write_text("weights that have learned")
+    films = FilmsSink(folder, 1.0, 0.05, FILMER)
+    end_epoch(films, 0)
+    films.write(snapshot({}))
+    end_film(films)
+    films.close()
+    assert told(folder) == {"epoch-0000.mp4": "film given weights 1 0.05"}
+
+
+def test_a_run_that_is_resumed_in_its_first_epoch_has_the_film_of_random_play(
+    folder: RunFolder,
+) -> None:
+    shutil.rmtree(folder.snapshots)
+    folder.checkpoint.write_text("weights")
+    in_warm_up = FilmsSink(folder, 1.0, 1.0, FILMER)
+    in_warm_up.start(300)
+    in_warm_up.write(snapshot({}))
+    assert in_warm_up._child is None
+    EpochTable(folder.epochs).append(epoch_row((-21.0,), epoch=0, phase="random"))
+    films = FilmsSink(folder, 1.0, 1.0, FILMER)
+    films.start(700)
+    films.write(snapshot({}))
+    end_film(films)
+    films.close()
+    assert told(folder).keys() == {"epoch-0000.mp4"}
+
+
 def test_a_film_that_cannot_be_read_costs_nobody_else_anything(
     folder: RunFolder, caplog: pytest.LogCaptureFixture
 ) -> None:
     blind, other = Shows(), Shows()
     blind.filmed = lambda file, agent_steps: int("no film")  # type: ignore[method-assign]
-    films = FilmsSink(folder, 1.0, FILMER, [blind, other])
+    films = FilmsSink(folder, 1.0, 1.0, FILMER, [blind, other])
     end_epoch(films, 1)
     films.write(snapshot({}))
     end_film(films)
@@ -84,7 +131,7 @@ def test_a_film_that_cannot_be_read_costs_nobody_else_anything(
 
 
 def test_epochs_that_pass_meanwhile_are_left_out(folder: RunFolder) -> None:
-    films = FilmsSink(folder, 1.0, FILMER)
+    films = FilmsSink(folder, 1.0, 1.0, FILMER)
     end_epoch(films, 1)
     films.write(snapshot({}))
     end_epoch(films, 3)
@@ -100,7 +147,7 @@ def test_a_film_that_fails_is_told_and_the_next_is_made(
     folder: RunFolder, caplog: pytest.LogCaptureFixture
 ) -> None:
     other = Shows()
-    films = FilmsSink(folder, 1.0, FILMER, [other])
+    films = FilmsSink(folder, 1.0, 1.0, FILMER, [other])
     end_epoch(films, 2)
     films.write(snapshot({}))
     end_epoch(films, 4)
@@ -117,7 +164,7 @@ def test_a_film_that_fails_is_told_and_the_next_is_made(
 
 def test_a_disk_without_room_is_told(folder: RunFolder, caplog: pytest.LogCaptureFixture) -> None:
     folder.films.write_text("no folder")
-    films = FilmsSink(folder, 1.0)
+    films = FilmsSink(folder, 1.0, 1.0)
     end_epoch(films, 1)
     films.write(snapshot({}))
     films.write(snapshot({}))
@@ -127,7 +174,7 @@ def test_a_disk_without_room_is_told(folder: RunFolder, caplog: pytest.LogCaptur
 def test_the_end_of_the_run_breaks_a_film_off(
     folder: RunFolder, caplog: pytest.LogCaptureFixture
 ) -> None:
-    films = FilmsSink(folder, 1.0, FILMER)
+    films = FilmsSink(folder, 1.0, 1.0, FILMER)
     end_epoch(films, 3)
     films.write(snapshot({}))
     half = folder.films / "making" / "epoch-0003.mp4"
@@ -140,7 +187,7 @@ def test_the_end_of_the_run_breaks_a_film_off(
 
 def test_a_film_that_is_made_at_the_end_is_kept(folder: RunFolder) -> None:
     other = Shows()
-    films = FilmsSink(folder, 1.0, FILMER, [other])
+    films = FilmsSink(folder, 1.0, 1.0, FILMER, [other])
     end_epoch(films, 1)
     films.write(snapshot({}))
     end_film(films)
@@ -155,7 +202,7 @@ def test_a_resumed_run_films_its_newest_epoch(folder: RunFolder) -> None:
         making.mkdir(parents=True)
         (making / "epoch-0001.mp4").touch()  # of a learner that was killed
         other = Shows()
-        films = FilmsSink(folder, 1.0, FILMER, [other])
+        films = FilmsSink(folder, 1.0, 1.0, FILMER, [other])
         films.start(resumed)
         films.write(snapshot({}))
         if resumed == 1_000:
@@ -169,15 +216,23 @@ def test_a_resumed_run_films_its_newest_epoch(folder: RunFolder) -> None:
 
 
 @pytest.mark.usefixtures("forks")
-def test_the_real_film(folder: RunFolder) -> None:
-    shutil.copy(
-        ROOT / "policies" / "ale_pong.safetensors", folder.snapshots / "epoch-0001.safetensors"
-    )
-    shutil.copy(ROOT / "policies" / "ale_pong.json", folder.snapshots / "epoch-0001.json")
-    films = FilmsSink(folder, 1.0)
-    end_epoch(films, 1)
-    films.write(snapshot({}))
-    end_film(films)
-    films.write(snapshot({}))
-    with av.open(str(folder.films / "epoch-0001.mp4")) as film:
-        assert len(list(film.decode(video=0))) == 15  # decisions of a second
+def test_the_real_films(folder: RunFolder) -> None:
+    for network in (folder.checkpoint, folder.snapshots / "epoch-0001.safetensors"):
+        for suffix in (".safetensors", ".json"):
+            policy = ROOT / "policies" / f"ale_pong{suffix}"
+            shutil.copy(policy, network.with_suffix(suffix))
+    films = FilmsSink(folder, 1.0, 1.0)
+    for epoch, phase in enumerate(("random", "train")):
+        end_epoch(films, epoch, phase)
+        films.write(snapshot({}))
+        end_film(films)
+        films.write(snapshot({}))
+    pictures = []
+    for epoch in range(2):
+        with av.open(str(folder.films / f"epoch-{epoch:04d}.mp4")) as film:
+            shown = [frame.to_ndarray(format="gray") for frame in film.decode(video=0)]
+        assert len(shown) == 15  # decisions of a second
+        pictures.append(shown[-1])
+    # Bars and numbers of the Q-values of six actions; random play has none.
+    random, network = ((picture[104:236, 900:] > 60).mean() for picture in pictures)
+    assert random < 0.01 < 0.05 < network
