@@ -50,7 +50,6 @@ class QNetwork(nn.Module):
         network: NetworkName = "nature",
         scale_pixels: bool = True,
         center_pixels: bool = False,
-        vector_scale: float = 1.0,
         glorot: bool = False,
         atoms: int = 1,
     ) -> None:
@@ -58,7 +57,6 @@ class QNetwork(nn.Module):
         self.action_count = actions
         self.pixel_scale = (1 / 64 if center_pixels else 1 / 255) if scale_pixels else 1.0
         self._center_pixels = center_pixels
-        self.vector_scale = vector_scale
         layers = LAYERS[network]
         convolutions: list[nn.Module] = []
         channels, side = frame_stack, FRAME_SHAPE[0]
@@ -121,8 +119,7 @@ class QNetwork(nn.Module):
             features = layer(features)
         features = features.flatten(1)
         if vectors.shape[1]:
-            scaled = vectors * self.vector_scale
-            features = torch.cat((features, scaled.to(features.dtype)), dim=1)
+            features = torch.cat((features, vectors.to(features.dtype)), dim=1)
         return features
 
 
@@ -138,7 +135,6 @@ def build_network(config: RunConfig, actions: int) -> QNetwork:
             network=config.learning.network,
             scale_pixels=config.learning.scale_pixels,
             center_pixels=config.learning.center_pixels,
-            vector_scale=config.learning.vector_scale,
             glorot=config.learning.initial_weights == "glorot",
             atoms=kind.atoms(config.learning),
         )

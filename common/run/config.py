@@ -110,9 +110,6 @@ class LearningConfig:
     center_pixels: bool = False
     """Subtraction of a state's mean grey level from its pixels. A picture is mostly background,
     whose grey would otherwise drive the first layers' units to 0 for all pictures."""
-    vector_scale: Amount = 1.0
-    """Factor of the vector observation where it joins the convolutions' features. These are about
-    0.04 at first, so values near 1 dominate the next layer."""
     random_shift: Annotated[int, Ge(0), Le(MAX_SHIFT)] = 0
     """Maximum random shift of a sampled state in each direction, pixels (DrQ, Yarats et al.
     2021)."""

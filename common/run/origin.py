@@ -118,11 +118,6 @@ _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = 
     ),
     ("layers of {}", lambda config: config.learning.network, ("learning.network",)),
     (
-        "proprioception times {}",
-        lambda config: config.learning.vector_scale if config.vector_width else 1.0,
-        ("learning.vector_scale",),
-    ),
-    (
         "pixels that are {}",
         lambda config: _pixels_are(config.learning),
         ("learning.scale_pixels", "learning.center_pixels"),

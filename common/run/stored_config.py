@@ -29,6 +29,7 @@ RENAMED = {
 """Former names of fields, as runs and policies on disk may have them, and the present ones."""
 
 REMOVED: dict[str, Any] = {
+    "learning.vector_scale": 1.0,
     "learning.dueling": False,
     "learning.cut_random": False,
     "learning.watkins_cut": False,

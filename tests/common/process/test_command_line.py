@@ -231,7 +231,13 @@ def test_a_flag_by_its_former_name_says_the_present_one(flags: list[str], presen
 
 
 @pytest.mark.parametrize(
-    "flag", ["--learning.dueling", "--learning.watkins-cut", "--exploration.no-per-env"]
+    "flag",
+    [
+        "--learning.dueling",
+        "--learning.watkins-cut",
+        "--exploration.no-per-env",
+        "--learning.vector-scale",
+    ],
 )
 def test_a_flag_that_is_gone_is_said_to_be(flag: str) -> None:
     with pytest.raises(InputError, match=r"^--\S+ is gone, because .*: omit it\.$"):

@@ -103,7 +103,7 @@ def test_a_replay_binds_the_learner(tmp_path: Path) -> None:
 def test_a_run_may_be_older_than_a_setting(tmp_path: Path) -> None:
     folder = claim(tmp_path)
     told = json.loads(folder.config_file.read_text())
-    del told["learning"]["vector_scale"]
+    del told["learning"]["random_shift"]
     folder.config_file.write_text(json.dumps(told))
     assert folder.stored_config() == FAST
 

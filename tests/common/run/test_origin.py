@@ -39,7 +39,6 @@ def changed(setting: str, value: Any) -> RunConfig:
         ("play.minimal_actions", False, r"6 actions, .* 18 actions: add --play\.minimal-actions"),
         ("play.frame_stack", 3, r"4 frames per state, .* 3 frames .*: add --play\.frame-stack 4"),
         ("learning.network", "nips", r"of nature, .* of nips: add --learning\.network nature"),
-        ("learning.vector_scale", 0.1, r"times 1.0, .* times 0.1: add --learning.vector-scale 1.0"),
         (
             *("learning.center_pixels", False),
             r"pixels that are scaled and centred, .* scaled: add --learning\.center-pixels",

@@ -65,7 +65,7 @@ def test_a_missing_field_is_named() -> None:
 
 def test_a_file_may_be_older_than_a_field_and_has_its_default() -> None:
     data = mapping()
-    del data["learning"]["vector_scale"]
+    del data["learning"]["random_shift"]
     data["play"] = {}
     assert from_mapping(RunConfig, data, fill=True) == replace(GOOD, play=PlayConfig())
     data["learning"]["newer"] = 1
