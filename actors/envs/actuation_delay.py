@@ -12,8 +12,8 @@ from common.run.conditions import PlayConfig
 class ActuationDelay:
     """Implements `Hands`: keys that follow each command with the latencies of ``play``.
 
-    The keys of the previous command are released ``release_latency`` emulator frames after a
-    command arrives, and its own are pressed after ``press_latency``.
+    The keys of the previous command are released when a command arrives, and its own are pressed
+    ``press_latency`` emulator frames later.
     """
 
     def __init__(self, play: PlayConfig) -> None:
@@ -38,7 +38,5 @@ class ActuationDelay:
         if self._since < self._play.press_latency:
             # What both commands hold stays down, as under a finger that has not to move.
             self._held &= self._old
-            if self._since < self._play.release_latency:
-                self._held = self._old
         self._since += 1
         return self._held

@@ -60,8 +60,6 @@ def are_prompt(play: PlayConfig) -> bool:
     """Whether the modelled hand holds the keys of each command at once and until the next one."""
     return not (
         play.latency_model is not None
-        or play.command_latency
-        or play.release_latency
         or play.press_latency
         or play.actuation_latency
         or play.actuation_jitter
@@ -80,7 +78,6 @@ def hands_of(play: PlayConfig, arms: Hands | None, rng: Generator) -> Hands:
     hands = arms
     if hands is None or play.hand == "model":
         hands = ActuationDelay(play)
-        latency += play.command_latency * play.frame_skip
     if latency == jitter == 0:
         return hands
     own = np.random.default_rng(rng.integers(2**63) if jitter else 0)

@@ -87,16 +87,12 @@ def _read(path: Path) -> list[Climb]:
 def _climb(row: dict[str, str]) -> Climb:
     flags = present_names(shlex.split(row["flags"]))
     values = dict(pairwise([*flags, "--"]))  # a switch at the end has no value either
-    delay, press, skip = (
-        int(values.get(f"--play.{name}", default))
-        for name, default in (
-            ("command-latency", 0),
-            ("press-latency", 0),
-            ("frame-skip", _AGENT_STEP_FRAMES),
-        )
+    actuation, press = (
+        int(values.get(f"--play.{name}-latency", 0)) for name in ("actuation", "press")
     )
     # What sets a run apart beside delay and seed; the rung's own flags go without saying.
-    known = {"--seed", "--game", "--env", "--play.command-latency", *FLAGS["R2"][2::2], "--preset"}
+    late = {"--play.actuation-latency", *FLAGS["R2"][2::2]}
+    known = {"--seed", "--game", "--env", "--preset", *late}
     more = "".join(
         f", {flag}" + ("" if value.startswith("--") else f" {value}")
         for flag, value in values.items()
@@ -105,7 +101,7 @@ def _climb(row: dict[str, str]) -> Climb:
     steps = float(f"{float(row['agent_steps']):.2g}")
     name = f"{row['game']}, {values.get('--preset', '')}, {_millions(steps)} steps{more}"
     random = float(row["random_reward"]) if row["random_reward"] else None
-    return Climb(name, int(row["seed"]), (delay * skip + press) * _FRAME_MS, _mean(row), random)
+    return Climb(name, int(row["seed"]), (actuation + press) * _FRAME_MS, _mean(row), random)
 
 
 def _played(row: dict[str, str]) -> Climb:

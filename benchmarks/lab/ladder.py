@@ -29,6 +29,7 @@ import tyro
 from benchmarks.child import run_module
 from benchmarks.lab.policy import EPSILON, evaluate, first_at, present_names, scores_of, train
 from common.errors import InputError, exit_on_input_error
+from common.run.conditions import PlayConfig
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, write_atomically
 
@@ -79,7 +80,7 @@ class Options:
     label: str = ""
     """Name of an ablation, where --learner has other settings than the rung."""
     delay: int = 0
-    """Command latency of rung R2 in agent steps, in addition to that of its keys."""
+    """Actuation latency of rung R2 in agent steps, in addition to that of its keys."""
     games: int = 30
     """Games of each evaluation."""
     epsilon: float = EPSILON
@@ -93,7 +94,8 @@ class Options:
 
     def flags(self, seed: int) -> list[str]:
         """Returns the flags of the learner, without those of its folder."""
-        late = ["--play.command-latency", f"{self.delay}"] if self.delay else []
+        frames = self.delay * PlayConfig.frame_skip
+        late = ["--play.actuation-latency", f"{frames}"] if frames else []
         run = ["--preset", self.preset, "--game", self.game, "--seed", f"{seed}"]
         return [*run, *FLAGS[self.rung], *late, *shlex.split(self.learner)]
 

@@ -103,15 +103,12 @@ def evaluate(
 
 
 def press_latency(frames: int) -> list[str]:
-    """Returns the flags of a modelled hand, whatever hand a network was trained with.
+    """Returns the flag of a modelled hand, whatever hand a network was trained with.
 
     Args:
         frames: frames of 60 Hz until a new command's keys are down; the old ones go up at once.
     """
-    settings = {"command": 0, "release": 0, "press": frames}
-    return [
-        part for name, value in settings.items() for part in (f"--play.{name}-latency", f"{value}")
-    ]
+    return ["--play.press-latency", f"{frames}"]
 
 
 def present_names(flags: Sequence[str]) -> list[str]:

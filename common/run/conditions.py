@@ -73,14 +73,11 @@ class PlayConfig:
     model in the place of its hands, in the format of Physical Atari. The bare emulator follows such
     a model too. The run keeps the file's SHA-256, and each process needs the same file."""
     hand: Literal["arm", "model"] = "arm"
-    """Actuator of a robot's keys: its arms, or a model with the next three latencies. The bare
-    emulator always has the model."""
-    command_latency: Latency = 0
-    """Command latency of the modelled hand, in agent steps."""
-    release_latency: Latency = 0
-    """Emulator frames until the modelled hand releases the keys of the previous command."""
+    """Actuator of a robot's keys: its arms, or a model with --play.press-latency. The bare emulator
+    always has the model."""
     press_latency: Latency = 0
-    """Emulator frames until the modelled hand presses the keys of the new command."""
+    """Emulator frames until the modelled hand presses the keys of a new command; it releases those
+    of the previous one at once."""
     actuation_latency: AddedLatency = 0
     """Emulator frames of 16.7 ms by which every command reaches any hand later, arms and model;
     36 are 600 ms."""

@@ -249,11 +249,10 @@ class RunConfig:
         if environment.robot:
             ROBOTS.find(self.play.robot)
         play = self.play
-        delayed = play.command_latency or play.release_latency or play.press_latency
-        if play.latency_model and (play.hand == "model" or delayed):
+        if play.latency_model and (play.hand == "model" or play.press_latency):
             raise InputError(
                 f"play.robot is {path_of(play.robot)}, which models the hands by itself: leave "
-                "play.hand at 'arm' and the latencies of the modelled hand at 0."
+                "play.hand at 'arm' and play.press_latency at 0."
             )
         ALGORITHMS.find(self.learning.algorithm)
         learning, replay, stream = self.learning, self.replay, self.stream

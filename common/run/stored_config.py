@@ -11,8 +11,6 @@ from common.errors import InputError
 
 RENAMED = {
     "play.history": "play.frame_stack",
-    "play.delay": "play.command_latency",
-    "play.release": "play.release_latency",
     "play.press": "play.press_latency",
     "camera.delay": "camera.latency",
     "camera.exposure": "randomise.exposure",
@@ -29,6 +27,10 @@ RENAMED = {
 """Former names of fields, as runs and policies on disk may have them, and the present ones."""
 
 REMOVED: dict[str, Any] = {
+    "play.delay": 0,
+    "play.command_latency": 0,
+    "play.release": 0,
+    "play.release_latency": 0,
     "learning.vector_scale": 1.0,
     "learning.dueling": False,
     "learning.cut_random": False,

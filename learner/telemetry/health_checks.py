@@ -47,9 +47,8 @@ def keys_can_follow(play: PlayConfig) -> bool:
 
 def _is_late(play: PlayConfig) -> bool:
     """Whether commands come late on purpose, or by the robot's nature."""
-    modelled = play.hand == "model" and play.command_latency > 0
     prompt = ROBOTS.find(play.robot).prompt
-    return modelled or not prompt or play.actuation_latency > 0 or play.actuation_jitter > 0
+    return not prompt or play.actuation_latency > 0 or play.actuation_jitter > 0
 
 
 def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:

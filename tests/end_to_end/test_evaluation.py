@@ -85,7 +85,7 @@ def test_settings_other_than_the_runs_are_played_under_and_told(
 ) -> None:
     weights = run / "snapshots" / "best.safetensors"
     short = ("--play.max-game-frames", 400, "--play.random-starts", 0)
-    late = ("--play.command-latency", 1, "--play.press-latency", 3)
+    late = ("--play.press-latency", 3, "--play.actuation-latency", 4)
     random = ("--games", 2, "--epsilon", 1)  # a fresh network may press nothing at all
     printed = _evaluate(stage, weights, *random, *short, *late, "--json", tmp_path / "late.json")
     content = json.loads((tmp_path / "late.json").read_text())
@@ -93,8 +93,8 @@ def test_settings_other_than_the_runs_are_played_under_and_told(
     changes = [
         "play.random_starts 30 → 0",
         "play.max_game_frames 108000 → 400",
-        "play.command_latency 0 → 1",
         "play.press_latency 0 → 3",
+        "play.actuation_latency 0 → 4",
     ]
     assert content["changed"] == changes
     told = " ".join(printed.split())

@@ -139,8 +139,8 @@ def test_settings_are_the_runs_that_is_gone_on_with_or_evaluated(tmp_path: Path)
     assert found(*here, "--resume") == trained
     network = ("--evaluate", str(folder.checkpoint))
     assert found(*network) == trained
-    delayed = replace(trained, env="robot", play=replace(trained.play, command_latency=2))
-    assert found(*network, "--env", "robot", "--play.command-latency", "2") == delayed
+    delayed = replace(trained, env="robot", play=replace(trained.play, press_latency=2))
+    assert found(*network, "--env", "robot", "--play.press-latency", "2") == delayed
 
 
 def test_an_evaluation_draws_only_what_it_is_told_to(tmp_path: Path) -> None:

@@ -41,38 +41,31 @@ def test_without_delays_keys_are_the_commands() -> None:
 
 
 def test_the_old_key_goes_first_and_the_new_one_comes_later() -> None:
-    keys = ActuationDelay(PlayConfig(release_latency=1, press_latency=3))
+    keys = ActuationDelay(PlayConfig(press_latency=3))
     assert frames(keys, UP, DOWN, DOWN, NONE) == [
         [NONE, NONE, NONE, UP],
-        [UP, NONE, NONE, DOWN],
+        [NONE, NONE, NONE, DOWN],
         [DOWN] * 4,
-        [DOWN, NONE, NONE, NONE],
+        [NONE] * 4,
     ]
 
 
 def test_what_both_commands_hold_stays_down() -> None:
-    keys = ActuationDelay(PlayConfig(release_latency=1, press_latency=3))
+    keys = ActuationDelay(PlayConfig(press_latency=3))
     assert frames(keys, UP | FIRE, DOWN | FIRE) == [
         [NONE, NONE, NONE, UP | FIRE],
-        [UP | FIRE, FIRE, FIRE, DOWN | FIRE],
+        [FIRE, FIRE, FIRE, DOWN | FIRE],
     ]
 
 
 def test_a_command_on_the_way_is_overtaken() -> None:
-    keys = ActuationDelay(PlayConfig(release_latency=1, press_latency=6))
+    keys = ActuationDelay(PlayConfig(press_latency=6))
     # UP would be down from the seventh frame on; DOWN starts anew from where the hand is.
     assert frames(keys, UP, DOWN, DOWN) == [[NONE] * 4, [NONE] * 4, [NONE, NONE, DOWN, DOWN]]
 
 
-def test_commands_come_late_by_whole_agent_steps() -> None:
-    keys = modelled(PlayConfig(command_latency=2, frame_skip=1))
-    assert frames(keys, UP, DOWN, FIRE, NONE, count=1) == [[NONE], [NONE], [UP], [DOWN]]
-    keys.rest()
-    assert frames(keys, NONE, NONE, NONE, count=1) == [[NONE], [NONE], [NONE]]
-
-
 def test_lateness_is_of_game_time_however_many_commands_are_given() -> None:
-    keys = modelled(PlayConfig(command_latency=1))
+    keys = modelled(PlayConfig(actuation_latency=4))
     keys.command(UP)
     assert [keys.step_frame() for _ in range(9)] == [NONE] * 4 + [UP] * 5
     keys.command(DOWN)  # in the middle of an agent step, as in real time
@@ -82,7 +75,7 @@ def test_lateness_is_of_game_time_however_many_commands_are_given() -> None:
 
 
 def test_a_robot_that_waits_for_late_keys_gets_them() -> None:
-    play = PlayConfig(random_starts=0, hand="model", command_latency=1, eye="emulator")
+    play = PlayConfig(random_starts=0, hand="model", actuation_latency=4, eye="emulator")
     env = RobotEnv("pong", play=play, clock=ClockConfig(wait_action=True))
     env.reset(seed=1)
     for action in (2, 5, 0):
@@ -92,9 +85,7 @@ def test_a_robot_that_waits_for_late_keys_gets_them() -> None:
 
 
 def test_the_emulator_is_played_by_the_late_keys() -> None:
-    play = PlayConfig(
-        random_starts=0, minimal_actions=True, release_latency=1, press_latency=3, command_latency=1
-    )
+    play = PlayConfig(random_starts=0, minimal_actions=True, press_latency=3, actuation_latency=4)
     env = AtariEnv("pong", play=play)
     env.reset(seed=3)
     emulator, keys = Emulator("pong", 0), modelled(play)
@@ -118,9 +109,7 @@ def test_the_emulator_is_played_by_the_late_keys() -> None:
 
 @pytest.mark.parametrize(("eye", "sticky"), [("camera", 0.0), ("emulator", 0.0), ("emulator", 0.5)])
 def test_a_robot_with_a_modelled_hand_plays_as_the_emulator_does(eye: str, sticky: float) -> None:
-    play = PlayConfig(
-        random_starts=0, release_latency=1, press_latency=3, hand="model", vector=True
-    )
+    play = PlayConfig(random_starts=0, press_latency=3, hand="model", vector=True)
     play = replace(play, eye=eye, sticky=sticky)  # type: ignore[arg-type]
     robot, alone = RobotEnv("pong", play=play), AtariEnv("pong", play=play)
     robot.reset(seed=1)

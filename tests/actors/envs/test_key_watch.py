@@ -111,7 +111,7 @@ def test_who_never_asks_costs_no_more_memory() -> None:
 
 
 def test_a_modelled_hand_takes_the_frames_that_it_is_told_and_presses_in_the_next() -> None:
-    hand, watch = ActuationDelay(PlayConfig(release_latency=1, press_latency=3)), KeyWatch()
+    hand, watch = ActuationDelay(PlayConfig(press_latency=3)), KeyWatch()
     for command in (UP, DOWN, FIRE):
         watch.command(command, hand.held)
         hand.command(command)
@@ -119,7 +119,7 @@ def test_a_modelled_hand_takes_the_frames_that_it_is_told_and_presses_in_the_nex
             watch.frame(hand.step_frame())
     assert told(watch) == [
         ("press", "reached", 4),
-        *[("release", "reached", 2), ("press", "reached", 4)] * 2,
+        *[("release", "reached", 1), ("press", "reached", 4)] * 2,
     ]
 
 
@@ -164,9 +164,9 @@ def test_commands_that_are_replaced_before_their_keys_come_count_as_slow() -> No
 
 
 def test_a_robots_modelled_hand_is_timed_as_well() -> None:
-    play = PlayConfig(hand="model", release_latency=1, press_latency=3, eye="emulator")
+    play = PlayConfig(hand="model", press_latency=3, eye="emulator")
     release, press = delays(RobotEnv(play=play), 60, 2)
-    assert (release.p50, release.p99) == (ms_of(2), ms_of(2))
+    assert (release.p50, release.p99) == (ms_of(1), ms_of(1))
     assert (press.p50, press.p99) == (ms_of(4), ms_of(4))
 
 

@@ -161,17 +161,11 @@ def test_keys_that_need_a_deeper_push_are_pressed_later_and_released_earlier() -
 
 def test_without_latency_the_hands_are_the_arms_themselves(room: Nao) -> None:
     rng = np.random.default_rng(1)
-    assert hands_of(PlayConfig(command_latency=3), room, rng) is room  # that of the model only
+    assert hands_of(PlayConfig(press_latency=3), room, rng) is room  # that of the model only
     assert rng.random() == np.random.default_rng(1).random()
 
 
-@pytest.mark.parametrize(
-    "field",
-    [
-        "command_latency", "release_latency", "press_latency", "actuation_latency",
-        "actuation_jitter",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("field", ["press_latency", "actuation_latency", "actuation_jitter"])
 def test_any_latency_keeps_the_modelled_hand_from_being_prompt(field: str) -> None:
     assert are_prompt(PlayConfig())
     assert not are_prompt(replace(PlayConfig(), **{field: 1}))

@@ -38,14 +38,7 @@ def test_a_row_for_each_network_and_lateness(
 
 
 def test_a_robots_keys_are_those_of_a_modelled_hand() -> None:
-    late = [
-        "--play.command-latency",
-        "0",
-        "--play.release-latency",
-        "0",
-        "--play.press-latency",
-        "3",
-    ]
+    late = ["--play.press-latency", "3"]
     assert hand_flags(ALE, 3) == late
     assert hand_flags(ROBOT, 3) == [*late, "--play.hand", "model"]
 

@@ -32,7 +32,7 @@ def differing(rung: Rung, **settings: int) -> dict[str, object]:
 def test_each_rung_is_the_robot_less_its_difficulties() -> None:
     assert differing("R1") == {"env": "ale"}
     assert differing("R2") == {"env": "ale", "press_latency": 2}
-    assert differing("R2", delay=2) == {"env": "ale", "press_latency": 2, "command_latency": 2}
+    assert differing("R2", delay=2) == {"env": "ale", "press_latency": 2, "actuation_latency": 8}
     assert differing("R3") == {"hand": "model"}
     assert differing("R4") == {"eye": "emulator"}
     assert set(FLAGS) == {"R1", "R2", "R3", "R4", "R5"}

@@ -237,6 +237,8 @@ def test_a_flag_by_its_former_name_says_the_present_one(flags: list[str], presen
         "--learning.watkins-cut",
         "--exploration.no-per-env",
         "--learning.vector-scale",
+        "--play.command-latency",
+        "--play.release",
     ],
 )
 def test_a_flag_that_is_gone_is_said_to_be(flag: str) -> None:

@@ -237,8 +237,6 @@ def test_the_tolerance_holds_the_steps_of_one_update() -> None:
     ("field", "value"),
     [
         ("play.hand", "model"),
-        ("play.command_latency", 1),
-        ("play.release_latency", 1),
         ("play.press_latency", 1),
     ],
 )

@@ -21,7 +21,6 @@ from learner.evaluation.results import summarise, table
 SYNC = ClockConfig()
 LATE_KEYS = PlayConfig(
     hand="model",
-    release_latency=1,
     press_latency=3,
     eye="emulator",
     random_starts=0,
@@ -185,5 +184,5 @@ def test_each_game_tells_what_its_own_hands_took() -> None:
     for each in found:
         changes = sum(each["key_times"])
         assert 40 < changes <= 80  # most of 40 random commands among 18 release and press
-        reached = {place_of("release", True, 2), place_of("press", True, 4)}
+        reached = {place_of("release", True, 1), place_of("press", True, 4)}
         assert {place for place, count in enumerate(each["key_times"]) if count} == reached

@@ -181,9 +181,8 @@ def test_keys_that_come_late_on_purpose_are_shown_but_not_judged() -> None:
         (PlayConfig(), True),
         (PlayConfig(read_keys="decision"), False),
         (PlayConfig(frame_skip=3), False),  # an arm takes four frames at times
-        (PlayConfig(hand="model", release_latency=1, press_latency=3), True),
-        (PlayConfig(hand="model", release_latency=1, press_latency=4), False),  # in the fifth frame
-        (PlayConfig(hand="model", command_latency=1), False),
+        (PlayConfig(hand="model", press_latency=3), True),
+        (PlayConfig(hand="model", press_latency=4), False),  # in the fifth frame
         (PlayConfig(actuation_latency=1), False),
         (PlayConfig(actuation_jitter=1), False),
         (PlayConfig(arm_speed=0.6, key_threshold=1.3), True),
