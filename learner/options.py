@@ -17,6 +17,7 @@ from common.metrics import Value
 from common.process.command_line import RunFlags, WeightsFile, started_by
 from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
+from common.run.conditions import NOTHING_DRAWN
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
@@ -132,6 +133,12 @@ class LearnerOptions:
                 f"--steps is {self.steps}, all of which the warm-up of "
                 f"{self.config.replay.learning_starts} takes: choose more, or lower "
                 "--replay.learning-starts."
+            )
+        steps = self.config.learning.curriculum_steps
+        if steps and self.config.randomise == NOTHING_DRAWN:
+            raise InputError(
+                f"--learning.curriculum-steps is {steps}, but no range is there to grow: give one "
+                "of --randomise, or --randomise.all."
             )
         if not self.resume:  # whose settings are as they are
             self._check_algorithm()

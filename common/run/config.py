@@ -262,11 +262,6 @@ class RunConfig:
                 f"learning.final_learning_rate {learning.final_learning_rate:g}: lower that too, "
                 "or set learning.annealing_steps to 0 for a constant rate."
             )
-        if learning.curriculum_steps and self.randomise == RandomiseConfig():
-            raise InputError(
-                f"learning.curriculum_steps is {learning.curriculum_steps}, but no range of "
-                "--randomise is there to grow: give one, or --randomise.all."
-            )
         if self.vector_width > MAX_VECTOR:
             raise InputError(
                 f"the vector observation has {self.vector_width} numbers: lower "

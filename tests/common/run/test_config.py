@@ -12,7 +12,7 @@ import pytest
 from common.errors import InputError, MessageError
 from common.proprioception import vector_width
 from common.protocol.step_fields import FRAME_SHAPE, STEP_FIELDS, Column, StepField
-from common.run.conditions import MAX_WAIT, RandomiseConfig
+from common.run.conditions import MAX_WAIT
 from common.run.config import ExplorationConfig, LearningConfig, ReplayConfig, RunConfig
 from common.run.presets import PRESETS
 from replay.batch import SharedBatch
@@ -303,14 +303,6 @@ def test_a_curriculum_begins_when_learning_does(agent_steps: int, share: float) 
     assert config.difficulty_at(agent_steps) == 1.0
     learning = replace(config.learning, curriculum_steps=200_000)
     assert replace(config, learning=learning).difficulty_at(agent_steps) == share
-
-
-def test_a_curriculum_without_ranges_is_refused() -> None:
-    config = PRESETS["robot"]
-    config = replace(config, learning=replace(config.learning, curriculum_steps=1))
-    with pytest.raises(InputError, match="no range of --randomise is there to grow: give one"):
-        config.check()
-    replace(config, randomise=RandomiseConfig(noise=1.0)).check()
 
 
 @pytest.mark.parametrize(("batch", "every", "ratio"), [(32, 4, 8.0), (32, 1, 32.0), (1, 4, 0.25)])
