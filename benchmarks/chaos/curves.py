@@ -116,7 +116,10 @@ def _run(options: Options, seed: int, *, faults: bool) -> tuple[list[float], int
         scratch() as folder,
         _installed(folder),
         Cluster(
-            *(folder, flags, options.actors), capacity=4 * options.steps, goal=options.steps
+            *(folder, flags, options.actors),
+            capacity=4 * options.steps,
+            goal=options.steps,
+            evaluator=False,  # training games are compared
         ) as cluster,
     ):
         storm = Storm(cluster, seed, options.longest)
