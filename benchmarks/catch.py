@@ -5,6 +5,9 @@ is +1, missed is -1, and either ends the game. The actions are Pong's six, of wh
 two go left and two stay.
 """
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +15,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from common.registry import Environment
+from common.registry import ENVIRONMENTS, Environment
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 
@@ -83,3 +86,22 @@ def install(folder: Path) -> None:
     (metadata / "entry_points.txt").write_text(
         "[ale_robot.environments]\ncatch = benchmarks.catch:CATCH\n"
     )
+
+
+@contextmanager
+def installed(folder: Path) -> Iterator[None]:
+    """Lets this process, and those that it starts meanwhile, find Catch.
+
+    Args:
+        folder: empty; Catch is installed in it.
+    """
+    ENVIRONMENTS.add(CATCH)
+    install(folder)
+    before = os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(folder), before)))
+    try:
+        yield
+    finally:
+        os.environ.pop("PYTHONPATH")
+        if before is not None:
+            os.environ["PYTHONPATH"] = before

@@ -6,6 +6,7 @@ chunks that it tells whoever asks.
 
 import time
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Self
 
 from benchmarks.child import free_endpoint, scratch
@@ -26,20 +27,27 @@ class HostedRun:
 
     Args:
         flags: of the module, but for the run's name, folder and address.
+        certificates: folder with those of hub and learner, as which the run is watched; None for a
+            run without.
     """
 
-    def __init__(self, module: str, *flags: str) -> None:
+    def __init__(self, module: str, *flags: str, certificates: Path | None = None) -> None:
         self._module = module
         self._flags = flags
+        self._certificates = certificates
         self._seen = 0
-        self.endpoint = free_endpoint()
+        endpoint = free_endpoint()
+        self.endpoint = endpoint if certificates is None else endpoint.replace("tcp/", "tls/")
         self.children: dict[str, Child] = {}
         """Processes that should be at work, by what people call them."""
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             folder = stack.enter_context(scratch())
-            place = ("--run", RUN, "--runs", str(folder), "--listen", self.endpoint)
+            place = ["--run", RUN, "--runs", str(folder), "--listen", self.endpoint]
+            if self._certificates is not None:
+                place += ["--certificates", str(self._certificates)]
+            self.folder = folder
             log = folder / f"{self._module}.log"
             self.process = Child(self._module, *place, *self._flags, log=log)
             stack.callback(self.process.end)
@@ -49,7 +57,11 @@ class HostedRun:
                 return self.process.poll() is not None
 
             try:
-                self.transport = connect(self.endpoint, _START, is_over)
+                self.transport = connect(
+                    *(self.endpoint, _START, is_over),
+                    role="learner",
+                    certificates=self._certificates,
+                )
                 stack.callback(self.transport.close)
                 self.keys, self.config = find_run(self.transport, RUN, _START, is_over)
             except KeyboardInterrupt:

@@ -42,6 +42,9 @@ BENCHMARKS = {
         "a hub with 1 to 1,024 actors in real time: what they get, what it costs, weights to all",
         {"many_actors": ""},
     ),
+    "flood": Benchmark(
+        "training beside one certified client that sends as much as it can, and what is refused", {}
+    ),
     "epochs_per_day": Benchmark(
         "a whole local run: training, tests, and how many of the 2017 epochs a day has room for",
         {

@@ -1,10 +1,10 @@
 """`python -m benchmarks.chaos`: breaks a run at random for a while, and audits what is left of it.
 
-A replay, a learner and some actors train on one machine, each a process behind a link of its own,
-with certificates, on a disk of the run's own. One fault after the other strikes (`storm`). After
-each, the time is measured until every actor's next chunk is stored and new weights come. At the end
-everything is asked to leave, and the replay's files are compared with what the actors recorded
-(`audit`).
+A replay, a learner, some actors and an evaluator train on one machine, each a process behind a link
+of its own, with certificates, on a disk of the run's own. One fault after the other strikes
+(`storm`). After each, the time is measured until every actor's next chunk is stored, new weights
+come and a test is over. At the end everything is asked to leave, the replay's files are compared
+with what the actors recorded, and the learner's table with the tests asked for (`audit`).
 """
 
 import math
@@ -19,7 +19,7 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Gt
 
-from benchmarks.chaos.audit import Audit, audit
+from benchmarks.chaos.audit import Audit, AuditOfTests, audit, audit_tests
 from benchmarks.chaos.cluster import HUB, LEARNER, Cluster
 from benchmarks.chaos.faults import PATIENCE
 from benchmarks.chaos.storm import Storm
@@ -37,7 +37,11 @@ FLAGS = (
     *("--stream.chunk-steps", "8"),
     *("--replay.learning-starts", "300", "--replay.ratio-tolerance", "2048"),
     *("--learning.publish-period", "10", "--learning.checkpoint-period", "100"),
-    *("--protocol.held-out-states", "64", "--protocol.epoch-steps", "1000000"),
+    *("--protocol.held-out-states", "64"),
+    # After each fault a test is waited for, so it is short: a whole game of Pong has a thousand
+    # steps. It is of two games or more, between whose reports an evaluator may be struck.
+    *("--protocol.epoch-steps", "48", "--protocol.test-steps", "60"),
+    *("--play.max-game-frames", "200"),
 )
 
 
@@ -91,11 +95,14 @@ def _measure(options: Options, folder: Path) -> Report:
             storm.strike()
         cluster.conclude()
         found = audit(cluster.run.replay, cluster.records)
+        tests = audit_tests(cluster.run.epochs, cluster.config.protocol.test_steps)
         counted = _counted(cluster.log(HUB))
-    report = _report(options, storm, found, cluster)
+    report = _report(options, storm, found, tests, cluster)
     wrong = [f"a process ended: {each}" for each in storm.unforeseen]
     if not found.clean:
         wrong.append(f"the audit found losses: {found}")
+    if not tests.clean:
+        wrong.append(f"the audit found tests that nobody asked for, or parts of tests: {tests}")
     if counted != (found.steps, found.stored):
         wrong.append(f"the replay counted {counted} steps and chunks, the audit found {found}")
     if cluster.steps_back >= cluster.starts[LEARNER]:
@@ -116,7 +123,9 @@ def _counted(log: Path) -> tuple[int, int]:
     return steps, chunks
 
 
-def _report(options: Options, storm: Storm, found: Audit, cluster: Cluster) -> Report:
+def _report(
+    options: Options, storm: Storm, found: Audit, tests: AuditOfTests, cluster: Cluster
+) -> Report:
     struck = storm.struck
     times: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
     ends: Counter[tuple[str, str]] = Counter()
@@ -143,6 +152,7 @@ def _report(options: Options, storm: Storm, found: Audit, cluster: Cluster) -> R
         "actors": options.actors,
         "faults": len(struck),
         "audit": asdict(found),
+        "tests": asdict(tests),
         "certificates": cluster.no_certificates is None,
         "missing": storm.missing,
         "weights_back": cluster.steps_back,
@@ -163,6 +173,7 @@ def _report(options: Options, storm: Storm, found: Audit, cluster: Cluster) -> R
             f"Audit: {found.made:,} chunks made, {found.acknowledged:,} acknowledged, "
             f"{found.stored:,} stored; {found.lost} lost or altered, {found.duplicated} "
             f"duplicated; {found.steps:,} steps, and {found.unknown_rows} that nobody made.",
+            f"Tests: of {tests.tested} epochs, {tests.repeated} repeated, {tests.short} too short.",
             f"Weights went back {cluster.steps_back} times, the learner was started again "
             f"{cluster.starts[LEARNER] - 1} times.",
             f"Most in the first and in the second half of the faults: {growth}.",

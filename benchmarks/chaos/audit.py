@@ -1,16 +1,18 @@
-"""The independent audit: what actors were told is stored, beside what the replay's files hold.
+"""The independent audit: what actors were told is stored, beside what the replay's files hold; and
+the tests in the learner's table.
 
 It uses nothing of the replay's own reading. Of the journal it takes one number, how many steps were
 stored; it walks through so many rows of the columns and recognises each chunk by the digest that
 its actor recorded before sending it (`witness`).
 """
 
+import csv
 import json
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,8 @@ FRAME = 84 * 84
 MOST_CONTEXT = 3
 """Rows that the replay may store before a chunk whose predecessor is missing: older frames of its
 first state."""
+_Chunk = tuple[str, int, int]
+"""Its digest, and its rows: one for each step, and one for each frame at which a game was cut."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +42,58 @@ class Audit:
     steps: int
     """Steps of the chunks that are stored."""
     unknown_rows: int
-    """Steps of no chunk that an actor made, nor the context of one."""
+    """Rows of no chunk that an actor made, nor the context of one."""
 
     @property
     def clean(self) -> bool:
         return self.lost == self.duplicated == self.unknown_rows == 0
+
+
+class RecordedTest(NamedTuple):
+    """A test of an epoch's weights, as the learner has recorded it."""
+
+    epoch: int
+    steps: int
+    """Agent steps played."""
+    ended: float
+    """Seconds of the run."""
+
+
+@dataclass(frozen=True)
+class AuditOfTests:
+    """Numbers of epochs' tests."""
+
+    tested: int
+    repeated: int
+    """Recorded although that epoch's was recorded before."""
+    short: int
+    """Of fewer steps than asked for."""
+
+    @property
+    def clean(self) -> bool:
+        return self.repeated == self.short == 0
+
+
+def recorded_tests(epochs: Path) -> list[RecordedTest]:
+    """Returns the tests in a table of epochs; none where there is no table yet."""
+    if not epochs.exists():
+        return []
+    lines = epochs.read_text().split("\n")[:-1]  # what follows the last newline is torn
+    return [
+        RecordedTest(int(row["epoch"]), int(row["steps"]), float(row["total_time"]))
+        for row in csv.DictReader(lines)
+        if row["phase"] == "test"
+    ]
+
+
+def audit_tests(epochs: Path, steps: int) -> AuditOfTests:
+    """Compares a table of epochs with what was asked for: one test of an epoch, of ``steps``."""
+    tests = recorded_tests(epochs)
+    return AuditOfTests(
+        tested=len({test.epoch for test in tests}),
+        repeated=len(tests) - len({test.epoch for test in tests}),
+        short=sum(test.steps < steps for test in tests),
+    )
 
 
 def audit(replay: Path, records: Iterable[Path]) -> Audit:
@@ -51,7 +102,8 @@ def audit(replay: Path, records: Iterable[Path]) -> Audit:
     Raises:
         InputError: the ring has wrapped, so it cannot have everything.
     """
-    made, acknowledged, lengths = _recorded(records)
+    made, acknowledged = _recorded(records)
+    shapes = Counter(chunk[1:] for chunk in made).most_common()
     capacity, head = _extent(replay / "journal.jsonl")
     if head > capacity:
         raise InputError(f"{head:,} steps do not fit into the replay: raise its --capacity.")
@@ -62,20 +114,22 @@ def audit(replay: Path, records: Iterable[Path]) -> Audit:
         "elapsed": np.memmap(replay / "elapsed.bin", np.uint8, "r"),
     }
 
-    def chunk_at(row: int) -> tuple[str, int] | None:
-        for length in lengths:
-            steps = {name: column[row : row + length] for name, column in columns.items()}
-            found = digest(steps.__getitem__), length
-            if row + length <= head and found in made:
+    def chunk_at(row: int) -> _Chunk | None:
+        for (length, finals), _ in shapes:
+            end = row + length
+            steps = {name: column[row:end] for name, column in columns.items()}
+            cut = columns["frames"][end : end + finals]
+            found = digest(steps.__getitem__, cut), length, finals
+            if end + finals <= head and found in made:
                 return found
         return None
 
-    stored: Counter[tuple[str, int]] = Counter()
+    stored: Counter[_Chunk] = Counter()
     row = unknown = skipped = 0
     while row < head:
         if (chunk := chunk_at(row)) is not None:
             stored[chunk] += 1
-            row += chunk[1]
+            row += chunk[1] + chunk[2]
             unknown += skipped if skipped > MOST_CONTEXT else 0
             skipped = 0
         else:
@@ -87,23 +141,19 @@ def audit(replay: Path, records: Iterable[Path]) -> Audit:
         stored=stored.total(),
         lost=(acknowledged - stored).total(),
         duplicated=(stored - made).total(),
-        steps=sum(length * count for (_, length), count in stored.items()),
+        steps=sum(length * count for (_, length, _), count in stored.items()),
         unknown_rows=unknown + skipped,
     )
 
 
-def _recorded(
-    records: Iterable[Path],
-) -> tuple[Counter[tuple[str, int]], Counter[tuple[str, int]], list[int]]:
-    """Returns the chunks made and acknowledged, and their lengths, the most frequent first."""
-    found: dict[str, Counter[tuple[str, int]]] = {"made": Counter(), "acknowledged": Counter()}
-    lengths: Counter[int] = Counter()
+def _recorded(records: Iterable[Path]) -> tuple[Counter[_Chunk], Counter[_Chunk]]:
+    """Returns the chunks made and acknowledged."""
+    found: dict[str, Counter[_Chunk]] = {"made": Counter(), "acknowledged": Counter()}
     for record in records:
         for line in record.read_text().split("\n")[:-1]:  # what follows the last newline is torn
-            what, chunk, length = line.split()
-            found[what][chunk, int(length)] += 1
-            lengths[int(length)] += 1
-    return found["made"], found["acknowledged"], [length for length, _ in lengths.most_common()]
+            what, chunk, length, finals = line.split()
+            found[what][chunk, int(length), int(finals)] += 1
+    return found["made"], found["acknowledged"]
 
 
 def _extent(journal: Path) -> tuple[int, int]:

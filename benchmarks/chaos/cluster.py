@@ -9,6 +9,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Self
 
+from benchmarks.chaos.audit import RecordedTest, recorded_tests
 from benchmarks.chaos.certificates import Certificates
 from benchmarks.chaos.clock import Clocks
 from benchmarks.chaos.disk import Disk
@@ -26,14 +27,14 @@ from common.transport.interface import Envelope
 from common.transport.zenoh_transport import connect
 
 RUN = "chaos"
-HUB, LEARNER = "replay", "learner"
+HUB, LEARNER, EVALUATOR = "replay", "learner", "evaluator-1"
 _AUDITOR = "auditor"
 _START = 120.0
 _POLL = 0.05
 _AWAY = "600"
 """Seconds for which each process waits for one that is away: longer than any fault lasts."""
-_SPARE_BYTES = 2**27
-"""Room on the run's disk beside the replay's: checkpoints, tables and curves."""
+_SPARE_BYTES = 2**28
+"""Room on the run's disk beside the replay's: checkpoints, snapshots, tables and curves."""
 _ROW_BYTES = 84 * 84 + 100
 _ROLES: dict[str, Role] = {HUB: "hub", LEARNER: "learner"}
 
@@ -45,6 +46,7 @@ class Cluster:
         folder: where the run, the logs and the actors' records go.
         flags: of learner and replay.
         actors: number of actors.
+        evaluator: whether somebody tests the epochs.
         capacity: steps that the replay has room for.
         goal: agent steps after which the run ends by itself, if it does.
         plain: whether the processes do without certificates.
@@ -58,6 +60,7 @@ class Cluster:
         flags: Sequence[str],
         actors: int,
         *,
+        evaluator: bool = True,
         capacity: int,
         goal: int | None = None,
         plain: bool = False,
@@ -79,7 +82,8 @@ class Cluster:
         """How often weights came."""
         self.steps_back = 0
         """How often weights came that were older than those before."""
-        self.clients = (LEARNER, *self.actors)
+        self._evaluators = (EVALUATOR,) if evaluator else ()
+        self.clients = (LEARNER, *self.actors, *self._evaluators)
         self.everyone = (HUB, *self.clients)
         self._roles: dict[str, Role] = {
             name: _ROLES.get(name, "actor") for name in (*self.everyone, _AUDITOR)
@@ -172,6 +176,9 @@ class Cluster:
             arguments = ("replay", *self._place(name), *run)
         elif name == LEARNER:
             arguments = ("learner", *self._place(name), "--threads", "1", *run, *self._goal)
+        elif name == EVALUATOR:
+            place = (*self._place(name), "--run", RUN, "--name", name)
+            arguments = ("actors", "--evaluator", *place)
         else:
             arguments = self._actor(name, name)
         self.processes[name] = self._child(name, self.log(name), *arguments)
@@ -279,36 +286,47 @@ class Cluster:
         """Agent steps in the replay, at least: what actors were told is stored."""
         return self.config.stream.chunk_steps * sum(self.stored().values())
 
-    def recovery(self, patience: float, besides: str | None = None) -> float | None:
-        """Wait until all work: each actor's next chunk is stored, and new weights come; or until
-        the run is finished.
+    def tests(self) -> set[RecordedTest]:
+        """The tests that the learner has recorded; one that is killed may lose its last."""
+        return set(recorded_tests(self.run.epochs))
+
+    def recovery(
+        self, patience: float, besides: str | None = None, *, struck: str | None = None
+    ) -> float | None:
+        """Wait until all work: each actor's next chunk is stored, new weights come, and a test is
+        over; or until the run is finished.
 
         Args:
             besides: a process that cannot, and is not waited for.
+            struck: where it is the evaluator, two tests are waited for: one of them it may have
+                played before.
 
         Returns:
             seconds until then, or None after ``patience`` seconds.
         """
         began = time.monotonic()
-        before, weights = self.stored(), self.published
+        before, weights, tests = self.stored(), self.published, self.tests()
+        wanted = 0 if besides in self._evaluators else len(self._evaluators)
+        wanted += struck in self._evaluators
         while (waited := time.monotonic() - began) < patience:
             now = self.stored()
             learning = besides == LEARNER or self.published > weights
             playing = all(
                 now.get(name, 0) > before.get(name, 0) for name in self.actors if name != besides
             )
-            if self.finished or (learning and playing):
+            testing = len(self.tests() - tests) >= wanted
+            if self.finished or (learning and playing and testing):
                 return waited
             self.look()
             time.sleep(_POLL)
         return None
 
     def conclude(self) -> None:
-        """End all processes: first the actors, who hand in what they have, last the replay.
+        """End all processes: first those that play, who hand in what they have, last the replay.
 
         Raises:
             InputError: one of them did not end well.
         """
         self.look()
-        for name in (*self.actors, LEARNER, HUB):
+        for name in (*self.actors, *self._evaluators, LEARNER, HUB):
             self._end(name)

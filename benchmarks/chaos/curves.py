@@ -7,11 +7,8 @@ t over the seeds; the curves agree where both intervals lie within a margin arou
 command with --json goes on with the next pair after an interruption.
 """
 
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -26,7 +23,6 @@ from benchmarks.lab.policy import scores_of
 from benchmarks.report import BenchmarkOptions, Report, Seconds, main, resumed, write
 from common.checked import FromOne
 from common.errors import InputError
-from common.registry import ENVIRONMENTS
 from common.run.epochs import EpochTable
 
 _LAST = 3
@@ -114,9 +110,12 @@ def _run(options: Options, seed: int, *, faults: bool) -> tuple[list[float], int
     flags = (*FLAGS, "--seed", str(seed))
     with (
         scratch() as folder,
-        _installed(folder),
+        catch.installed(folder),
         Cluster(
-            *(folder, flags, options.actors), capacity=4 * options.steps, goal=options.steps
+            *(folder, flags, options.actors),
+            capacity=4 * options.steps,
+            goal=options.steps,
+            evaluator=False,  # training games are compared
         ) as cluster,
     ):
         storm = Storm(cluster, seed, options.longest)
@@ -130,21 +129,6 @@ def _run(options: Options, seed: int, *, faults: bool) -> tuple[list[float], int
             raise InputError(f"a process ended: {'; '.join(storm.unforeseen)}.")
         scores = scores_of(EpochTable(cluster.run.epochs).rows())
         return [mean for _, mean in scores], len(storm.struck)
-
-
-@contextmanager
-def _installed(folder: Path) -> Iterator[None]:
-    """Lets this process, and those that it starts meanwhile, find Catch."""
-    ENVIRONMENTS.add(catch.CATCH)
-    catch.install(folder)
-    before = os.environ.get("PYTHONPATH")
-    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(folder), before)))
-    try:
-        yield
-    finally:
-        os.environ.pop("PYTHONPATH")
-        if before is not None:
-            os.environ["PYTHONPATH"] = before
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ class Storm:
         if end is not None:
             time.sleep(seconds)
             end()
-        recovery = cluster.recovery(PATIENCE)
+        recovery = cluster.recovery(PATIENCE, struck=target)
         if cluster.finished:
             return
         if recovery is None:

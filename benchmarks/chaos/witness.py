@@ -32,11 +32,12 @@ RECORDED = ("frames", "actions", "rewards", "elapsed")
 """Fields of a step by which the audit knows it."""
 
 
-def digest(field_of: Callable[[str], Any]) -> str:
-    """Returns the SHA-256 of steps, whose arrays ``field_of`` returns by name."""
+def digest(field_of: Callable[[str], Any], final_frames: Any) -> str:
+    """Returns the SHA-256 of steps, whose arrays ``field_of`` returns by name, and of the frames
+    after those at which a game was cut."""
     found = hashlib.sha256()
-    for name in RECORDED:
-        found.update(np.ascontiguousarray(field_of(name)).tobytes())
+    for fields in (*map(field_of, RECORDED), final_frames):
+        found.update(np.ascontiguousarray(fields).tobytes())
     return found.hexdigest()
 
 
@@ -46,7 +47,7 @@ def recorded(file: int) -> type[Window]:
     class Recorded(Window):
         def send(self, payload: bytes) -> None:
             chunk = Chunk.decode(payload)
-            os.write(file, f"made {_digest_of(chunk)} {len(chunk)}\n".encode())
+            os.write(file, line("made", chunk))
             super().send(payload)
 
         def __init__(
@@ -75,16 +76,19 @@ class _Witness:
                 ack = Ack.decode(future.result().payload)
                 if ack.status in ("stored", "duplicate"):
                     chunk = Chunk.decode(payload)
-                    text = f"acknowledged {_digest_of(chunk)} {len(chunk)}\n"
-                    os.write(self._file, text.encode())
+                    os.write(self._file, line("acknowledged", chunk))
 
         future = self._requester.request(payload)
         future.add_done_callback(guarded("witness", record))
         return future
 
 
-def _digest_of(chunk: Chunk) -> str:
-    return digest(lambda name: getattr(chunk, name))
+def line(what: str, chunk: Chunk) -> bytes:
+    """Returns the record of something that happened to a chunk: its digest, and the rows that its
+    steps and its last frames have."""
+    finals = chunk.final_frames
+    found = digest(lambda name: getattr(chunk, name), finals)
+    return f"{what} {found} {len(chunk)} {len(finals)}\n".encode()
 
 
 def main() -> int:

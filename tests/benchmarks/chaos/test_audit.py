@@ -6,12 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.chaos.audit import Audit, audit
-from benchmarks.chaos.witness import digest
+from benchmarks.chaos.audit import (
+    Audit,
+    AuditOfTests,
+    RecordedTest,
+    audit,
+    audit_tests,
+    recorded_tests,
+)
+from benchmarks.chaos.witness import line
 from common.errors import InputError
 from common.protocol.chunk import Chunk
+from common.run.epochs import EpochPhase, EpochRow, EpochTable
 from replay.replay_buffer import ReplayBuffer
-from tests.replay.replay_reference import GOES_ON, TERMINATES, Actor, make_config
+from tests.replay.replay_reference import GOES_ON, TERMINATES, TRUNCATES, Actor, make_config
 
 CHUNK = 4
 CONFIG = make_config(capacity=80)
@@ -28,16 +36,15 @@ class Case:
         self.actor = Actor("0", 4)
         self._rng = np.random.default_rng(0)
 
-    def make(self) -> Chunk:
-        return self.actor.live([GOES_ON, GOES_ON, GOES_ON, TERMINATES], self._rng)
+    def make(self, *endings: int) -> Chunk:
+        return self.actor.live(list(endings) or [GOES_ON, GOES_ON, GOES_ON, TERMINATES], self._rng)
 
     def told(self, what: str, chunk: Chunk) -> None:
-        found = digest(lambda name: getattr(chunk, name))
-        with self.record.open("a") as file:
-            file.write(f"{what} {found} {len(chunk)}\n")
+        with self.record.open("ab") as file:
+            file.write(line(what, chunk))
 
-    def store(self, *, acknowledged: bool = True) -> Chunk:
-        chunk = self.make()
+    def store(self, *endings: int, acknowledged: bool = True) -> Chunk:
+        chunk = self.make(*endings)
         self.told("made", chunk)
         self.memory.insert(chunk)
         if acknowledged:
@@ -67,6 +74,16 @@ def test_what_is_whole_is_clean_also_without_the_last_acknowledgement(case: Case
     found = case.audit()
     assert found == Audit(6, 5, 6, lost=0, duplicated=0, steps=24, unknown_rows=0)
     assert found.clean
+
+
+def test_frames_at_which_games_were_cut_are_known(case: Case) -> None:
+    case.store(GOES_ON, TRUNCATES, GOES_ON, TRUNCATES)
+    case.store()
+    case.store(TRUNCATES)
+    assert case.audit() == Audit(3, 3, 3, lost=0, duplicated=0, steps=9, unknown_rows=0)
+    case.alter("frames.bin", 84 * 84 * 5 + 99)  # the second of them, after four steps
+    found = case.audit()
+    assert (found.lost, found.unknown_rows) == (1, 6)
 
 
 def test_a_reopened_replay_and_a_torn_record_are_read(case: Case) -> None:
@@ -141,3 +158,42 @@ def test_a_ring_that_has_wrapped_is_refused(case: Case) -> None:
         case.store()
     with pytest.raises(InputError, match="84 steps do not fit"):
         case.audit()
+
+
+def _epoch(number: int, phase: EpochPhase, steps: int) -> EpochRow:
+    return EpochRow.of_games(
+        [1.0],
+        **{"epoch": number, "phase": phase, "steps": steps, "epoch_time": 1.0},
+        **{"last_exploration_rate": 0.1, "total_train_steps": 100, "replay_memory_count": 100},
+        **{"meanq": None, "meancost": None, "weight_updates": 9, "total_time": 10.0 + number},
+    )
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([], (0, 0, 0)),
+        ([(1, "train", 10), (1, "test", 120), (2, "train", 10), (2, "test", 199)], (2, 0, 0)),
+        ([(1, "train", 10), (1, "test", 120), (2, "test", 120), (1, "test", 120)], (2, 1, 0)),
+        ([(1, "test", 119), (2, "test", 120), (3, "test", 0)], (3, 0, 2)),
+    ],
+    ids=["none", "whole", "twice", "short"],
+)
+def test_tests_are_counted_once_and_whole(
+    tmp_path: Path, rows: list[tuple[int, EpochPhase, int]], expected: tuple[int, int, int]
+) -> None:
+    table = EpochTable(tmp_path / "epochs.csv")
+    for row in rows:
+        table.append(_epoch(*row))
+    tested, repeated, short = expected
+    found = audit_tests(tmp_path / "epochs.csv", 120)
+    assert found == AuditOfTests(tested, repeated, short)
+    assert found.clean is (repeated == short == 0)
+
+
+def test_a_row_that_is_being_written_is_no_test_yet(tmp_path: Path) -> None:
+    file = tmp_path / "epochs.csv"
+    for number in (1, 2):
+        EpochTable(file).append(_epoch(number, "test", 120))
+    file.write_text(file.read_text().rstrip("\n"))
+    assert recorded_tests(file) == [RecordedTest(1, 120, 11.0)]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.chaos.__main__ import Options, measure
-from benchmarks.chaos.cluster import Cluster
+from benchmarks.chaos.cluster import EVALUATOR, Cluster
 from benchmarks.chaos.faults import FAULTS
 from common.errors import InputError
 from common.process.supervisor import Child
@@ -21,7 +21,7 @@ def test_no_kind_of_fault_costs_an_acknowledged_chunk(monkeypatch: pytest.Monkey
     monkeypatch.setattr("benchmarks.chaos.__main__.Cluster", partial(Cluster, start=Child))
     # It ends with the last fault, however slow the machine is.
     faults = len(FAULTS)
-    report = measure(Options(minutes=60, faults=faults, longest=0.5, seed=5, capacity=20_000))
+    report = measure(Options(minutes=60, faults=faults, longest=0.5, seed=20, capacity=20_000))
     found = report.content
     struck, missing = [each["fault"] for each in found["struck"]], found["missing"]
     assert sorted({*struck, *missing}) == sorted(FAULTS)
@@ -29,6 +29,12 @@ def test_no_kind_of_fault_costs_an_acknowledged_chunk(monkeypatch: pytest.Monkey
     told = found["audit"]
     assert told["acknowledged"] > 5 * len(FAULTS)
     assert told["lost"] == told["duplicated"] == told["unknown_rows"] == 0
+    # A test is over after each fault; a learner that is killed may lose its last.
+    assert found["tests"]["tested"] > len(FAULTS) - found["starts"]["learner"]
+    assert found["tests"]["repeated"] == found["tests"]["short"] == 0
+    if not missing:  # the seed draws other targets then
+        hit = {each["fault"] for each in found["struck"] if each["target"] == EVALUATOR}
+        assert hit >= {"kill -9", "pause (SIGSTOP)", "network away, what was sent arrives later"}
 
 
 def test_a_folder_with_something_in_it_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,315 @@
+"""`python -m benchmarks.flood`: what one actor's certificate is good for to hold up a training.
+
+A learner, which is its own hub, and one actor train Catch, with certificates by name. In turns they
+are left alone, and flooded by another client with a certificate of its own: whole chunks as fast as
+it can, heartbeats and requests for the newest weights. Each turn is a run of its own, because a
+flood's steps stay in the replay. The rate is the learner's own figures: updates by its clock. All
+processes share one machine, so what the flooder itself costs is in it too.
+"""
+
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks import catch
+from benchmarks.child import Helper, cpu_seconds, scratch, stat_of
+from benchmarks.hosted_run import RUN, HostedRun
+from benchmarks.pace import Spread, in_turns
+from benchmarks.report import BenchmarkOptions, Report, Seconds, Table, main
+from common.checked import FromOne
+from common.errors import InputError, MessageError
+from common.process.supervisor import ROOT, Child
+from common.protocol.actor_stats import ActorStats
+from common.protocol.run_status import RunStatus
+from common.transport.interface import Envelope, Unanswered
+from common.transport.leaky_bucket import STEPS_PER_SECOND
+
+ALONE, FLOODED = "alone", "flooded"
+_ACTOR, _FLOODER = "actor-1", "flooder"
+_PATIENCE = 120.0
+_DEADLINE = 5.0
+_POLL = 0.1
+_NEVER = str(10**9)
+_BUSY = "measure on a machine that is less busy."
+FLAGS = (
+    *("--env", "catch", "--preset", "fast", "--learning.network", "nips", "--threads", "1"),
+    # An update for each step, so that the learner is what the run waits for.
+    *("--learning.batch-size", "32", "--learning.train-period", "1"),
+    *("--learning.publish-period", "50", "--protocol.epoch-steps", _NEVER),
+    *("--replay.capacity", "20000", "--replay.learning-starts", "300"),
+    *("--replay.ratio-tolerance", "2048", "--protocol.held-out-states", "64"),
+)
+
+
+@dataclass(frozen=True)
+class Options(BenchmarkOptions):
+    """Let a client with a certificate flood a training, and measure how much slower it is."""
+
+    turns: FromOne = 4
+    """Runs of each kind."""
+    seconds: Seconds = 8.0
+    """Seconds of each run in which is counted."""
+    quota: FromOne = STEPS_PER_SECOND
+    """Steps per second that the hub takes of one actor (--actor-quota)."""
+    settle: Seconds = 2.0
+    """Seconds before these, of training or of training under the flood."""
+
+
+class Mark(NamedTuple):
+    """The run at one moment."""
+
+    values: Mapping[str, Any]
+    """The learner's own figures."""
+    at: float
+    """Monotonic seconds."""
+    cpu: float
+    """Seconds of processor time of the learner, which is the hub."""
+    actor: tuple[int, float]
+    """Agent steps of the actor, and the seconds since its start, as its last heartbeat tells."""
+    heartbeats: int
+    """Heartbeats of the flooder that the hub has let in."""
+    sent: Mapping[str, float]
+    """What the flooder has counted, and its processor time."""
+
+
+class Training(HostedRun):
+    """A learner and an actor; a context manager that ends them."""
+
+    def __init__(self, quota: int, certificates: Path) -> None:
+        super().__init__(
+            *("learner", *FLAGS, "--actor-quota", str(quota)), certificates=certificates
+        )
+        self._folder = certificates
+        self._actor, self._heartbeats = (0, 0.0), 0  # grow meanwhile, in a thread of Zenoh's
+
+    def __enter__(self) -> "Training":
+        super().__enter__()
+        with ExitStack() as stack:
+            stack.callback(self._stack.close)
+            self.transport.subscribe(self.keys.stats("actor", "*"), self._hear)
+            self._status = self.transport.requester(self.keys.status, _DEADLINE)
+            place = ("--connect", self.endpoint, "--certificates", str(self._folder))
+            actor = Child(
+                *("actors", *place, "--name", _ACTOR),
+                log=self.folder / "actor.log",
+            )
+            stack.callback(actor.end)
+            self.children["actor"] = actor
+            self._stack = stack.pop_all()
+        return self
+
+    def _hear(self, message: Envelope) -> None:
+        stats = ActorStats.decode(message.payload)
+        if stats.name == _FLOODER:
+            self._heartbeats += 1
+        else:
+            self._actor = stats.steps, stats.seconds
+
+    def flood(self) -> Helper:
+        """Returns a flooder at work."""
+        flooder = Helper(
+            "the flooder",
+            "benchmarks.flood_client",
+            **{"connect_to": self.endpoint, "run": RUN, "name": _FLOODER},
+            certificates=str(self._folder),
+        )
+        flooder.ask("flood")
+        return flooder
+
+    def await_flood(self, flooder: Helper) -> None:
+        """Returns when the flood is more than the hub takes.
+
+        Raises:
+            InputError: a process ended, or what the flooder sends is within its quota.
+        """
+        deadline = time.monotonic() + _PATIENCE
+        while not (flooder.ask("counts").get("chunks unanswered") and self._heartbeats):
+            self.check()
+            time.sleep(_POLL)
+            if time.monotonic() > deadline:
+                raise InputError(f"the flood is within the quota: {_BUSY}")
+
+    def await_seconds(self, seconds: float) -> None:
+        """Returns when the run has trained so long, by the learner's clock, from now on.
+
+        Raises:
+            InputError: a process ended, or the learner does not train.
+        """
+        since = self._values()["run/seconds"]
+        deadline = time.monotonic() + _PATIENCE + seconds
+        while self._values()["run/seconds"] < since + seconds:
+            if time.monotonic() > deadline:
+                raise InputError(f"the learner did not train for {seconds:g} s: {_BUSY}")
+
+    def _values(self) -> Mapping[str, Any]:
+        """Returns the learner's figures; waits until it trains.
+
+        Raises:
+            InputError: a process ended, or the learner does not begin to train.
+        """
+        deadline = time.monotonic() + _PATIENCE
+        while time.monotonic() < deadline:
+            time.sleep(_POLL)  # a hub drops questions that follow each other too soon
+            self.check()
+            with suppress(MessageError, Unanswered):  # it starts
+                told = RunStatus.decode(self._status.request(b"").result().payload)
+                if told.values["learning/updates"]:
+                    return told.values
+        raise InputError(
+            f"the learner has not told in {_PATIENCE:g} s that it trains: see its log."
+        )
+
+    def mark(self, flooder: Helper | None) -> Mark:
+        """Returns the run as it is now."""
+        values, pid = self._values(), self.process.pid
+        sent = {} if flooder is None else flooder.ask("counts")
+        spent = cpu_seconds(stat_of(pid))
+        return Mark(values, time.monotonic(), spent, self._actor, self._heartbeats, sent)
+
+
+def measure_turn(options: Options, certificates: Path, *, flooded: bool) -> dict[str, float]:
+    """Returns the rates of one run, per second, and of the flood if there was one.
+
+    Raises:
+        InputError: a process failed, and has said why.
+    """
+    with ExitStack() as stack:
+        run = stack.enter_context(Training(options.quota, certificates))
+        run.await_seconds(options.settle)
+        flooder = stack.enter_context(run.flood()) if flooded else None
+        if flooder is not None:
+            run.await_flood(flooder)
+        run.await_seconds(options.settle)
+        first = run.mark(flooder)
+        run.await_seconds(options.seconds)
+        last = run.mark(flooder)
+        if flooder is not None:
+            flooder.ask("stop")
+        run.check()
+    return rates(first, last)
+
+
+def rates(first: Mark, last: Mark) -> dict[str, float]:
+    """Returns what happened between two marks, per second: updates by the learner's clock, agent
+    steps by the actor's, the rest by this process'."""
+    seconds = last.at - first.at
+    steps, played = (now - before for now, before in zip(last.actor, first.actor, strict=True))
+
+    def told(key: str) -> float:
+        return float(last.values[key]) - float(first.values[key])
+
+    found = {
+        "updates": told("learning/updates") / told("run/seconds"),
+        "agent_steps": steps / played if played else 0.0,
+        "learner_cores": (last.cpu - first.cpu) / seconds,
+        "over_quota": told("stream/over_quota") / seconds,
+        "refused": told("stream/chunks_refused") / seconds,
+        "heartbeats_heard": (last.heartbeats - first.heartbeats) / seconds,
+    }
+    return found | {
+        name: (count - first.sent.get(name, 0)) / seconds for name, count in last.sent.items()
+    }
+
+
+def certify(folder: Path) -> None:
+    """Makes the certificates of hub and learner, and by name of the actor and the flooder.
+
+    Raises:
+        InputError: they cannot be made.
+    """
+    for what in (["localhost"], ["--actors", _ACTOR, _FLOODER]):
+        script = [str(ROOT / "deploy/certificates.sh"), str(folder), *what]
+        done = subprocess.run(script, capture_output=True, text=True)
+        if done.returncode:
+            raise InputError(f"there are no certificates: {done.stderr.strip()}.")
+
+
+def measure(options: Options) -> Report:
+    with scratch() as folder, catch.installed(folder):
+        certificates = folder / "certificates"
+        certify(certificates)
+        turn = partial(measure_turn, options, certificates)
+        found = in_turns(
+            {ALONE: partial(turn, flooded=False), FLOODED: partial(turn, flooded=True)},
+            options.turns,
+            warm_up=0,
+            tell=True,
+        )
+    return report(found)
+
+
+def report(found: Mapping[str, Sequence[dict[str, float]]]) -> Report:
+    """Returns what the turns of both kinds came to; those of one number are a pair."""
+    pairs = zip(found[ALONE], found[FLOODED], strict=True)
+    ratio = Spread.of([flooded["updates"] / alone["updates"] for alone, flooded in pairs])
+    one = Spread(1.0, 1.0, 1.0)
+    rows = []
+    for kind, of_alone in ((ALONE, one), (FLOODED, ratio)):
+        updates = Spread.of([each["updates"] for each in found[kind]])
+        rows.append(
+            {
+                "training": kind,
+                "updates/s": updates.median,
+                "least": updates.least,
+                "most": updates.most,
+                "of alone": of_alone.median,
+                "its least": of_alone.least,
+                "its most": of_alone.most,
+                "actor's steps/s": _median(found[kind], "agent_steps"),
+                "learner's cores": _median(found[kind], "learner_cores"),
+            }
+        )
+    refusals = _refusals(found[FLOODED])
+    title = (
+        f"Training of Catch beside one certified client that floods its hub, {len(found[ALONE])} "
+        "turns each"
+    )
+    return Report(
+        [Table(title, rows), Table("What the flood sent, and the hub refused", refusals)],
+        {
+            **{"title": title, "ratio": ratio._asdict(), "turns": found},
+            **{"rows": rows, "refusals": refusals},
+        },
+        (
+            f"Updates/s under the flood, of those alone: {ratio.median:.3f} "
+            f"({ratio.least:.3f} to {ratio.most:.3f}, turn by turn).",
+            f"The flooder works on the same machine, and what it takes of that is in the ratio: "
+            f"{_median(found[FLOODED], 'cpu'):.2f} cores.",
+        ),
+    )
+
+
+def _median(turns: Sequence[dict[str, float]], name: str) -> float:
+    return float(np.median([each.get(name, 0.0) for each in turns]))
+
+
+def _refusals(turns: Sequence[dict[str, float]]) -> list[dict[str, Any]]:
+    """Returns a row for each kind of message: how many the flooder sent a second, and how many the
+    hub took."""
+    heard = {
+        "chunks": ("chunks stored", f"{_median(turns, 'chunk bytes') / 1e6:.0f} MB/s; over quota"),
+        "heartbeats": ("heartbeats_heard", "too often"),
+        "requests": ("requests answered", "too often"),
+    }
+    rows = []
+    for kind, (taken, why) in heard.items():
+        sent, took = _median(turns, kind), _median(turns, taken)
+        rows.append(
+            {
+                **{"message": kind, "sent/s": sent, "taken/s": took},
+                "refused": 1 - took / sent if sent else None,
+                "why": why,
+            }
+        )
+    return rows
+
+
+if __name__ == "__main__":
+    main("flood", Options, measure)

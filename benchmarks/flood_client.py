@@ -1,0 +1,138 @@
+"""The flooder of `benchmarks.flood`: one actor's connection that sends as much as it can.
+
+Its chunks are whole and its own, so nothing but their number is wrong. They are sent as fast as it
+can; heartbeats and requests for the newest weights far oftener than a hub takes them, but not so
+often that chunks, which cost a hub most, have to wait for them.
+"""
+
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import Future
+from pathlib import Path
+
+from benchmarks.child import serve
+from benchmarks.synthetic import Streams
+from common.errors import InputError, MessageError
+from common.process.allocator import keep_large_blocks
+from common.process.threads import guarded
+from common.protocol.ack import Ack
+from common.protocol.actor_stats import ActorStats
+from common.run.join import find_run
+from common.transport.interface import Envelope, Unanswered
+from common.transport.zenoh_transport import connect
+
+_PATIENCE = 60.0
+_DEADLINE = 5.0
+_CHUNKS_UNDER_WAY = 64
+"""Unanswered chunks, many times an honest actor's window; the connection carries no more."""
+_QUESTIONS_UNDER_WAY = 1_024
+"""Unanswered requests for weights; those that the hub drops take a second each."""
+_QUESTION_DEADLINE = 1.0
+_PAUSE = 0.0005
+"""Seconds after a heartbeat or a request: a hub takes one in 0.01 and in 0.2."""
+_SWITCH = 0.0001
+"""Most seconds that a thread waits for another one of Python's; usually 0.005, for each chunk."""
+
+
+class Flooder:
+    """A client of a run's hub.
+
+    Args:
+        certificates: folder that has one of ``name``.
+    """
+
+    def __init__(self, connect_to: str, run: str, name: str, certificates: str) -> None:
+        keep_large_blocks()
+        sys.setswitchinterval(_SWITCH)
+        folder = Path(certificates)
+        transport = connect(connect_to, _PATIENCE, name=name, certificates=folder)
+        self._transport = transport  # a session that nobody holds is closed
+        keys, config = find_run(transport, run, _PATIENCE, lambda: False)
+        self._counts: Counter[str] = Counter()
+        self._over = threading.Event()
+        self._threads = [
+            threading.Thread(target=work, daemon=True)
+            for work in (self._send_chunks, self._send_heartbeats, self._ask_for_weights)
+        ]
+        self._chunks = Streams(
+            keys.run_id,
+            actors=(name,),
+            steps=config.stream.chunk_steps,
+            frame_stack=config.play.frame_stack,
+        )
+        self._inserts = transport.requester(keys.insert(name), _DEADLINE)
+        self._questions = transport.requester(keys.latest_weights, _QUESTION_DEADLINE)
+        self._heartbeats = transport.publisher(keys.stats("actor", name))
+        self._heartbeat = ActorStats(name, "actor", incarnation=1).encode()
+
+    def flood(self) -> None:
+        """Begin, and go on until `stop`."""
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """Send nothing more."""
+        self._over.set()
+
+    def counts(self) -> dict[str, float]:
+        """Returns what was sent since the beginning, by kind, what came back, and the seconds of
+        processor time that it took.
+
+        Raises:
+            InputError: it floods no more.
+        """
+        if not all(thread.is_alive() for thread in self._threads):
+            raise InputError("the flood has ended by itself.")
+        return {**self._counts, "cpu": time.process_time()}
+
+    def _send_chunks(self) -> None:
+        room = threading.Semaphore(_CHUNKS_UNDER_WAY)
+
+        def hear(answer: Envelope | None) -> None:
+            room.release()
+            told = "unanswered" if answer is None else Ack.decode(answer.payload).status
+            self._counts[f"chunks {told}"] += 1
+
+        while room.acquire() and not self._over.is_set():
+            payload = self._chunks.next().encode()
+            self._counts["chunk bytes"] += len(payload)
+            self._counts["chunks"] += 1
+            self._inserts.request(payload).add_done_callback(_heard(hear))
+
+    def _send_heartbeats(self) -> None:
+        while not self._over.is_set():
+            self._heartbeats.publish(self._heartbeat)
+            self._counts["heartbeats"] += 1
+            time.sleep(_PAUSE)
+
+    def _ask_for_weights(self) -> None:
+        room = threading.Semaphore(_QUESTIONS_UNDER_WAY)
+
+        def hear(answer: Envelope | None) -> None:
+            room.release()
+            self._counts["requests answered"] += answer is not None
+
+        while room.acquire() and not self._over.is_set():
+            self._counts["requests"] += 1
+            self._questions.request(b"").add_done_callback(_heard(hear))
+            time.sleep(_PAUSE)
+
+
+def _heard(hear: Callable[[Envelope | None], None]) -> Callable[[Future[Envelope]], None]:
+    """Returns what calls ``hear`` with an answer; with None where none came, or a refusal."""
+
+    def settle(future: Future[Envelope]) -> None:
+        try:
+            answer = future.result()
+        except (MessageError, Unanswered):
+            answer = None
+        hear(answer)
+
+    return guarded("flood", settle)
+
+
+if __name__ == "__main__":
+    serve(Flooder)

@@ -1,0 +1,82 @@
+"""`benchmarks.flood` with real processes, for a moment, and what it makes of what they told."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import catch, flood
+from benchmarks.flood import ALONE, FLOODED, Mark, Options
+from common.errors import InputError
+from common.registry import ENVIRONMENTS
+from tests.extending.whole_run import added
+
+
+@pytest.mark.usefixtures("forks")
+def test_a_flood_is_turned_away_and_training_goes_on() -> None:
+    # So small a quota that any machine sends more, which is waited for; what follows is short.
+    options = Options(turns=1, seconds=1.0, settle=0.1, quota=200)
+    with added(ENVIRONMENTS, catch.CATCH):
+        content = flood.measure(options).content
+    (alone,), (flooded,) = content["turns"][ALONE], content["turns"][FLOODED]
+    assert alone["updates"] > 0
+    assert alone["heartbeats_heard"] == 0
+    assert "chunks" not in alone
+    assert flooded["updates"] > 0
+    assert flooded["chunks"] >= flooded.get("chunks stored", 0)
+    assert flooded["refused"] == 0  # nothing is wrong with the chunks
+    assert flooded["heartbeats"] > flooded["heartbeats_heard"]
+    assert {"chunk bytes", "chunks unanswered", "requests"} <= set(flooded)
+    ratio = flooded["updates"] / alone["updates"]
+    assert content["ratio"] == {"median": ratio, "least": ratio, "most": ratio}
+
+
+def _values(updates: int, seconds: float, over_quota: int) -> dict[str, float]:
+    return {
+        "learning/updates": updates,
+        "run/seconds": seconds,
+        "stream/over_quota": over_quota,
+        "stream/chunks_refused": 0,
+    }
+
+
+def test_updates_and_steps_are_counted_by_the_clocks_of_those_who_make_them() -> None:
+    first = Mark(_values(100, 10.0, 5), 50.0, 3.0, (1_000, 20.0), 7, {"chunks": 20})
+    sent = {"chunks": 70, "requests": 10}
+    last = Mark(_values(500, 14.0, 45), 55.0, 8.0, (1_500, 24.0), 107, sent)
+    assert flood.rates(first, last) == {
+        "updates": 100.0,
+        "agent_steps": 125.0,
+        "learner_cores": 1.0,
+        "over_quota": 8.0,
+        "refused": 0.0,
+        "heartbeats_heard": 20.0,
+        "chunks": 10.0,
+        "requests": 2.0,
+    }
+
+
+def test_turns_are_compared_in_pairs() -> None:
+    found = {
+        ALONE: [{"updates": 100.0}, {"updates": 50.0}, {"updates": 80.0}],
+        FLOODED: [
+            {"updates": 90.0, "chunks": 400.0, "chunks stored": 100.0, "chunk bytes": 2e8},
+            {"updates": 40.0, "chunks": 200.0, "chunks stored": 100.0, "chunk bytes": 1e8},
+            {"updates": 76.0, "chunks": 500.0, "chunks stored": 125.0, "chunk bytes": 3e8},
+        ],
+    }
+    content = flood.report(found).content
+    assert content["ratio"] == {"median": 0.9, "least": 0.8, "most": 0.95}
+    alone, flooded = content["rows"]
+    assert (alone["updates/s"], alone["least"], alone["most"]) == (80, 50, 100)
+    assert alone["of alone"] == 1
+    assert (flooded["updates/s"], flooded["of alone"], flooded["its least"]) == (76, 0.9, 0.8)
+    chunks, heartbeats, _ = content["refusals"]
+    assert (chunks["sent/s"], chunks["taken/s"], chunks["refused"]) == (400, 100, 0.75)
+    assert chunks["why"] == "200 MB/s; over quota"
+    assert heartbeats["refused"] is None  # none was sent
+
+
+def test_a_run_without_certificates_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="no certificates"):
+        flood.certify(tmp_path / "file")
