@@ -41,8 +41,9 @@ _MEASURE_SECONDS = 30.0
 _PUBLISH_SECONDS = 10.0
 _LEAST_PHASE = 0.1
 """Share of an epoch below which the last steps of a run are no epoch of their own."""
-_FAREWELL = 10.0
-"""Seconds that the actors, and then the evaluators, of a finished run have to leave."""
+_FAREWELL = 60.0
+"""Seconds that the actors, and then the evaluators, of a finished run have at most to leave. Who
+has not heard of the end by then waits for a learner that never comes back."""
 _LONGEST_GAME = 3_600.0
 """Seconds without a word of an evaluator after which the last tests are given up: a whole game in
 real time lasts at most half of it."""

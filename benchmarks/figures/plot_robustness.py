@@ -15,7 +15,7 @@ from learner.figures.plot_style import INK, Series, draw_series, label, legend, 
 _WORST, _BEST = -21.0, 21.0
 """Scores of Pong between which the colours go; other games have the colours of their own range."""
 _WORDS = {
-    "nominal": "as trained",
+    "nominal": "a perfect camera",
     "grain": "noise and blur",
     "pose": "head and screen moved",
     "light": "gamma, ambient light, glare",

@@ -175,7 +175,8 @@ def test_a_film_of_the_run_plays(stage: Stage, browser: Browser) -> None:
 
     film = browser.page.locator("#films video").element_handle()
     assert browser.text("#films figcaption") == "epoch-0001.mp4"
-    film.evaluate("film => film.play()")
+    # It begins anew at its end: on a busy machine that comes before this test looks again.
+    film.evaluate("film => { film.loop = true; film.play(); }")
 
     def time() -> float:
         assert film.evaluate("film => film.error?.message") is None
@@ -185,16 +186,16 @@ def test_a_film_of_the_run_plays(stage: Stage, browser: Browser) -> None:
     browser.until(lambda: time() > 0.2, "it plays")
     assert film.evaluate("film => [film.videoWidth, film.videoHeight]") == [1024, 768]
     assert film.evaluate("film => film.duration") == pytest.approx(4.0, abs=0.1)
-    np.testing.assert_allclose(film.evaluate(DECODED), (200, 30, 30), atol=6)
 
     add_film(stage.run, "epoch-0002.mp4", (30, 200, 30))
     browser.until(lambda: browser.page.locator("#films video").count() == 2, "another film comes")
     assert browser.text("#films figure:first-child") == "epoch-0002.mp4"
     assert film.evaluate("film => film.isConnected && !film.paused"), "it is not begun anew"
-    browser.until(lambda: time() > 2.5, "the first one plays on")
+    began = time()
+    browser.until(lambda: time() != began, "the first one plays on")
     film.evaluate("film => film.pause()")
-    np.testing.assert_allclose(film.evaluate(DECODED), (30, 30, 200), atol=6)
-    film.evaluate("film => { film.currentTime = 1; }")
-    browser.until(lambda: not film.evaluate("film => film.seeking"), "a person goes back in it")
-    np.testing.assert_allclose(film.evaluate(DECODED), (200, 30, 30), atol=6)
+    for seconds, colour in ((1, (200, 30, 30)), (3, (30, 30, 200)), (1, (200, 30, 30))):
+        film.evaluate("(film, seconds) => { film.currentTime = seconds; }", seconds)
+        browser.until(lambda: not film.evaluate("film => film.seeking"), "a person moves in it")
+        np.testing.assert_allclose(film.evaluate(DECODED), colour, atol=6)
     assert browser.complaints == []

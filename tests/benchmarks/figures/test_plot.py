@@ -417,7 +417,7 @@ def test_a_grid_is_a_heat_map(tmp_path: Path) -> None:
     assert [text.get_text() for text in axes.texts] == ["20.0", "3.5", "−1.0", "−21.0"]
     assert [tick.get_text() for tick in axes.get_xticklabels()] == ["0", "100"]
     assert [tick.get_text() for tick in axes.get_yticklabels()] == [
-        "as trained",
+        "a perfect camera",
         "pictures lost and late",
     ]
     assert axes.get_title(loc="left") == "a, ε = 0.001, sticky 0.25"
