@@ -114,6 +114,7 @@ def measure(options: Options) -> Report:
         }
         for optics in options.optics
     ]
+    found["rows"] = rows
     means = [grid[place]["mean"] for place in asked]
     title = (
         f"{options.network.stem}: mean ± deviation of {options.games} games a cell, "

@@ -85,6 +85,13 @@ def test_table_and_json(games: Games, capsys: pytest.CaptureFixture[str], tmp_pa
     assert means["nominal", 0] == 20.0
     assert means["grain", 12] == 6.0
     assert set(means) == {(optics, late) for optics in OPTICS for late in (0, 2, 4, 8, 12)}
+    assert content["rows"][1] == {
+        "optics": "grain",
+        **{
+            f"+{ms} ms": f"{mean}.0 ± 1.5"
+            for ms, mean in {0: 18, 33: 16, 67: 14, 133: 10, 200: 6}.items()
+        },
+    }
     said = " ".join(capsys.readouterr().out.split())
     assert "+200 ms" in said
     assert "mean of all cells 14.40, worst 6.00" in said  # 20 − 26 / 5 − 2 / 5
