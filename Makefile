@@ -9,11 +9,11 @@ NAME ?= nao-pong
 ACTORS ?= 1
 ARGS ?=
 RESULTS := benchmarks/results
-GPU ?= /dev/nvidia0
+NVIDIA_DEVICE ?= /dev/nvidiactl
 # PyPI's PyTorch is the CUDA build. Where there is no GPU and nobody has chosen an index, pip gets PyTorch's index of
 # CPU builds too: 2.13.0+cpu meets ==2.13.0, and wins as the higher version (PEP 440). `pip config list` has PIP_* too.
 CPU_TORCH := https://download.pytorch.org/whl/cpu
-WANTS_CPU_TORCH = test -z "$$CI" -a ! -e $(GPU) && ! command -v nvidia-smi >/dev/null && \
+WANTS_CPU_TORCH = test -z "$$CI" -a ! -e $(NVIDIA_DEVICE) && ! command -v nvidia-smi >/dev/null && \
 	! $(BIN)/python -m pip config list | grep -qE '^[^=]*(index|url|find-links)[^=]*='
 
 .PHONY: browser help setup train test test-slow test-lowest check bench figures screens docs wheel lock clean

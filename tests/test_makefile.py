@@ -41,7 +41,7 @@ def make_setup(folder: Path, environment: dict[str, str], *, gpu: bool = False) 
     done = subprocess.run(
         [
             *(make, "-f", str(ROOT / "Makefile"), "setup", "PYTHON=./python"),
-            f"GPU={folder / ('device' if gpu else 'none')}",
+            f"NVIDIA_DEVICE={folder / ('device' if gpu else 'none')}",
         ],
         cwd=folder,
         env={"PATH": str(folder), "PIP_CONFIG_FILE": os.devnull, **environment},

@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 _TOGETHER = 1.0
 LEASH = "--leash"
@@ -33,8 +33,9 @@ def on_signals(stop: threading.Event) -> None:
     process and to its group. A terminal that closes (SIGHUP) ends nothing at once, for nobody is
     there to be impatient, and nothing at all under `nohup`.
     """
-    told = signal_pipe(heeded_signals())
-    threading.Thread(target=_heed, args=(told, stop), name="signals", daemon=True).start()
+    heeded = heeded_signals()
+    told = signal_pipe(heeded)
+    threading.Thread(target=_heed, args=(told, heeded, stop), name="signals", daemon=True).start()
 
 
 def heeded_signals() -> list[signal.Signals]:
@@ -45,7 +46,7 @@ def heeded_signals() -> list[signal.Signals]:
 
 def signal_pipe(numbers: Iterable[signal.Signals]) -> int:
     """Returns a file descriptor from which the number of each of these signals can be read, a byte,
-    once it has come.
+    once it has come; and of any other for which a library has a handler of Python's.
 
     A handler of Python's would not do: it runs only between instructions of the main thread, so
     a signal that comes just before a system call, or in another thread, waits as long as that.
@@ -58,12 +59,15 @@ def signal_pipe(numbers: Iterable[signal.Signals]) -> int:
     return told
 
 
-def _heed(told: int, stop: threading.Event) -> None:
-    """Set ``stop`` at the first signal that ``told`` tells of; end the process at a later one."""
+def _heed(told: int, heeded: Collection[int], stop: threading.Event) -> None:
+    """Set ``stop`` at the first of these signals that ``told`` tells of; end the process at a later
+    one."""
     global _was_asked
     first: float | None = None
     while True:
         number = os.read(told, 1)[0]
+        if number not in heeded:
+            continue
         _was_asked = True
         now = time.monotonic()
         if first is None:

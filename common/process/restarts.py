@@ -9,7 +9,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 
 from common.errors import exit_on_input_error
@@ -48,7 +48,7 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
         if not child:
             _be_child(parent, heeded, partial(work, starts > 0))
         signal.pthread_sigmask(signal.SIG_UNBLOCK, heeded)
-        status, asked = _await(child, told_by)
+        status, asked = _await(child, told_by, heeded)
         worked = time.monotonic() - began
         told = status if status >= 0 else 128 - status
         if asked or status in _IN_VAIN or status > 128:
@@ -64,12 +64,12 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
         pause = growing_pause(starts)
         which = "another try" if status == NO_ROOM else f"restart {restarts} of {most}"
         _say(f"{name} ended by {how} after {worked:.0f} s: {which} in {pause:.0f} s.")
-        if _is_asked_within(pause, told_by):
+        if _is_asked_within(pause, told_by, heeded):
             return told
 
 
-def _await(child: int, told_by: int) -> tuple[int, bool]:
-    """Waits for the end of ``child``, and hands on to it the signals that come until then.
+def _await(child: int, told_by: int, heeded: Collection[int]) -> tuple[int, bool]:
+    """Waits for the end of ``child``, and hands on to it those signals that come until then.
 
     Args:
         told_by: the `signal_pipe`.
@@ -80,20 +80,19 @@ def _await(child: int, told_by: int) -> tuple[int, bool]:
     asked = False
     while True:
         number = os.read(told_by, 1)[0]
-        if number != signal.SIGCHLD:
+        if number in heeded:
             asked = True
             os.kill(child, number)  # it was not waited for, so its number is no other process'
-            continue
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             return os.waitstatus_to_exitcode(status), asked
 
 
-def _is_asked_within(seconds: float, told_by: int) -> bool:
-    """Waits, unless a signal asks this process to end."""
+def _is_asked_within(seconds: float, told_by: int, heeded: Collection[int]) -> bool:
+    """Waits, unless one of these signals asks this process to end."""
     end = time.monotonic() + seconds
     while select.select([told_by], [], [], max(end - time.monotonic(), 0.0))[0]:
-        if os.read(told_by, 1)[0] != signal.SIGCHLD:  # one of a child that had been stopped
+        if os.read(told_by, 1)[0] in heeded:  # not SIGCHLD of a child that had been stopped
             return True
     return False
 

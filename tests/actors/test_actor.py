@@ -183,6 +183,14 @@ def test_the_difficulty_of_the_next_game_follows_the_runs_steps(stage: Stage) ->
     assert {told["difficulty"] for told in env.options if told} == {0.25}
 
 
+def test_without_a_curriculum_no_environment_is_given_an_option(stage: Stage) -> None:
+    stage.replay.limit = 1
+    env = NumberedEnv([GOES_ON, GAME_OVER])
+    stage.start(env)
+    stage.ended()
+    assert not any(env.options)
+
+
 def test_while_the_learner_is_behind_it_pauses(stage: Stage) -> None:
     env = NumberedEnv([GOES_ON])
     stage.replay.ack = replace(STORED, throttle=True)

@@ -65,9 +65,15 @@ class FilmsSink(Sink):
         """Take up the newest epoch, as of the checkpoint's agent steps, if it has no film yet."""
         shutil.rmtree(self._making, ignore_errors=True)
         newest = max(kept_networks(self._folder.snapshots), default=0)
-        warmed_up = newest > 0 or bool(EpochTable(self._folder.epochs).rows())
-        if warmed_up and not self._file(newest).exists():
-            self._next = _Epoch(newest, resumed_at or 0)
+        rows = EpochTable(self._folder.epochs).rows()
+        if newest:
+            epoch = _Epoch(newest, resumed_at or 0)
+        elif [row.epoch for row in rows] == [0]:
+            epoch = _Epoch(0, rows[0].steps)
+        else:  # the warm-up is not over, or its film would come after epochs without one
+            return
+        if not self._file(epoch.number).exists():
+            self._next = epoch
 
     def phase(self, row: EpochRow, agent_steps: int) -> None:
         if row.phase != "test":
@@ -114,9 +120,10 @@ class FilmsSink(Sink):
         """Returns the flags of the network that plays."""
         if self._epoch.number:
             return ["--weights", str(self._snapshots.file(self._epoch.number))]
-        given, own = self._folder.initial, self._folder.checkpoint
-        network = given if given.exists() else own  # where all is random, for its settings alone
-        return ["--weights", str(network), "--epsilon", f"{self._epsilon:g}"]
+        if self._folder.initial.exists():
+            return ["--weights", str(self._folder.initial), "--epsilon", f"{self._epsilon:g}"]
+        # A checkpoint may have learned already: of it count its settings alone.
+        return ["--weights", str(self._folder.checkpoint), "--epsilon", "1"]
 
     def _end_film(self, child: Child) -> None:
         number, agent_steps = self._epoch

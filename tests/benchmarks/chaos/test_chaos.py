@@ -12,6 +12,7 @@ from benchmarks.chaos.faults import FAULTS
 from common.errors import InputError
 from common.process.supervisor import Child
 from tests.forked import FORKING
+from tests.patience import PATIENCE
 
 
 def test_no_kind_of_fault_costs_an_acknowledged_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -20,6 +21,8 @@ def test_no_kind_of_fault_costs_an_acknowledged_chunk(monkeypatch: pytest.Monkey
         monkeypatch.setattr(Child, name, member, raising=False)
     monkeypatch.setattr("benchmarks.chaos.__main__.Cluster", partial(Cluster, start=Child))
     # It ends with the last fault, however slow the machine is.
+    for module in ("faults", "storm", "__main__"):
+        monkeypatch.setattr(f"benchmarks.chaos.{module}.PATIENCE", PATIENCE)
     faults = len(FAULTS)
     report = measure(Options(minutes=60, faults=faults, longest=0.5, seed=20, capacity=20_000))
     found = report.content

@@ -181,6 +181,21 @@ def test_a_signal_may_come_in_another_thread() -> None:
     process.communicate(timeout=PATIENCE)
 
 
+def test_a_signal_that_a_library_heeds_stops_nothing() -> None:
+    process = start(
+        "import signal, threading\n"
+        "from common.process import lifeline\n"
+        "stop = threading.Event()\n"
+        "lifeline.on_signals(stop)\n"
+        "signal.signal(signal.SIGUSR1, lambda number, frame: None)\n"
+        "signal.raise_signal(signal.SIGUSR1)\n"
+        "print('ready', flush=True)\n"
+        "print('stopped' if stop.wait(0.3) else 'works', flush=True)\n"
+    )
+    assert line(process) == "works\n"
+    process.communicate(timeout=PATIENCE)
+
+
 def stopping(together: float) -> "subprocess.Popen[str]":
     """A process that got a signal, and is about to stop once its standard input ends."""
     process = start(on_signals(together=together))

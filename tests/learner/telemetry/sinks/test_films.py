@@ -115,6 +115,27 @@ def test_a_run_that_is_resumed_in_its_first_epoch_has_the_film_of_random_play(
     assert told(folder).keys() == {"epoch-0000.mp4"}
 
 
+def test_a_run_without_snapshots_is_not_filmed_as_if_it_played_at_random(folder: RunFolder) -> None:
+    shutil.rmtree(folder.snapshots)
+    folder.checkpoint.write_text("weights that have learned")
+    for epoch, phase in ((0, "random"), (1, "train")):
+        EpochTable(folder.epochs).append(epoch_row((-21.0,), epoch=epoch, phase=phase))
+    films = FilmsSink(folder, 1.0, 0.1, FILMER)
+    films.start(700)
+    films.write(snapshot({}))
+    assert films._child is None
+
+
+def test_a_checkpoint_plays_at_random_in_the_film_of_the_warm_up(folder: RunFolder) -> None:
+    folder.checkpoint.write_text("weights that have learned")
+    films = FilmsSink(folder, 1.0, 0.1, FILMER)
+    end_epoch(films, 0)
+    films.write(snapshot({}))
+    end_film(films)
+    films.close()
+    assert told(folder) == {"epoch-0000.mp4": "film weights that have learned 1 1"}
+
+
 def test_a_film_that_cannot_be_read_costs_nobody_else_anything(
     folder: RunFolder, caplog: pytest.LogCaptureFixture
 ) -> None:
