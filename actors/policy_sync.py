@@ -17,12 +17,14 @@ class PolicySync:
         self._config = member.config
         self._member = member
         self._has_weights = False
-        self._reset_options: dict[str, float] = {}
-        self._follow_curriculum(0)
+        self._agent_steps = 0
+        """Of the run, as last told."""
 
     def reset_options(self) -> dict[str, float]:
         """Returns how the next game is to be drawn, as options of an environment's reset."""
-        return self._reset_options
+        if not self._config.learning.curriculum_steps:  # an environment need not know the option
+            return {}
+        return {"difficulty": self._config.difficulty_at(self._agent_steps)}
 
     def take_weights(self) -> None:
         """Play by the newest weights that came."""
@@ -43,14 +45,10 @@ class PolicySync:
     def follow(self, ack: Ack) -> None:
         """Set ε and the games' difficulty by the run's steps; fetch weights that were missed."""
         self._policy.epsilon = self._config.epsilon_at(ack.agent_steps)
-        self._follow_curriculum(ack.agent_steps)
+        self._agent_steps = ack.agent_steps
         if not ack.finished and (not self._has_weights or self._lags(ack)):
             self._weights.fetch()
             self.take_weights()
-
-    def _follow_curriculum(self, agent_steps: int) -> None:
-        if self._config.learning.curriculum_steps:  # else an environment need not know the option
-            self._reset_options = {"difficulty": self._config.difficulty_at(agent_steps)}
 
     def _lags(self, ack: Ack) -> bool:
         """Whether a broadcast was missed, or those of a learner that came back with older weights.

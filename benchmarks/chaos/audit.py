@@ -67,7 +67,7 @@ class AuditOfTests:
     repeated: int
     """Recorded although that epoch's was recorded before."""
     short: int
-    """Of fewer steps than asked for."""
+    """Tests that have fewer steps than asked for."""
 
     @property
     def clean(self) -> bool:

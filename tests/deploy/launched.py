@@ -1,8 +1,12 @@
-"""Launching a run with a replay of its own, and the commands that its containers get."""
+"""Launched runs: one with a replay of its own, the commands that its containers get, and the
+objects that a cluster would."""
 
 import json
+import shutil
+import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -33,6 +37,22 @@ def kubernetes_commands(place: Path) -> Commands:
         command = values.get("/spec/template/spec/containers/0/command")
         if command is not None:
             found[each["target"]["name"].rstrip("s")] = command
+    return found
+
+
+def kustomized(place: Path, namespace: str) -> dict[tuple[str, str], Any]:
+    """Returns whatever `kubectl apply -k` would send, by kind and name, each as its schema wants it
+    and in ``namespace``."""
+    kubernetes_validate = pytest.importorskip("kubernetes_validate")
+    yaml = pytest.importorskip("yaml")
+    if shutil.which("kubectl") is None:
+        pytest.skip("kubectl is not installed")
+    made = subprocess.run(["kubectl", "kustomize", place], check=True, capture_output=True)
+    found = {}
+    for each in yaml.safe_load_all(made.stdout):
+        kubernetes_validate.validate(each, "1.32", strict=True)
+        assert each["metadata"]["namespace"] == namespace
+        found[each["kind"], each["metadata"]["name"]] = each
     return found
 
 

@@ -2,7 +2,6 @@
 
 import json
 import shlex
-import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ from common.process.command_line import parse, parse_run
 from common.transport.credentials import Credentials
 from deploy.__main__ import main
 from learner.options import LearnerOptions
+from tests.deploy.launched import kustomized
 from tests.paths import ROOT
 
 RUN = ("--run=pong", "--actors=3", "--max-actors=6", "--evaluators=2", "--cpus=5", "--memory=7")
@@ -58,18 +58,8 @@ def joins(command: Sequence[str]) -> ActorOptions:
 @pytest.fixture
 def objects(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, str], Any]:
     """Whatever `kubectl apply -k` would send, by kind and name."""
-    kubernetes_validate = pytest.importorskip("kubernetes_validate")
-    yaml = pytest.importorskip("yaml")
-    if shutil.which("kubectl") is None:
-        pytest.skip("kubectl is not installed")
     place = launch(monkeypatch, "kubernetes", tmp_path, "--image=host:5000/a:1", "--gpus=1")
-    made = subprocess.run(["kubectl", "kustomize", place], check=True, capture_output=True)
-    found = {}
-    for each in yaml.safe_load_all(made.stdout):
-        kubernetes_validate.validate(each, "1.32", strict=True)
-        assert each["metadata"]["namespace"] == "pong"
-        found[each["kind"], each["metadata"]["name"]] = each
-    return found
+    return kustomized(place, "pong")
 
 
 def test_kubernetes_gets_what_was_described(objects: dict[tuple[str, str], Any]) -> None:

@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +14,7 @@ from common.process.command_line import parse_run
 from deploy.__main__ import main
 from learner.options import LearnerOptions
 from replay.__main__ import ReplayOptions
-from tests.deploy.launched import COMMANDS, launch
+from tests.deploy.launched import COMMANDS, kustomized, launch
 
 
 @pytest.mark.parametrize("engine", ["slurm", "ray"])
@@ -104,23 +103,11 @@ def test_compose_has_all_files_of_a_run_by_env(
 @pytest.fixture
 def objects(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, str], Any]:
     """Whatever `kubectl apply -k` would send, by kind and name; secrets without their hash."""
-    kubernetes_validate = pytest.importorskip("kubernetes_validate")
-    yaml = pytest.importorskip("yaml")
-    if shutil.which("kubectl") is None:
-        pytest.skip("kubectl is not installed")
     own = ("--run=r", f"--runs={tmp_path}", "--image=host:5000/a:1")
     size = ("--replay-cpus=3", "--replay-memory=5")
     monkeypatch.setattr(sys, "argv", ["", "kubernetes", "--replay", *size, *own])
     main()
-    made = subprocess.run(
-        ["kubectl", "kustomize", tmp_path / "r/kubernetes"], check=True, capture_output=True
-    )
-    found = {}
-    for each in yaml.safe_load_all(made.stdout):
-        kubernetes_validate.validate(each, "1.32", strict=True)
-        assert each["metadata"]["namespace"] == "r"
-        found[each["kind"], each["metadata"]["name"]] = each
-    return found
+    return kustomized(tmp_path / "r/kubernetes", "r")
 
 
 def test_kubernetes_gives_it_a_workload(objects: dict[tuple[str, str], Any]) -> None:

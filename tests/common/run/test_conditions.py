@@ -150,7 +150,7 @@ def test_a_game_may_be_drawn_from_a_share_of_the_ranges() -> None:
 def test_a_range_of_whole_numbers_grows_without_jumps(
     most: int, share: float, shares: list[float]
 ) -> None:
-    """Of a range of 2.5, 0 to 2 are drawn twice as often as 3."""
+    """A range of 2.5 gives 0, 1 and 2 twice as often as 3."""
     base = Conditions(PlayConfig(), PERFECT_CAMERA)
     ranges = RandomiseConfig(latency=most)
     even = [draw(*base, ranges, partial(float, u), share) for u in (np.arange(7_000) + 0.5) / 7_000]
