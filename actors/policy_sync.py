@@ -1,4 +1,4 @@
-"""Keeps an actor up to date: weights of the learner; ε and the difficulty by the run's steps."""
+"""Keeps an actor up to date: weights of the learner; ε by the run's steps; the difficulty."""
 
 from actors.member import Member
 from actors.policy import Policy
@@ -17,14 +17,14 @@ class PolicySync:
         self._config = member.config
         self._member = member
         self._has_weights = False
-        self._agent_steps = 0
-        """Of the run, as last told."""
+        self._difficulty = 0.0
+        """Of the next game, as last told."""
 
     def reset_options(self) -> dict[str, float]:
         """Returns how the next game is to be drawn, as options of an environment's reset."""
         if not self._config.learning.curriculum_steps:  # an environment need not know the option
             return {}
-        return {"difficulty": self._config.difficulty_at(self._agent_steps)}
+        return {"difficulty": self._difficulty}
 
     def take_weights(self) -> None:
         """Play by the newest weights that came."""
@@ -43,9 +43,9 @@ class PolicySync:
         self._has_weights = True
 
     def follow(self, ack: Ack) -> None:
-        """Set ε and the games' difficulty by the run's steps; fetch weights that were missed."""
+        """Set ε by the run's steps, and the games' difficulty; fetch weights that were missed."""
         self._policy.epsilon = self._config.epsilon_at(ack.agent_steps)
-        self._agent_steps = ack.agent_steps
+        self._difficulty = ack.difficulty
         if not ack.finished and (not self._has_weights or self._lags(ack)):
             self._weights.fetch()
             self.take_weights()

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Le, Lt
 
@@ -81,13 +81,20 @@ def _value(value: object) -> str:
 
 def _bounds(hint: Any) -> str:
     """Returns what a setting may be, such as "0 to 1" or "uniform, prioritised"."""
+    if get_origin(hint) is Union:
+        given, _ = get_args(hint)
+        return f"{_bounds(given)}; or none"
     kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     if get_origin(kind) is Literal:
         return ", ".join(map(str, get_args(kind)))
     if kind in (bool, str):
         return "yes, no" if kind is bool else "text"
-    low = next(str(mark.ge) for mark in marks if isinstance(mark, Ge))
-    highs = (f" to {mark.le}" for mark in marks if isinstance(mark, Le) and mark.le != MAX_COUNT)
+    low = next(f"{mark.ge:,}".removesuffix(".0") for mark in marks if isinstance(mark, Ge))
+    highs = (
+        f" to {mark.le:,}".removesuffix(".0")
+        for mark in marks
+        if isinstance(mark, Le) and mark.le != MAX_COUNT
+    )
     below = (f" to below {mark.lt}" for mark in marks if isinstance(mark, Lt) and kind is float)
     high = next(chain(highs, below), " or more")
     return f"{'integer, ' if kind is int else ''}{low}{high}"

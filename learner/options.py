@@ -140,6 +140,11 @@ class LearnerOptions:
                 f"--learning.curriculum-steps is {steps}, but no range is there to grow: give one "
                 "of --randomise, or --randomise.all."
             )
+        if self.config.learning.curriculum_score is not None and not steps:
+            raise InputError(
+                "--learning.curriculum-score judges a curriculum: give its "
+                "--learning.curriculum-steps too."
+            )
         if not self.resume:  # whose settings are as they are
             self._check_algorithm()
 

@@ -82,6 +82,11 @@ class ChunkIndex:
         self._received: dict[tuple[str, int, int], Received] = {}
         """By actor, incarnation and stream, the one that was heard last at the end."""
 
+    @property
+    def curriculum_steps(self) -> int:
+        """Steps that the curriculum has gone on."""
+        return self.statistics[-1].curriculum_steps if self.statistics else 0
+
     def has_received(self, key: ChunkKey) -> bool:
         """Whether this chunk came before, even if it is evicted by now."""
         received = self._received.get(key[:3])

@@ -42,6 +42,9 @@ class ChunkStatistics(NamedTuple):
     """Start of the actor's process; 0 in a journal written before it was kept."""
     follows: Count = 0
     """Steps whose frame changed with the game; 0 likewise."""
+    curriculum_steps: Count = 0
+    """Steps that the curriculum has gone on by then, those that it went back taken off; 0
+    likewise."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +76,14 @@ class Progress(Message):
     """Version of the software of the process that holds the replay."""
     over_quota: Count = 0
     """Messages of actors that were turned away for the time being, since that process began."""
+    difficulty: Fraction = 1.0
+    """Share of their widths that the ranges of `randomise` have in the next game."""
 
     def values(self) -> dict[str, Value]:
         """Returns the figures by their keys in `common.metrics`."""
         return {
             "run/agent_steps": self.agent_steps,
+            "play/difficulty": self.difficulty,
             "stream/stored": self.stored,
             "stream/samplable": self.samplable,
             "stream/throttled": int(self.throttle),

@@ -45,6 +45,7 @@ class ReplayBuffer:
         self.over_quota = 0
         """Messages of actors that were turned away for the time being, since this process began."""
         self._batch_size = config.learning.batch_size
+        self._difficulty_after = config.difficulty_after
         self._limiter = RateLimiter.of(config)
         self._state = threading.Condition()
         self._store = Store(config, folder, self._state)
@@ -79,12 +80,16 @@ class ReplayBuffer:
             throttle=self._should_throttle(),
             finished=self._finished,
             agent_steps=self._store.index.agent_steps,
+            difficulty=self._difficulty(),
             weights_version=self.weights_version,
             run_id=self.run_id,
         )
 
     def _should_throttle(self) -> bool:
         return self._limiter.should_throttle(self._store.index.agent_steps, self._drawn)
+
+    def _difficulty(self) -> float:
+        return self._difficulty_after(self._store.index.curriculum_steps)
 
     def await_release(self, timeout: float) -> Ack:
         """Returns once a throttled actor may go on or leave, or after ``timeout`` seconds."""
@@ -183,6 +188,7 @@ class ReplayBuffer:
                 statistics=index.statistics_since(since),
                 run_id=self.run_id,
                 over_quota=self.over_quota,
+                difficulty=self._difficulty(),
             )
 
     def sync(self) -> None:

@@ -24,6 +24,7 @@ from common.run.config import RunConfig
 from replay.chunk_index import ChunkIndex, ChunkKey, chunk_entry, tail_entry
 from replay.chunk_statistics import ChunkStatistics
 from replay.columns import Columns
+from replay.curriculum import curriculum_steps
 from replay.journal import JOURNAL, Entry, Journal, damaged, read_journal
 from replay.ring import Placement, Ring
 from replay.samplers import PrioritisedSampler, UniformSampler
@@ -288,9 +289,10 @@ class Store:
         return self.index.steps_beside(key, n_step, frame_stack - 1)
 
     def _statistics(self, chunk: Chunk, staleness: int) -> ChunkStatistics:
+        past, agent_steps = self.index.statistics, self.index.agent_steps + len(chunk)
         return ChunkStatistics(
             index=self.index.accepted,
-            agent_steps=self.index.agent_steps + len(chunk),
+            agent_steps=agent_steps,
             steps=len(chunk),
             actor=chunk.actor,
             epsilon=chunk.epsilon,
@@ -301,6 +303,7 @@ class Store:
             games=chunk.games,
             incarnation=chunk.incarnation,
             follows=int(np.count_nonzero(chunk.follows)),
+            curriculum_steps=curriculum_steps(self._config, past, agent_steps, len(chunk)),
         )
 
     def _accept(self, key: ChunkKey, place: Placement, statistics: ChunkStatistics) -> None:

@@ -9,7 +9,9 @@ from common.protocol.ack import Ack
 from common.transport.interface import Request, Transport
 from tests.patience import PATIENCE
 
-STORED = Ack("stored", throttle=False, finished=False, agent_steps=0, weights_version=0)
+STORED = Ack(
+    "stored", throttle=False, finished=False, agent_steps=0, difficulty=1.0, weights_version=0
+)
 
 
 class PendingRequests:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from common.checked import Count
+from common.checked import Count, Fraction
 from common.protocol.message import Message
 
 
@@ -20,6 +20,8 @@ class Ack(Message):
     """The run is over, leave."""
     agent_steps: Count
     """Agent steps of the run, over all actors; ε follows from it."""
+    difficulty: Fraction
+    """Share of their widths that the ranges of `randomise` have in the next game."""
     weights_version: Count
     """Newest weights there are."""
     run_id: str = ""

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, Lt
 
-from common.checked import Amount, Count, Fraction, FromOne
+from common.checked import Amount, Count, Fraction, FromOne, Score
 from common.errors import InputError
 from common.pinned_file import path_of, pin
 from common.protocol.step_fields import FRAME_SHAPE, drawn_fields
@@ -117,6 +117,10 @@ class LearningConfig:
     """Agent steps of the run, after learning starts, in which the ranges of `randomise` grow
     linearly from nothing in the training games; 0 for whole ranges from the beginning. Tests always
     have whole ranges."""
+    curriculum_score: Score | None = None
+    """Mean score of the last 20 training games from which the ranges grow; below it they shrink at
+    the same pace. None: they grow whatever the score. After automatic domain randomization (OpenAI
+    2019), with one width for all ranges."""
     clip_rewards: bool = True
     """Clipping of each agent step's reward to [-1, 1]; scores are never clipped."""
     discount: Fraction = 0.99
@@ -217,13 +221,11 @@ class RunConfig:
         done = (agent_steps - self.replay.learning_starts) / max(schedule.steps, 1)
         return schedule.start + (schedule.end - schedule.start) * min(max(done, 0.0), 1.0)
 
-    def difficulty_at(self, agent_steps: int) -> float:
+    def difficulty_after(self, curriculum_steps: int) -> float:
         """Returns which share of their widths, 0 to 1, the ranges of `randomise` have in training
-        games after ``agent_steps`` of all actors, those before learning starts included."""
-        if not self.learning.curriculum_steps:
-            return 1.0
-        done = (agent_steps - self.replay.learning_starts) / self.learning.curriculum_steps
-        return min(max(done, 0.0), 1.0)
+        games after so many steps of the curriculum."""
+        whole = self.learning.curriculum_steps
+        return min(curriculum_steps / whole, 1.0) if whole else 1.0
 
     def pinned(self) -> "RunConfig":
         """Returns the settings with the hash of each file that they name.

@@ -172,10 +172,9 @@ def test_epsilon_follows_the_runs_steps(stage: Stage) -> None:
     assert stage.policy.epsilon == pytest.approx(0.51)
 
 
-def test_the_difficulty_of_the_next_game_follows_the_runs_steps(stage: Stage) -> None:
-    """The curriculum has 1,000 agent steps, of which a quarter is over when it begins."""
+def test_the_next_game_has_the_difficulty_that_was_told_last(stage: Stage) -> None:
     stage.config = replace(CONFIG, learning=replace(CONFIG.learning, curriculum_steps=1_000))
-    stage.replay.ack = replace(STORED, agent_steps=CONFIG.replay.learning_starts + 250)
+    stage.replay.ack = replace(STORED, difficulty=0.25)
     stage.replay.limit = 1
     env = NumberedEnv([GOES_ON, GAME_OVER])
     stage.start(env)

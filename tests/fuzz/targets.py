@@ -235,7 +235,7 @@ class Targets:
         held_out = held(cast(Request, Asked(KEYS.held_out, HeldOutRequest(2).encode())))
         assert isinstance(held_out, bytes)
         return {
-            "ack": Target((Ack("stored", False, False, 9, 3, RUN).encode(),), Ack.decode),
+            "ack": Target((Ack("stored", False, False, 9, 1.0, 3, RUN).encode(),), Ack.decode),
             "announcement": Target(
                 (Announcement("r", config, config.action_count, RUN).encode(),),
                 _announced,

@@ -81,6 +81,7 @@ QR = ("--learning.algorithm", "qr_dqn")
             ["--learning.curriculum-steps", "9"],
             "no range is there to grow: give one of --randomise",
         ),
+        (["--learning.curriculum-score", "9"], "judges a curriculum: give its --learning.curric"),
         (["--no-sync"], "--no-sync is for --local"),
         (["--wait-action"], "--wait-action is for --local"),
         (["--local", "--env", "ale", "--no-sync"], "--no-sync is for a robot"),

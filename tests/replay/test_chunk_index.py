@@ -45,6 +45,7 @@ def statistics(index: int, **others: object) -> ChunkStatistics:
         "games": (Game(-21.0, 900),),
         "incarnation": 1,
         "follows": 3,
+        "curriculum_steps": 2,
     }
     return ChunkStatistics(**(values | others))  # type: ignore[arg-type]
 
@@ -117,4 +118,6 @@ def test_steps_beside_a_chunk_cross_chunks_but_no_gap() -> None:
 def test_a_journal_from_before_incarnations_were_kept_is_read() -> None:
     told = json.loads(json.dumps(statistics(0)))
     assert build(ChunkStatistics, told) == statistics(0)
-    assert build(ChunkStatistics, told[:-2]) == statistics(0, incarnation=0, follows=0)
+    assert build(ChunkStatistics, told[:-3]) == statistics(
+        0, incarnation=0, follows=0, curriculum_steps=0
+    )

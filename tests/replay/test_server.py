@@ -85,7 +85,7 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
     actor, rng = Actor("a", 4), np.random.default_rng(0)
     chunk = actor.live([GOES_ON] * 20 + [TERMINATES], rng)
     assert place.remote.sample(0, 0.0) is None
-    assert insert(place.client, chunk) == Ack("stored", False, False, 21, 0, RUN)
+    assert insert(place.client, chunk) == Ack("stored", False, False, 21, 1.0, 0, RUN)
     assert insert(place.client, chunk).status == "duplicate"
     batch = place.remote.sample(0, PATIENCE)
     assert batch is not None

@@ -12,7 +12,9 @@ from common.protocol.ack import Ack
 from common.protocol.wire import pack
 
 COUNTS = st.integers(0, 2**63 - 1)
-GOOD = Ack("stored", throttle=False, finished=False, agent_steps=640, weights_version=7)
+GOOD = Ack(
+    "stored", throttle=False, finished=False, agent_steps=640, difficulty=0.5, weights_version=7
+)
 
 
 @given(
@@ -22,6 +24,7 @@ GOOD = Ack("stored", throttle=False, finished=False, agent_steps=640, weights_ve
         st.booleans(),
         st.booleans(),
         COUNTS,
+        st.floats(0, 1),
         COUNTS,
     )
 )
@@ -46,6 +49,7 @@ def test_a_missing_field_is_told(name: str) -> None:
         ("finished", None),
         ("agent_steps", -1),
         ("agent_steps", 1.0),
+        ("difficulty", 1.01),
         ("weights_version", True),
         ("weights_version", 2**63),
     ],

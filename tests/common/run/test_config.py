@@ -295,14 +295,13 @@ def test_epsilon_of_a_schedule_without_length_jumps() -> None:
 
 
 @pytest.mark.parametrize(
-    ("agent_steps", "share"),
-    [(0, 0.0), (10_000, 0.0), (60_000, 0.25), (210_000, 1.0), (10**9, 1.0)],
+    ("gone", "share"), [(0, 0.0), (50_000, 0.25), (200_000, 1.0), (10**9, 1.0)]
 )
-def test_a_curriculum_begins_when_learning_does(agent_steps: int, share: float) -> None:
+def test_a_curriculum_ends_with_whole_ranges(gone: int, share: float) -> None:
     config = PRESETS["robot"]
-    assert config.difficulty_at(agent_steps) == 1.0
+    assert config.difficulty_after(gone) == 1.0
     learning = replace(config.learning, curriculum_steps=200_000)
-    assert replace(config, learning=learning).difficulty_at(agent_steps) == share
+    assert replace(config, learning=learning).difficulty_after(gone) == share
 
 
 @pytest.mark.parametrize(("batch", "every", "ratio"), [(32, 4, 8.0), (32, 1, 32.0), (1, 4, 0.25)])

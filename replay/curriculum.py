@@ -1,0 +1,34 @@
+"""How far the curriculum of a run has gone: from what was played, chunk by chunk."""
+
+from collections.abc import Sequence
+from itertools import islice
+
+from common.run.config import RunConfig
+from replay.chunk_statistics import ChunkStatistics
+
+RECENT_GAMES = 20
+"""Games whose mean score is judged."""
+
+
+def curriculum_steps(
+    config: RunConfig, past: Sequence[ChunkStatistics], agent_steps: int, steps: int
+) -> int:
+    """Returns the curriculum's steps after a chunk; `RunConfig.difficulty_after` has their meaning.
+
+    Args:
+        past: the chunks before it, oldest first.
+        agent_steps: of the run, those of the chunk included.
+        steps: of the chunk.
+    """
+    learned = max(agent_steps - config.replay.learning_starts, 0)
+    learning = config.learning
+    if learning.curriculum_score is None:
+        return learned
+    gone = past[-1].curriculum_steps if past else 0
+    games = (game.score for chunk in reversed(past) for game in reversed(chunk.games))
+    scores = list(islice(games, RECENT_GAMES))
+    if not scores:
+        return gone
+    grows = sum(scores) / len(scores) >= learning.curriculum_score
+    moved = min(steps, learned)
+    return min(max(gone + (moved if grows else -moved), 0), learning.curriculum_steps)
