@@ -27,16 +27,20 @@ from common.run.presets import PRESETS
 from common.run.stored_config import flag_of, flat
 
 ADAPTING = {
-    "learning.learning-rate": "1e-4",
-    "learning.annealing-steps": "0",
-    "replay.learning-starts": "2000",
+    "learning.learning-rate": "2e-4",
+    "learning.final-learning-rate": "2e-5",
+    "learning.batch-size": "64",
+    "learning.train-period": "2",
+    "learning.target-update-period": "500",
+    "learning.publish-period": "25",
+    "replay.learning-starts": "1000",
     "replay.capacity": "100000",
     "exploration.start": "0.05",
     "exploration.end": "0.02",
-    "exploration.steps": "10000",
+    "exploration.steps": "5000",
 }
-"""Settings of the training: what is learned already is to be kept, so updates are small and nearly
-all actions are the policy's."""
+"""Settings of the training. What is learned already is to be kept, so nearly all actions are the
+policy's. The steps are few, since a body's are dear, so each is drawn 32 times."""
 _WORLD = ("play.", "camera.", "randomise.")
 _EPOCHS = 10
 _NEAR = 2.0
@@ -71,7 +75,14 @@ def measure(options: Options) -> Report:
     folder = RunFolder(options.runs, options.run)
     own = evaluate(options.network, options.games, options.epsilon)
     before = evaluate(options.network, options.games, options.epsilon, to)
-    flags = [*training_flags(trained, options.steps), "--seed", f"{options.seed}", *to]
+    flags = [
+        *training_flags(trained, options.steps),
+        "--evaluators",
+        "0",
+        "--seed",
+        f"{options.seed}",
+        *to,
+    ]
     initial = [] if folder.checkpoint.exists() else ["--initial", str(options.network)]
     train(folder, options.steps, [*flags, *shlex.split(options.learner), *initial])
     after = evaluate(folder.checkpoint, options.games, options.epsilon)
@@ -82,7 +93,10 @@ def measure(options: Options) -> Report:
 def training_flags(trained: RunConfig, steps: int) -> list[str]:
     """Returns the flags of a run in the world of ``trained``, with the settings of `ADAPTING`."""
     preset = PRESETS[ENVIRONMENTS.find(trained.env).preset]
-    epoch = {"protocol.epoch-steps": f"{max(steps // _EPOCHS, 1)}"}
+    schedule = {
+        "learning.annealing-steps": f"{steps}",
+        "protocol.epoch-steps": f"{max(steps // _EPOCHS, 1)}",
+    }
     settings = {"preset": preset.preset, "env": trained.env, "game": trained.game}
     usual = flat(preset)
     world = {
@@ -92,7 +106,7 @@ def training_flags(trained: RunConfig, steps: int) -> list[str]:
         and name not in settings
         and (name.startswith(_WORLD) or name in SHAPING_SETTINGS)
     }
-    given = settings | ADAPTING | epoch | world
+    given = settings | ADAPTING | schedule | world
     return [word for name, value in given.items() for word in flag_of(name, value)]
 
 

@@ -37,7 +37,8 @@ def test_a_training_has_the_world_and_the_network_of_the_policy(name: str) -> No
     assert (config.env, config.game, config.play) == (trained.env, trained.game, trained.play)
     assert config.camera == trained.camera
     assert config.learning.network == trained.learning.network
-    assert config.learning.learning_rate == 1e-4
+    assert config.samples_per_insert == 32
+    assert config.learning.annealing_steps == 20_000
     assert config.protocol.epoch_steps == 2_000
 
 
@@ -152,7 +153,7 @@ def test_a_policy_is_trained_on_for_real(tmp_path: Path) -> None:
         to="--play.press-latency 1 --play.max-game-frames 400",
         steps=900,
         games=1,
-        learner=f"{small} --evaluators 0 --threads 1",
+        learner=f"{small} --threads 1",
         runs=tmp_path,
     )
     content = adaptation.measure(options).content
