@@ -123,15 +123,19 @@ class QNetwork(nn.Module):
         return features
 
 
-def build_network(config: RunConfig, actions: int) -> QNetwork:
-    """Returns the run's network with its first weights; the same for every process of the run."""
+def build_network(config: RunConfig, actions: int, *, vector_width: int | None = None) -> QNetwork:
+    """Returns the run's network with its first weights; the same for every process of the run.
+
+    Args:
+        vector_width: of another vector observation than the run's.
+    """
     kind = ALGORITHMS.find(config.learning.algorithm)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
         network: QNetwork = resolve(kind.network)(
             actions,
             config.play.frame_stack,
-            config.vector_width,
+            config.vector_width if vector_width is None else vector_width,
             network=config.learning.network,
             scale_pixels=config.learning.scale_pixels,
             center_pixels=config.learning.center_pixels,

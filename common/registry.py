@@ -40,7 +40,7 @@ class Environment:
     `gymnasium.Env`; or ``"module:factory"``. With ``training`` episodes may end at a lost life."""
     actions: Callable[["RunConfig"], int]
     """Number of actions. Raises InputError for a game that there is not."""
-    vector_width: Callable[["PlayConfig"], int] = lambda play: _vector_width(play, 0)
+    vector_width: Callable[["PlayConfig"], int] = lambda play: vector_width(play, 0)
     """Numbers of the vector observation, if ``play.vector`` asks for one."""
     robot: bool = False
     """Whether hands press the keys, so that real time and waiting for keys mean something."""
@@ -141,10 +141,6 @@ class Registry(Generic[T]):
         return resolve(self.find(name).factory)(*arguments, **named)
 
 
-def _vector_width(play: "PlayConfig", joints: int) -> int:
-    return vector_width(joints, play.vector_commands, play.vector_key_frames)
-
-
 def _atari_actions(config: "RunConfig") -> int:
     minimal = MINIMAL_ACTIONS[check_game(config.game)]
     return len(minimal if config.play.minimal_actions else KEYS_OF_ACTION)
@@ -181,7 +177,7 @@ ENVIRONMENTS = Registry(
         "robot",
         "actors.envs.robot:RobotEnv.of_run",
         _atari_actions,
-        lambda play: _vector_width(play, ROBOTS.find(play.robot).joints),
+        lambda play: vector_width(play, ROBOTS.find(play.robot).joints),
         robot=True,
         preset="robot",
         title="ALE-Robot",

@@ -35,11 +35,12 @@ from common.transport.endpoint import from_here
 from common.transport.signature import signer
 from learner import status
 from learner.algorithm.interface import build_algorithm
-from learner.assembly import build_learner, first_network
+from learner.assembly import build_learner
 from learner.demonstrations import begin_with
 from learner.device import choose_device
 from learner.endpoints import open_pages, open_replay
 from learner.evaluation.offline import evaluate
+from learner.first_network import first_network
 from learner.local_launcher import launch
 from learner.options import (
     LearnerOptions,

@@ -2,15 +2,10 @@
 
 import threading
 from functools import partial
-from pathlib import Path
 
-from common.errors import InputError
-from common.network import QNetwork, build_network
 from common.protocol.run_keys import RunKeys
-from common.protocol.weights import encode_weights, load_weights_file
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
-from common.run.origin import check_fit, origin_of
 from common.run.stored_config import flat
 from common.transport.interface import Transport
 from common.transport.signature import Sign
@@ -44,37 +39,6 @@ from learner.telemetry.sinks.tracker import TrackedRun, TrackerSink
 from learner.telemetry.telemetry import Telemetry
 from learner.training import Learner
 from replay.interface import Replay
-
-
-def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
-    """Returns the network that a run begins with; one that has a checkpoint takes its weights from
-    there.
-
-    Raises:
-        InputError: it cannot be read, is not for what the run plays, or is given to a run that
-            began with another one.
-    """
-
-    def read(file: Path | None) -> QNetwork:
-        network = build_network(options.config, options.config.action_count)
-        if file is not None:
-            check_fit(file, origin_of(file), options.config)
-            load_weights_file(network, file, "this run")
-        return network
-
-    given = options.initial
-    kept = folder.initial if options.resume and folder.initial.exists() else None
-    if given is None:
-        return read(None if folder.checkpoint.exists() else kept)
-    # The same flags may start a run and go on with it, as a service's do.
-    network = read(given)
-    other = kept is not None and encode_weights(read(kept)) != encode_weights(network)
-    if other or (kept is None and options.resume and folder.has_begun):
-        raise InputError(
-            f"the run in {folder.path} did not begin with {given}: omit --initial, or name another "
-            "run."
-        )
-    return network
 
 
 def build_learner(

@@ -42,6 +42,7 @@ _ALIKE = (
     "play.vector",
     "play.vector_commands",
     "play.vector_key_frames",
+    "play.vector_joints",
     "learning.clip_rewards",
 )
 """Settings that a state, an action or a reward depends on."""

@@ -27,8 +27,7 @@ def observation_space(play: PlayConfig, joints: int = 0) -> gymnasium.Space[Any]
     frames = gymnasium.spaces.Box(0, 255, (play.frame_stack, *FRAME_SHAPE), np.uint8)
     if not play.vector:
         return frames
-    width = vector_width(joints, play.vector_commands, play.vector_key_frames)
-    vector = gymnasium.spaces.Box(-1.0, 1.0, (width,), np.float32)
+    vector = gymnasium.spaces.Box(-1.0, 1.0, (vector_width(play, joints),), np.float32)
     return gymnasium.spaces.Dict(frames=frames, vector=vector)
 
 

@@ -25,9 +25,7 @@ class Proprioception:
         without a robot."""
         self.key_frames = play.vector_key_frames
         """Emulator frames whose keys are remembered."""
-        self._now = np.zeros(
-            vector_width(joints, play.vector_commands, play.vector_key_frames), np.float32
-        )
+        self._now = np.zeros(vector_width(play, joints), np.float32)
         commands = play.vector_commands * ACTIONS
         self._felt = commands + play.vector_key_frames * len(KEYS)
         self._commands, self._keys = self._now[:commands], self._now[commands : self._felt]
@@ -52,10 +50,10 @@ class Proprioception:
 
         Args:
             joints: `Robot.proprioception`, angles and speeds ``[J]`` each; nothing without a
-                robot.
+                robot. Left out if the settings leave them out.
         """
         vector = self._now.copy()
-        if joints:
+        if joints and self._felt < len(vector):
             # The engine keeps a joint's greatest speed only nearly, and not against a push.
             vector[self._felt :] = np.concatenate(joints).clip(-1.0, 1.0)
         return vector

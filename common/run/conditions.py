@@ -66,6 +66,9 @@ class PlayConfig:
     from them and the keys only if both reach as far back."""
     vector_key_frames: Annotated[int, Ge(1), Le(4 * MAX_HISTORY)] = KEY_FRAMES
     """Number of the last emulator frames whose pressed keys are in --play.vector."""
+    vector_joints: bool = True
+    """Angles and speeds of a robot's joints in --play.vector; without them a network fits any
+    robot, and the bare emulator."""
     eye: Literal["camera", "emulator"] = "camera"
     """Source of a robot's frames: its camera's picture, or the emulator's own."""
     robot: Annotated[str, tyro.conf.arg(aliases=["--robot"])] = "nao"

@@ -103,12 +103,19 @@ def _json(text: str | bytes, file: Path) -> Any:
         raise InputError(f"{file} is not JSON ({error}): get it anew.") from None
 
 
+_VECTOR = (
+    "play.robot",
+    "play.vector",
+    "play.vector_commands",
+    "play.vector_key_frames",
+    "play.vector_joints",
+)
 _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = (
     ("{} actions", lambda config: config.action_count, ("game", "play.minimal_actions")),
     (
         "{} numbers of proprioception",
         lambda config: config.vector_width,
-        ("play.robot", "play.vector", "play.vector_commands", "play.vector_key_frames"),
+        _VECTOR,
     ),
     ("{} frames per state", lambda config: config.play.frame_stack, ("play.frame_stack",)),
     (
@@ -135,11 +142,14 @@ def _pixels_are(learning: LearningConfig) -> str:
     return told or "neither scaled nor centred"
 
 
-def check_fit(weights: Path, trained: RunConfig | None, config: RunConfig) -> None:
+def check_fit(
+    weights: Path, trained: RunConfig | None, config: RunConfig, *, vector: bool = True
+) -> None:
     """Refuses to play or learn under ``config`` with a network that was made for something else.
 
     Args:
         trained: settings under which ``weights`` were trained; None if nobody knows.
+        vector: the vector observation has to fit too.
 
     Raises:
         InputError: with the flags under which it fits.
@@ -151,7 +161,7 @@ def check_fit(weights: Path, trained: RunConfig | None, config: RunConfig) -> No
     flags: list[str] = []
     for words, measure, settings in _SHAPING:
         needed, given = measure(trained), measure(config)
-        if needed != given:
+        if needed != given and (vector or settings is not _VECTOR):
             needs.append(words.format(needed))
             has.append(words.format(given))
             found = [_flag(name, trained) for name in settings if _differ(name, trained, config)]

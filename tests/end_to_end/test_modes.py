@@ -3,6 +3,7 @@
 import pytest
 
 from common.proprioception import vector_width
+from common.run.conditions import PlayConfig
 from tests.end_to_end.conftest import SMALL, Stage
 
 
@@ -58,4 +59,4 @@ def test_vectors_go_through_replay_network_and_evaluator_and_survive_a_restart(
     assert after["chunks"]["refused"] == 0
     assert after["test_reward"] is not None
     stored = (stage.run / "replay" / "vectors.bin").stat().st_size
-    assert stored == 4 * vector_width(8) * 20_000
+    assert stored == 4 * vector_width(PlayConfig(), 8) * 20_000

@@ -16,7 +16,7 @@ from common.run.conditions import RandomiseConfig
 from common.run.config import RunConfig, all_ranges
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
-from learner.assembly import first_network
+from learner.first_network import first_network
 from learner.options import (
     LearnerOptions,
     clock_figures,

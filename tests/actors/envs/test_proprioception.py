@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from actors.envs import make_env
 from actors.envs.ale import AtariEnv
+from actors.envs.observation import observation_space
 from actors.envs.proprioception import Proprioception
 from actors.envs.robot import RobotEnv
 from common.actions import KEYS_OF_ACTION, Keys
@@ -133,3 +134,14 @@ def test_the_robots_vector() -> None:
             assert vector[at + 8] == pytest.approx(speed / info[11], abs=1e-6)
             at += 1
     env.close()
+
+
+def test_joints_can_be_left_out() -> None:
+    play = PlayConfig(vector=True, vector_joints=False)
+    sense = Proprioception(play, joints=8)
+    sense.command(3)
+    told = sense.vector(np.ones(8), np.ones(8))
+    assert told.tolist() == expected([3], [], 6, 4)
+    assert told.shape == (128,)
+    assert observation_space(play, 8) == observation_space(play)
+    assert RunConfig(env="robot", play=play).vector_width == 128

@@ -12,7 +12,7 @@ import pytest
 from common.errors import InputError, MessageError
 from common.proprioception import vector_width
 from common.protocol.step_fields import FRAME_SHAPE, STEP_FIELDS, Column, StepField
-from common.run.conditions import MAX_WAIT
+from common.run.conditions import MAX_WAIT, PlayConfig
 from common.run.config import ExplorationConfig, LearningConfig, ReplayConfig, RunConfig
 from common.run.presets import PRESETS
 from replay.batch import SharedBatch
@@ -118,10 +118,12 @@ def test_states_that_travel_together_fit_a_message(
 
     def held(states: int, frame_stack: int) -> bytes:
         frames = np.zeros((states, frame_stack, *FRAME_SHAPE), np.uint8)
-        return HeldOutStates(frames, np.zeros((states, vector_width(8)), np.float32)).encode()
+        return HeldOutStates(
+            frames, np.zeros((states, vector_width(PlayConfig(), 8)), np.float32)
+        ).encode()
 
     def minibatch(steps: int, frame_stack: int) -> bytes:
-        vectors = np.zeros((steps, vector_width(8)), np.float32)
+        vectors = np.zeros((steps, vector_width(PlayConfig(), 8)), np.float32)
         return SharedBatch(
             frames=np.zeros((2 * steps * frame_stack, *FRAME_SHAPE), np.uint8),
             stacks=np.zeros((2, steps, frame_stack), np.int32),

@@ -1,0 +1,80 @@
+"""Networks that begin a run whose proprioception is another than their own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from common.errors import InputError
+from common.network import QNetwork, build_network
+from common.process.command_line import parse_run
+from common.protocol.weights import encode_weights
+from common.run.config import RunConfig
+from learner.first_network import read_network
+from learner.options import LearnerOptions
+
+KEYS_AND_COMMANDS = 6 * 18 + 4 * 5
+VECTOR = ("--play.vector",)
+NO_JOINTS = (*VECTOR, "--play.no-vector-joints")
+
+
+def config(*flags: str, env: str = "robot") -> RunConfig:
+    return parse_run(LearnerOptions, "learner", ["--env", env, *flags], lambda _: None)[0].config
+
+
+def kept(trained: RunConfig, folder: Path) -> tuple[QNetwork, Path]:
+    network = build_network(trained, trained.action_count)
+    file = folder / "network.safetensors"
+    file.write_bytes(encode_weights(network, trained))
+    return network, file
+
+
+def values(network: QNetwork, told: int) -> np.ndarray:
+    """Returns Q-values of four random states, with a vector of which ``told`` numbers are not 0."""
+    random = torch.Generator().manual_seed(3)
+    frames = torch.randint(0, 256, (4, 4, 84, 84), generator=random, dtype=torch.uint8)
+    width = network.hidden.weight.shape[1] - 3_136  # pixels' features
+    vectors = torch.zeros(4, width)
+    vectors[:, :told] = torch.rand(4, KEYS_AND_COMMANDS + 16, generator=random)[:, :told]
+    with torch.no_grad():
+        return network(frames, vectors).numpy()
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "shared"),
+    [
+        (config(), config(*VECTOR), 0),
+        (config(), config(env="ale"), 0),
+        (config(*VECTOR), config(*VECTOR), KEYS_AND_COMMANDS + 16),
+        (config(*VECTOR), config(*NO_JOINTS), KEYS_AND_COMMANDS),
+        (config(*NO_JOINTS), config(*VECTOR), KEYS_AND_COMMANDS),
+        (config(*VECTOR), config(*VECTOR, "--robot", "robotroller"), KEYS_AND_COMMANDS),
+        (config(*VECTOR, env="ale"), config(*VECTOR), KEYS_AND_COMMANDS),
+    ],
+)
+def test_it_plays_as_before_by_what_both_are_told(
+    before: RunConfig, now: RunConfig, shared: int, tmp_path: Path
+) -> None:
+    network, file = kept(before, tmp_path)
+    found = read_network(file, now)
+    assert found.hidden.weight.shape[1] == 3_136 + now.vector_width
+    assert not found.hidden.weight[:, 3_136 + shared :].any()
+    np.testing.assert_allclose(values(found, shared), values(network, shared), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "advice"),
+    [
+        (config(*VECTOR), config(), "add --play.vector"),
+        (config(*NO_JOINTS, env="ale"), config(env="ale"), "add --play.vector"),
+        (config(*VECTOR), config(*VECTOR, "--play.vector-commands", "7"), "--play.vector-commands"),
+        (config(), config(*VECTOR, "--play.frame-stack", "3"), "add --play.frame-stack 4"),
+    ],
+)
+def test_what_it_cannot_do_without_is_told(
+    before: RunConfig, now: RunConfig, advice: str, tmp_path: Path
+) -> None:
+    _, file = kept(before, tmp_path)
+    with pytest.raises(InputError, match=advice):
+        read_network(file, now)
