@@ -16,7 +16,7 @@ CPU_TORCH := https://download.pytorch.org/whl/cpu
 WANTS_CPU_TORCH = test -z "$$CI" -a ! -e $(NVIDIA_DEVICE) && ! command -v nvidia-smi >/dev/null && \
 	! $(BIN)/python -m pip config list | grep -qE '^[^=]*(index|url|find-links)[^=]*='
 
-.PHONY: browser help setup train test test-slow test-lowest check bench figures screens docs wheel lock clean
+.PHONY: browser help setup train test test-extras test-slow test-lowest check bench figures screens docs wheel lock clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ —/'
@@ -49,6 +49,12 @@ test: setup check  ## static checks and the whole test suite
 
 browser:  ## install Chromium by apt, in which a test opens the page of a run; without it that test is skipped
 	apt-get install --yes --no-install-recommends chromium
+
+EXTRAS := graphics,hub,mlflow,ops,plot,record,sweep,trackio,viz,wandb,web
+
+test-extras: setup  ## install the optional extras, all but Ray, and run the tests that they have, which are skipped without them
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,$(EXTRAS)]"
+	$(BIN)/python -m pytest -m "not slow" -rs tests/ale_robot tests/benchmarks/lab tests/learner/telemetry tests/viewer
 
 test-slow: setup  ## the tests that take minutes each
 	$(BIN)/python -m pytest -m slow

@@ -108,6 +108,11 @@ class Play(Played):
                     missed = 0
                 left -= step.info.elapsed
                 if len(scores) == self.games or left <= 0 or stop.is_set():
+                    if not scores:
+                        print(
+                            f"no game ended: score {step.info.game_score:g} "
+                            f"after {step.info.game_steps} steps"
+                        )
                     break
             if len(scores) > 1:
                 print(f"mean score of {len(scores)} games: {np.mean(scores):.2f}")

@@ -264,6 +264,14 @@ def test_play_ends_after_so_many_seconds_of_play(
     assert capsys.readouterr().out.splitlines()[2:] == ["mean score of 2 games: 0.00"]
 
 
+def test_play_that_ends_before_its_first_game_tells_the_score_so_far(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = in_run(tmp_path, replace(SHORT, env="ale"), 6)
+    assert command(monkeypatch, "play", "--weights", str(weights), "--seconds", "0.2") == 0
+    assert capsys.readouterr().out == "no game ended: score 0 after 3 steps\n"
+
+
 def test_play_in_real_time_tells_how_often_it_was_late(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
