@@ -162,14 +162,16 @@ class Supervisor:
         """
         notes = []
         for name, child in self._children.items():
-            now = self._now()
+            now, status = self._now(), child.poll()
+            if status == 0 and finished:
+                self._due.pop(name, None)
+                continue
             if name in self._due:
                 if now >= self._due[name]:
                     self._start(name, now)
                     notes.append(f"{name} started again")
                 continue
-            status = child.poll()
-            if status is None or self._leaving or (status == 0 and finished):
+            if status is None or self._leaving:
                 continue
             how = f"signal {-status}" if status < 0 else f"status {status}"
             worked = now - self._started[name]

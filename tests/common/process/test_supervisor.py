@@ -199,6 +199,21 @@ def test_a_child_that_pauses_is_on_its_way_unless_it_was_asked_to_leave(
     children.close()
 
 
+@pytest.mark.parametrize(("status", "again"), [(0, []), (3, ["actor-1 started again"])])
+def test_a_child_that_pauses_when_the_work_is_finished_is_only_started_again_if_it_failed(
+    program: Path, tmp_path: Path, status: int, again: list[str]
+) -> None:
+    """An evaluator that failed has the last test to play."""
+    clock = Clock()
+    children = started(program, tmp_path, f"raise SystemExit({status})", clock)
+    for _ in range(2):
+        notes_of(children)
+    clock.seconds += 1.0
+    assert children.watch(finished=True) == again
+    assert again or not children.works("actor")
+    children.close()
+
+
 def test_each_start_has_its_own_time_to_get_to_work(program: Path, tmp_path: Path) -> None:
     clock = Clock()
     children = started(program, tmp_path, "raise SystemExit(3)", clock)
