@@ -52,6 +52,7 @@ class Flooder:
         self._transport = transport  # a session that nobody holds is closed
         keys, config = find_run(transport, run, _PATIENCE, lambda: False)
         self._counts: Counter[str] = Counter()
+        self._counting = threading.Lock()
         self._over = threading.Event()
         self._threads = [
             threading.Thread(target=work, daemon=True)
@@ -86,7 +87,13 @@ class Flooder:
         """
         if not all(thread.is_alive() for thread in self._threads):
             raise InputError("the flood has ended by itself.")
-        return {**self._counts, "cpu": time.process_time()}
+        with self._counting:
+            return {**self._counts, "cpu": time.process_time()}
+
+    def _count(self, name: str, number: int = 1) -> None:
+        """Add to a count; answers come in threads of the transport's."""
+        with self._counting:
+            self._counts[name] += number
 
     def _send_chunks(self) -> None:
         room = threading.Semaphore(_CHUNKS_UNDER_WAY)
@@ -94,18 +101,18 @@ class Flooder:
         def hear(answer: Envelope | None) -> None:
             room.release()
             told = "unanswered" if answer is None else Ack.decode(answer.payload).status
-            self._counts[f"chunks {told}"] += 1
+            self._count(f"chunks {told}")
 
         while room.acquire() and not self._over.is_set():
             payload = self._chunks.next().encode()
-            self._counts["chunk bytes"] += len(payload)
-            self._counts["chunks"] += 1
+            self._count("chunk bytes", len(payload))
+            self._count("chunks")
             self._inserts.request(payload).add_done_callback(_heard(hear))
 
     def _send_heartbeats(self) -> None:
         while not self._over.is_set():
             self._heartbeats.publish(self._heartbeat)
-            self._counts["heartbeats"] += 1
+            self._count("heartbeats")
             time.sleep(_PAUSE)
 
     def _ask_for_weights(self) -> None:
@@ -113,10 +120,10 @@ class Flooder:
 
         def hear(answer: Envelope | None) -> None:
             room.release()
-            self._counts["requests answered"] += answer is not None
+            self._count("requests answered", answer is not None)
 
         while room.acquire() and not self._over.is_set():
-            self._counts["requests"] += 1
+            self._count("requests")
             self._questions.request(b"").add_done_callback(_heard(hear))
             time.sleep(_PAUSE)
 
