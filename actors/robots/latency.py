@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys
@@ -86,10 +85,6 @@ class Latency:
     p99_ms: float
     unreached: int
     stray_share: float
-    table_ms: NDArray[np.float64]
-    """Median from old (row) to new (column), ``[18, 18]``; NaN on the diagonal."""
-    worst_ms: NDArray[np.float64]
-    """Maximum from old (row) to new (column), ``[18, 18]``."""
 
     @classmethod
     def of(cls, found: list[Change]) -> "Latency":
@@ -98,25 +93,10 @@ class Latency:
         p50 = p99 = np.nan
         if times.size:
             p50, p99 = np.percentile(times, (50, 99), method="inverted_cdf")
-        by_pair: dict[tuple[int, int], list[float]] = {}
-        for change in found:
-            if change.frames is not None:
-                ms = change.frames * FRAME_MS
-                by_pair.setdefault((change.old, change.new), []).append(ms)
-        table, worst = np.full((2, _ACTIONS, _ACTIONS), np.nan)
-        for pair, each in by_pair.items():
-            table[pair], worst[pair] = np.median(each), max(each)
         return cls(
             count=len(found),
             p50_ms=float(p50),
             p99_ms=float(p99),
             unreached=sum(change.frames is None for change in found),
             stray_share=sum(change.strayed for change in found) / len(found),
-            table_ms=table,
-            worst_ms=worst,
         )
-
-
-def short_name(action: int) -> str:
-    """Returns an action's keys as letters, such as "UR" or "DLF"; a dot for no keys."""
-    return "".join(key.name[0] for key in KEYS_OF_ACTION[action] if key.name) or "·"

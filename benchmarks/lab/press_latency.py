@@ -4,6 +4,8 @@ Half of the changes begin after the old keys were held for a while, half one age
 old command, as in play. Times are whole emulator frames of 16.7 ms.
 """
 
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,17 +13,19 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 from annotated_types import Ge
+from numpy.typing import NDArray
 
 from actors.robots.latency import (
     AGENT_STEP_MS,
     FRAME_MS,
     MOST_STRAYS,
+    Change,
     Latency,
     changes,
-    short_name,
 )
 from benchmarks.figures.plot_press import press_figure
 from benchmarks.report import BenchmarkOptions, Report, Table, main
+from common.actions import KEYS_OF_ACTION
 from common.checked import FromOne
 from common.registry import ROBOTS
 from common.run.conditions import CameraConfig, PlayConfig
@@ -29,7 +33,8 @@ from learner.figures.plot_style import check_picture, save
 
 _SCREEN = (210, 160)
 """Rows and columns of most games."""
-_NAMES = [short_name(action) for action in range(18)]
+_NAMES = ["".join(key.name[0] for key in keys if key.name) or "·" for keys in KEYS_OF_ACTION]
+"""Each action's keys as letters, such as "UR" or "DLF"; a dot for no keys."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,26 @@ def _or_null(ms: float) -> float | None:
     return None if np.isnan(ms) else ms
 
 
-def content(latency: Latency, settled: Latency, unsettled: Latency) -> dict[str, Any]:
+def tables(found: Sequence[Change]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns median and maximum in ms, ``[18, 18]`` each, from an old action (row) to a new one
+    (column); NaN where nothing was reached, and on the diagonal."""
+    by_pair: defaultdict[tuple[int, int], list[float]] = defaultdict(list)
+    for change in found:
+        if change.frames is not None:
+            by_pair[change.old, change.new].append(change.frames * FRAME_MS)
+    median, worst = np.full((2, len(_NAMES), len(_NAMES)), np.nan)
+    for pair, each in by_pair.items():
+        median[pair], worst[pair] = np.median(each), max(each)
+    return median, worst
+
+
+def content(
+    latency: Latency,
+    settled: Latency,
+    unsettled: Latency,
+    median: NDArray[np.float64],
+    worst: NDArray[np.float64],
+) -> dict[str, Any]:
     """The measurement as JSON; a time that does not exist is null."""
 
     def figures(found: Latency) -> dict[str, Any]:
@@ -77,18 +101,18 @@ def content(latency: Latency, settled: Latency, unsettled: Latency) -> dict[str,
         "from_held_keys": figures(settled),
         "in_play": figures(unsettled),
         "actions": _NAMES,
-        "table_ms": rows(latency.table_ms),
-        "worst_ms": rows(latency.worst_ms),
+        "table_ms": rows(median),
+        "worst_ms": rows(worst),
     }
 
 
-def table(latency: Latency) -> Table:
+def table(median: NDArray[np.float64]) -> Table:
     return Table(
         "Command to keys, ms: from (row) to (column), median",
         [
             {"": name}
             | {to: "" if np.isnan(ms) else f"{ms:.0f}" for to, ms in zip(_NAMES, row, strict=True)}
-            for name, row in zip(_NAMES, latency.table_ms, strict=True)
+            for name, row in zip(_NAMES, median, strict=True)
         ],
     )
 
@@ -126,10 +150,11 @@ def measure(options: Options) -> Report:
         Latency.of([change for change in found if change.settled]),
         Latency.of([change for change in found if not change.settled]),
     )
-    named = {"robot": options.robot, **content(*parts)}
+    median, worst = tables(found)
+    named = {"robot": options.robot, **content(*parts, median, worst)}
     if options.output is not None:
         save(press_figure(named), options.output)
-    return Report([table(parts[0])], named, sentences(*parts))
+    return Report([table(median)], named, sentences(*parts))
 
 
 if __name__ == "__main__":

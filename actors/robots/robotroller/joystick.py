@@ -9,9 +9,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from actors.robots.room.engine import fixed_body
 from actors.robots.room.rotation import Vector
 from actors.robots.room.shapes import Colour, Shape, ball, rod
@@ -115,11 +112,6 @@ class Joystick:
         """Let a switch close and open at ``share`` of the usual leans, the button likewise."""
         self._closes = [share * PRESS_LEAN] * 4 + [share * PRESS_DEPTH]
         self._opens = [share * RELEASE_LEAN] * 4 + [share * RELEASE_DEPTH]
-
-    def leans(self) -> NDArray[np.float64]:
-        """Returns how far the stick leans to the left and away, rad, and how far the button is
-        down, m, ``float64 [3]``."""
-        return np.array([state[0] for state in self._states(self.body, self._joints)])
 
     def pressed(self) -> Keys:
         left, away, down = (state[0] for state in self._states(self.body, self._joints))

@@ -31,7 +31,6 @@ class StillView:
         """``appearance`` returns what changes the movables' rendering beside their positions; it is
         called only while one of them may be in view."""
         self.camera = camera
-        self.renderings = 0
         self._engine = engine
         self._appearance = appearance
         self._links: dict[int, list[int]] = {}
@@ -47,7 +46,6 @@ class StillView:
         if self._last is None or scene != self._drawn:
             self._last = self.camera.render()
             self._drawn = scene
-            self.renderings += 1
         return self._last
 
     def _scene(self) -> object:

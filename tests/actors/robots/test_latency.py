@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from actors.robots.latency import FRAME_MS, Change, Latency, changes, short_name
+from actors.robots.latency import FRAME_MS, Change, Latency, changes
 from common.actions import KEYS_OF_ACTION, Keys
 
 
@@ -83,10 +83,3 @@ def test_figures_by_hand() -> None:
     # The changes took 1, 2, 2, 3 and 9 frames.
     assert latency.p50_ms == pytest.approx(2 * FRAME_MS)
     assert latency.p99_ms == pytest.approx(9 * FRAME_MS)
-    assert latency.table_ms[0, 1] == pytest.approx(2 * FRAME_MS)
-    assert latency.worst_ms[0, 1] == pytest.approx(9 * FRAME_MS)
-    assert np.count_nonzero(~np.isnan(latency.table_ms)) == 2
-
-
-def test_short_names() -> None:
-    assert [short_name(action) for action in (0, 1, 2, 14, 17)] == ["·", "F", "U", "URF", "DLF"]

@@ -4,8 +4,10 @@ import json
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
+from actors.robots.latency import Change
 from benchmarks import report
 from benchmarks.lab import press_latency
 from common.actions import KEYS_OF_ACTION, Keys
@@ -62,6 +64,13 @@ def test_table_picture_and_json(capsys: pytest.CaptureFixture[str], tmp_path: Pa
     assert found["frame_ms"] == pytest.approx(1000 / 60)
     assert found["changes"] == 612
     assert found["from_held_keys"]["changes"] == found["in_play"]["changes"] == 306
+    assert [found["actions"][action] for action in (0, 1, 2, 14, 17)] == [
+        "·",
+        "F",
+        "U",
+        "URF",
+        "DLF",
+    ]
     table = found["table_ms"]
     assert [len(row) for row in table] == [18] * 18
     assert all(table[action][action] is None for action in range(18))
@@ -71,6 +80,15 @@ def test_table_picture_and_json(capsys: pytest.CaptureFixture[str], tmp_path: Pa
     drawn = cv2.imread(str(picture))
     assert drawn is not None
     assert min(drawn.shape[:2]) > 500
+
+
+def test_tables_by_hand() -> None:
+    found = [Change(0, 1, True, frames, False) for frames in (1, 2, 2, 9)]
+    found += [Change(1, 0, False, 3, True), Change(2, 0, False, None, True)]
+    median, worst = press_latency.tables(found)
+    assert (median[0, 1], worst[0, 1]) == pytest.approx((1000 / 30, 150.0))
+    assert median[1, 0] == worst[1, 0] == pytest.approx(50.0)
+    assert np.count_nonzero(~np.isnan(median)) == np.count_nonzero(~np.isnan(worst)) == 2
 
 
 @pytest.mark.parametrize(

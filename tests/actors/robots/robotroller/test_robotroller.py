@@ -39,6 +39,13 @@ def hold(robot: Robotroller, keys: Keys, frames: int) -> list[Keys]:
     return [robot.step_frame() for _ in range(frames)]
 
 
+def leans(robot: Robotroller) -> NDArray[np.float64]:
+    """Returns how far the stick leans to the left and away, rad, and how far the button is down,
+    m, ``float64 [3]``."""
+    states = robot._engine.getJointStates(robot.controller.body, robot.controller._joints)
+    return np.array([state[0] for state in states])
+
+
 def servos(robot: Robotroller) -> NDArray[np.float64]:
     """Angles of the servos, °."""
     states = robot._engine.getJointStates(robot.arms.body, robot.arms.joints)
@@ -55,12 +62,14 @@ def test_every_action_holds_exactly_its_keys_and_lets_them_go(
 
 
 def test_from_any_action_to_any_other_within_two_agent_steps(robot: Robotroller) -> None:
-    latency = Latency.of(list(changes(robot, 1, 3)))
+    found = list(changes(robot, 1, 3))
+    latency = Latency.of(found)
     assert latency.unreached == 0
     assert latency.p50_ms <= AGENT_STEP * 1000 / 60
-    assert np.nanmax(latency.worst_ms) <= 2 * AGENT_STEP * 1000 / 60
+    assert max(each.frames or 0 for each in found) <= 2 * AGENT_STEP
     # From one side to the other is the farthest way: no servo is there at once.
-    assert latency.table_ms[4, 3] >= 2 * 1000 / 60
+    across = [each.frames or 0 for each in found if (each.old, each.new) == (4, 3)]
+    assert np.median(across) >= 2
     assert latency.stray_share <= MOST_STRAYS
 
 
@@ -121,14 +130,14 @@ def test_an_untouched_stick_comes_back_to_the_middle(robot: Robotroller) -> None
     """What is solid of the arm no longer meets anything."""
     robot.rest()
     hold(robot, UP | LEFT | FIRE, 30)
-    assert (robot.controller.leans() > (0.15, 0.12, 0.0015)).all()
+    assert (leans(robot) > (0.15, 0.12, 0.0015)).all()
     engine, arm = robot._engine, robot.arms.body
     for link in range(engine.getNumJoints(arm)):
         engine.setCollisionFilterGroupMask(arm, link, 0, 0)
     for _ in range(30):
         robot.step_frame()
     assert robot.held == Keys.NONE
-    assert np.abs(robot.controller.leans()) == pytest.approx([0.0, 0.0, 0.0], abs=3e-4)
+    assert np.abs(leans(robot)) == pytest.approx([0.0, 0.0, 0.0], abs=3e-4)
     robot._limit_contacts(arm)
     robot.rest()
 
@@ -167,7 +176,7 @@ def test_rest_leaves_nothing_behind_and_two_robots_are_the_same(robot: Robotroll
             each.command(KEYS_OF_ACTION[action])
             for _ in range(AGENT_STEP):
                 each.step_frame()
-                found.append(np.concatenate((each.controller.leans(), *each.proprioception())))
+                found.append(np.concatenate((leans(each), *each.proprioception())))
         return found
 
     robot.rest()
@@ -210,11 +219,12 @@ def test_slow_arms_and_stiff_keys_reach_all(arm_speed: float, key_threshold: flo
 
 def test_its_camera_sees_the_whole_picture_and_nothing_of_the_arm(robot: Robotroller) -> None:
     robot.rest()
-    before = robot.view_of_robot.renderings
+    renderings = []
     for keys in KEYS_OF_ACTION:
         hold(robot, keys, 4)
         picture = robot.picture(GAME)
-    assert robot.view_of_robot.renderings <= before + 1
+        renderings.append(robot.view_of_robot.rendering())
+    assert all(each is renderings[0] for each in renderings)
     assert picture[120, 160].tolist() == [200, 40, 90]
     full = robot.view_of_robot.camera.render()
     assert np.array_equal(robot.view_of_robot.rendering().rgb, full.rgb)

@@ -133,13 +133,12 @@ def assert_exact(room: Nao, poses: int, seed: int) -> None:
                     screen_tilt=rng.uniform(-6, 6),
                 )
             )
-            room.view_of_robot.rendering()  # so that there is a rendering to reuse
-            before = room.view_of_robot.renderings
+            last = room.view_of_robot.rendering()  # so that there is a rendering to reuse
         move_arms(room, rng)
         game = next(games)
         picture = room.picture(game)
-        rendered += room.view_of_robot.renderings - before
-        before = room.view_of_robot.renderings
+        before, last = last, room.view_of_robot.rendering()
+        rendered += last is not before
         assert np.array_equal(picture, straightforward(room, game)), f"pose {number} of {seed}"
         hidden += bool((room.view_of_robot.rendering().bodies == room.body).any())
     assert hidden > poses / 8  # arms were in view in many
