@@ -1,4 +1,4 @@
-"""`python -m viewer.portrait -o docs/robot.png`: the robot at play, as a picture.
+"""`python -m benchmarks.figures.portrait -o docs/robot.png`: the robot at play, as a picture.
 
 Above the room, and the robot from the front; below what its camera sees, with the game's corners as
 the detector found them, and the 84×84 frame that the network gets.
@@ -44,7 +44,7 @@ class Options:
 
 
 def main() -> int:
-    options = parse(Options, "viewer.portrait", sys.argv[1:])
+    options = parse(Options, "benchmarks.figures.portrait", sys.argv[1:])
     play = replace(DEFAULT_PLAY, random_starts=0, robot=options.robot)
     with closing(RobotEnv(options.game, play=play)) as env:
         env.reset(seed=options.seed)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from actors.robots.nao.shapes import ORANGE
-from viewer import overlay, portrait
+from benchmarks.figures import portrait
+from viewer import overlay
 
 
 def test_robot_screen_and_sight_are_in_the_picture(
