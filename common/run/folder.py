@@ -84,11 +84,18 @@ def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
         os.close(file)
 
 
+_EPOCH = "epoch-"
+
+
+def epoch_name(epoch: int) -> str:
+    """Returns what an epoch's files are called, without the suffix."""
+    return f"{_EPOCH}{epoch:04d}"
+
+
 def kept_networks(snapshots: Path) -> dict[int, Path]:
     """Returns the files of the epochs' weights in a run's ``snapshots/`` by epoch, oldest first."""
-    names = {
-        path.stem.removeprefix("epoch-"): path for path in snapshots.glob("epoch-*.safetensors")
-    }
+    files = snapshots.glob(f"{_EPOCH}*.safetensors")
+    names = {path.stem.removeprefix(_EPOCH): path for path in files}
     return dict(sorted((int(name), path) for name, path in names.items() if name.isdecimal()))
 
 

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from common.run.folder import write_atomically
+from common.run.folder import epoch_name, write_atomically
 
 
 class Snapshots:
@@ -45,4 +45,4 @@ class Snapshots:
             return None
 
     def file(self, epoch: int) -> Path:
-        return self._folder / f"epoch-{epoch:04d}.safetensors"
+        return self._folder / f"{epoch_name(epoch)}.safetensors"

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from common.process.supervisor import Child
 from common.run.epochs import EpochRow, EpochTable
-from common.run.folder import RunFolder, kept_networks
+from common.run.folder import RunFolder, epoch_name, kept_networks
 from learner.evaluation.snapshots import Snapshots
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
@@ -138,4 +138,4 @@ class FilmsSink(Sink):
                 _log.warning("the film of epoch %d is not shown: %s", number, error)
 
     def _file(self, epoch: int) -> Path:
-        return self._folder.films / f"{self._snapshots.file(epoch).stem}.mp4"
+        return self._folder.films / f"{epoch_name(epoch)}.mp4"
