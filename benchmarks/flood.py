@@ -1,10 +1,11 @@
 """`python -m benchmarks.flood`: what one actor's certificate is good for to hold up a training.
 
 A learner, which is its own hub, and one actor train Catch, with certificates by name. In turns they
-are left alone, and flooded by another client with a certificate of its own: whole chunks as fast as
-it can, heartbeats and requests for the newest weights. Each turn is a run of its own, because a
-flood's steps stay in the replay. The rate is the learner's own figures: updates by its clock. All
-processes share one machine, so what the flooder itself costs is in it too.
+are left alone, flooded by another client with a certificate of its own (whole chunks as fast as it
+can, heartbeats and requests for the newest weights), and beside a busy process that sends nothing.
+Each turn is a run of its own, because a flood's steps stay in the replay. The rate is the learner's
+own figures: updates by its clock. All processes share one machine, so the busy process takes as
+many cores as the flooder took, and what the flood costs is told against that.
 """
 
 import subprocess
@@ -31,7 +32,7 @@ from common.protocol.run_status import RunStatus
 from common.transport.interface import Envelope, Unanswered
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 
-ALONE, FLOODED = "alone", "flooded"
+ALONE, FLOODED, BUSY = "alone", "flooded", "beside a busy process"
 _ACTOR, _FLOODER = "actor-1", "flooder"
 _PATIENCE = 120.0
 _DEADLINE = 5.0
@@ -166,16 +167,21 @@ class Training(HostedRun):
             f"the learner has not told in {_PATIENCE:g} s that it trains: see its log."
         )
 
-    def mark(self, flooder: Helper | None) -> Mark:
-        """Returns the run as it is now."""
+    def mark(self, beside: Helper | None) -> Mark:
+        """Returns the run as it is now, and what the process beside it counts."""
         values, pid = self._values(), self.process.pid
-        sent = {} if flooder is None else flooder.ask("counts")
+        sent = {} if beside is None else beside.ask("counts")
         spent = cpu_seconds(stat_of(pid))
         return Mark(values, time.monotonic(), spent, self._actor, self._heartbeats, sent)
 
 
-def measure_turn(options: Options, certificates: Path, *, flooded: bool) -> dict[str, float]:
+def measure_turn(
+    options: Options, certificates: Path, *, flooded: bool = False, busy: float = 0.0
+) -> dict[str, float]:
     """Returns the rates of one run, per second, and of the flood if there was one.
+
+    Args:
+        busy: cores that a process beside it takes.
 
     Raises:
         InputError: a process failed, and has said why.
@@ -184,12 +190,16 @@ def measure_turn(options: Options, certificates: Path, *, flooded: bool) -> dict
         run = stack.enter_context(Training(options.quota, certificates))
         run.await_seconds(options.settle)
         flooder = stack.enter_context(run.flood()) if flooded else None
+        beside = flooder
         if flooder is not None:
             run.await_flood(flooder)
+        elif busy:
+            beside = Helper("the busy process", "benchmarks.busy", cores=busy)
+            stack.enter_context(beside)
         run.await_seconds(options.settle)
-        first = run.mark(flooder)
+        first = run.mark(beside)
         run.await_seconds(options.seconds)
-        last = run.mark(flooder)
+        last = run.mark(beside)
         if flooder is not None:
             flooder.ask("stop")
         run.check()
@@ -236,8 +246,16 @@ def measure(options: Options) -> Report:
         certificates = folder / "certificates"
         certify(certificates)
         turn = partial(measure_turn, options, certificates)
+        took = 0.0
+
+        def flooded() -> dict[str, float]:
+            nonlocal took
+            rates = turn(flooded=True)
+            took = rates["cpu"]
+            return rates
+
         found = in_turns(
-            {ALONE: partial(turn, flooded=False), FLOODED: partial(turn, flooded=True)},
+            {ALONE: turn, FLOODED: flooded, BUSY: lambda: turn(busy=took)},
             options.turns,
             warm_up=0,
             tell=True,
@@ -246,13 +264,10 @@ def measure(options: Options) -> Report:
 
 
 def report(found: Mapping[str, Sequence[dict[str, float]]]) -> Report:
-    """Returns what the turns of both kinds came to; those of one number are a pair."""
-    pairs = zip(found[ALONE], found[FLOODED], strict=True)
-    ratio = Spread.of([flooded["updates"] / alone["updates"] for alone, flooded in pairs])
-    one = Spread(1.0, 1.0, 1.0)
+    """Returns what the turns of each kind came to; those of one number belong together."""
     rows = []
-    for kind, of_alone in ((ALONE, one), (FLOODED, ratio)):
-        updates = Spread.of([each["updates"] for each in found[kind]])
+    for kind, turns in found.items():
+        updates, of_alone = Spread.of(_updates(turns)), _ratio(turns, found[ALONE])
         rows.append(
             {
                 "training": kind,
@@ -260,12 +275,12 @@ def report(found: Mapping[str, Sequence[dict[str, float]]]) -> Report:
                 "least": updates.least,
                 "most": updates.most,
                 "of alone": of_alone.median,
-                "its least": of_alone.least,
-                "its most": of_alone.most,
-                "actor's steps/s": _median(found[kind], "agent_steps"),
-                "learner's cores": _median(found[kind], "learner_cores"),
+                "actor's steps/s": _median(turns, "agent_steps"),
+                "learner's cores": _median(turns, "learner_cores"),
+                "cores beside": _median(turns, "cpu"),
             }
         )
+    ratio = _ratio(found[FLOODED], found[BUSY])
     refusals = _refusals(found[FLOODED])
     title = (
         f"Training of Catch beside one certified client that floods its hub, {len(found[ALONE])} "
@@ -278,12 +293,21 @@ def report(found: Mapping[str, Sequence[dict[str, float]]]) -> Report:
             **{"rows": rows, "refusals": refusals},
         },
         (
-            f"Updates/s under the flood, of those alone: {ratio.median:.3f} "
-            f"({ratio.least:.3f} to {ratio.most:.3f}, turn by turn).",
-            f"The flooder works on the same machine, and what it takes of that is in the ratio: "
-            f"{_median(found[FLOODED], 'cpu'):.2f} cores.",
+            f"Updates/s under the flood, of those beside a process that takes as many cores and "
+            f"sends nothing: {ratio.median:.3f} ({ratio.least:.3f} to {ratio.most:.3f}, turn by "
+            "turn).",
         ),
     )
+
+
+def _updates(turns: Sequence[dict[str, float]]) -> list[float]:
+    return [each["updates"] for each in turns]
+
+
+def _ratio(turns: Sequence[dict[str, float]], others: Sequence[dict[str, float]]) -> Spread:
+    """Returns the updates of some turns, of those of others, turn by turn."""
+    pairs = zip(_updates(turns), _updates(others), strict=True)
+    return Spread.of([some / other for some, other in pairs])
 
 
 def _median(turns: Sequence[dict[str, float]], name: str) -> float:
@@ -294,7 +318,10 @@ def _refusals(turns: Sequence[dict[str, float]]) -> list[dict[str, Any]]:
     """Returns a row for each kind of message: how many the flooder sent a second, and how many the
     hub took."""
     heard = {
-        "chunks": ("chunks stored", f"{_median(turns, 'chunk bytes') / 1e6:.0f} MB/s; over quota"),
+        "chunks": (
+            "chunks stored",
+            f"{_median(turns, 'chunk bytes') / 1e6:.0f} MB/s; over quota or turn",
+        ),
         "heartbeats": ("heartbeats_heard", "too often"),
         "requests": ("requests answered", "too often"),
     }

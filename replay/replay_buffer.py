@@ -24,6 +24,7 @@ from replay.batch import Batch, SharedBatch
 from replay.chunk_statistics import Progress
 from replay.limiter import RateLimiter
 from replay.store import Store
+from replay.turns import Turns
 
 _HURRIED_READS = 3
 _log = logging.getLogger(__name__)
@@ -46,7 +47,10 @@ class ReplayBuffer:
         """Messages of actors that were turned away for the time being, since this process began."""
         self._batch_size = config.learning.batch_size
         self._difficulty_after = config.difficulty_after
+        self.released: Callable[[], None] = lambda: None
+        """Called under a lock when actors that are held may go on or leave; must be brief."""
         self._limiter = RateLimiter.of(config)
+        self._turns = Turns(config.stream.chunk_steps, config.stream.window)
         self._state = threading.Condition()
         self._store = Store(config, folder, self._state)
         settings = hashlib.sha256(to_json(config).encode()).hexdigest()
@@ -58,6 +62,11 @@ class ReplayBuffer:
         self._finished = False
         self._drawn = 0
 
+    def admits(self, actor: str) -> bool:
+        """Whether a chunk of ``actor`` is taken now: a held one's are within its window alone."""
+        with self._state:
+            return self._finished or not self._should_throttle() or self._turns.admits(actor)
+
     def insert(self, chunk: Chunk) -> Ack:
         """Store ``chunk``, unless it came before; never waits for the learner.
 
@@ -67,17 +76,33 @@ class ReplayBuffer:
         """
         begun = self._drawn // self._batch_size
         new = self._store.insert(chunk, staleness=max(begun - chunk.weights_version, 0))
+        if new:
+            with self._state:
+                still_open = not self._should_throttle()
+                self._turns.charge(chunk.actor, len(chunk), still_open=still_open)
         return self.ack("stored" if new else "duplicate")
 
     def refuse(self) -> None:
         """Count a chunk that could not be decoded, or is of another run."""
         self._store.count_refused()
 
-    def ack(self, status: Literal["stored", "duplicate", "poll", "refused"]) -> Ack:
+    def ack(self, status: Literal["stored", "duplicate", "refused"]) -> Ack:
         """Returns what an actor is told now."""
+        return self._ack(status, throttle=self._should_throttle())
+
+    def poll(self, actor: str) -> Ack:
+        """Returns whether ``actor``, which is held, may go on: to all who asked before the limiter
+        opened, though some of them have closed it again."""
+        with self._state:
+            held = self._should_throttle() and not self._turns.has_turn(actor)
+            return self._ack("poll", throttle=held)
+
+    def _ack(
+        self, status: Literal["stored", "duplicate", "poll", "refused"], *, throttle: bool
+    ) -> Ack:
         return Ack(
             status,
-            throttle=self._should_throttle(),
+            throttle=throttle,
             finished=self._finished,
             agent_steps=self._store.index.agent_steps,
             difficulty=self._difficulty(),
@@ -90,14 +115,6 @@ class ReplayBuffer:
 
     def _difficulty(self) -> float:
         return self._difficulty_after(self._store.index.curriculum_steps)
-
-    def await_release(self, timeout: float) -> Ack:
-        """Returns once a throttled actor may go on or leave, or after ``timeout`` seconds."""
-        with self._state:
-            self._state.wait_for(
-                lambda: self._closed or self._finished or not self._should_throttle(), timeout
-            )
-            return self.ack("poll")
 
     def sample(self, drawn: int, timeout: float) -> Batch | None:
         return self._sample(drawn, timeout, self._store.ring.read)
@@ -116,9 +133,11 @@ class ReplayBuffer:
             # What the newest weights were learned from was drawn by the learner, so a smaller count
             # is somebody else's. (A resumed learner first publishes its older weights.)
             if drawn >= self.weights_version * self._batch_size:
+                held = self._should_throttle()
                 self._drawn = drawn
-                if not self._should_throttle():
-                    self._state.notify_all()
+                if held and not self._should_throttle():
+                    self._turns.open()
+                    self.released()
             self._state.wait_for(lambda: self._closed or self._may_sample(drawn), timeout)
             if self._closed or not self._may_sample(drawn):
                 return None
@@ -172,7 +191,7 @@ class ReplayBuffer:
         with self._state:
             if finished is not None and finished != self._finished:
                 self._finished = finished
-                self._state.notify_all()
+                self.released()
             index = self._store.index
             return Progress(
                 agent_steps=index.agent_steps,

@@ -10,6 +10,7 @@ import queue
 import threading
 import time
 from contextlib import AbstractContextManager
+from enum import Enum, auto
 
 from common.errors import MessageError
 from common.process.log_lines import Seldom
@@ -42,6 +43,13 @@ _refusals = _log.getChild("refusals")
 _refusals.addFilter(Seldom())
 
 
+class _Event(Enum):
+    """What those who wait with a poll have to be told of."""
+
+    RELEASED = auto()
+    CLOSED = auto()
+
+
 class ReplayServer(AbstractContextManager["ReplayServer"]):
     """Answers for ``memory`` until it is closed.
 
@@ -62,7 +70,8 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         self._keys = keys = RunKeys(run, memory.run_id)
         self._announcement = Announcement(run, config, config.action_count, memory.run_id).encode()
         self._weights: Envelope | None = None
-        self._polls: queue.SimpleQueue[tuple[float, Request] | None] = queue.SimpleQueue()
+        self._polls: queue.SimpleQueue[Request | _Event] = queue.SimpleQueue()
+        memory.released = lambda: self._polls.put(_Event.RELEASED)
         self._poll_thread = threading.Thread(
             target=self._answer_polls, name="replay-polls", daemon=True
         )
@@ -87,7 +96,8 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         for service in self._services:
             service.close()
         self._subscription.close()
-        self._polls.put(None)
+        self._memory.released = lambda: None
+        self._polls.put(_Event.CLOSED)
         self._poll_thread.join(2 * LONGEST_WAIT)
 
     def _insert(self, request: Request) -> bytes | None:
@@ -96,7 +106,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             request.drop()  # unanswered, it is sent again
             return None
         if not request.payload:
-            self._polls.put((time.monotonic() + LONGEST_WAIT, request))
+            self._polls.put(request)
             return None
         try:
             return self._ack_of(request.payload, actor).encode()
@@ -105,17 +115,20 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             raise
 
     def _admits(self, actor: str, request: Request) -> bool:
-        """Whether this is within the actor's quota, as its length tells before it is decoded."""
-        steps = max(len(request.payload) / _STEP_BYTES, 1.0)
-        # The learner's own, which comes once.
-        if actor == DEMONSTRATIONS or self._quota.admits(actor, steps):
+        """Whether this is within the actor's turn and quota, as is known before it is read."""
+        if actor == DEMONSTRATIONS:  # the learner's own, which comes once
             return True
-        self._memory.over_quota += 1
-        if self._quota.knows(actor):
-            text = "%s sends more than --actor-quota lets it: the rest has to wait"
-            _refusals.warning(text, actor)
+        known = self._quota.knows(actor)
+        if request.size and known and not self._memory.admits(actor):
+            text = f"{actor} sends on while it is told to hold"
+        elif self._quota.admits(actor, max(request.size / _STEP_BYTES, 1.0)):
+            return True
+        elif known:
+            text = f"{actor} sends more than --actor-quota lets it"
         else:
-            _refusals.warning("more new actors come than are let in at once: the rest has to wait")
+            text = "more new actors come than are let in at once"
+        self._memory.over_quota += 1
+        _refusals.warning("%s: the rest has to wait", text)
         return False
 
     def _ack_of(self, payload: bytes, actor: str) -> Ack:
@@ -138,14 +151,36 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         return self._memory.insert(chunk)
 
     def _answer_polls(self) -> None:
-        """Throttled actors wait here, each at most `LONGEST_WAIT`, while inserts go on.
+        """Throttled actors wait here, each at most `LONGEST_WAIT`, while inserts go on."""
+        waiting: dict[str, tuple[float, Request]] = {}
+        """By actor, the moment at which its poll is answered in any case; the next one first."""
 
-        Of those that wait the first is due first, and a release lets them all go.
-        """
-        while (poll := self._polls.get()) is not None:
-            due, request = poll
-            left = max(due - time.monotonic(), 0.0)
-            request.reply(self._memory.await_release(left).encode())
+        def answer(actor: str, *, in_any_case: bool = False) -> None:
+            told = self._memory.poll(actor)
+            if in_any_case or told.finished or not told.throttle:
+                waiting.pop(actor)[1].reply(told.encode())
+
+        while True:
+            for actor, (due, _) in tuple(waiting.items()):
+                left = due - time.monotonic()
+                if left > 0:
+                    break
+                answer(actor, in_any_case=True)
+            try:
+                event = self._polls.get(timeout=left if waiting else None)
+            except queue.Empty:
+                continue
+            if event is _Event.CLOSED:
+                return
+            if event is _Event.RELEASED:
+                for actor in tuple(waiting):
+                    answer(actor)
+            else:
+                actor = name_in(event.key)
+                if actor in waiting:  # one of each, however often it asks
+                    answer(actor, in_any_case=True)
+                waiting[actor] = time.monotonic() + LONGEST_WAIT, event
+                answer(actor)
 
     def _sample(self, request: Request) -> bytes:
         asked = SampleRequest.decode(request.payload)

@@ -179,6 +179,10 @@ class _Request:
     reply_key: str
     settle: Callable[[Envelope | Exception], None]
 
+    @property
+    def size(self) -> int:
+        return len(self.payload)
+
     def reply(self, answer: bytes | Envelope) -> None:
         payload, attachment, _ = answer if isinstance(answer, Envelope) else Envelope(answer)
         self.settle(Envelope(bytes(payload), attachment, self.reply_key))

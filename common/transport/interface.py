@@ -32,7 +32,16 @@ class Request(Protocol):
         """The key at which the client asked."""
 
     @property
-    def payload(self) -> bytes: ...
+    def size(self) -> int:
+        """Bytes of the payload, known without reading it."""
+
+    @property
+    def payload(self) -> bytes:
+        """What the client sent.
+
+        Raises:
+            DamagedMessage: it is not that any more.
+        """
 
     def reply(self, answer: bytes | Envelope) -> None:
         """Answer it."""

@@ -11,6 +11,7 @@ from functools import partial
 from common.errors import MessageError
 from common.process.log_lines import Seldom
 from common.process.threads import guarded
+from common.transport.checksum import DamagedMessage
 from common.transport.interface import Answer, Envelope, Request, Requester, Unanswered
 
 _FIRST_PAUSE = 0.1
@@ -34,6 +35,9 @@ def answer_request(request: Request, answer: Answer) -> None:
             request.reply(found)
     except MessageError as error:
         request.refuse(str(error)[:LONGEST_REASON])
+    except DamagedMessage as error:
+        _log.warning("a request at %s is not answered: %s", request.key, error)
+        request.drop()
     except OSError as error:
         _log.warning("a request at %s found no answer: %s", request.key, error)
         request.drop()

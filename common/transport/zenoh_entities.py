@@ -7,6 +7,7 @@ import logging
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
+from functools import cached_property
 from typing import Any, TypeVar
 
 import zenoh
@@ -78,13 +79,17 @@ class _Request:
     """Implements `interface.Request`."""
 
     def __init__(self, query: zenoh.Query, served: str) -> None:
-        """Raises DamagedMessage if it is not what was sent."""
         self._query = query
         self.key = str(query.key_expr)
         # At the server's own key: the client's may stand for those of several servers.
         self._reply_key = self.key if "*" in served else served
-        self.payload = _bytes(query.payload)
-        unseal(self.key, self.payload, _bytes(query.attachment))
+        self.size = 0 if query.payload is None else len(query.payload)
+
+    @cached_property
+    def payload(self) -> bytes:
+        payload = _bytes(self._query.payload)
+        unseal(self.key, payload, _bytes(self._query.attachment))
+        return payload
 
     def reply(self, answer: bytes | Envelope) -> None:
         payload, attachment, _ = answer if isinstance(answer, Envelope) else Envelope(answer)
@@ -111,12 +116,7 @@ class Service(Declared):
 
         def work() -> None:
             for query in queryable:
-                try:
-                    request = _Request(query, key)
-                except DamagedMessage as error:
-                    _log.warning("a request at %s is not answered: %s", key, error)
-                    query.drop()  # type: ignore[no-untyped-call]
-                    continue
+                request = _Request(query, key)
                 if self._closed:
                     request.drop()
                 else:

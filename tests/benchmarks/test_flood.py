@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import catch, flood
-from benchmarks.flood import ALONE, FLOODED, Mark, Options
+from benchmarks.flood import ALONE, BUSY, FLOODED, Mark, Options
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
 from tests.extending.whole_run import added
@@ -17,7 +17,7 @@ def test_a_flood_is_turned_away_and_training_goes_on() -> None:
     options = Options(turns=1, seconds=1.0, settle=0.1, quota=200)
     with added(ENVIRONMENTS, catch.CATCH):
         content = flood.measure(options).content
-    (alone,), (flooded,) = content["turns"][ALONE], content["turns"][FLOODED]
+    (alone,), (flooded,), (busy,) = (content["turns"][kind] for kind in (ALONE, FLOODED, BUSY))
     assert alone["updates"] > 0
     assert alone["heartbeats_heard"] == 0
     assert "chunks" not in alone
@@ -26,7 +26,9 @@ def test_a_flood_is_turned_away_and_training_goes_on() -> None:
     assert flooded["refused"] == 0  # nothing is wrong with the chunks
     assert flooded["heartbeats"] > flooded["heartbeats_heard"]
     assert {"chunk bytes", "chunks unanswered", "requests"} <= set(flooded)
-    ratio = flooded["updates"] / alone["updates"]
+    assert busy["cpu"] > 0
+    assert "chunks" not in busy
+    ratio = flooded["updates"] / busy["updates"]
     assert content["ratio"] == {"median": ratio, "least": ratio, "most": ratio}
 
 
@@ -57,22 +59,23 @@ def test_updates_and_steps_are_counted_by_the_clocks_of_those_who_make_them() ->
 
 def test_turns_are_compared_in_pairs() -> None:
     found = {
-        ALONE: [{"updates": 100.0}, {"updates": 50.0}, {"updates": 80.0}],
+        ALONE: [{"updates": 200.0}, {"updates": 100.0}, {"updates": 160.0}],
         FLOODED: [
             {"updates": 90.0, "chunks": 400.0, "chunks stored": 100.0, "chunk bytes": 2e8},
             {"updates": 40.0, "chunks": 200.0, "chunks stored": 100.0, "chunk bytes": 1e8},
             {"updates": 76.0, "chunks": 500.0, "chunks stored": 125.0, "chunk bytes": 3e8},
         ],
+        BUSY: [{"updates": 100.0}, {"updates": 50.0}, {"updates": 80.0}],
     }
     content = flood.report(found).content
     assert content["ratio"] == {"median": 0.9, "least": 0.8, "most": 0.95}
-    alone, flooded = content["rows"]
-    assert (alone["updates/s"], alone["least"], alone["most"]) == (80, 50, 100)
-    assert alone["of alone"] == 1
-    assert (flooded["updates/s"], flooded["of alone"], flooded["its least"]) == (76, 0.9, 0.8)
+    alone, flooded, busy = content["rows"]
+    assert (alone["updates/s"], alone["least"], alone["most"]) == (160, 100, 200)
+    assert (alone["of alone"], busy["of alone"]) == (1, 0.5)
+    assert (flooded["updates/s"], flooded["of alone"]) == (76, 0.45)
     chunks, heartbeats, _ = content["refusals"]
     assert (chunks["sent/s"], chunks["taken/s"], chunks["refused"]) == (400, 100, 0.75)
-    assert chunks["why"] == "200 MB/s; over quota"
+    assert chunks["why"] == "200 MB/s; over quota or turn"
     assert heartbeats["refused"] is None  # none was sent
 
 

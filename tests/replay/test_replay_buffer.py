@@ -2,6 +2,7 @@ import copy
 import json
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -176,9 +177,9 @@ def test_the_limiter_holds_actors_and_the_learner(tmp_path: Path) -> None:
     assert memory.sample(0, 0.0) is None  # 15 < 16
     assert memory.insert(actor.live([GOES_ON] * 9, rng)).throttle is False  # 8 steps ahead: allowed
     assert memory.insert(actor.live([GOES_ON] * 1, rng)).throttle is True
-    assert memory.await_release(0.0).throttle is True
+    assert memory.poll("a").throttle is True
     assert memory.sample(8, 0.0) is not None
-    assert memory.await_release(0.0).throttle is False
+    assert memory.poll("a").throttle is False
     assert memory.sample((25 - 16) * 8 + 32, 0.0) is not None  # one batch ahead: 4 of 8 steps
     assert memory.sample((25 - 16) * 8 + 33, 0.0) is None
 
@@ -190,34 +191,34 @@ def test_the_count_of_draws_is_the_learners_own(tmp_path: Path) -> None:
         memory.insert(actor.live([GOES_ON] * 10, rng))
     memory.weights_version = 9  # updates, of 32 steps each
     assert memory.sample(9 * 32, 0.0) is not None
-    assert memory.await_release(0.0).throttle is False  # (50 - 16) * 8 were due
+    assert memory.progress(0).throttle is False  # (50 - 16) * 8 were due
     assert memory.sample(0, 0.0) is not None  # by somebody who looks on
-    assert memory.await_release(0.0).throttle is False
+    assert memory.progress(0).throttle is False
     memory.weights_version = 5  # of a learner that goes on from an older checkpoint
     assert memory.sample(5 * 32, 0.0) is not None
-    assert memory.await_release(0.0).throttle is True
+    assert memory.progress(0).throttle is True
 
 
 def test_a_held_actor_and_a_waiting_learner_are_woken(tmp_path: Path) -> None:
     config = make_config(learning_starts=16, ratio_tolerance=8, batch_size=32)
     memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
-    found: list[object] = []
+    found: list[Any] = []
     learner = threading.Thread(target=lambda: found.append(memory.sample(0, 60.0)))
     learner.start()
     memory.insert(actor.live([GOES_ON] * 30, rng))
     learner.join(30.0)
     assert isinstance(found[0], Batch)
-    held = threading.Thread(target=lambda: found.append(memory.await_release(60.0)))
-    held.start()
+    memory.released = lambda: found.append(memory.poll("a"))
+    assert memory.poll("a").throttle
+    memory.sample(40, 0.0)  # of (30 - 16) * 8 that are due, and 64 that may be
+    assert found[1:] == []
     memory.sample(200, 0.0)
-    held.join(30.0)
-    assert not held.is_alive()
-    memory.insert(actor.live([GOES_ON] * 30, rng))
-    leaving = threading.Thread(target=lambda: found.append(memory.await_release(60.0)))
-    leaving.start()
+    assert [(ack.throttle, ack.finished) for ack in found[1:]] == [(False, False)]
+    memory.sample(201, 0.0)  # it is open already
+    assert memory.insert(actor.live([GOES_ON] * 30, rng)).throttle
     memory.progress(0, finished=True)
-    leaving.join(30.0)
-    assert not leaving.is_alive()
+    assert [(ack.throttle, ack.finished) for ack in found[2:]] == [(True, True)]
+    memory.released = lambda: None
     assert memory.insert(actor.live([GOES_ON], rng)).finished
     waiting = threading.Thread(target=lambda: found.append(memory.sample(10**9, 60.0)))
     waiting.start()
@@ -231,9 +232,9 @@ def test_that_the_run_is_over_holds_until_it_is_taken_back(tmp_path: Path) -> No
     memory.progress(0, finished=True)
     memory.progress(0)
     memory.sample(0, 0.0)
-    assert memory.await_release(0.0).finished
+    assert memory.poll("a").finished
     memory.progress(0, finished=False)
-    assert not memory.await_release(0.0).finished
+    assert not memory.poll("a").finished
 
 
 def test_statistics_tell_what_each_chunk_was(tmp_path: Path) -> None:

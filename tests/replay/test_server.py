@@ -254,13 +254,14 @@ def test_a_poll_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> No
     key = KEYS.insert("a")
     assert Ack.decode(ask(place.client, key, b"")).throttle  # after its second
     found: list[Ack] = []
-    held = [
-        threading.Thread(target=lambda: found.append(Ack.decode(ask(place.client, key, b""))))
-        for _ in range(3)
-    ]
+
+    def poll(name: str) -> None:
+        found.append(Ack.decode(ask(place.client, KEYS.insert(name), b"")))
+
+    held = [threading.Thread(target=poll, args=name) for name in "abc"]
     for thread in held:
         thread.start()
-    assert insert(place.client, actor.live([GOES_ON], rng)).status == "stored"
+    assert insert(place.client, Actor("d", 4).live([GOES_ON], rng)).status == "stored"
     assert place.remote.sample(10_000, 0.0) is None  # nothing to draw, but it tells its count
     for thread in held:
         thread.join(PATIENCE)
@@ -270,6 +271,47 @@ def test_a_poll_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> No
         if not ack.throttle:
             break
     assert not ack.throttle
+
+
+def test_who_sends_on_while_it_is_told_to_hold_takes_nobodys_turn(
+    place: Place, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Chunks have 8 steps here and windows two chunks; 84 steps hold all actors."""
+    rng, flooder, honest = np.random.default_rng(0), Actor("flooder", 4), Actor("honest", 4)
+    assert insert(place.client, honest.live([GOES_ON] * 8, rng)).status == "stored"
+    assert not insert(place.client, flooder.live([GOES_ON] * 72, rng)).throttle  # still open
+    late = flooder.live([GOES_ON] * 8, rng)
+    assert insert(place.client, late).throttle
+    stored = {"flooder": 0, "honest": 0}
+    waiting = [flooder.live([GOES_ON] * 8, rng) for _ in range(4)]
+
+    def flood() -> None:
+        """Sends the same chunk again and again, until it is refused."""
+        with suppress(Unanswered):
+            while waiting:
+                assert insert(place.client, waiting[0]).status == "stored"
+                waiting.pop(0)
+                stored["flooder"] += 1
+
+    drawn = 0
+    flood()
+    assert stored["flooder"] == 0  # a window ahead
+    for _ in range(4):  # each time the limiter opens, and the flooder is the first
+        while place.memory.progress(0).throttle:
+            drawn += 16
+            place.memory.sample(drawn, 0.0)
+        flood()
+        assert not Ack.decode(ask(place.client, KEYS.insert("honest"), b"")).throttle
+        assert insert(place.client, honest.live([GOES_ON] * 8, rng)).status == "stored"
+        stored["honest"] += 1
+        while not place.memory.progress(0).throttle:  # a third one closes it, if need be
+            insert(place.client, Actor("third", 4).live([GOES_ON] * 8, rng))
+    assert stored["honest"] == 4
+    assert 1 <= stored["flooder"] <= 4
+    assert insert(place.client, late).status == "duplicate"
+    assert place.memory.over_quota > 0
+    told = "flooder sends on while it is told to hold: the rest has to wait"
+    assert told in caplog.messages
 
 
 def test_the_newest_weights_wait_for_late_joiners(place: Place) -> None:

@@ -1,0 +1,73 @@
+"""`Turns`: whose chunks are taken while the rate limiter holds all actors.
+
+An actor that is told to hold may have a window of chunks under way, and should send no more. One
+that goes on fills whatever the learner frees, before those who wait are told. So each has an
+account of the steps that it is ahead: its chunks add to it, and each time the limiter opens all
+accounts fall by a turn, the steps of one chunk. While the limiter is closed, who is a window ahead
+is refused, and who is not ahead at all has its turn. So in the long run all who want in get as many
+steps, and an actor that does as it is told is never refused. This is start-time fair queueing
+(Goyal et al. 1996), by steps.
+"""
+
+MOST_ACTORS = 4_096
+"""Actors with an account, as many as a hub takes connections; then the one is forgotten that was
+charged longest ago."""
+
+
+class Turns:
+    """Accounts of actors, by name; for whoever holds a lock.
+
+    Args:
+        turn: steps that each actor may send whenever the limiter opens.
+        window: turns that it may be ahead.
+    """
+
+    def __init__(self, turn: int, window: int) -> None:
+        self._turn = turn
+        self._most = turn * window
+        self._now = 0
+        """Steps by which accounts have fallen."""
+        self._paid_until: dict[str, int] = {}
+        """By actor, the ``_now`` at which it is ahead no more."""
+        self._asked: set[str] = set()
+        """Actors that wanted in since the limiter opened last."""
+
+    def open(self) -> None:
+        """Let all accounts fall, the limiter having opened; so far that one who asked has its turn."""
+        least = min((self._paid_until[actor] for actor in self._asked), default=0)
+        self._now = max(self._now + self._turn, least)
+        self._asked.clear()
+
+    def has_turn(self, actor: str) -> bool:
+        """Whether ``actor`` may go on although the limiter is closed. A new one has to wait."""
+        return self._account(actor, self._now + self._turn) <= self._now
+
+    def admits(self, actor: str) -> bool:
+        """Whether a chunk of ``actor`` is taken although the limiter is closed."""
+        return self._account(actor, self._now) < self._now + self._most
+
+    def charge(self, actor: str, steps: int, *, still_open: bool) -> None:
+        """Note that ``steps`` of ``actor`` were taken.
+
+        Args:
+            still_open: the limiter has room after them; then nobody gets further ahead than the
+                window, or who made most of it would have to wait longest.
+        """
+        paid = max(self._paid_until.pop(actor, self._now), self._now)
+        until = paid + steps
+        if still_open:
+            until = max(min(until, self._now + self._most), paid)
+        self._paid_until[actor] = until
+        self._forget()
+
+    def _account(self, actor: str, new: int) -> int:
+        paid = self._paid_until.setdefault(actor, new)
+        self._asked.add(actor)
+        self._forget()
+        return paid
+
+    def _forget(self) -> None:
+        if len(self._paid_until) > MOST_ACTORS:
+            oldest = next(iter(self._paid_until))
+            del self._paid_until[oldest]
+            self._asked.discard(oldest)
