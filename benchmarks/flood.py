@@ -10,7 +10,7 @@ many cores as the flooder took, and what the flood costs is told against that.
 
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -254,8 +254,12 @@ def measure(options: Options) -> Report:
             took = rates["cpu"]
             return rates
 
+        kinds: dict[str, Callable[[], dict[str, float]]] = {
+            **{ALONE: turn, FLOODED: flooded},
+            BUSY: lambda: turn(busy=took),
+        }
         found = in_turns(
-            {ALONE: turn, FLOODED: flooded, BUSY: lambda: turn(busy=took)},
+            kinds,
             options.turns,
             warm_up=0,
             tell=True,

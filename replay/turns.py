@@ -33,7 +33,7 @@ class Turns:
         """Actors that wanted in since the limiter opened last."""
 
     def open(self) -> None:
-        """Let all accounts fall, the limiter having opened; so far that one who asked has its turn."""
+        """Let all accounts fall, at least so far that one who asked has its turn."""
         least = min((self._paid_until[actor] for actor in self._asked), default=0)
         self._now = max(self._now + self._turn, least)
         self._asked.clear()
