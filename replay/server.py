@@ -37,6 +37,9 @@ LONGEST_WAIT = 1.0
 """Seconds that a draw or a poll may wait at the server."""
 _STEP_BYTES = math.prod(FRAME_SHAPE)
 """A step in a chunk has a frame, and hardly more."""
+_POLL_STEPS = 16
+"""Steps of its quota that a poll costs; an actor that does as it is told polls once for each chunk,
+or after `LONGEST_WAIT`."""
 
 _log = logging.getLogger(__name__)
 _refusals = _log.getChild("refusals")
@@ -119,9 +122,10 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         if actor == DEMONSTRATIONS:  # the learner's own, which comes once
             return True
         known = self._quota.knows(actor)
+        steps = max(request.size / _STEP_BYTES, 1.0) if request.size else _POLL_STEPS
         if request.size and known and not self._memory.admits(actor):
             text = f"{actor} sends on while it is told to hold"
-        elif self._quota.admits(actor, max(request.size / _STEP_BYTES, 1.0)):
+        elif self._quota.admits(actor, steps):
             return True
         elif known:
             text = f"{actor} sends more than --actor-quota lets it"

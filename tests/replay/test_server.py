@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from unittest.mock import PropertyMock, create_autospec
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.protocol.wire import pack
 from common.run.config import StreamConfig
 from common.run.join import find_run
-from common.transport.interface import Envelope, Transport, Unanswered
+from common.transport.interface import Envelope, Request, Transport, Unanswered
 from common.transport.leaky_bucket import NEW_NAMES_PER_SECOND, LeakyBucket
 from replay import server as replay_server
 from replay.client import AHEAD, MOST_ADVICE, RemoteReplay
@@ -180,6 +181,18 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
     ]
 
 
+def test_polls_count_as_steps(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
+    )
+    place.server.close()
+    place.server = ReplayServer(place.hub, place.memory, make_config(), RUN, quota=64)
+    for _ in range(5):  # a second's come at once, and the one that is more is paid for
+        assert not Ack.decode(ask(place.client, KEYS.insert("a"), b"")).throttle
+    with pytest.raises(Unanswered):
+        ask(place.client, KEYS.insert("a"), b"")
+
+
 def test_who_invents_names_holds_up_nobody_at_work_and_is_told_of_once(
     place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -312,6 +325,18 @@ def test_who_sends_on_while_it_is_told_to_hold_takes_nobodys_turn(
     assert place.memory.over_quota > 0
     told = "flooder sends on while it is told to hold: the rest has to wait"
     assert told in caplog.messages
+
+
+def test_what_is_refused_for_a_while_is_not_even_read(place: Place) -> None:
+    actor = Actor("a", 4)
+    assert insert(place.client, actor.live([GOES_ON] * 100, np.random.default_rng(0))).throttle
+    unread = create_autospec(Request, instance=True)
+    unread.key, unread.size = KEYS.insert("a"), 60_000
+    read = PropertyMock()
+    type(unread).payload = read
+    assert place.server._insert(unread) is None
+    unread.drop.assert_called_once_with()
+    read.assert_not_called()
 
 
 def test_the_newest_weights_wait_for_late_joiners(place: Place) -> None:
