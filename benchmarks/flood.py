@@ -55,12 +55,13 @@ class Options(BenchmarkOptions):
 
     turns: FromOne = 4
     """Runs of each kind."""
-    seconds: Seconds = 8.0
-    """Seconds of each run in which is counted."""
+    seconds: Seconds = 20.0
+    """Seconds of each run in which is counted; an actor's turn comes once in a few."""
     quota: FromOne = STEPS_PER_SECOND
     """Steps per second that the hub takes of one actor (--actor-quota)."""
-    settle: Seconds = 2.0
-    """Seconds before these, of training or of training under the flood."""
+    settle: Seconds = 10.0
+    """Seconds before these, of training or of training under the flood, which first fills what room
+    the limiter has."""
 
 
 class Mark(NamedTuple):

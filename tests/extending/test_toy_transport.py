@@ -41,7 +41,8 @@ class DirectRequest:
     """Ends as its server says."""
 
     def __init__(self, key: str, payload: bytes, future: Future[Envelope]) -> None:
-        self.key, self.payload, self._future = key, payload, future
+        self.key, self.payload, self.size = key, payload, len(payload)
+        self._future = future
 
     def reply(self, answer: bytes | Envelope) -> None:
         payload, attachment, _ = answer if isinstance(answer, Envelope) else Envelope(answer)
