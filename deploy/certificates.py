@@ -1,10 +1,12 @@
 """Certificates of a run that an engine makes by itself, with `deploy/certificates.sh`."""
 
 import subprocess
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from common.errors import InputError
+from common.transport.credentials import common_name
 
 _SCRIPT = Path(__file__).with_name("certificates.sh")
 
@@ -23,13 +25,34 @@ def ensure_certificates(folder: Path, host: str) -> None:
     make_certificates(folder, host)
 
 
+def certify_actors(folder: Path, host: str, names: Sequence[str]) -> None:
+    """Makes those of actors and evaluators that have none yet; a hub lets in no others then.
+
+    One that was taken off the hub's list stays out.
+
+    Args:
+        host: the hub's name, if the folder has no authority yet.
+
+    Raises:
+        InputError: the script says why it cannot.
+    """
+    if not (folder / "ca-key.pem").exists():
+        make_certificates(folder, host)
+    new = [name for name in names if not (folder / f"{common_name('actor', name)}.pem").exists()]
+    if new:
+        _run(folder, "--actors", *new)
+
+
 def make_certificates(folder: Path, host: str) -> None:
     """Makes those of a hub that is called ``host``, by the authority in ``folder`` if it has one.
 
     Raises:
         InputError: the script says why it cannot.
     """
-    command = ["sh", str(_SCRIPT), str(folder), host]
-    said = subprocess.run(command, capture_output=True, text=True)
+    _run(folder, host)
+
+
+def _run(folder: Path, *arguments: str) -> None:
+    said = subprocess.run(["sh", _SCRIPT, folder, *arguments], capture_output=True, text=True)
     if said.returncode:
         raise InputError(f"no certificates can be made ({said.stderr.strip()}): install openssl.")

@@ -19,6 +19,7 @@ from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from common.run.stored_config import flag_of, flat
 from learner.options import LearnerOptions, resume_flags, run_name, stored_config
+from replay.journal import JOURNAL
 
 _SET_HERE = ("listen", "connect", "certificates", "local", "resume", "actors", "envs", "evaluators")
 """Fields of the learner that the engine sets."""
@@ -55,8 +56,8 @@ class LaunchOptions:
     actor_memory: FromOne = 2
     """Memory of each actor and evaluator, GiB."""
     replay: bool = False
-    """Give the replay a process of its own on Compose or Kubernetes, which learner and actors join;
-    by default the learner hosts it."""
+    """Give the replay a process of its own, which learner and actors join; by default the learner
+    hosts it."""
     replay_cpus: FromOne = 2
     """Processor cores of the replay of --replay."""
     replay_memory: FromOne = 8
@@ -93,11 +94,24 @@ class LaunchOptions:
                 raise InputError(f"--{flag} {word!r} cannot be used: write one word.")
         if not re.fullmatch(r"[\w.:/-]+:[\w.-]+", self.image):
             raise InputError(f"--image {self.image!r} is no image: write it as NAME:TAG.")
-        if self.replay and self.engine not in ("kubernetes", "compose"):
-            raise InputError(
-                f"--replay is for kubernetes and compose: omit it, so that {self.engine} has the "
-                "learner host the replay, or start the run by hand (deploy/README.md)."
-            )
+
+
+Module = Literal["learner", "replay", "actors"]
+
+
+@dataclass(frozen=True)
+class Program:
+    """A process that begins its part of a run, or goes on with that."""
+
+    module: Module
+    begun: str
+    """What is in the run's folder once it is to go on."""
+    begin: list[str]
+    """Flags that begin it."""
+    resume: list[str]
+    """Flags that go on with it."""
+    kept: str
+    """What it writes anew in the run's folder as it gets on."""
 
 
 @dataclass(frozen=True)
@@ -111,19 +125,28 @@ class RunDescription:
     learner: LearnerOptions
     """What they mean."""
 
-    def begin(self, runs: str, *own: str) -> list[str]:
-        """Returns the flags of the learner that begins the run, in a folder where the engine sees
-        it and with ``own`` flags of the engine."""
-        return ["--run", self.folder.name, "--runs", runs, *own, *self.flags]
+    @property
+    def hub(self) -> Module:
+        """Which of the run's processes is its hub."""
+        return "replay" if self.options.replay else "learner"
 
-    def resume(self, runs: str, *own: str) -> list[str]:
-        """Returns the flags of the learner that goes on with it."""
-        flags = resume_flags(self.begin(runs, *own), self.folder.name, done=False)
-        return [*flags, *(["--force"] if self.learner.force else [])]
+    def learner_program(self, runs: str, *own: str) -> Program:
+        """Returns the learner, which has its folder in ``runs`` and ``own`` flags of the engine."""
+        begin = ["--run", self.folder.name, "--runs", runs, *own, *self.flags]
+        kept = self.folder.checkpoint.name
+        if self.options.replay:
+            begin += ["--patience", "inf"]
+            # One that was ended while it waited for the replay has its settings, and nothing else:
+            # so what the run begins with is told again.
+            return Program(
+                "learner", self.folder.config_file.name, begin, [*begin, "--resume"], kept
+            )
+        resume = resume_flags(begin, self.folder.name, done=False)
+        force = ["--force"] if self.learner.force else []
+        return Program("learner", self.folder.replay.name, begin, [*resume, *force], kept)
 
-    def replay(self, runs: str, *own: str) -> list[str]:
-        """Returns the flags of a replay of its own that begins the run, with the settings that the
-        learner's flags mean."""
+    def replay_program(self, runs: str, *own: str) -> Program:
+        """Returns a replay of its own, with the settings that the learner's flags mean."""
         config, usual = self.learner.config, LearnerOptions(self.learner.config)
         preset = flat(PRESETS[config.preset])
         told = {name: value for name, value in flat(config).items() if value != preset[name]}
@@ -131,10 +154,12 @@ class RunDescription:
             if (value := getattr(self.learner, name)) != getattr(usual, name):
                 told[name] = value
         settings = chain.from_iterable(flag_of(name, value) for name, value in told.items())
-        return [
+        begin = [
             *("--run", self.folder.name, "--runs", runs, *own),
             *("--preset", config.preset, *settings),
         ]
+        ring = self.folder.replay.name
+        return Program("replay", ring, begin, [*begin, "--resume"], f"{ring}/{JOURNAL}")
 
     def actor(self) -> list[str]:
         """Returns the flags of an actor, but who it is and where the hub is."""

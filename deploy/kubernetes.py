@@ -10,7 +10,7 @@ from typing import Any
 from common.errors import InputError, writing
 from common.run.folder import write_atomically
 from deploy.certificates import ensure_certificates
-from deploy.containers import actor_command, hub_of, learner_command, replay_command
+from deploy.containers import actor_command, learner_command, replay_command
 from deploy.description import RunDescription
 
 _HERE = Path(__file__).parent
@@ -31,7 +31,7 @@ def launch(run: RunDescription) -> str:
     with writing(place):
         shutil.copytree(_HERE / "kubernetes", place / "base", dirs_exist_ok=True)
         if run.options.tls:
-            ensure_certificates(place / "certificates", hub_of(run))
+            ensure_certificates(place / "certificates", run.hub)
         text = json.dumps(_kustomization(run), indent=2)
         write_atomically(place / "kustomization.yaml", f"{text}\n".encode())
     return (

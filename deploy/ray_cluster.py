@@ -17,8 +17,16 @@ from ray.exceptions import ActorDiedError, GetTimeoutError, RayError
 
 from common.errors import InputError
 from common.process.lifeline import on_signals
+from common.run.folder import Part
 from deploy.description import RunDescription
-from deploy.ray_keepers import LEARNER, ActorKeeper, LearnerKeeper
+from deploy.ray_keepers import (
+    LEARNER,
+    REPLAY,
+    ActorKeeper,
+    HubKeeper,
+    LearnerKeeper,
+    end_run,
+)
 
 _ANSWER = 30.0
 """Seconds to wait for an answer of a keeper; one that has none by then has no node yet."""
@@ -42,7 +50,7 @@ def launch(run: RunDescription) -> str:
             )
         changed = _scale(run)
         told = (
-            f"The learner is {_place(learner, run)}; {changed}. Follow it:\n  tail -F {log}\n"
+            f"The {_hub()} is {_place(run)}; {changed}. Follow the run:\n  tail -F {log}\n"
             "End it, with a checkpoint:\n"
             f"  ale-robot launch ray --address {options.address} --run {run.folder.name} --stop"
         )
@@ -78,13 +86,23 @@ def _find(name: str) -> Any:
     return None
 
 
+def _hub() -> Part:
+    """Returns which process is the hub of the run, as it was begun."""
+    return LEARNER if _find(REPLAY) is None else REPLAY
+
+
 def _begin(run: RunDescription) -> Any:
-    options = run.options
-    own = (str(run.folder.path.parent), "--threads", str(options.cpus), "--restart", "3")
-    return _keeper(LearnerKeeper, LEARNER, options.cpus, options.memory, options.gpus).remote(
-        *(str(run.folder.path), str(Path.cwd())),
-        *(run.begin(*own), run.resume(*own), run.actor(), options.tls),
-    )
+    options, runs = run.options, str(run.folder.path.parent)
+    place, restarts = (str(run.folder.path), str(Path.cwd())), ("--restart", "3")
+    learner = run.learner_program(runs, "--threads", str(options.cpus), *restarts)
+    size = (options.cpus, options.memory, options.gpus)
+    as_hub = (run.actor(), options.tls)
+    if not options.replay:
+        return _keeper(HubKeeper, LEARNER, *size).remote(*place, learner, *as_hub)
+    replay = run.replay_program(runs, *restarts)
+    own_size = (options.replay_cpus, options.replay_memory)
+    _keeper(HubKeeper, REPLAY, *own_size).remote(*place, replay, *as_hub)
+    return _keeper(LearnerKeeper, LEARNER, *size).remote(*place, learner)
 
 
 def _keeper(kind: type, name: str, cpus: int, memory: int, gpus: int = 0) -> Any:
@@ -102,10 +120,11 @@ def _scale(run: RunDescription) -> str:
         **{f"actor-{n + 1}": () for n in range(options.actors)},
         **{f"evaluator-{n + 1}": ("--evaluator",) for n in range(options.evaluators)},
     }
-    there = {*ray.util.list_named_actors()} - {LEARNER}
+    there = {*ray.util.list_named_actors()} - {LEARNER, REPLAY}
+    hub = _hub()
     more = [name for name in wanted if name not in there]
     for name in more:
-        _keeper(ActorKeeper, name, 1, options.actor_memory).remote(name, *wanted[name])
+        _keeper(ActorKeeper, name, 1, options.actor_memory).remote(name, hub, *wanted[name])
     fewer = [keeper for name in there - {*wanted} if (keeper := _find(name)) is not None]
     if fewer:  # one that has no node yet does not answer
         leaving = [keeper.leave.remote() for keeper in fewer]
@@ -118,23 +137,27 @@ def _scale(run: RunDescription) -> str:
     )
 
 
-def _place(learner: Any, run: RunDescription) -> str:
-    """Returns where the learner listens."""
+def _place(run: RunDescription) -> str:
+    """Returns where the run's hub listens."""
+    part = _hub()
     try:
-        _, flags = ray.get(learner.join.remote(), timeout=_ANSWER)
+        _, place, _ = ray.get(ray.get_actor(part).join.remote(), timeout=_ANSWER)
     except ActorDiedError as error:
         reason = str(error).strip().splitlines()[-1]
-        raise InputError(f"Ray cannot start the learner: {reason.rstrip('.')}.") from None
+        raise InputError(f"Ray cannot start the {part}: {reason.rstrip('.')}.") from None
     except RayError:
-        if run.folder.is_at_work():
-            return "on its way: it waits until the run's former learner has ended"
+        if run.folder.is_at_work(part):
+            return f"on its way: it waits until the run's former {part} has ended"
         options = run.options
-        gpus = f", {options.gpus} GPUs" if options.gpus else ""
+        cpus, memory, gpus = options.cpus, options.memory, options.gpus
+        if part == REPLAY:
+            cpus, memory, gpus = options.replay_cpus, options.replay_memory, 0
+        with_gpus = f", {gpus} GPUs" if gpus else ""
         return (
-            f"not placed yet: it waits for {options.cpus} cores{gpus} and {options.memory} GiB "
+            f"not placed yet: it waits for {cpus} cores{with_gpus} and {memory} GiB "
             "on one node (`ray status`)"
         )
-    return f"at {flags[1]}"
+    return f"at {place[1]}"
 
 
 def _stop(run: RunDescription, learner: Any) -> str:
@@ -145,8 +168,8 @@ def _stop(run: RunDescription, learner: Any) -> str:
         try:
             ray.get(learner.stop.remote(), timeout=_ANSWER)
         except GetTimeoutError:
-            if not run.folder.is_at_work():  # it waits for a node; Ray would kill a learner too
-                ray.kill(learner)
+            if not run.folder.is_at_work("learner"):  # it waits for a node; Ray would kill it too
+                end_run()
         except RayError:  # it is being started again, or is gone
             pass
         time.sleep(_LOOK)

@@ -14,7 +14,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Final
 
 import ray
 from ray.exceptions import RayError
@@ -22,11 +22,15 @@ from ray.exceptions import RayError
 from common.process.exit_codes import BAD_INPUT
 from common.process.restarts import end_with_parent
 from common.process.supervisor import Child
-from common.run.folder import RunFolder, append_whole
+from common.run.folder import Part, RunFolder, append_whole
 from deploy.certificates import make_certificates
+from deploy.description import Program
 
-LEARNER = "learner"
-"""Name of the learner's keeper; those of others are their processes' names."""
+LEARNER: Final = "learner"
+REPLAY: Final = "replay"
+"""Names of their keepers; those of others are their processes' names."""
+Join = tuple[str, tuple[str, ...], tuple[str, ...]]
+"""Folder of the logs, flags by which a process joins the hub, flags of an actor."""
 _LOOK = 2.0
 """Seconds after which an actor's keeper looks after its process, and asks for the learner again."""
 _PAUSE = 5.0
@@ -36,80 +40,121 @@ _PORTS = range(20_000, 30_000)
 """Ports of learners; neither Ray nor Linux chooses one of them by itself."""
 
 
-class LearnerKeeper:
-    """Keeps the learner, and tells the others where it listens.
+class _ProgramKeeper:
+    """Keeps a learner or a replay, whose end is that of the run.
 
     Args:
         folder: the run's, where all nodes find it.
-        directory: the learner's working directory.
-        begin: flags of the learner that begins the run.
-        resume: flags of one that goes on with it.
+        directory: the process' working directory.
+        program: the process.
+    """
+
+    def __init__(self, folder: str, directory: str, program: Program) -> None:
+        self._run = run = RunFolder(Path(folder).parent, Path(folder).name)
+        run.logs.mkdir(parents=True, exist_ok=True)
+        self._log = run.logs / f"{program.module}.log"
+        self._directory, self._program = directory, program
+        self._asked = False
+        self._child: Child | None = None
+
+    def status(self) -> int | None:
+        """Returns the exit code; None while it works, or is about to be started again."""
+        status = None if self._child is None else self._child.poll()
+        return None if status is not None and status < 0 and not self._asked else status
+
+    def stop(self) -> int | None:
+        """Asks the process to end, a learner with a checkpoint; returns its exit code as soon as it
+        has."""
+        if not self._asked:
+            self._asked = True
+            if self._child is None:
+                _in_thread(end_run)
+            else:
+                self._child.terminate()
+        return None if self._child is None else self._child.poll()
+
+    def _start(self, *place: str) -> None:
+        program = self._program
+        begun = (self._run.path / program.begun).exists()
+        self._child = Child(
+            *(program.module, *(program.resume if begun else program.begin), *place),
+            log=self._log,
+            cwd=self._directory,
+            preexec_fn=end_with_parent,  # Ray ends a keeper by SIGKILL
+        )
+
+    def _await_former(self) -> None:
+        """Returns once the former process, which has lost its keeper, has saved what it has to and
+        ended; of one whose node has failed, once the shared disk has given up its lock."""
+        part: Part = "replay" if self._program.module == "replay" else "learner"
+        if self._run.is_at_work(part):
+            told = f"The former {part} is still at work: the next begins when it ends.\n"
+            append_whole(self._log, told.encode())
+        while self._run.is_at_work(part):
+            time.sleep(_LOOK)
+
+    def _ended(self, status: int) -> None:
+        time.sleep(_PAUSE)
+        if status < 0 and not self._asked:
+            os._exit(1)  # killed: Ray starts it again
+        end_run()
+
+
+class HubKeeper(_ProgramKeeper):
+    """Keeps the run's hub, a learner or a replay of its own, and tells others where it listens.
+
+    Args:
         actor: flags of an actor.
         tls: whether the processes show each other certificates.
     """
 
     def __init__(
-        self,
-        folder: str,
-        directory: str,
-        begin: Sequence[str],
-        resume: Sequence[str],
-        actor: Sequence[str],
-        tls: bool,
+        self, folder: str, directory: str, program: Program, actor: Sequence[str], tls: bool
     ) -> None:
-        run = RunFolder(Path(folder).parent, Path(folder).name)
-        run.logs.mkdir(parents=True, exist_ok=True)
-        log = run.logs / "learner.log"
-        _await_former(run, log)  # before a port is chosen, which might be taken meanwhile
+        super().__init__(folder, directory, program)
+        self._await_former()  # before a port is chosen, which might be taken meanwhile
         node: str = ray.util.get_node_ip_address()  # type: ignore[no-untyped-call, unused-ignore]
         host = f"[{node}]" if ":" in node else node
         address = f"{'tls' if tls else 'tcp'}/{host}:{_free_port(node)}"
-        secure = []
+        secure: tuple[str, ...] = ()
         if tls:
-            # The authority stays; the hub's certificate is of the node that the learner has now.
-            certificates = run.path / "certificates"
+            # The authority stays; the hub's certificate is of the node that it has now.
+            certificates = self._run.path / "certificates"
             make_certificates(certificates, node)
-            secure = ["--certificates", str(certificates)]
-        self._join = (str(run.logs), ("--connect", address, *secure, *actor))
-        self._asked = False
-        self._child = Child(
-            *("learner", *(resume if run.replay.is_dir() else begin), "--listen", address),
-            *secure,
-            log=log,
-            cwd=directory,
-            preexec_fn=end_with_parent,  # Ray ends a keeper by SIGKILL
-        )
+            secure = ("--certificates", str(certificates))
+        self._join = (str(self._run.logs), ("--connect", address, *secure), tuple(actor))
+        self._start("--listen", address, *secure)
         _in_thread(self._watch)
 
-    def join(self) -> tuple[str, tuple[str, ...]]:
-        """Returns the folder of the logs, and the flags by which an actor joins the run."""
+    def join(self) -> Join:
+        """Returns the folder of the logs, the flags by which a process joins, and an actor's."""
         return self._join
 
-    def status(self) -> int | None:
-        """Returns the learner's exit code; None while it works, or is about to be started again."""
-        status = self._child.poll()
-        return None if status is not None and status < 0 and not self._asked else status
-
-    def stop(self) -> int | None:
-        """Asks the learner to end with a checkpoint; returns its exit code as soon as it has."""
-        if not self._asked:
-            self._asked = True
-            self._child.terminate()
-        return self._child.poll()
-
     def _watch(self) -> None:
-        status = self._child.wait()
-        if status < 0 and not self._asked:
-            time.sleep(_PAUSE)
-            os._exit(1)  # killed: Ray starts it again
-        time.sleep(_PAUSE)
-        while True:  # started again, this keeper would go on with a run that is over
-            with suppress(RayError):
-                for name in ray.util.list_named_actors():
-                    if name != LEARNER:
-                        with suppress(ValueError):
-                            ray.kill(ray.get_actor(name))
-                ray.kill(ray.get_actor(LEARNER))
+        assert self._child is not None
+        self._ended(self._child.wait())
+
+
+class LearnerKeeper(_ProgramKeeper):
+    """Keeps a learner that joins a replay, and follows that wherever Ray puts it."""
+
+    def __init__(self, folder: str, directory: str, program: Program) -> None:
+        super().__init__(folder, directory, program)
+        _in_thread(self._keep)
+
+    def _keep(self) -> None:
+        self._await_former()
+        joined: Join | None = None
+        while not (self._asked and self._child is None):
+            if self._child is not None and (status := self._child.poll()) is not None:
+                self._ended(status)
+                return
+            told = _ask(REPLAY) or joined
+            if told is not None and told != joined and not self._asked:
+                if self._child is not None:
+                    self._child.end()
+                _, place, _ = joined = told
+                self._start(*place)
             time.sleep(_LOOK)
 
 
@@ -118,11 +163,12 @@ class ActorKeeper:
 
     Args:
         name: the process' and the keeper's.
+        hub: name of the hub's keeper.
         role: flags that make it an evaluator.
     """
 
-    def __init__(self, name: str, *role: str) -> None:
-        self._name, self._role = name, role
+    def __init__(self, name: str, hub: str, *role: str) -> None:
+        self._name, self._hub, self._role = name, hub, role
         self._child: Child | None = None
         self._leaving = False
         _in_thread(self._keep)
@@ -134,25 +180,23 @@ class ActorKeeper:
             self._child.end()
 
     def _keep(self) -> None:
-        joined: Any = None
+        joined: Join | None = None
         while not self._leaving:
             if self._child is not None and self._child.poll() is not None:
                 self._ended(self._child.returncode)
-            told: Any = joined
+            told = joined
             try:
-                told = ray.get(ray.get_actor(LEARNER).join.remote(), timeout=_LOOK)
+                told = _ask(self._hub) or joined
             except ValueError:  # the run is over
                 ray.kill(ray.get_actor(self._name))
                 return
-            except RayError:  # the learner is on its way
-                pass
             if told is not None and told != joined:
                 if self._child is not None:
                     self._child.end()
-                logs, flags = joined = told
+                logs, place, flags = joined = told
                 log = Path(logs) / f"{self._name}.log"
                 own = ("--name", self._name, *self._role)
-                self._child = Child("actors", *flags, *own, leash=True, log=log)
+                self._child = Child("actors", *place, *flags, *own, leash=True, log=log)
             time.sleep(_LOOK)
 
     def _ended(self, status: int) -> None:
@@ -164,13 +208,32 @@ class ActorKeeper:
         os._exit(1)  # Ray starts it again
 
 
-def _await_former(run: RunFolder, log: Path) -> None:
-    """Returns once the run's former learner, which has lost its keeper, has written its checkpoint
-    and ended; of one whose node has failed, once the shared disk has given up its lock."""
-    if run.is_at_work():
-        append_whole(log, b"The former learner is still at work: the next begins when it ends.\n")
-    while run.is_at_work():
+def end_run() -> None:
+    """Ends all keepers in this namespace, and so their processes: that of the learner after the
+    others, which know by it whether the run is over, and the caller's own last."""
+    own = ray.get_runtime_context().get_actor_name()
+    while True:  # started again, a keeper would go on with a run that is over
+        with suppress(RayError):
+            names = ray.util.list_named_actors()
+            for name in sorted(names, key=lambda each: (each == own, each == LEARNER)):
+                with suppress(ValueError):
+                    ray.kill(ray.get_actor(name))
+            if not names:
+                return
         time.sleep(_LOOK)
+
+
+def _ask(hub: str) -> Join | None:
+    """Asks the hub's keeper how to join; None while it is on its way.
+
+    Raises:
+        ValueError: there is none.
+    """
+    try:
+        told: Join = ray.get(ray.get_actor(hub).join.remote(), timeout=_LOOK)
+    except RayError:
+        return None
+    return told
 
 
 def _in_thread(work: Callable[[], None]) -> None:

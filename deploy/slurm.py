@@ -1,22 +1,28 @@
-"""Slurm: a job of the learner, which submits an array of actors when it begins.
+"""Slurm: a job of the run's hub, which submits the others when it begins.
 
-A script is a head, which is written here, and a body, which is a file of `slurm/`: nothing is
-filled into shell text but assignments.
+A script is a head, which is written here, and a body, `slurm/job.sh`: nothing is filled into shell
+text but assignments.
 """
 
 import shlex
 import shutil
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 from common.errors import InputError, writing
+from common.process.exit_codes import EXIT_CODES, UNREACHABLE
 from common.run.folder import write_atomically
-from deploy.description import RunDescription
+from deploy.certificates import certify_actors
+from deploy.description import Program, RunDescription
 
 _HERE = Path(__file__).parent
 _NOTICE = 90
 """Seconds before its time limit that a job is asked to end; it is queued again."""
+FINAL = [str(code.number) for code in EXIT_CODES if not code.again] + [str(UNREACHABLE)]
+"""Exit codes after which an actor is not started again, that of a learner which was away for too
+long among them."""
 
 
 def launch(run: RunDescription) -> str:
@@ -26,10 +32,12 @@ def launch(run: RunDescription) -> str:
         place.mkdir(parents=True, exist_ok=True)
         run.folder.logs.mkdir(exist_ok=True)
         shutil.copy(_HERE / "certificates.sh", place)
-        for part, text in _heads(run).items():
-            body = (_HERE / "slurm" / f"{part}.sh").read_text()
-            write_atomically(place / f"{part}.sh", f"{text}\n{body}".encode())
-    command = ["sbatch", str(place / "learner.sh")]
+        body = (_HERE / "slurm" / "job.sh").read_text()
+        for part, head in _heads(run).items():
+            write_atomically(place / f"{part}.sh", f"{head}\n{body}".encode())
+        if options.tls:
+            certify_actors(run.folder.path / "certificates", socket.getfqdn(), _names(run))
+    command = ["sbatch", str(place / f"{run.hub}.sh")]
     if not options.submit:
         return f"The jobs are in {place}. Submit them:\n  {shlex.join(command)}"
     try:
@@ -38,56 +46,81 @@ def launch(run: RunDescription) -> str:
         raise InputError("there is no sbatch here: submit from a machine of the cluster.") from None
     if said.returncode:
         raise InputError(f"sbatch refused the job: {said.stderr.strip()}")
-    cancel = f"scancel --me --name {run.folder.name}"
+    cancel = "; ".join(f"scancel --me --name {_job(run, part)}" for part in _parts(run))
     return (
         f"{said.stdout.strip()}. Follow it:\n  tail -F {run.folder.logs}/learner.log\n"
-        f"End it, with a checkpoint:\n  {cancel}; {cancel}-actors"
+        f"End it, with a checkpoint:\n  {cancel}"
     )
+
+
+def _parts(run: RunDescription) -> list[str]:
+    """Returns the run's jobs, in the order in which they are ended."""
+    return ["learner", "actors", *(["replay"] if run.options.replay else [])]
+
+
+def _job(run: RunDescription, part: str) -> str:
+    """Returns the name of a job; that of the hub is the run's."""
+    return run.folder.name if part == run.hub else f"{run.folder.name}-{part}"
+
+
+def _names(run: RunDescription) -> list[str]:
+    """Returns the names of actors and evaluators, which `job.sh` makes of the tasks' numbers."""
+    actors, all_of_them = run.options.actors, run.options.actors + run.options.evaluators
+    return [f"{'actor' if n <= actors else 'evaluator'}-{n}" for n in range(1, all_of_them + 1)]
 
 
 def _heads(run: RunDescription) -> dict[str, str]:
     """Returns the lines of each script that are the run's own."""
-    options = run.options
-    own = (str(run.folder.path.parent), "--threads", str(options.cpus), "--restart", "3")
-    return {
+    options, runs = run.options, str(run.folder.path.parent)
+    own = ("--restart", "3")
+    gpus = [f"--gpus={options.gpus}"] if options.gpus else []
+    heads = {
         "learner": _head(
             run,
-            f"--job-name={run.folder.name}",
-            f"--output={run.folder.logs}/learner.log",
-            f"--cpus-per-task={options.cpus}",
-            f"--mem={options.memory}G",
-            *([f"--gpus={options.gpus}"] if options.gpus else []),
-            begin=run.begin(*own),
-            resume=run.resume(*own),
+            run.learner_program(runs, "--threads", str(options.cpus), *own),
+            *(f"--cpus-per-task={options.cpus}", f"--mem={options.memory}G", *gpus),
         ),
         "actors": _head(
             run,
-            f"--job-name={run.folder.name}-actors",
-            f"--output={run.folder.logs}/actor-%a.log",
+            Program("actors", "address", run.actor(), run.actor(), "address"),
             f"--array=1-{options.actors + options.evaluators}",
-            "--cpus-per-task=1",
-            f"--mem={options.actor_memory}G",
-            actors=[str(options.actors)],
-            flags=run.actor(),
+            *("--cpus-per-task=1", f"--mem={options.actor_memory}G"),
         ),
     }
+    if options.replay:
+        size = f"--cpus-per-task={options.replay_cpus}", f"--mem={options.replay_memory}G"
+        heads["replay"] = _head(run, run.replay_program(runs, *own), *size)
+    return heads
 
 
-def _head(run: RunDescription, *directives: str, **lists: list[str]) -> str:
-    options = run.options
+def _head(run: RunDescription, program: Program, *directives: str) -> str:
+    """Returns the head of the script of a program."""
+    options, part = run.options, program.module
     shared = [
+        f"--job-name={_job(run, part)}",
+        f"--output={run.folder.logs}/{'actor-%a' if part == 'actors' else part}.log",
         *("--requeue", "--open-mode=append", f"--signal=B:USR1@{_NOTICE}"),
         f"--time={options.time}",
         *([f"--partition={options.partition}"] if options.partition else []),
         *([f"--account={options.account}"] if options.account else []),
     ]
+    others = [each for each in _parts(run) if each != part]
+    lists = {
+        "begin": program.begin,
+        "resume": program.resume,
+        "others": others,
+        "jobs": [_job(run, each) for each in others],
+        "final": FINAL,
+    }
     return "\n".join(
         [
             "#!/bin/bash",
-            *(f"#SBATCH {each}" for each in [*directives, *shared]),
+            *(f"#SBATCH {each}" for each in [*shared, *directives]),
             f"run={run.folder.path}",
             f"python={sys.executable}",
             f"scheme={'tls' if options.tls else 'tcp'}",
+            f"module={part} hub={run.hub} begun={program.begun} kept={program.kept}",
+            f"actors={options.actors}",
             *(f"{name}=({shlex.join(words)})" for name, words in lists.items()),
         ]
     )

@@ -220,9 +220,9 @@ class RunFolder:
     def _lock(self, part: Part) -> Path:
         return self.path / f".{part}.lock"
 
-    def is_at_work(self) -> bool:
-        """Whether a process, this one or another, holds any part."""
-        for part in get_args(Part):
+    def is_at_work(self, *parts: Part) -> bool:
+        """Whether a process, this one or another, holds one of ``parts``, by default any."""
+        for part in parts or get_args(Part):
             try:
                 with self._lock(part).open() as lock:
                     fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)

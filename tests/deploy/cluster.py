@@ -82,7 +82,7 @@ def cluster(folder: Path) -> Iterator[Cluster]:
         "MpiDefault=none",
         "KillWait=300",
         *nodes,
-        "PartitionName=all Nodes=ALL Default=YES State=UP",
+        "PartitionName=all Nodes=ALL Default=YES State=UP LLN=YES",  # the least loaded node first,
     ]
     (folder / "slurm.conf").write_text("\n".join(settings) + "\n")
     (folder / "cgroup.conf").write_text("CgroupPlugin=cgroup/v1\n")

@@ -1,19 +1,23 @@
 """What is written for an engine, and what is refused before anything is."""
 
 import os
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
 from common.errors import InputError
+from common.process.exit_codes import EXIT_CODES, UNREACHABLE
 from deploy.__main__ import main
+from deploy.slurm import FINAL
 from tests.paths import ROOT
-from tests.patience import wait_until
+from tests.patience import PATIENCE, wait_until
 
 
 def launch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
@@ -44,7 +48,7 @@ def test_the_jobs_of_slurm_hold_the_description(
     # A network to begin with has no place in a run that goes on.
     assert f"\nresume=({where} --threads 5 --restart 3 --env ale --resume --force)\n" in learner
     assert "\n#SBATCH --array=1-5\n" in actors
-    assert "\nactors=(3)\n" in actors
+    assert "\nactors=3\n" in actors
 
 
 def test_no_flag_is_run_as_shell_text(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -92,31 +96,143 @@ def test_what_cannot_run_is_refused_before_it_waits_in_a_queue(
     assert not list(tmp_path.iterdir())
 
 
+class Job:
+    """The script of an engine's job, with programs in the place of others."""
+
+    def __init__(
+        self, folder: Path, python: str, *, module: str = "actors", jobs: str = ""
+    ) -> None:
+        self.folder, self.said, self.address = folder, folder / "said", folder / "address"
+        (folder / "slurm").mkdir()
+        self._program("python", f'echo "$@" >>{self.said}\n{python}')
+        self._program("sleep", "exec /bin/sleep 0.1")  # not 5 s between looks
+        for name in ("scontrol", "scancel"):
+            self._program(name, f'echo {name} "$@" >>{self.said}')
+        self._script = folder / "job.sh"
+        body = (ROOT / "deploy/slurm/job.sh").read_text()
+        self._script.write_text(
+            f"run={folder}\npython={folder}/python\nscheme=tcp\nmodule={module} hub=replay\n"
+            "begun=begun kept=kept\nactors=1\nbegin=(--begin)\nresume=(--resume)\nothers=()\n"
+            f"jobs=({jobs})\nfinal=({shlex.join(FINAL)})\n{body}"
+        )
+        self.address.write_text("tcp/old:1\n")
+
+    def _program(self, name: str, text: str) -> None:
+        path = self.folder / name
+        path.write_text(f"#!/bin/sh\n{text}\n")
+        path.chmod(0o700)
+
+    @contextmanager
+    def runs(self) -> Iterator[subprocess.Popen[bytes]]:
+        environment = {"PATH": f"{self.folder}:/usr/bin:/bin"}
+        environment |= {"SLURM_ARRAY_TASK_ID": "1", "SLURM_JOB_ID": "7"}
+        job = subprocess.Popen(["bash", self._script], env=environment, start_new_session=True)
+        try:
+            yield job
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(job.pid, signal.SIGKILL)
+            job.wait()
+
+    def ends(self) -> int:
+        with self.runs() as job:
+            return job.wait(PATIENCE)
+
+    def lines(self) -> list[str]:
+        return self.said.read_text().splitlines()
+
+
 def test_an_actor_follows_the_learner_to_another_node(tmp_path: Path) -> None:
-    """The job's script with a program in the actor's place that waits for its end, as an actor
-    does for a learner that is gone."""
-    said, address = tmp_path / "said", tmp_path / "address"
-    program = tmp_path / "python"
-    program.write_text(
-        f"#!/bin/sh\necho $4 >>{said}\n"
-        f"[ $4 = tcp/new:1 ] && exit 0\ntrap 'exit 0' TERM\nwhile :; do sleep 0.1; done\n"
-    )
-    program.chmod(0o700)
-    (tmp_path / "sleep").write_text("#!/bin/sh\nexec /bin/sleep 0.1\n")  # not 5 s between looks
-    (tmp_path / "sleep").chmod(0o700)
-    head = f"run={tmp_path}\npython={program}\nscheme=tcp\nactors=(1)\nflags=()\n"
-    script = tmp_path / "actors.sh"
-    script.write_text(head + (ROOT / "deploy/slurm/actors.sh").read_text())
-    address.write_text("tcp/old:1\n")
-    environment = {"SLURM_ARRAY_TASK_ID": "1", "PATH": f"{tmp_path}:/usr/bin:/bin"}
-    job = subprocess.Popen(["bash", script], env=environment, start_new_session=True)
-    try:
-        wait_until(said.exists, "the actor is there")
-        address.write_text("tcp/new:1\n")
-        wait_until(lambda: job.poll() is not None, "the job is over")
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(job.pid, signal.SIGKILL)
-        job.wait()
-    assert job.returncode == 0
-    assert said.read_text().split() == ["tcp/old:1", "tcp/new:1"]
+    """A program in the actor's place waits for its end, as that does for a learner that is gone."""
+    waits = "trap 'exit 0' TERM\nwhile :; do sleep 0.1; done"
+    script = Job(tmp_path, f"[ $4 = tcp/new:1 ] && exit 0\n{waits}")
+    with script.runs() as job:
+        wait_until(script.said.exists, "the actor is there")
+        script.address.write_text("tcp/new:1\n")
+        assert job.wait(PATIENCE) == 0
+    assert [line.split()[3] for line in script.lines()] == ["tcp/old:1", "tcp/new:1"]
+
+
+@pytest.mark.parametrize(
+    ("end", "again"),
+    [
+        ("kill -9 $$", True),
+        *((f"exit {code.number}", code.again) for code in EXIT_CODES if code.number != UNREACHABLE),
+        (f"exit {UNREACHABLE}", False),  # it has waited, and leaves its core to others
+    ],
+)
+def test_an_actor_that_ends_starts_again_unless_that_is_in_vain(
+    end: str, again: bool, tmp_path: Path
+) -> None:
+    script = Job(tmp_path, f"[ $(wc -l <{tmp_path}/said) -lt 2 ] || exit 0\n{end}")
+    status = script.ends()
+    assert len(script.lines()) == 1 + again
+    assert status == (0 if again else int(end.split()[1]))
+
+
+@pytest.mark.parametrize("module", ["learner", "replay"])
+@pytest.mark.parametrize(
+    ("end", "goes_on"),
+    [("touch kept; kill -9 $$", True), ("kill -9 $$", False), ("exit 3", False), ("exit 0", False)],
+)
+def test_a_job_that_was_killed_is_queued_again_if_it_got_on(
+    end: str, goes_on: bool, module: str, tmp_path: Path
+) -> None:
+    script = Job(tmp_path, f"cd {tmp_path}; sleep 1; {end}", module=module, jobs="r-actors r")
+    script.ends()
+    _, *then = script.lines()
+    assert script.address.exists() == goes_on
+    ended = [f"scancel --quiet --me --name {job}" for job in ("r-actors", "r")]
+    assert then == (["scontrol requeue 7"] if goes_on else ended)
+
+
+def test_what_joins_a_replay_goes_on_with_its_part_of_the_run(tmp_path: Path) -> None:
+    """A learner that moves with its replay has begun by then."""
+    waits = "trap 'exit 0' TERM\nwhile :; do sleep 0.1; done"
+    first = f"[ $4 = tcp/new:1 ] && exit 0\ntouch {tmp_path}/begun\n{waits}"
+    script = Job(tmp_path, first, module="learner")
+    with script.runs() as job:
+        wait_until((tmp_path / "begun").exists, "the learner is there")
+        script.address.write_text("tcp/new:1\n")
+        assert job.wait(PATIENCE) == 0
+    told = ["--connect tcp/old:1 --begin", "--connect tcp/new:1 --resume"]
+    assert script.lines() == [f"-m learner {each}" for each in told]
+
+
+def test_slurm_gives_a_replay_a_job_that_submits_the_others(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = ("--replay", "--run=p", f"--runs={tmp_path}", "--replay-cpus=3", "--replay-memory=5")
+    launch(monkeypatch, "slurm", *own, "--", "--env", "ale", "--actor-quota=77")
+    place = tmp_path / "p" / "slurm"
+    assert f"sbatch {place}/replay.sh" in capsys.readouterr().out
+    heads = {part: (place / f"{part}.sh").read_text() for part in ("replay", "learner", "actors")}
+    for part, others, jobs in (
+        ("replay", "learner actors", "p-learner p-actors"),
+        ("learner", "actors replay", "p-actors p"),
+        ("actors", "learner replay", "p-learner p"),
+    ):
+        assert f"\nmodule={part} hub=replay " in heads[part]
+        assert f"\nothers=({others})\njobs=({jobs})\n" in heads[part]
+    assert "\n#SBATCH --job-name=p\n" in heads["replay"]
+    assert "\n#SBATCH --cpus-per-task=3\n#SBATCH --mem=5G\n" in heads["replay"]
+    where = f"--run p --runs {tmp_path}"
+    assert f"\nbegin=({where} --restart 3 --preset fast --actor-quota 77)\n" in heads["replay"]
+    learner = f"{where} --threads 4 --restart 3 --env ale --actor-quota=77 --patience inf"
+    assert f"\nbegin=({learner})\nresume=({learner} --resume)\n" in heads["learner"]
+
+
+def test_each_actor_of_slurm_has_a_certificate_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    own = ("slurm", "--run=p", f"--runs={tmp_path}")
+    launch(monkeypatch, *own, "--actors=2")
+    folder = tmp_path / "p" / "certificates"
+    names = ["actor-1", "actor-2", "evaluator-3"]
+    assert (folder / "actors.txt").read_text().split() == names
+    keys = [(folder / f"actor.{name}-key.pem").read_bytes() for name in names]
+    # Those that are there stay, and one that was shut out stays out.
+    (folder / "actors.txt").write_text("actor-1\nevaluator-3\n")
+    launch(monkeypatch, *own, "--actors=3")
+    assert (folder / "actors.txt").read_text().split() == [*names[::2], "actor-3", "evaluator-4"]
+    assert [(folder / f"actor.{name}-key.pem").read_bytes() for name in names] == keys

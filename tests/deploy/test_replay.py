@@ -1,4 +1,4 @@
-"""What Compose and Kubernetes get of a run with `--replay`, and what other engines say to it."""
+"""What Compose and Kubernetes get of a run with `--replay`."""
 
 import json
 import re
@@ -9,21 +9,11 @@ from typing import Any
 
 import pytest
 
-from common.errors import InputError
 from common.process.command_line import parse_run
 from deploy.__main__ import main
 from learner.options import LearnerOptions
 from replay.__main__ import ReplayOptions
 from tests.deploy.launched import COMMANDS, kustomized, launch
-
-
-@pytest.mark.parametrize("engine", ["slurm", "ray"])
-def test_an_engine_without_it_says_what_to_do(
-    engine: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    with pytest.raises(InputError, match=r"omit it, so that .* the learner host the replay"):
-        launch(monkeypatch, engine, tmp_path)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("engine", COMMANDS)

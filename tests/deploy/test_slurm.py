@@ -1,9 +1,11 @@
-"""A run on a real Slurm: submitted, taken away from its node, resumed, ended."""
+"""Runs on a real Slurm: submitted, taken away from their nodes, killed, resumed, ended."""
 
 import json
 import os
+import signal
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -31,25 +33,46 @@ def slurm(tmp_path: Path) -> Iterator[Cluster]:
         yield made
 
 
-def test_a_learner_that_is_requeued_goes_on_and_nothing_is_lost(slurm: Cluster) -> None:
-    steps = 6000
-    said = slurm(
-        *(
-            sys.executable,
-            "-m",
-            "deploy",
-            "slurm",
-            "--run=r",
-            "--actors=2",
-            "--submit",
-            "--time=30",
-        ),
-        *("--cpus=1", "--memory=2", "--"),
-        *("--env=catch", f"--steps={steps}", *SMALL),
-    )
+def launch(slurm: Cluster, steps: int, *own: str) -> Path:
+    """Submits the run called r, and returns its folder once there is a checkpoint."""
+    flags = ("--run=r", "--actors=2", "--submit", "--time=30", "--cpus=1", "--memory=2", *own)
+    game = ("--env=catch", f"--steps={steps}", *SMALL)
+    said = slurm(sys.executable, "-m", "deploy", "slurm", *flags, "--", *game)
     assert "Submitted batch job" in said
     run = slurm.folder / "runs" / "r"
     wait_until((run / "checkpoint.safetensors").exists, f"a checkpoint in {run}")
+    return run
+
+
+def processes(run: Path, module: str) -> list[int]:
+    """Numbers of the processes of this kind, oldest first."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        with suppress(OSError, ValueError):
+            words = (entry / "cmdline").read_text().split("\0")
+            if words[1:3] == ["-m", module] and str(run / "certificates") in words:
+                found.append((int((entry / "stat").read_text().split()[21]), int(entry.name)))
+    return [number for _, number in sorted(found)]
+
+
+def agent_steps(run: Path) -> int:
+    return int(json.loads((run / "summary.json").read_text())["agent_steps"])
+
+
+def goes_on(run: Path) -> None:
+    steps = agent_steps(run)
+    wait_until(lambda: agent_steps(run) > steps, f"{run} has more than {steps} steps")
+
+
+def balanced(run: Path, steps: int) -> bool:
+    """Whether a run that is over has all its steps, and all that was made is in."""
+    chunks = json.loads((run / "summary.json").read_text())["chunks"]
+    return bool(agent_steps(run) >= steps and chunks["made"] == chunks["acked"] > 0)
+
+
+def test_a_learner_that_is_requeued_goes_on_and_nothing_is_lost(slurm: Cluster) -> None:
+    steps = 6000
+    run = launch(slurm, steps)
     assert set(slurm.states()) == {"r N/A", *(f"r-actors {task}" for task in (1, 2, 3))}
     address = (run / "address").read_text()
     assert address.startswith("tls/")
@@ -68,4 +91,44 @@ def test_a_learner_that_is_requeued_goes_on_and_nothing_is_lost(slurm: Cluster) 
     assert sum(each["acked"] for each in summary["actors"]) == chunks["acked"]
     log = (run / "logs" / "learner.log").read_text()
     assert log.count("Everything is in") == 2
+    assert not (run / "address").exists()
+    assert {each["name"] for each in summary["actors"]} == {"actor-1", "actor-2"}
+    assert (run / "certificates" / "actors.txt").read_text().split()[:2] == ["actor-1", "actor-2"]
+
+
+def test_what_is_killed_starts_again(slurm: Cluster) -> None:
+    """An actor in its place; the learner's work by its parent; and that by a job in the queue."""
+    steps = 12_000
+    run = launch(slurm, steps)
+    actor, learner = processes(run, "actors")[0], processes(run, "learner")
+    os.kill(actor, signal.SIGKILL)
+    logs = run / "logs"
+    wait_until(
+        lambda: any("starts again" in path.read_text() for path in logs.glob("actor-*.log")),
+        "the actor starts again",
+    )
+    os.kill(learner[1], signal.SIGKILL)
+    goes_on(run)
+    os.kill(learner[0], signal.SIGKILL)
+    wait_until(lambda: slurm.states().get("r N/A") == "PENDING", "the learner waits its turn")
+    wait_until(lambda: not slurm.states(), "the run is over")
+    assert balanced(run, steps)
+
+
+def test_a_replay_of_its_own_may_be_taken_away_too(slurm: Cluster) -> None:
+    steps = 9000
+    run = launch(slurm, steps, "--replay", "--replay-cpus=1", "--replay-memory=1")
+    assert set(slurm.states()) == {
+        *("r N/A", "r-learner N/A"),
+        *(f"r-actors {task}" for task in (1, 2, 3)),
+    }
+    for job in ("r", "r-learner"):
+        slurm("scontrol", "requeue", slurm.job_id(job))
+        name = f"{job} N/A"
+        wait_until(lambda name=name: slurm.states().get(name) == "PENDING", f"{job} waits")
+        wait_until(lambda name=name: slurm.states().get(name) == "RUNNING", f"{job} is back")
+        goes_on(run)
+    os.kill(processes(run, "replay")[1], signal.SIGKILL)
+    wait_until(lambda: not slurm.states(), "the run is over")
+    assert balanced(run, steps)
     assert not (run / "address").exists()
