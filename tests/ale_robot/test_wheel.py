@@ -41,5 +41,5 @@ def test_the_wheel_has_the_product_and_its_policies_alone(tmp_path: Path) -> Non
         for path in (ROOT / package).rglob("*.py")
     }
     assert "ale_robot/policies/robot_pong.safetensors" in names
-    assert {"deploy/certificates.sh", "deploy/slurm/learner.sh"} <= names
+    assert {"deploy/certificates.sh", "deploy/slurm/job.sh"} <= names
     assert "learner/telemetry/web/page/index.html" in names

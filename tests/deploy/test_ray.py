@@ -46,6 +46,7 @@ class RayCluster:
         self.folder = folder
         self.run = folder / "runs" / "r"
         small: dict[str, Any] = {"object_store_memory": 80_000_000, "include_dashboard": False}
+        Path("/tmp/ray").mkdir(exist_ok=True)  # Ray writes there too, whatever its temp_dir
         self._cluster = Cluster(
             initialize_head=True, head_node_args={**small, "num_cpus": 1, "temp_dir": temporary}
         )
@@ -72,7 +73,7 @@ class RayCluster:
             with suppress(OSError, ValueError):
                 words = (entry / "cmdline").read_text().split("\0")
                 if "--runs" in words and str(self.folder / "runs") in words:
-                    name = "learner"
+                    name = words[words.index("-m") + 1]
                 elif str(self.run / "certificates") in words and "--name" in words:
                     name = words[words.index("--name") + 1]
                 else:
@@ -209,6 +210,35 @@ def test_keepers_and_learner_may_be_killed_while_a_launcher_waits(cluster: RayCl
     assert launcher.returncode == 0
     assert "The run r is over." in told
     cluster.began(3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cluster", [LARGE_NODES], indirect=True)
+def test_a_replay_of_its_own_and_its_learner_may_be_killed(
+    cluster: RayCluster, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = ("--replay", "--replay-cpus=1", "--replay-memory=1", "--actors=1", "--evaluators=0")
+    cluster.launch(monkeypatch, *own, "--", "--env=catch", *SMALL)
+    assert "The replay is at tls/" in capsys.readouterr().out
+    wait_until((cluster.run / "checkpoint.safetensors").exists, f"a checkpoint in {cluster.run}")
+    for name in ("replay", "learner"):
+        steps, (process, _) = cluster.summary()["agent_steps"], cluster.processes()[name]
+        os.kill(parent(process), signal.SIGKILL)
+        wait_until(
+            lambda name=name, former=process: (
+                cluster.processes().get(name, (former, 0))[0] != former
+            ),
+            f"the {name} is replaced",
+        )
+        cluster.goes_on(steps)
+    # Who changes the numbers need not say again that there is a replay.
+    cluster.launch(monkeypatch, "--actors=2", "--evaluators=0")
+    assert "The replay is at tls/" in capsys.readouterr().out
+    wait_until(lambda: "actor-2" in cluster.processes(), "there is another actor")
+    cluster.launch(monkeypatch, "--stop")
+    wait_until(lambda: not cluster.processes(), "no process is left")
+    chunks = cluster.summary()["chunks"]
+    assert chunks["made"] >= chunks["acked"] > 0
 
 
 @pytest.mark.slow
