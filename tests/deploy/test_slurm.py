@@ -100,7 +100,7 @@ def test_a_learner_that_is_requeued_goes_on_and_nothing_is_lost(slurm: Cluster) 
 
 def test_what_is_killed_starts_again(slurm: Cluster) -> None:
     """An actor in its place; the learner's work by its parent; and that by a job in the queue."""
-    steps = 12_000
+    steps = 6000
     run = launch(slurm, steps)
     wait_until(lambda: len(processes(run, "actors")) == 3, "actors and evaluator are there")
     actor, learner = processes(run, "actors")[0], processes(run, "learner")
@@ -119,7 +119,7 @@ def test_what_is_killed_starts_again(slurm: Cluster) -> None:
 
 
 def test_a_replay_of_its_own_may_be_taken_away_too(slurm: Cluster) -> None:
-    steps = 9000
+    steps = 6000
     run = launch(slurm, steps, "--replay", "--replay-cpus=1", "--replay-memory=1")
     assert set(slurm.states()) == {
         *("r N/A", "r-learner N/A"),
