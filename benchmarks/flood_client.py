@@ -67,7 +67,7 @@ class Flooder:
         self._inserts = transport.requester(keys.insert(name), _DEADLINE)
         self._questions = transport.requester(keys.latest_weights, _QUESTION_DEADLINE)
         self._heartbeats = transport.publisher(keys.stats("actor", name))
-        self._heartbeat = ActorStats(name, "actor", incarnation=1).encode()
+        self._heartbeat = ActorStats(name, "actor", incarnation=1, run_id=keys.run_id).encode()
 
     def flood(self) -> None:
         """Begin, and go on until `stop`."""

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from actors.member import Member
 from common.protocol.actor_stats import MOST_HEARTBEATS, ActorStats, Role
@@ -16,6 +17,7 @@ class Heartbeat:
     def __init__(self, member: Member, role: Role, stats: Callable[[bool], ActorStats]) -> None:
         transport, keys = member.transport, member.keys
         self._stats = stats
+        self._run_id = keys.run_id
         self._publisher = transport.publisher(keys.stats(role, member.name))
         self._presence = transport.announce(keys.live(role, member.name))
         self._ended = threading.Event()
@@ -27,9 +29,12 @@ class Heartbeat:
         self._ended.set()
         self._thread.join()
         time.sleep(2 / MOST_HEARTBEATS)  # the last one may have been just now
-        self._publisher.publish(self._stats(True).encode())
+        self._publish(leaving=True)
         self._presence.close()
 
     def _beat(self) -> None:
         while not self._ended.wait(PERIOD):
-            self._publisher.publish(self._stats(False).encode())
+            self._publish(leaving=False)
+
+    def _publish(self, *, leaving: bool) -> None:
+        self._publisher.publish(replace(self._stats(leaving), run_id=self._run_id).encode())

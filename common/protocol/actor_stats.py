@@ -85,6 +85,8 @@ class ActorStats(Message):
     """Seconds of processor time per second, of late."""
     memory_bytes: Count = 0
     """Its memory, without file pages."""
+    run_id: str = ""
+    """Identity of the run that it works for."""
 # fmt: on
 
     @property

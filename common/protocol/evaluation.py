@@ -41,6 +41,8 @@ class EvaluationReport(Message):
     games: Annotated[Rows[Game], MaxLen(MAX_GAMES)]
     done: bool
     """The job is done."""
+    run_id: str = ""
+    """Identity of the run whose job it is."""
 
     def check(self) -> None:
         """See `Message.check`: refuses more games than could end."""

@@ -52,6 +52,8 @@ def serve_evaluators(
         report = EvaluationReport.decode(request.payload)
         if report.evaluator != evaluator:
             raise MessageError(f"a report of {report.evaluator} at the key of {evaluator}")
+        if report.run_id != keys.run_id:
+            raise MessageError("a report of another run")
         coordinator.take_report(report)
         return b"ok"
 

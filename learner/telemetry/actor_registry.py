@@ -105,6 +105,7 @@ class ActorRegistry:
 
     def __init__(self, transport: Transport, keys: RunKeys) -> None:
         self._lock = threading.Lock()
+        self._run_id = keys.run_id
         self._names: dict[tuple[str, str], _Name] = {}
         """By role and name."""
         self._processes: dict[int, _Process] = {}
@@ -261,7 +262,7 @@ class ActorRegistry:
             stats = ActorStats.decode(message.payload)
         except MessageError:
             return  # somebody else's noise on our key
-        if not message.key.endswith(f"/{stats.role}/{stats.name}"):
+        if not message.key.endswith(f"/{stats.role}/{stats.name}") or stats.run_id != self._run_id:
             return
         now = time.monotonic()
         with self._lock:

@@ -1,5 +1,6 @@
 """Evaluators ask and report from other processes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -67,6 +68,21 @@ def test_nobody_reports_in_another_name(hub: Transport, client: Transport, tmp_p
         _report(client, report, "other")
     assert coordinator.take_finished() is None
     _report(client, report)
+    assert coordinator.take_finished() is not None
+
+
+def test_a_report_of_another_run_does_not_count(
+    hub: Transport, client: Transport, tmp_path: Path
+) -> None:
+    coordinator = _coordinator(tmp_path)
+    serve_evaluators(hub, KEYS, coordinator, unsigned)
+    coordinator.add(epoch_test(1), b"w")
+    job = _ask(client, "e")
+    report = EvaluationReport("e", 1, 100, (), True, run_id=job.run_id)
+    with pytest.raises(MessageError, match=r"^a report of another run$"):
+        _report(client, replace(report, run_id="another").encode())
+    assert coordinator.take_finished() is None
+    _report(client, report.encode())
     assert coordinator.take_finished() is not None
 
 

@@ -88,6 +88,14 @@ def test_one_that_goes_without_a_word_was_lost(
     assert registry.alive("actor") == set()
 
 
+def test_heartbeats_of_another_run_are_not_counted(hub: Transport, client: Transport) -> None:
+    registry = ActorRegistry(hub, KEYS)
+    heartbeats = client.publisher(KEYS.stats("actor", "a1"))
+    heartbeats.publish(replace(STATS, made=99, run_id="another").encode())
+    heartbeats.publish(replace(STATS, incarnation=8).encode())
+    _until(lambda: chunks(registry) == (10, 2, 0))
+
+
 def test_counts_add_up_over_restarts_of_actor_and_learner(
     hub: Transport, client: Transport
 ) -> None:
