@@ -67,6 +67,11 @@ class ReplayBuffer:
         with self._state:
             return self._finished or not self._should_throttle() or self._turns.admits(actor)
 
+    def insists(self, actor: str) -> bool:
+        """Whether ``actor`` sends on and on what `admits` does not let in."""
+        with self._state:
+            return self._turns.insists(actor)
+
     def insert(self, chunk: Chunk) -> Ack:
         """Store ``chunk``, unless it came before; never waits for the learner.
 
@@ -95,6 +100,8 @@ class ReplayBuffer:
         opened, though some of them have closed it again."""
         with self._state:
             held = self._should_throttle() and not self._turns.has_turn(actor)
+            if not held:
+                self._turns.let_go(actor)
             return self._ack("poll", throttle=held)
 
     def _ack(

@@ -124,6 +124,8 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         known = self._quota.knows(actor)
         steps = max(request.size / _STEP_BYTES, 1.0) if request.size else _POLL_STEPS
         if request.size and known and not self._memory.admits(actor):
+            if not self._memory.insists(actor):
+                return False
             text = f"{actor} sends on while it is told to hold"
         elif self._quota.admits(actor, steps):
             return True

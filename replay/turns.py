@@ -5,10 +5,17 @@ that goes on fills whatever the learner frees, before those who wait are told. S
 account of the steps that it is ahead: its chunks add to it, and each time the limiter opens all
 accounts fall by a turn, the steps of one chunk. While the limiter is closed, who is a window ahead
 is refused, and who is not ahead at all has its turn. So in the long run all who want in get as many
-steps, and an actor that does as it is told is never refused. This is start-time fair queueing
-(Goyal et al. 1996), by steps.
+steps. This is start-time fair queueing (Goyal et al. 1996), by steps.
+
+An actor that was told to go on is not refused its next chunk, though others may have closed the
+limiter before it comes. One with many environments sends several at once, so it may be refused now
+and then; it sends them again.
 """
 
+from collections import Counter
+
+INSISTENCE = 20
+"""Refusals in a row from which an actor does not do as it is told."""
 MOST_ACTORS = 4_096
 """Actors with an account, as many as a hub takes connections; then the one is forgotten that was
 charged longest ago."""
@@ -31,6 +38,10 @@ class Turns:
         """By actor, the ``_now`` at which it is ahead no more."""
         self._asked: set[str] = set()
         """Actors that wanted in since the limiter opened last."""
+        self._let_go: set[str] = set()
+        """Actors that were told to go on, and have not yet sent a chunk."""
+        self._refused: Counter[str] = Counter()
+        """Refusals by actor since its last chunk."""
 
     def open(self) -> None:
         """Let all accounts fall, at least so far that one who asked has its turn."""
@@ -44,7 +55,19 @@ class Turns:
 
     def admits(self, actor: str) -> bool:
         """Whether a chunk of ``actor`` is taken although the limiter is closed."""
-        return self._account(actor, self._now) < self._now + self._most
+        within = self._account(actor, self._now) < self._now + self._most
+        self._refused[actor] += not (within or actor in self._let_go)
+        return within or actor in self._let_go
+
+    def let_go(self, actor: str) -> None:
+        """Note that ``actor`` was told to go on."""
+        self._paid_until.setdefault(actor, self._now)
+        self._let_go.add(actor)
+        self._forget()
+
+    def insists(self, actor: str) -> bool:
+        """Whether ``actor`` sends on and on what is not taken."""
+        return self._refused[actor] >= INSISTENCE
 
     def charge(self, actor: str, steps: int, *, still_open: bool) -> None:
         """Note that ``steps`` of ``actor`` were taken.
@@ -58,6 +81,8 @@ class Turns:
         if still_open:
             until = max(min(until, self._now + self._most), paid)
         self._paid_until[actor] = until
+        self._let_go.discard(actor)
+        del self._refused[actor]
         self._forget()
 
     def _account(self, actor: str, new: int) -> int:
@@ -69,5 +94,6 @@ class Turns:
     def _forget(self) -> None:
         if len(self._paid_until) > MOST_ACTORS:
             oldest = next(iter(self._paid_until))
-            del self._paid_until[oldest]
+            del self._paid_until[oldest], self._refused[oldest]
             self._asked.discard(oldest)
+            self._let_go.discard(oldest)

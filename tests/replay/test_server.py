@@ -287,9 +287,10 @@ def test_a_poll_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> No
 
 
 def test_who_sends_on_while_it_is_told_to_hold_takes_nobodys_turn(
-    place: Place, caplog: pytest.LogCaptureFixture
+    place: Place, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Chunks have 8 steps here and windows two chunks; 84 steps hold all actors."""
+    monkeypatch.setattr("replay.turns.INSISTENCE", 1)
     rng, flooder, honest = np.random.default_rng(0), Actor("flooder", 4), Actor("honest", 4)
     assert insert(place.client, honest.live([GOES_ON] * 8, rng)).status == "stored"
     assert not insert(place.client, flooder.live([GOES_ON] * 72, rng)).throttle  # still open

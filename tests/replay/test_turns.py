@@ -96,11 +96,33 @@ def test_a_new_actor_waits_for_the_next_opening(turns: Turns) -> None:
     assert turns.has_turn("new")  # until it sends
 
 
+def test_who_is_told_to_go_on_may_send_one_chunk_however_far_it_is_ahead(turns: Turns) -> None:
+    assert send(turns, "ahead", 9) == 4
+    turns.let_go("ahead")
+    assert turns.admits("ahead")
+    assert turns.admits("ahead")  # until one is taken
+    assert send(turns, "ahead", 9) == 1
+
+
+def test_who_sends_on_and_on_is_told_from_who_was_refused_now_and_then(turns: Turns) -> None:
+    assert send(turns, "a", 4 + module.INSISTENCE - 1) == 4
+    assert not turns.insists("a")
+    turns.has_turn("waits")
+    turns.open()
+    assert send(turns, "a", 1 + module.INSISTENCE - 1) == 1
+    assert not turns.insists("a")
+    assert not turns.admits("a")
+    assert turns.insists("a")
+    assert not turns.insists("b")
+
+
 def test_the_accounts_are_bounded(turns: Turns, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MOST_ACTORS", 2)
     for name in "abc":
         send(turns, name, 1)
         turns.has_turn(f"{name} polls")
+        turns.let_go(f"{name} goes on")
+        send(turns, name, 5)
     assert len(turns._paid_until) <= 2
-    assert turns._asked <= set(turns._paid_until)
+    assert turns._asked | turns._let_go | set(turns._refused) <= set(turns._paid_until)
     turns.open()
