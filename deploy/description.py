@@ -15,11 +15,10 @@ from common.checked import Count, FromOne
 from common.errors import InputError
 from common.process.command_line import parse_run
 from common.run.clock import ClockConfig
-from common.run.folder import RunFolder
+from common.run.folder import JOURNAL, RunFolder
 from common.run.presets import PRESETS
 from common.run.stored_config import flag_of, flat
 from learner.options import LearnerOptions, resume_flags, run_name, stored_config
-from replay.journal import JOURNAL
 
 _SET_HERE = ("listen", "connect", "certificates", "local", "resume", "actors", "envs", "evaluators")
 """Fields of the learner that the engine sets."""

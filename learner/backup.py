@@ -20,8 +20,7 @@ import tyro
 
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
-from common.run.folder import RunFolder, check_folder
-from replay.journal import JOURNAL
+from common.run.folder import JOURNAL, RunFolder, check_folder
 
 _BLOCK = 64 * 2**20
 _TELL_EVERY = 5.0

@@ -16,8 +16,6 @@ from common.crc32 import crc32
 from common.errors import InputError, writing
 from common.run.folder import write_atomically
 
-JOURNAL = "journal.jsonl"
-"""Its name in a replay's folder."""
 Entry = dict[str, Any]
 _MARK = b',"crc":'
 

@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from common.errors import InputError, MessageError
 from common.protocol.chunk import Chunk
 from common.run.config import RunConfig
+from common.run.folder import JOURNAL
 from replay.chunk_index import ChunkIndex, ChunkKey, chunk_entry, tail_entry
 from replay.chunk_statistics import ChunkStatistics
 from replay.columns import Columns
 from replay.curriculum import curriculum_steps
-from replay.journal import JOURNAL, Entry, Journal, damaged, read_journal
+from replay.journal import Entry, Journal, damaged, read_journal
 from replay.ring import Placement, Ring
 from replay.samplers import PrioritisedSampler, UniformSampler
 from replay.sum_tree import padded

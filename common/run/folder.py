@@ -99,6 +99,8 @@ def kept_networks(snapshots: Path) -> dict[int, Path]:
     return dict(sorted((int(name), path) for name, path in names.items() if name.isdecimal()))
 
 
+JOURNAL = "journal.jsonl"
+"""Name of the file, in a replay's folder, of what was accepted and evicted."""
 Part = Literal["learner", "replay"]
 
 

@@ -141,6 +141,8 @@ def test_an_interrupt_while_it_is_imported_ends_the_command_without_a_traceback(
         f"""
 import os, signal, sys
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever a shell has made of it
+
 class Interrupted:
     def find_spec(self, name, *_):
         if name == "gymnasium":

@@ -94,6 +94,10 @@ class Asked:
     key: str
     payload: bytes
 
+    @property
+    def size(self) -> int:
+        return len(self.payload)
+
     def reply(self, answer: bytes | Envelope) -> None:
         """Take the answer."""
 
