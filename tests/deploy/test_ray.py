@@ -220,7 +220,7 @@ def test_a_replay_of_its_own_and_its_learner_may_be_killed(
     own = ("--replay", "--replay-cpus=1", "--replay-memory=1", "--actors=1", "--evaluators=0")
     cluster.launch(monkeypatch, *own, "--", "--env=catch", *SMALL)
     assert "The replay is at tls/" in capsys.readouterr().out
-    wait_until((cluster.run / "checkpoint.safetensors").exists, f"a checkpoint in {cluster.run}")
+    wait_until((cluster.run / "summary.json").exists, f"a summary in {cluster.run}")
     for name in ("replay", "learner"):
         steps, (process, _) = cluster.summary()["agent_steps"], cluster.processes()[name]
         os.kill(parent(process), signal.SIGKILL)
