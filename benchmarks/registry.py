@@ -43,7 +43,8 @@ BENCHMARKS = {
         {"many_actors": ""},
     ),
     "flood": Benchmark(
-        "training beside one certified client that sends as much as it can, and what is refused", {}
+        "training beside one certified client that sends as much as it can, and what is refused",
+        {"flood": ""},
     ),
     "epochs_per_day": Benchmark(
         "a whole local run: training, tests, and how many of the 2017 epochs a day has room for",
