@@ -18,7 +18,7 @@ class PolicySync:
         self._member = member
         self._has_weights = False
         self._difficulty = 0.0
-        """Of the next game, as last told."""
+        """Difficulty of the next game, by the last acknowledgement."""
 
     def reset_options(self) -> dict[str, float]:
         """Returns how the next game is to be drawn, as options of an environment's reset."""

@@ -300,7 +300,7 @@ declare(
            "Chunks that came again and were not stored again", "duplicate", ("Stream", 6),
            curve=True, summary="chunks.duplicate", counter=True),
     Metric("stream/over_quota", "chunks", "count",
-           "Chunks and polls to be sent again: their actor sent more than its quota, or while held",
+           "Chunks and polls to be sent again: beyond their actor's quota, or sent while throttled",
            curve=True, summary="chunks.over_quota", trouble="over quota", counter=True),
     Metric("stream/chunks_excess", "chunks", "count",
            "Chunks stored beyond those that their actors made, so stored more than once",

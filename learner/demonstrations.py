@@ -30,6 +30,7 @@ from common.protocol.chunk import Chunk
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
+from common.run.origin import VECTOR_SETTINGS
 from common.run.stored_config import flat
 from common.transport.interface import Envelope, Transport
 from common.transport.requests import Window
@@ -39,10 +40,7 @@ _ALIKE = (
     "play.frame_stack",
     "play.frame_skip",
     "play.minimal_actions",
-    "play.vector",
-    "play.vector_commands",
-    "play.vector_key_frames",
-    "play.vector_joints",
+    *VECTOR_SETTINGS,
     "learning.clip_rewards",
 )
 """Settings that a state, an action or a reward depends on."""

@@ -6,7 +6,7 @@ from itertools import islice
 from common.run.config import RunConfig
 from replay.chunk_statistics import ChunkStatistics
 
-RECENT_GAMES = 20
+_RECENT_GAMES = 20
 """Games whose mean score is judged."""
 
 
@@ -26,7 +26,7 @@ def curriculum_steps(
         return learned
     gone = past[-1].curriculum_steps if past else 0
     games = (game.score for chunk in reversed(past) for game in reversed(chunk.games))
-    scores = list(islice(games, RECENT_GAMES))
+    scores = list(islice(games, _RECENT_GAMES))
     if not scores:
         return gone
     grows = sum(scores) / len(scores) >= learning.curriculum_score

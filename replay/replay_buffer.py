@@ -48,7 +48,7 @@ class ReplayBuffer:
         self._batch_size = config.learning.batch_size
         self._difficulty_after = config.difficulty_after
         self.released: Callable[[], None] = lambda: None
-        """Called under a lock when actors that are held may go on or leave; must be brief."""
+        """Called under a lock when throttled actors may go on or leave; must be brief."""
         self._limiter = RateLimiter.of(config)
         self._turns = Turns(config.stream.chunk_steps, config.stream.window)
         self._state = threading.Condition()
@@ -63,12 +63,12 @@ class ReplayBuffer:
         self._drawn = 0
 
     def admits(self, actor: str) -> bool:
-        """Whether a chunk of ``actor`` is taken now: a held one's are within its window alone."""
+        """Whether a chunk of ``actor`` is taken now; see `Turns` for a throttled actor."""
         with self._state:
             return self._finished or not self._should_throttle() or self._turns.admits(actor)
 
     def insists(self, actor: str) -> bool:
-        """Whether ``actor`` sends on and on what `admits` does not let in."""
+        """Whether ``actor`` keeps sending although `admits` refuses it."""
         with self._state:
             return self._turns.insists(actor)
 
@@ -96,13 +96,13 @@ class ReplayBuffer:
         return self._ack(status, throttle=self._should_throttle())
 
     def poll(self, actor: str) -> Ack:
-        """Returns whether ``actor``, which is held, may go on: to all who asked before the limiter
-        opened, though some of them have closed it again."""
+        """Returns what the throttled ``actor`` is told when it asks to go on. Each actor that asked
+        before the limiter opened may, even if others have closed it again."""
         with self._state:
-            held = self._should_throttle() and not self._turns.has_turn(actor)
-            if not held:
+            throttle = self._should_throttle() and not self._turns.has_turn(actor)
+            if not throttle:
                 self._turns.let_go(actor)
-            return self._ack("poll", throttle=held)
+            return self._ack("poll", throttle=throttle)
 
     def _ack(
         self, status: Literal["stored", "duplicate", "poll", "refused"], *, throttle: bool
@@ -140,9 +140,9 @@ class ReplayBuffer:
             # What the newest weights were learned from was drawn by the learner, so a smaller count
             # is somebody else's. (A resumed learner first publishes its older weights.)
             if drawn >= self.weights_version * self._batch_size:
-                held = self._should_throttle()
+                throttled = self._should_throttle()
                 self._drawn = drawn
-                if held and not self._should_throttle():
+                if throttled and not self._should_throttle():
                     self._turns.open()
                     self.released()
             self._state.wait_for(lambda: self._closed or self._may_sample(drawn), timeout)

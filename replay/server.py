@@ -126,7 +126,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         if request.size and known and not self._memory.admits(actor):
             if not self._memory.insists(actor):
                 return False
-            text = f"{actor} sends on while it is told to hold"
+            text = f"{actor} keeps sending although it is throttled"
         elif self._quota.admits(actor, steps):
             return True
         elif known:

@@ -1,21 +1,22 @@
-"""`Turns`: whose chunks are taken while the rate limiter holds all actors.
+"""`Turns`: whose chunks are taken while the rate limiter throttles all actors.
 
-An actor that is told to hold may have a window of chunks under way, and should send no more. One
-that goes on fills whatever the learner frees, before those who wait are told. So each has an
-account of the steps that it is ahead: its chunks add to it, and each time the limiter opens all
-accounts fall by a turn, the steps of one chunk. While the limiter is closed, who is a window ahead
-is refused, and who is not ahead at all has its turn. So in the long run all who want in get as many
-steps. This is start-time fair queueing (Goyal et al. 1996), by steps.
+A throttled actor may have a window of chunks under way, and should send no more. One that keeps
+sending fills whatever room the learner makes before the waiting actors hear of it. So each actor
+has an account of the steps that it is ahead: its chunks add to it, and each time the limiter opens
+all accounts fall by a turn, the steps of one chunk. While the limiter is closed, an actor that is
+a window ahead is refused, and an actor that is not ahead has its turn. So in the long run all
+actors that want to send get as many steps. This is start-time fair queueing (Goyal et al. 1996),
+by steps.
 
-An actor that was told to go on is not refused its next chunk, though others may have closed the
-limiter before it comes. One with many environments sends several at once, so it may be refused now
-and then; it sends them again.
+The next chunk of an actor that was told to go on is always taken, even if others have closed the
+limiter before it comes. An actor with many environments sends several chunks at once, so some may
+be refused; it sends them again.
 """
 
 from collections import Counter
 
 INSISTENCE = 20
-"""Refusals in a row from which an actor does not do as it is told."""
+"""Refusals in a row that only an actor has which ignores the throttle."""
 MOST_ACTORS = 4_096
 """Actors with an account, as many as a hub takes connections; then the one is forgotten that was
 charged longest ago."""
@@ -55,9 +56,10 @@ class Turns:
 
     def admits(self, actor: str) -> bool:
         """Whether a chunk of ``actor`` is taken although the limiter is closed."""
-        within = self._account(actor, self._now) < self._now + self._most
-        self._refused[actor] += not (within or actor in self._let_go)
-        return within or actor in self._let_go
+        ahead = self._account(actor, self._now) - self._now
+        admitted = ahead < self._most or actor in self._let_go
+        self._refused[actor] += not admitted
+        return admitted
 
     def let_go(self, actor: str) -> None:
         """Note that ``actor`` was told to go on."""
@@ -66,7 +68,7 @@ class Turns:
         self._forget()
 
     def insists(self, actor: str) -> bool:
-        """Whether ``actor`` sends on and on what is not taken."""
+        """Whether ``actor`` keeps sending although it is refused."""
         return self._refused[actor] >= INSISTENCE
 
     def charge(self, actor: str, steps: int, *, still_open: bool) -> None:

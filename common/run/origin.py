@@ -103,20 +103,17 @@ def _json(text: str | bytes, file: Path) -> Any:
         raise InputError(f"{file} is not JSON ({error}): get it anew.") from None
 
 
-_VECTOR = (
-    "play.robot",
+VECTOR_SETTINGS = (
     "play.vector",
     "play.vector_commands",
     "play.vector_key_frames",
     "play.vector_joints",
 )
+"""What is in the vector observation, but for the robot's number of joints."""
+_VECTOR = ("play.robot", *VECTOR_SETTINGS)
 _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = (
     ("{} actions", lambda config: config.action_count, ("game", "play.minimal_actions")),
-    (
-        "{} numbers of proprioception",
-        lambda config: config.vector_width,
-        _VECTOR,
-    ),
+    ("{} numbers of proprioception", lambda config: config.vector_width, _VECTOR),
     ("{} frames per state", lambda config: config.play.frame_stack, ("play.frame_stack",)),
     (
         "{} outputs per action",

@@ -286,10 +286,10 @@ def test_a_poll_waits_for_the_learner_and_holds_up_no_insert(place: Place) -> No
     assert not ack.throttle
 
 
-def test_who_sends_on_while_it_is_told_to_hold_takes_nobodys_turn(
+def test_an_actor_that_ignores_the_throttle_takes_nobodys_turn(
     place: Place, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Chunks have 8 steps here and windows two chunks; 84 steps hold all actors."""
+    """Chunks have 8 steps here and windows two chunks; at 84 steps all actors are throttled."""
     monkeypatch.setattr("replay.turns.INSISTENCE", 1)
     rng, flooder, honest = np.random.default_rng(0), Actor("flooder", 4), Actor("honest", 4)
     assert insert(place.client, honest.live([GOES_ON] * 8, rng)).status == "stored"
@@ -324,7 +324,7 @@ def test_who_sends_on_while_it_is_told_to_hold_takes_nobodys_turn(
     assert 1 <= stored["flooder"] <= 4
     assert insert(place.client, late).status == "duplicate"
     assert place.memory.over_quota > 0
-    told = "flooder sends on while it is told to hold: the rest has to wait"
+    told = "flooder keeps sending although it is throttled: the rest has to wait"
     assert told in caplog.messages
 
 

@@ -1,4 +1,4 @@
-"""Whose chunks are taken while all are held; chunks have 64 steps, and a window is four of them."""
+"""Turns of throttled actors; a chunk has 64 steps, and a window is four chunks."""
 
 import pytest
 
@@ -21,7 +21,7 @@ def send(turns: Turns, actor: str, chunks: int, steps: int = 64) -> int:
     return taken
 
 
-def test_a_window_is_taken_of_a_held_actor_and_one_chunk_more_each_time_the_limiter_opens(
+def test_a_window_is_taken_of_a_throttled_actor_and_one_chunk_more_each_time_the_limiter_opens(
     turns: Turns,
 ) -> None:
     turns.has_turn("waits")

@@ -46,6 +46,13 @@ def end_film(films: FilmsSink) -> None:
     films._child.wait(PATIENCE)
 
 
+def make_film(films: FilmsSink) -> None:
+    """Has the film that is due made, and closes the sink."""
+    films.write(snapshot({}))
+    end_film(films)
+    films.close()
+
+
 def told(folder: RunFolder) -> dict[str, str]:
     return {path.name: path.read_text() for path in folder.films.glob("*.mp4")}
 
@@ -91,9 +98,7 @@ def test_where_a_network_was_given_the_first_film_is_of_its_warm_up(folder: RunF
     folder.checkpoint.write_text("weights that have learned")
     films = FilmsSink(folder, 1.0, 0.05, FILMER)
     end_epoch(films, 0)
-    films.write(snapshot({}))
-    end_film(films)
-    films.close()
+    make_film(films)
     assert told(folder) == {"epoch-0000.mp4": "film given weights 1 0.05"}
 
 
@@ -109,9 +114,7 @@ def test_a_run_that_is_resumed_in_its_first_epoch_has_the_film_of_random_play(
     EpochTable(folder.epochs).append(epoch_row((-21.0,), epoch=0, phase="random"))
     films = FilmsSink(folder, 1.0, 1.0, FILMER)
     films.start(700)
-    films.write(snapshot({}))
-    end_film(films)
-    films.close()
+    make_film(films)
     assert told(folder).keys() == {"epoch-0000.mp4"}
 
 
@@ -130,9 +133,7 @@ def test_a_checkpoint_plays_at_random_in_the_film_of_the_warm_up(folder: RunFold
     folder.checkpoint.write_text("weights that have learned")
     films = FilmsSink(folder, 1.0, 0.1, FILMER)
     end_epoch(films, 0)
-    films.write(snapshot({}))
-    end_film(films)
-    films.close()
+    make_film(films)
     assert told(folder) == {"epoch-0000.mp4": "film weights that have learned 1 1"}
 
 
@@ -210,9 +211,7 @@ def test_a_film_that_is_made_at_the_end_is_kept(folder: RunFolder) -> None:
     other = Shows()
     films = FilmsSink(folder, 1.0, 1.0, FILMER, [other])
     end_epoch(films, 1)
-    films.write(snapshot({}))
-    end_film(films)
-    films.close()
+    make_film(films)
     assert told(folder).keys() == {"epoch-0001.mp4"}
     assert len(other.films) == 1
 
