@@ -23,7 +23,6 @@ from common.run.conditions import (
     Conditions,
     PlayConfig,
     RandomiseConfig,
-    draw,
 )
 from common.run.config import RunConfig
 
@@ -68,11 +67,8 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         # An action that is held through all frames of an agent step the emulator can repeat itself.
         self._prompt = are_prompt(play) and randomise.latency == randomise.jitter == 0
         skip = play.frame_skip if self._prompt else 1
-        self._game = AtariGame(game, play, training=training, emulator_skip=skip)
+        self._game = AtariGame(game, play, camera, randomise, training=training, emulator_skip=skip)
         self._play = play
-        self._randomise = randomise
-        self.conditions = self._usual = Conditions(play, camera)
-        """The conditions of the present game; and those around which they are drawn."""
         self._model = LatencyModel.of_file(play.latency_model) if play.latency_model else None
         self._hands = hands_of(play, self._model, np.random.default_rng(0))
         self._camera: FrameCamera | None = None
@@ -95,6 +91,11 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         )
 
     @property
+    def conditions(self) -> Conditions:
+        """Those of the present game."""
+        return self._game.conditions
+
+    @property
     def emulator(self) -> Emulator:
         """The console; another one after a reset with a seed."""
         return self._game.emulator
@@ -114,21 +115,14 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         """Begin an episode; its first state is its first frame, repeated."""
         super().reset(seed=seed)
         seeded = seed is not None
-        new_game = bool((options or {}).get("new_game", False))
-        if self._game.is_next_new(seeded=seeded, new_game=new_game):
-            difficulty = float((options or {}).get("difficulty", 1.0))
-            self.conditions = draw(*self._usual, self._randomise, self.np_random.random, difficulty)
+        if self._game.begin_episode(self.np_random, seeded=seeded, options=options or {}):
             play, camera = self.conditions
-            self._game.sticky = play.sticky
-            self._game.begin_episode(self.np_random, seeded=seeded, new_game=new_game)
             self._hands = hands_of(play, self._model, self.np_random)
             self._hands.rest()
             perfect = camera == PERFECT_CAMERA
             self._camera = None if perfect else FrameCamera(camera, self.np_random)
             if self._sense is not None:
                 self._sense.forget()
-        else:
-            self._game.begin_episode(self.np_random, seeded=seeded, new_game=new_game)
         self._frames.restart(self._frame(0))
         return self._observation(), StepInfo(*self._game.standing, elapsed=0)._asdict()
 

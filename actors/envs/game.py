@@ -1,15 +1,26 @@
-"""The game as an environment plays it: starts, lives, points, episodes and ends.
+"""The game as an environment plays it: conditions, starts, lives, points, episodes and ends.
 
 `AtariEnv` and `RobotEnv` both own an `AtariGame`, so that emulator and robot obey the same rules
 and their scores can be compared; they differ only in who presses the keys and who looks.
 """
+
+from collections.abc import Mapping
+from typing import Any
 
 import gymnasium
 import numpy as np
 from numpy.random import Generator
 
 from actors.envs.emulator import Emulator
-from common.run.conditions import PlayConfig
+from common.run.conditions import (
+    NOTHING_DRAWN,
+    PERFECT_CAMERA,
+    CameraConfig,
+    Conditions,
+    PlayConfig,
+    RandomiseConfig,
+    draw,
+)
 
 DEFAULT_PLAY = PlayConfig()
 """The 2017 settings (README.md), the default of both environments."""
@@ -25,9 +36,21 @@ class AtariGame:
     """
 
     def __init__(
-        self, game: str, play: PlayConfig, *, training: bool, emulator_skip: int = 1
+        self,
+        game: str,
+        play: PlayConfig,
+        camera: CameraConfig = PERFECT_CAMERA,
+        randomise: RandomiseConfig = NOTHING_DRAWN,
+        *,
+        training: bool,
+        emulator_skip: int = 1,
+        random_start: bool = True,
     ) -> None:
         """Power the console on; each `hold` will last ``emulator_skip`` frames.
+
+        Args:
+            randomise: ranges of the conditions that are drawn for each game.
+            random_start: whether the game plays ``play.random_starts`` itself.
 
         Raises:
             InputError: ale-py does not bundle the game.
@@ -44,36 +67,48 @@ class AtariGame:
         """Agent steps of the present game, its random start included."""
         self.over = False
         """The game ended at the last agent step, by its own rules or cut short."""
-        self.sticky = play.sticky
-        """Repeat probability of the next game."""
+        self.conditions = self._usual = Conditions(play, camera)
+        """The conditions of the present game; and those around which they are drawn."""
+        self._randomise = randomise
         self._play = play
         self._training = training
         self._emulator_skip = emulator_skip
+        self._random_starts = play.random_starts if random_start else 0
         self._lives = self.emulator.lives
         self._life_lost = False
         self._used = False
         self._carries_on = False
 
-    def begin_episode(self, rng: Generator, *, seeded: bool, new_game: bool) -> bool:
+    def begin_episode(self, rng: Generator, *, seeded: bool, options: Mapping[str, Any]) -> bool:
         """Carry the game on after a lost life, or else start a new one; True for a new one.
 
         Args:
-            rng: Draws the random start of a new game.
+            rng: Draws the conditions and the random start of a new game.
             seeded: What follows has to depend on ``rng`` alone. The console is switched off and
                 on then, because some games (Freeway) keep memory across ALE's reset, and its
                 sticky actions begin with a seed from ``rng``.
-            new_game: Start a new game even where the present one could go on.
+            options: Those of an environment's ``reset``: with "new_game" a new game starts even
+                where the present one could go on; "difficulty" is the share of the ranges' widths
+                from which conditions are drawn, 1 by default.
         """
-        new = self.is_next_new(seeded=seeded, new_game=new_game)
+        new = seeded or bool(options.get("new_game")) or not self._carries_on
         if new:
-            self._start_game(rng, power_on=seeded)
-        self.over = self._carries_on = self._life_lost = False
-        self._lives = self.emulator.lives
+            difficulty = float(options.get("difficulty", 1.0))
+            self.conditions = draw(*self._usual, self._randomise, rng.random, difficulty)
+            self.start_anew(rng, power_on=seeded)
+        else:
+            self.carry_on()
         return new
 
-    def is_next_new(self, *, seeded: bool, new_game: bool) -> bool:
-        """Whether `begin_episode` would start a new game."""
-        return seeded or new_game or not self._carries_on
+    def start_anew(self, rng: Generator, *, power_on: bool = False) -> None:
+        """Start a new game under the present conditions."""
+        self._start_game(rng, power_on=power_on)
+        self.carry_on()
+
+    def carry_on(self) -> None:
+        """Begin an episode with the lives that are left."""
+        self.over = self._carries_on = self._life_lost = False
+        self._lives = self.emulator.lives
 
     def hold(self, action: int) -> float:
         """Hold one of the 18 actions for ``emulator_skip`` frames; the points it made.
@@ -121,7 +156,7 @@ class AtariGame:
         return self.over, self.score, self.steps
 
     def _start_game(self, rng: Generator, *, power_on: bool) -> None:
-        sticky = self.sticky
+        sticky = self.conditions.play.sticky
         if power_on or not self._used or sticky != self.emulator.sticky:
             # Nothing is drawn where nothing is repeated, so that such games stay as they were.
             seed = int(rng.integers(2**31)) if sticky > 0 else 0
@@ -133,7 +168,7 @@ class AtariGame:
         self._used = True
         self.score, self.steps = 0.0, 0
         holds = self._play.frame_skip // self._emulator_skip
-        for action in rng.choice(self.actions, rng.integers(self._play.random_starts + 1)):
+        for action in rng.choice(self.actions, rng.integers(self._random_starts + 1)):
             for _ in range(holds):
                 self.score += self.emulator.act(int(action))
             self.steps += 1

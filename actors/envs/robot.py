@@ -5,7 +5,6 @@ It knows only the `Robot` protocol, and `ClockConfig` says how its time passes.
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from typing import Any, Self
 
 import gymnasium
@@ -31,7 +30,6 @@ from common.run.conditions import (
     Conditions,
     PlayConfig,
     RandomiseConfig,
-    draw,
 )
 from common.run.config import RunConfig
 
@@ -82,10 +80,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         self.clock = clock
         self._play = play
         # The random start is not the emulator's here: it goes through the hands, see `reset`.
-        self._game = AtariGame(game, replace(play, random_starts=0), training=training)
-        self._randomise = randomise
-        self.conditions = self._usual = Conditions(play, camera)
-        """The conditions of the present game; and those around which they are drawn."""
+        self._game = AtariGame(game, play, camera, randomise, training=training, random_start=False)
         self.robot: Robot = ROBOTS.make(play.robot, self._game.emulator.screen_shape, camera, play)
         """The robot and all around it."""
         self.detector = ScreenDetector(camera.distortion)
@@ -123,6 +118,11 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             discount=config.learning.discount,
             clip_rewards=config.learning.clip_rewards,
         )
+
+    @property
+    def conditions(self) -> Conditions:
+        """Those of the present game."""
+        return self._game.conditions
 
     @property
     def emulator(self) -> Emulator:
@@ -174,14 +174,7 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         super().reset(seed=seed)
         self._clock.stop()
         seeded = seed is not None
-        new_game = bool((options or {}).get("new_game", False))
-        new = self._game.is_next_new(seeded=seeded, new_game=new_game)
-        if new:
-            difficulty = float((options or {}).get("difficulty", 1.0))
-            self.conditions = draw(*self._usual, self._randomise, self.np_random.random, difficulty)
-            self._game.sticky = self.conditions.play.sticky
-        self._game.begin_episode(self.np_random, seeded=seeded, new_game=new_game)
-        if new:
+        if self._game.begin_episode(self.np_random, seeded=seeded, options=options or {}):
             self.robot.begin_game(self.conditions, self.np_random)
             self._world.begin_game(self.conditions.play, self.np_random)
             # Nothing of an earlier game may show in a seeded one, not even where the screen was.
@@ -318,8 +311,8 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             self._world.command(int(action))
             agent_step = self._world.finish_agent_step()
             if self._game.over:  # an unlucky start: play from the very beginning instead
-                self._game.begin_episode(self.np_random, seeded=False, new_game=True)
+                self._game.start_anew(self.np_random)
                 self._world.restart()
                 return
             if agent_step.terminated:  # a life lost before the episode began does not end it
-                self._game.begin_episode(self.np_random, seeded=False, new_game=False)
+                self._game.carry_on()

@@ -12,10 +12,8 @@ from common.run.conditions import PlayConfig
 _NO_START = PlayConfig(random_starts=0)
 
 
-def _begin(game: AtariGame, seed: int = 0, **how: bool) -> bool:
-    return game.begin_episode(
-        np.random.default_rng(seed), **{"seeded": False, "new_game": False, **how}
-    )
+def _begin(game: AtariGame, seed: int = 0, *, seeded: bool = False, **options: bool) -> bool:
+    return game.begin_episode(np.random.default_rng(seed), seeded=seeded, options=options)
 
 
 def _decide(game: AtariGame, action: int, holds: int = 1) -> tuple[float, bool, bool]:
@@ -123,7 +121,7 @@ def test_random_starts_are_uniform_from_none_to_the_most() -> None:
     rng = np.random.default_rng(0)
     lengths = Counter()
     for _ in range(200):
-        game.begin_episode(rng, seeded=False, new_game=True)
+        game.start_anew(rng)
         assert game.emulator.frames == 4 * game.steps
         lengths[game.steps] += 1
     assert set(lengths) == {0, 1, 2, 3}
@@ -195,7 +193,7 @@ def test_without_a_seed_other_actions_stick_in_each_game() -> None:
         game = AtariGame("pong", play, training=True, emulator_skip=4)
         rng = np.random.default_rng(seed)
         for _ in range(2):
-            game.begin_episode(rng, seeded=False, new_game=True)
+            game.start_anew(rng)
             traces.append(
                 [_decide(game, step % 18) and game.emulator.ram().tobytes() for step in range(60)]
             )

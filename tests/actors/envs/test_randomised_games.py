@@ -245,6 +245,7 @@ def test_make_env_takes_camera_and_ranges_from_the_configuration() -> None:
         config = RunConfig(env=kind, camera=CameraConfig(gamma=1.5), randomise=ranges)
         env = make_env(replace(config, play=PLAY), training=False)
         assert isinstance(env, (AtariEnv, RobotEnv))
-        assert env._randomise == ranges
-        assert env._usual == (PLAY, CameraConfig(gamma=1.5))
+        env.reset(seed=3)
+        random = gymnasium.utils.seeding.np_random(3)[0].random
+        assert env.conditions == draw(PLAY, config.camera, ranges, random)
         env.close()
