@@ -1,5 +1,6 @@
 """What may go wrong: each fault strikes one process or link, and returns what ends it."""
 
+import itertools
 import random
 from collections.abc import Callable
 from contextlib import suppress
@@ -17,6 +18,9 @@ PATIENCE = 120.0
 _JUNK = 20
 """Messages that nobody should have sent."""
 _DAY = 86_400
+_RESENT_AFTER = 0.2
+"""Seconds after which Linux sends a piece again that nobody acknowledges, the first time."""
+_MOST_RESENT = 4
 
 End = Callable[[], None]
 
@@ -45,7 +49,20 @@ def _half_open(cluster: Cluster, name: str, _: random.Random) -> End:
 
 
 def _delay(cluster: Cluster, name: str, draw: random.Random) -> End:
-    cluster.links[name].delay = draw.uniform(0.02, 0.3)
+    seconds = draw.uniform(0.02, 0.3)
+    cluster.links[name].delay = lambda: seconds
+    return cluster.links[name].mend
+
+
+def _lose(cluster: Cluster, name: str, draw: random.Random) -> End:
+    """Lose some pieces, and some of what is sent again: TCP waits twice as long each time."""
+    share, losses = draw.uniform(0.02, 0.3), random.Random(draw.random())
+
+    def delay() -> float:
+        waits = itertools.takewhile(lambda _: losses.random() < share, range(_MOST_RESENT))
+        return sum(_RESENT_AFTER * 2**again for again in waits)
+
+    cluster.links[name].delay = delay
     return cluster.links[name].mend
 
 
@@ -131,6 +148,7 @@ FAULTS = {
     "connection reset": Fault(lambda run, name, _: run.links[name].reset(), _clients),
     "slow network, 20 to 300 ms": Fault(_delay, _clients, (2.0, 6.0)),
     # Zenoh's own messages have no checksum: some wrong bits in them make it panic. TLS has one.
+    "packet loss, 2 to 30 %": Fault(_lose, _clients, (2.0, 6.0)),
     "one wrong bit in each piece": Fault(_flip, _clients, (1.0, 3.0), may_end=True),
     "junk in an actor's name": Fault(_junk, _actors),
     "disk full": Fault(

@@ -31,8 +31,8 @@ class Link:
         self._whole = threading.Event()
         self._whole.set()
         self._sockets: list[socket.socket] = []
-        self.delay = 0.0
-        """Seconds that each piece of at most 64 KiB waits on its way."""
+        self.delay: Callable[[], float] | None = None
+        """Draws the seconds that a piece of at most 64 KiB waits on its way; None for none."""
         self.flips: random.Random | None = None
         """Draws the bit that is wrong in each piece; None for none."""
         self._forgotten: list[threading.Event] = []
@@ -67,7 +67,7 @@ class Link:
 
     def mend(self) -> None:
         """All arrives again, whole and at once."""
-        self.delay, self.flips = 0.0, None
+        self.delay = self.flips = None
         self._whole.set()
 
     def reset(self) -> None:
@@ -101,8 +101,8 @@ class Link:
     def _carry(self, source: socket.socket, sink: socket.socket, whole: threading.Event) -> None:
         try:
             while content := source.recv(65_536):
-                if self.delay:
-                    time.sleep(self.delay)
+                if (delay := self.delay) is not None:
+                    time.sleep(delay())
                 whole.wait()
                 sink.sendall(self._spoiled(content))
         except OSError:
