@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from rich.progress import TimeRemainingColumn
+from rich.progress import TextColumn, TimeRemainingColumn
 
 from actors.envs import make_env
 from actors.loop import play
@@ -20,6 +20,9 @@ from common.run.clock import ClockConfig
 from viewer.movie import filming
 from viewer.player import Played
 from viewer.recorder import Recorder
+
+_STEPS = TextColumn("{task.fields[steps]:,} steps")
+"""Whole games move the bar after minutes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,19 +64,18 @@ class Record(Played):
         with (
             closing(env),
             closing(Recorder(env, config, self.output)) as recorder,
-            filming(TimeRemainingColumn()) as progress,
+            filming(_STEPS, TimeRemainingColumn()) as progress,
         ):
-            task = progress.add_task("recording", total=total)
+            task = progress.add_task("recording", total=total, steps=0)
             done = 0.0
             for step in play([recorder], policy, [env_seed]):
                 recorder.add(step)
                 advanced = step.info.elapsed if self.minutes else step.info.game_over
-                progress.advance(task, advanced)
                 done += advanced
+                progress.update(task, completed=done, steps=recorder.steps)
                 if step.info.game_over:
-                    score, steps = step.info.game_score, step.info.game_steps
-                    games = recorder.dataset.episodes
-                    print(f"game {games}: score {score:g} in {steps} steps", flush=True)
+                    score, games = step.info.game_score, recorder.dataset.episodes
+                    print(f"game {games}: score {score:g}", flush=True)
                 if done >= total or stop.is_set():
                     break
         print(told(recorder))

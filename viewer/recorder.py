@@ -73,6 +73,11 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self.was_cut = False
         """Whether it was closed before its last game ended."""
 
+    @property
+    def steps(self) -> int:
+        """Steps that were recorded, with those of the present game."""
+        return self.dataset.steps + len(self._rows)
+
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         self._seen = self._look()
         return self.env.step(action)

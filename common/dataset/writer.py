@@ -110,10 +110,11 @@ class DatasetWriter:
             for name, feature in self._columns.items()
         }
         self._write(file_of(self.folder, DATA_PATH, self.episodes), pa.table(table))
+        statistics = {name: _Statistics() for name in self._features}
         for name in self._columns:
-            self._statistics[name].add(columns[name])
+            statistics[name].add(columns[name])
         for picture in pictures:  # each channel by itself, from 0 to 1
-            self._statistics[CAMERA].add(picture.reshape(-1, 3, 1, 1) / 255)
+            statistics[CAMERA].add(picture.reshape(-1, 3, 1, 1) / 255, samples=1)
         episode = {
             "episode_index": self.episodes,
             "tasks": [self._task],
@@ -125,11 +126,14 @@ class DatasetWriter:
         if CAMERA in self._features:
             times = {"from_timestamp": 0.0, "to_timestamp": steps / self.rate}
             episode |= {f"videos/{CAMERA}/{key}": at for key, at in {**place, **times}.items()}
+        for name, its in statistics.items():
+            episode |= {f"stats/{name}/{key}": told for key, told in its.told().items()}
+            self._statistics[name].include(its)
         path = file_of(self.folder, EPISODES_PATH, self.episodes)
         self._write(path, pa.table({name: [value] for name, value in episode.items()}))
         self.episodes += 1
         self.steps += steps
-        told = {name: statistics.told() for name, statistics in self._statistics.items()}
+        told = {name: its.told() for name, its in self._statistics.items()}
         write_atomically(self.folder / STATISTICS, json.dumps(told).encode())
         write_atomically(self.folder / INFO, json.dumps(self._info(), indent=2).encode())
 
@@ -137,7 +141,11 @@ class DatasetWriter:
         rate = int(self.rate) if self.rate.is_integer() else self.rate
         features = {name: feature._asdict() for name, feature in self._features.items()}
         if CAMERA in features:
+            height, width, channels = self._features[CAMERA].shape
             features[CAMERA]["info"] = {
+                "video.height": height,
+                "video.width": width,
+                "video.channels": channels,
                 "video.fps": rate,
                 "video.codec": "h264",
                 "video.pix_fmt": "yuv420p",
@@ -186,15 +194,27 @@ class _Statistics:
     """Least, greatest, mean and deviation of a column's rows, number by number."""
 
     def __init__(self) -> None:
+        self._samples = 0
         self._count = 0
         self._sum: Any = 0.0
         self._squares: Any = 0.0
         self._least: Any = np.inf
         self._most: Any = -np.inf
 
-    def add(self, rows: NDArray[Any]) -> None:
+    def add(self, rows: NDArray[Any], samples: int | None = None) -> None:
+        """Count ``rows [T, *shape]``, which are that many samples: a picture's pixels are one."""
         for first in range(0, len(rows), _SLICE):  # a whole game's frames would fill the memory
             self._add(rows[first : first + _SLICE])
+        self._samples += len(rows) if samples is None else samples
+
+    def include(self, other: "_Statistics") -> None:
+        """Count what ``other`` has counted."""
+        self._samples += other._samples
+        self._count += other._count
+        self._sum = self._sum + other._sum
+        self._squares = self._squares + other._squares
+        self._least = np.minimum(self._least, other._least)
+        self._most = np.maximum(self._most, other._most)
 
     def _add(self, rows: NDArray[Any]) -> None:
         wide = rows.reshape(len(rows), *(rows.shape[1:] or (1,))).astype(np.float64)
@@ -212,5 +232,5 @@ class _Statistics:
             "max": self._most.tolist(),
             "mean": mean.tolist(),
             "std": np.sqrt(variance).tolist(),
-            "count": [self._count],
+            "count": [self._samples],
         }

@@ -19,7 +19,15 @@ import pytest
 from actors.envs import make_env
 from actors.loop import play
 from actors.policy import Policy
-from common.dataset.layout import CAMERA, DATA_PATH, INFO, VIDEO_PATH, file_of
+from common.dataset.layout import (
+    CAMERA,
+    DATA_PATH,
+    EPISODES_PATH,
+    INFO,
+    STATISTICS,
+    VIDEO_PATH,
+    file_of,
+)
 from common.dataset.reader import Dataset
 from common.errors import InputError
 from learner.demonstrations import Demonstrations
@@ -79,6 +87,55 @@ def test_a_robots_joints_are_recorded(tmp_path: Path) -> None:
     assert np.abs(joints).max() <= 1
     (rows,) = Dataset(tmp_path / "d").read()
     assert rows["vectors"].shape[1] > 0  # of this network
+
+
+def test_it_says_what_lerobot_says_of_a_dataset(tmp_path: Path) -> None:
+    # As lerobot 0.4 writes them: https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
+    stop, folder = threading.Event(), tmp_path / "d"
+    Record(weights=ALE, output=folder, minutes=0.1, epsilon=0.5).run(stop)
+    told = json.loads((folder / INFO).read_text())
+    assert type(told["fps"]) is int
+    assert (told["fps"], told["total_episodes"], told["total_frames"]) == (15, 1, 90)
+    with av.open(str(file_of(folder, VIDEO_PATH, 0, video_key=CAMERA))) as film:
+        stream = film.streams.video[0]
+        times = [float(frame.pts * frame.time_base) for frame in film.decode(stream)]
+        about = told["features"][CAMERA]["info"]
+        size = stream.height, stream.width, stream.pix_fmt, stream.codec.canonical_name
+    assert size == tuple(about[f"video.{key}"] for key in ("height", "width", "pix_fmt", "codec"))
+    assert (about["video.channels"], about["video.fps"]) == (3, 15)
+    table = pq.read_table(file_of(folder, DATA_PATH, 0))
+    assert set(table.column_names) == told["features"].keys() - {CAMERA}
+    found = table["timestamp"].to_numpy()
+    assert found.dtype == np.float32
+    assert np.abs(found - times).max() < 1e-4  # LeRobot's tolerance, in seconds
+
+    # Each episode has statistics of its own, by which LeRobot's tools remove and split episodes.
+    (episode,) = pq.read_table(file_of(folder, EPISODES_PATH, 0)).to_pylist()
+    statistics = json.loads((folder / STATISTICS).read_text())
+    assert statistics.keys() == told["features"].keys()
+    for name, its in statistics.items():
+        for key, value in its.items():
+            assert np.array_equal(episode[f"stats/{name}/{key}"], value)
+    assert statistics["action"]["mean"] == pytest.approx([table["action"].to_numpy().mean()])
+    assert statistics["action"]["count"] == [90]
+    assert statistics[CAMERA]["count"] == [3]  # pictures, not pixels
+    assert np.shape(statistics[CAMERA]["mean"]) == (3, 1, 1)
+
+
+def test_statistics_of_all_games_and_of_each(tmp_path: Path) -> None:
+    record(tmp_path / "d", [GOES_ON, GAME_OVER, GOES_ON, GOES_ON, GAME_OVER], 5)
+    games = [file_of(tmp_path / "d", EPISODES_PATH, game) for game in (0, 1)]
+    (first,), (second,) = (pq.read_table(game).to_pylist() for game in games)
+    rows = [pq.read_table(file_of(tmp_path / "d", DATA_PATH, game)) for game in (0, 1)]
+    actions = [table["action"].to_numpy() for table in rows]
+    both = np.concatenate(actions)
+    for told, its in ((first, actions[0]), (second, actions[1])):
+        assert told["stats/action/mean"] == pytest.approx([its.mean()])
+        assert told["stats/action/max"] == [its.max()]
+    told = json.loads((tmp_path / "d" / STATISTICS).read_text())["action"]
+    assert told["count"] == [5]
+    assert told["std"] == pytest.approx([both.std()])
+    assert (told["min"], told["max"]) == ([both.min()], [both.max()])
 
 
 def test_what_was_recorded_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
