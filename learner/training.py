@@ -102,6 +102,8 @@ class Learner:
         self._children = children
         with ExitStack() as end:  # the last comes first, and each even if another fails
             end.callback(lambda: self.telemetry.close(self._values(), self._replay_progress))
+            if children is not None:  # the last figures have their last counters
+                end.callback(children.close)
             end.callback(self._keep_what_was_learned)
             if children is not None:
                 end.callback(children.ask_to_leave)

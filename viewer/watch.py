@@ -35,6 +35,9 @@ LEAST_SIZE = (60, 20)
 _HANDS = (160, 120)
 """Width and height of the picture of the hands: small, as the terminal's cells are large."""
 _ASPECT = 4 / 3
+_LEAST_SIDE, _MOST_SIDE = 30, 66
+"""Columns beside the camera's picture: as few as the texts need, so that it is as large as can be;
+more leave the bars no easier to read."""
 _WHOLE = 120
 """Width from which the whole camera picture is shown; in a smaller one the game's ball would
 vanish, so it is cut to `_MARGIN` times the height of the screen."""
@@ -123,25 +126,27 @@ class WatchScreen:
         columns, rows = size
         if self.graphics != self._drawn:
             self._drawn, self._blocks = self.graphics, HalfBlocks()
-        side = columns // 3
         canvas = np.zeros((2 * (rows - 1), columns, 3), np.uint8)
+        room = columns - min(columns // 3, _LEAST_SIDE) - 1
         if self.graphics is None:
-            left = _fitting(columns - side - 1, 2 * (rows - 1))
-            right = _fitting(side, rows)
+            left = _fitting(room, 2 * (rows - 1))
+            beside = left[0] + 1
+            right = _fitting(columns - beside, rows)
             canvas[: left[1], : left[0]] = self._seen(left)
-            canvas[: right[1], columns - right[0] :] = self._hands(right, step)
+            canvas[: right[1], beside : beside + right[0]] = self._hands(right, step)
             text = self._blocks.draw(canvas, columns, rows - 1)
             free = rows - 1 - (right[1] + 1) // 2
         else:
-            left = _fitting(*self.graphics.size(columns - side - 1, rows - 1))
-            right = _fitting(*self.graphics.size(side, rows // 2))
+            left = _fitting(*self.graphics.size(room, rows - 1))
+            beside = math.ceil(left[0] / self.graphics.cell[0]) + 1
+            right = _fitting(*self.graphics.size(columns - beside, rows // 2))
             text = self._blocks.draw(canvas, columns, rows - 1)
             text += self.graphics.draw(self._seen(left), 1, 1, 1)
-            text += self.graphics.draw(self._hands(right, step), columns - side + 1, 1, 2)
+            text += self.graphics.draw(self._hands(right, step), beside + 1, 1, 2)
             free = rows - 1 - math.ceil(right[1] / self.graphics.cell[1])
-        lines = self._lines(step, values, scores, side, free)
+        lines = self._lines(step, values, scores, min(columns - beside, _MOST_SIDE), free)
         for number, line in enumerate(lines[:free], rows - free):
-            text += f"\x1b[{number};{columns - side + 1}H{_PLAIN}{line}{_PLAIN}\x1b[K"
+            text += f"\x1b[{number};{beside + 1}H{_PLAIN}{line}{_PLAIN}\x1b[K"
         last = f"{self._name} plays {self._title}, {len(scores)} games over; q leaves"
         return f"{text}\x1b[{rows};1H{_PLAIN}{_DIM}{last[: columns - 1]}{_PLAIN}\x1b[K\x1b[0m"
 
@@ -195,6 +200,8 @@ class WatchScreen:
             seen = (_GOOD, "screen found") if env.detection.valid else (_BAD, "screen NOT found")
             lines += ["".join(seen), f"commanded {keys_text(env.wanted)}"]
             lines += [f"pressed   {keys_text(env.pressed)}"]
+        else:
+            lines.append(f"{_DIM}above: the network's input{_PLAIN}")
         if values is None:
             return [*lines, f"{_DIM}random play"]
         lines.append(f"{_DIM}Q-values")

@@ -217,14 +217,12 @@ class ActorRegistry:
                 process = self._processes.get(known.newest)
                 stats = process.stats if process else ActorStats(name, cast(Role, role))
                 silent = now - known.heard
-                if not known.alive:
+                # Not lost before it is clear that it says nothing more.
+                alive = known.alive or (known.lost is not None and not stats.leaving)
+                if not alive:
                     stats = replace(stats, steps_per_second=0.0, held_share=0.0, busy_cores=0.0)
-                left = (
-                    not known.alive and (process is None or stats.leaving) and silent > LEFT_SHOWN
-                )
-                found.append(
-                    ActorView(stats=stats, alive=known.alive, silent_for=silent, left=left)
-                )
+                left = not alive and (process is None or stats.leaving) and silent > LEFT_SHOWN
+                found.append(ActorView(stats=stats, alive=alive, silent_for=silent, left=left))
             return tuple(found)
 
     def _fold(self, now: float) -> None:

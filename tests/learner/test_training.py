@@ -677,17 +677,22 @@ def test_a_replay_that_lost_more_steps_than_a_warm_up_is_refused(beyond: int) ->
 def test_local_modes_children_are_watched_and_asked_to_leave() -> None:
     world = World()
     world.stops_at(60)
-    asked: list[bool] = []
     children: Any = SimpleNamespace(
         watch=lambda *, finished: ["actor-1 ended by signal 9, started again"],
-        ask_to_leave=lambda: asked.append(True),
+        ask_to_leave=lambda: world.log.append("children may leave"),
+        close=lambda: world.log.append("children have left"),
         works=lambda role: False,
     )
     learner = world.learner()
     learner.start()
     learner.run(children)
     assert "actor-1 ended by signal 9, started again" in world.said
-    assert asked == [True]
+    assert world.log[-4:] == [
+        "children may leave",
+        ("checkpoint", world.updates),
+        "children have left",
+        ("summary", world.updates),
+    ]
 
 
 def test_a_stop_keeps_nothing_that_has_just_diverged() -> None:
@@ -708,7 +713,9 @@ def test_a_full_disk_at_the_last_checkpoint_costs_neither_summary_nor_children()
 
     world.once(lambda: world.updates >= 60, fill_up_and_stop)
     children: Any = SimpleNamespace(
-        watch=lambda *, finished: [], ask_to_leave=lambda: world.log.append("children may leave")
+        watch=lambda *, finished: [],
+        ask_to_leave=lambda: world.log.append("children may leave"),
+        close=lambda: None,
     )
     learner = world.learner()
     learner.start()
@@ -723,7 +730,7 @@ def test_children_that_cannot_start_end_the_run_with_everything_kept() -> None:
     def watch(*, finished: bool) -> list[str]:
         raise InputError("actor-1 cannot start")
 
-    children: Any = SimpleNamespace(watch=watch, ask_to_leave=lambda: None)
+    children: Any = SimpleNamespace(watch=watch, ask_to_leave=lambda: None, close=lambda: None)
     learner = world.learner()
     learner.start()
     with pytest.raises(InputError, match="cannot start"):

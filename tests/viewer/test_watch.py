@@ -70,6 +70,25 @@ def test_everything_is_there_and_within_the_terminal(robot: Any, size: tuple[int
     assert re.search(r"38;2;2[0-9]{2};(1[0-9]|[0-9])?[0-9];2[0-9]{2}", written)
 
 
+@pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 50), (300, 50), (170, 24)])
+def test_the_picture_is_as_large_as_can_be_and_nothing_is_far_from_it(
+    robot: Any, monkeypatch: pytest.MonkeyPatch, size: tuple[int, int]
+) -> None:
+    seen, hands = [], []
+    of = WatchScreen._seen, WatchScreen._hands
+    monkeypatch.setattr(WatchScreen, "_seen", lambda its, a: seen.append(a) or of[0](its, a))
+    monkeypatch.setattr(
+        WatchScreen, "_hands", lambda its, a, b: hands.append(a) or of[1](its, a, b)
+    )
+    found = texts(drawn(robot, size)[0])
+    (picture,) = seen
+    columns = {column for row, column in found if row < size[1]}
+    assert columns == {picture[0] + 2}  # with one between them
+    assert hands[0][0] <= size[0] - picture[0] - 1
+    # Either its height is all there is, or the texts are as narrow as they may be.
+    assert size[1] * 2 - 2 - picture[1] <= 1 or size[0] - picture[0] - 1 <= 30
+
+
 def test_texts_are_on_the_black_of_the_pictures_ground(robot: Any) -> None:
     written, _ = drawn(robot, (80, 24))
     starts = re.findall(r"\x1b\[\d+;\d+H(?=[^▀]*?\x1b\[K)(\x1b\[[0-9;]*m)?", written)
@@ -102,6 +121,7 @@ def test_of_an_emulator_its_screen_and_the_input_are_shown() -> None:
     written, _ = drawn(env, (80, 24), None)
     assert "screen found" not in written
     assert "random play" in written
+    assert "above: the network's input" in written
     assert "38;2;200;200;200" in written
 
 

@@ -98,6 +98,7 @@ class FilmsSink(Sink):
         if self._child is None:
             return
         if self._child.poll() is None:
+            self._child.kill()  # nothing of it is kept, and to leave takes it seconds
             self._child.end()
             self._video.unlink(missing_ok=True)
             _log.warning("the film of epoch %d was broken off", self._epoch.number)

@@ -1,6 +1,7 @@
 """Who lives, who left, who was lost."""
 
 import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -76,16 +77,19 @@ def test_an_actor_from_its_arrival_to_its_leave(
 def test_one_that_goes_without_a_word_was_lost(
     hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_LAST_WORDS", 0.2)
+    monkeypatch.setattr(module, "_LAST_WORDS", math.inf)
     registry = ActorRegistry(hub, KEYS)
     token = client.announce(KEYS.live("actor", "a1"))
     _until(lambda: registry.alive("actor") == {"a1"})
     client.publisher(KEYS.stats("actor", "a1")).publish(STATS.encode())
     _until(lambda: chunks(registry) == (10, 2, 0))
     token.close()
-    notes: list[str] = []
-    _until(lambda: bool(notes.extend(registry.take_notes()) or "a1 was lost" in notes))
-    assert registry.alive("actor") == set()
+    _until(lambda: registry.alive("actor") == set())
+    assert registry.take_notes() == ["a1 joined"]
+    assert registry.actors()[0].alive  # its last words may still come
+    monkeypatch.setattr(module, "_LAST_WORDS", 0.0)
+    assert registry.take_notes() == ["a1 was lost"]
+    assert not registry.actors()[0].alive
 
 
 def test_heartbeats_of_another_run_are_not_counted(hub: Transport, client: Transport) -> None:

@@ -1,6 +1,7 @@
 """Films of epochs, by a stand-in that is quick and once by the real one."""
 
 import shutil
+import signal
 from pathlib import Path
 
 import av
@@ -201,7 +202,10 @@ def test_the_end_of_the_run_breaks_a_film_off(
     films.write(snapshot({}))
     half = folder.films / "making" / "epoch-0003.mp4"
     wait_until(half.exists, "the film is being made")
+    filmer = films._child
+    assert filmer is not None
     films.close()
+    assert filmer.returncode == -signal.SIGKILL  # nobody waits for a film that is not kept
     assert not half.exists()
     assert told(folder) == {}
     assert [each.getMessage() for each in caplog.records] == ["the film of epoch 3 was broken off"]
