@@ -201,7 +201,7 @@ class WatchScreen:
             lines += ["".join(seen), f"commanded {keys_text(env.wanted)}"]
             lines += [f"pressed   {keys_text(env.pressed)}"]
         else:
-            lines.append(f"{_DIM}above: the network's input{_PLAIN}")
+            lines.append(f"{_DIM}↑ network's input{_PLAIN}")
         if values is None:
             return [*lines, f"{_DIM}random play"]
         lines.append(f"{_DIM}Q-values")

@@ -121,7 +121,7 @@ def test_of_an_emulator_its_screen_and_the_input_are_shown() -> None:
     written, _ = drawn(env, (80, 24), None)
     assert "screen found" not in written
     assert "random play" in written
-    assert "above: the network's input" in written
+    assert "↑ network's input" in written
     assert "38;2;200;200;200" in written
 
 

@@ -24,7 +24,7 @@ from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks import formats
 from learner.telemetry.sinks.formats import fill, troubles
 from learner.telemetry.sinks.live_picture import LivePicture
-from learner.telemetry.sinks.screen import Screen, has_room
+from learner.telemetry.sinks.screen import Screen, picture_width
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
 
@@ -107,7 +107,7 @@ class LiveDisplay(Display):
         """Ask for a picture of the first actor, only where it will be seen."""
         alive = [actor.stats for actor in snapshot.present if actor.alive]
         first = min(alive, key=lambda stats: (stats.role, stats.name), default=None)
-        if self._feed is None or first is None or not has_room(*self._size):
+        if self._feed is None or first is None or not picture_width(*self._size):
             self._picture = None
             return
         view = self._feed.latest(Asked(first.role, first.name, ViewRequest()))

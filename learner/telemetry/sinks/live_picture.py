@@ -1,5 +1,6 @@
 """What an actor sees now, drawn into the terminal: two pixels, one over the other, to a cell."""
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import cv2
@@ -10,12 +11,16 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.segment import Segment
 from rich.style import Style
 
-from common.actions import Keys
+from common.actions import KEYS_OF_ACTION, Keys
 from common.protocol.actor_stats import ActorStats
 from common.protocol.live_view import LiveView
 from learner.telemetry.sinks import formats
 
 _HALF = "▀"
+_CELLS_ASPECT = 8 / 3
+"""Width of a picture of 4:3, in cells that are twice as high as wide, by its height."""
+_BEFORE_BARS = 26
+_CHOSEN = Style(color="yellow")
 _BORDER, _GAME = (255, 214, 64), (255, 0, 255)
 _MARGIN = 1.25
 """Times the size of the projected picture that is shown of what the camera sees."""
@@ -28,22 +33,26 @@ _SHADES = 0xF8
 class LivePicture:
     """A renderable of ``view``, which the actor of ``stats`` answered."""
 
-    WIDTH = 56
-    HEIGHT = 24
-    """Lines: a heading, the picture, the keys, what the actor takes of its machine."""
+    LEAST_WIDTH = 56
 
     def __init__(self, stats: ActorStats, view: LiveView) -> None:
         self._stats = stats
         self._view = view
-        self._pixels = _pixels(view, self.WIDTH, 2 * (self.HEIGHT - 3))
+
+    @staticmethod
+    def height(width: int) -> int:
+        """Lines at ``width`` columns, but for the Q-values, which are shown where more are left: a
+        heading, the picture, the keys, what the actor takes of its machine."""
+        return 3 + round(width / _CELLS_ASPECT)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         view, dim = self._view, Style(dim=True)
-        stats = self._stats
+        stats, width = self._stats, options.max_width
         title = f"{stats.name}: score {view.score:g}, step {view.steps:,}"
-        yield Segment(formats.one_line(title)[: self.WIDTH], Style(bold=True))
+        yield Segment(formats.one_line(title)[:width], Style(bold=True))
         yield Segment.line()
-        for upper, under in zip(self._pixels[0::2], self._pixels[1::2], strict=True):
+        pixels = _pixels(view, width, 2 * (self.height(width) - 3))
+        for upper, under in zip(pixels[0::2], pixels[1::2], strict=True):
             cells = zip(upper.tolist(), under.tolist(), strict=True)
             row = (Segment(_HALF, _style(tuple(above), tuple(below))) for above, below in cells)
             yield from Segment.simplify(row)
@@ -55,8 +64,28 @@ class LivePicture:
             yield Segment("the screen is not found", Style(color="red", bold=True))
         yield Segment.line()
         taken = formats.taken(stats.busy_cores, stats.memory_bytes)
-        yield Segment(f"{taken} on {formats.one_line(stats.machine)}"[: self.WIDTH], dim)
+        yield Segment(f"{taken} on {formats.one_line(stats.machine)}"[:width], dim)
         yield Segment.line()
+        spare = console.size.height - 1 - self.height(width) - len(("", "Q-values"))
+        for text, style in self._q_values(spare, width):
+            yield Segment(text, style)
+            yield Segment.line()
+
+    def _q_values(self, rows: int, width: int) -> Iterator[tuple[str, Style]]:
+        """As many lines as there are, after a heading; those of the best actions."""
+        view = self._view
+        if rows < 1 or not view.values:
+            return
+        values = np.array(view.values)
+        least, span = float(values.min()), float(np.ptp(values)) or 1.0
+        yield "", Style()
+        yield "Q-values", Style(dim=True)
+        for index in sorted(np.argsort(-values, kind="stable")[:rows].tolist()):
+            keys = KEYS_OF_ACTION[view.actions[index]] if view.actions else None
+            name = str(index) if keys is None else _names(keys)
+            bar = "█" * round((values[index] - least) / span * (width - _BEFORE_BARS))
+            told = formats.decimal(float(values[index]), 3)
+            yield f"{name:<15} {told:>8} {bar}", _CHOSEN if index == view.chosen else Style()
 
 
 def _pixels(view: LiveView, width: int, height: int) -> NDArray[np.uint8]:

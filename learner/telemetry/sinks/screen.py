@@ -57,9 +57,10 @@ class Screen:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width, rows = min(options.max_width - _ECHO, _WIDEST), max(console.size.height - 1, 1)
         parts: RenderableType
-        if self._picture is not None and has_room(*console.size):
-            left = width - LivePicture.WIDTH - _GAP
-            beside = _grid(Column(width=left), Column(width=LivePicture.WIDTH), gap=_GAP)
+        picture = picture_width(*console.size) if self._picture is not None else 0
+        if picture:
+            left = width - picture - _GAP
+            beside = _grid(Column(width=left), Column(width=picture), gap=_GAP)
             beside.add_row(Group(*_parts(self._snapshot, left, rows)), self._picture)
             parts = beside
         else:
@@ -71,10 +72,15 @@ class Screen:
             yield from line
 
 
-def has_room(columns: int, rows: int) -> bool:
-    """Whether a terminal of that size shows what an actor sees beside the figures."""
-    needed = _LEAST + _GAP + LivePicture.WIDTH + _ECHO
-    return columns >= needed and rows > LivePicture.HEIGHT
+def picture_width(columns: int, rows: int) -> int:
+    """Columns of the picture of what an actor sees, beside the figures of a terminal of that size;
+    0 where there is no room."""
+    spare = min(columns - _ECHO, _WIDEST) - _GAP
+    least = LivePicture.LEAST_WIDTH
+    if spare < _LEAST + least or rows <= LivePicture.height(least):
+        return 0
+    widths = range(spare - _MACHINES, least, -1)
+    return next((width for width in widths if LivePicture.height(width) < rows), least)
 
 
 def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:

@@ -42,15 +42,42 @@ def drawn(view: LiveView, width: int = 160, height: int = 40) -> list[str]:
     return re.sub(r"\x1b\[[0-9;]*m", "", told).split("\n")
 
 
-@pytest.mark.parametrize("width", [60, 140, 141, 142, 300])
-@pytest.mark.parametrize("height", [24, 25, 60])
-def test_it_is_beside_the_figures_where_there_is_room(width: int, height: int) -> None:
+@pytest.mark.parametrize(
+    ("width", "height", "picture"),
+    [
+        *((60, 60, (0, 0)), (140, 60, (0, 0)), (141, 24, (0, 0)), (300, 24, (0, 0))),
+        *((141, 25, (56, 21)), (142, 60, (56, 21)), (184, 50, (56, 21)), (190, 50, (61, 23))),
+        *((200, 50, (71, 27)), (200, 25, (57, 21)), (200, 28, (65, 24)), (300, 60, (73, 27))),
+    ],
+)
+def test_it_is_beside_the_figures_where_there_is_room(
+    width: int, height: int, picture: tuple[int, int]
+) -> None:
     lines = drawn(VIEW, width, height)
     assert len(lines) <= height - 1
     assert all(cell_len(line.rstrip()) <= width for line in lines)
     cells = sum(line.count("▀") for line in lines)
-    room = width >= 80 + 3 + LivePicture.WIDTH + 2 and height > LivePicture.HEIGHT
-    assert cells == (LivePicture.WIDTH * (LivePicture.HEIGHT - 3) if room else 0)
+    assert cells == picture[0] * picture[1]
+
+
+def values_of(lines: list[str]) -> list[list[str]]:
+    """The words of the lines below the heading of the Q-values."""
+    (heading,) = (at for at, line in enumerate(lines) if line.rstrip().endswith("Q-values"))
+    column = lines[heading].index("Q-values")
+    return [words for line in lines[heading + 1 :] if (words := line[column:].split())]
+
+
+def test_q_values_are_below_where_there_is_room() -> None:
+    view = replace(VIEW, actions=(0, 1, 12), values=(-1.0, 1.0, 0.0), chosen=1)
+    none, fire, left = values_of(drawn(view, 160, 60))
+    assert (none, fire[:2]) == (["none", "−1.000"], ["fire", "1.000"])
+    assert left[:2] == ["left+fire", "0.000"]
+    assert set(fire[2]) == {"█"}
+    assert len(fire[2]) == 2 * len(left[2]) == 30
+    assert [words[0] for words in values_of(drawn(view, 160, 28))] == ["fire"]
+    assert not any("Q-values" in line for line in drawn(view, 160, 27))
+    unnamed = replace(view, actions=())
+    assert [words[0] for words in values_of(drawn(unnamed, 160, 60))] == ["0", "1", "2"]
 
 
 @pytest.mark.filterwarnings("error")
@@ -70,11 +97,11 @@ def test_it_tells_score_keys_and_what_the_actor_takes() -> None:
 
 def colours(view: LiveView) -> list[list[tuple[int, ...]]]:
     """The upper colour of each cell, line by line."""
-    screen = console(LivePicture.WIDTH, 60)
+    screen = console(LivePicture.LEAST_WIDTH, 60)
     screen.print(LivePicture(STATS, view), end="")
     lines = screen.file.getvalue().split("\n")  # type: ignore[attr-defined]
     found = []
-    for line in lines[1 : LivePicture.HEIGHT - 2]:
+    for line in lines[1:22]:
         row: list[tuple[int, ...]] = []
         for colour, cells in re.findall(r"38;2;(\d+;\d+;\d+);48[\d;]*m(▀+)", line):
             row += [tuple(map(int, colour.split(";")))] * len(cells)
@@ -84,7 +111,7 @@ def colours(view: LiveView) -> list[list[tuple[int, ...]]]:
 
 def test_its_cells_have_the_pictures_colours() -> None:
     for row in colours(NOT_FOUND):
-        assert len(row) == LivePicture.WIDTH
+        assert len(row) == LivePicture.LEAST_WIDTH
         assert all(red > 200 and green + blue < 100 for red, green, blue in row[:26])
         assert all(red < 60 for red, _, _ in row[30:])
 
