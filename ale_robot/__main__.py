@@ -6,7 +6,7 @@ from importlib import import_module
 from itertools import takewhile
 
 from ale_robot import __version__
-from ale_robot.commands import PROGRAMS, help_of, overview
+from ale_robot.commands import LOADING, PROGRAMS, help_of, overview
 from common.errors import InputError, choice, exit_on_input_error
 from common.process.lifeline import leave_at_interrupt
 
@@ -31,7 +31,8 @@ def run() -> int | None:
     elif name == "evaluate" and (not arguments or arguments[0].startswith("-")):
         raise InputError("name a network first, as in `ale-robot evaluate robot_pong`.")
     sys.argv = [f"ale-robot {name}", *given, *arguments]
-    if name == "train" and not {"--help", "--version", "--log-json"} & {*arguments}:
+    seen = name == "train" or (name in LOADING and sys.stdout.isatty())
+    if seen and not {"--help", "--version", "--log-json"} & {*arguments}:
         print("starting ... (to load PyTorch takes some seconds)", flush=True)
     try:
         program = import_module(module)

@@ -18,7 +18,6 @@ from typing import Annotated, Any
 import tyro
 
 from ale_robot.model_card import model_card
-from ale_robot.policy import load_policy
 from common.checked import NAME
 from common.errors import InputError
 from common.process.command_line import parse
@@ -50,6 +49,8 @@ class Push:
         Raises:
             InputError: the policy has no card, or the hub does not take it.
         """
+        from ale_robot.policy import load_policy  # PyTorch, which the list does without
+
         weights = find_weights(self.policy)
         card, content = _card_of(weights), read_file(weights)
         card["sha256"] = hashlib.sha256(content).hexdigest()
@@ -83,6 +84,8 @@ class Pull:
         Raises:
             InputError: there is no policy, it is not what its card says, or a file is in the way.
         """
+        from ale_robot.policy import load_policy
+
         with tempfile.TemporaryDirectory() as temporary:
             info = _ask("model_info", self.repository, revision=self.revision, files_metadata=True)
             sizes = {file.rfilename: file.size for file in info.siblings or ()}

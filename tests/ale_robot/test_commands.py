@@ -73,6 +73,25 @@ def test_training_says_at_once_that_it_starts_but_for_programs_that_read_json(
     assert said == ["starting ... (to load PyTorch takes some seconds)\n", ""]
 
 
+def test_what_takes_long_to_load_says_so_at_a_terminal_alone(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = []
+    for name in ("watch", "record", "plot"):
+        monkeypatch.setitem(PROGRAMS, name, ("nobodys",))
+        for terminal in (True, False):
+            monkeypatch.setattr(sys.stdout, "isatty", lambda terminal=terminal: terminal)
+            with pytest.raises(InputError):
+                run(monkeypatch, name)
+            said.append("starting ..." in capsys.readouterr().out)
+    assert said == [True, False, True, False, False, False]
+
+
+def test_policies_are_listed_without_pytorch() -> None:
+    code = "import ale_robot.hub, sys; sys.exit('torch' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
 def test_what_is_no_command_is_told_with_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match=r"no command 'wach': did you mean watch\?"):
         run(monkeypatch, "wach")
