@@ -186,6 +186,8 @@ def _history(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableTy
         return
     known = [*values, *([] if random is None else [random])]
     low, high = min(known), max(known)
+    if rows > 1 and low == high:  # an axis from a value to itself would tell nothing
+        low, high = low - 1, high + 1
     top, bottom = formats.decimal(high, 1), formats.decimal(low, 1)
     if rows == 1:
         labels = [f"{name.lower()} {bottom} … {top}"]

@@ -233,6 +233,13 @@ def test_warm_up_has_its_own_bar() -> None:
     assert "no epoch is over yet" in text
 
 
+def test_the_axis_of_one_epoch_is_around_its_reward() -> None:
+    one = changed(replace(STATUS, rewards={"test": (16.0,)}), {"play/random_reward": None})
+    text = "\n".join(drawn(one, 120, 45))
+    assert re.search(r"^17\.0 .*^15\.0 ", text, re.MULTILINE | re.DOTALL)
+    assert "test 16.0 … 16.0" in "\n".join(drawn(one))
+
+
 def test_more_room_shows_more_actors() -> None:
     crowded = replace(STATUS, actors=actors(12))
     small, tall = "\n".join(drawn(crowded)), "\n".join(drawn(crowded, 120, 45))
