@@ -135,7 +135,8 @@ def evaluate(
     measures = options.measures(config, trained)
     rows, played = [], 0
     columns = (TextColumn("games"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
+    live = console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=not live) as progress:
         task = progress.add_task("games", total=options.games * len(measures))
         for later, measure in zip(reversed(range(len(measures))), measures, strict=True):
             settings = replace(config, play=replace(config.play, sticky=measure.sticky))
@@ -144,6 +145,8 @@ def evaluate(
             for game in play(asked, settings, clock.flags(), stop):
                 found.append(game)
                 played += 1
+                if not live:  # a log shows that it goes on
+                    console.print(f"game {played}: score {game['score']:g}")
                 left = max(options.games - len(found), 0) + options.games * later
                 progress.update(task, completed=played, total=played + left)
             if stop.is_set():

@@ -148,6 +148,8 @@ def test_results_are_printed_and_written(program: Path, tmp_path: Path) -> None:
     assert (told["epsilon"], told["sticky"], told["changed"]) == (0.001, 0.0, [])
     assert told["versions"]["python"]
     assert "interquartile mean" in shown
+    # Without a terminal there is no bar.
+    assert shown.splitlines()[:2] == ["game 1: score 3", "game 2: score 3"]
 
 
 def test_settings_other_than_the_networks_are_told(program: Path) -> None:
