@@ -60,7 +60,7 @@ def _lose(cluster: Cluster, name: str, draw: random.Random) -> End:
 
     def delay() -> float:
         waits = itertools.takewhile(lambda _: losses.random() < share, range(_MOST_RESENT))
-        return sum(_RESENT_AFTER * 2**again for again in waits)
+        return sum(_RESENT_AFTER * 2.0**again for again in waits)
 
     cluster.links[name].delay = delay
     return cluster.links[name].mend
