@@ -13,10 +13,11 @@ from typing import Any
 import pytest
 
 from benchmarks.child import free_endpoint
-from common.metrics import METRICS
+from common.metrics import METRICS, Metric, Values
 from common.process.http_endpoints import http_endpoints
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
+from deploy.grafana import DASHBOARD, dashboard, flat, text
 from learner.telemetry.sinks.prometheus import PrometheusSink
 from learner.telemetry.snapshot import ActorView
 from tests.learner.telemetry.snapshots import snapshot
@@ -24,7 +25,6 @@ from tests.paths import ROOT
 from tests.patience import wait_until
 
 PROMETHEUS = ROOT / "deploy/prometheus"
-DASHBOARD = ROOT / "deploy/grafana/dashboard.json"
 
 
 def tool(name: str) -> str:
@@ -50,12 +50,55 @@ def test_every_figure_that_is_named_exists(file: Path) -> None:
     assert named - told_names() == set()
 
 
-def test_each_panel_of_the_dashboard_has_a_place_of_its_own_and_a_figure() -> None:
-    panels = json.loads(DASHBOARD.read_text())["panels"]
-    places = {(panel["gridPos"]["x"], panel["gridPos"]["y"]) for panel in panels}
-    assert len(places) == len(panels) == len({panel["title"] for panel in panels})
-    asked = [each["expr"] for panel in panels for each in panel["targets"]]
-    assert all(names_in(expression) or "process_" in expression for expression in asked)
+def panels_of(board: dict[str, Any]) -> list[dict[str, Any]]:
+    """Panels that show something, those in closed rows too."""
+    return [panel for panel in flat(board["panels"]) if panel["type"] != "row"]
+
+
+def test_the_dashboard_is_what_is_written_from_the_table() -> None:
+    assert text() == DASHBOARD.read_text(encoding="utf-8"), (
+        "deploy/grafana/dashboard.json is old: run python -m deploy.grafana."
+    )
+
+
+def test_the_dashboard_shows_every_figure_of_a_learner() -> None:
+    of_run = {each.name for each in PrometheusSink().collect() if each.type != "info"}
+    shown = {name.removesuffix("_total") for name in names_in(DASHBOARD.read_text())}
+    assert shown == of_run
+
+
+def test_a_new_figure_gets_a_panel_in_the_row_of_its_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    new = Metric("hands/warmth", "milliseconds", "ms", "How long the hands are warm")
+    monkeypatch.setitem(METRICS, new.key, new)
+    (row,) = (each for each in dashboard()["panels"] if each["title"] == "More: hands")
+    (panel,) = (each for each in row["panels"] if "hands_warmth" in str(each))
+    assert panel["fieldConfig"]["defaults"]["unit"] == "s"
+    assert "warmth: How long the hands are warm." in panel["description"]
+    targets = {each["legendFormat"]: each["expr"] for each in panel["targets"]}
+    assert targets["warmth"] == 'ale_robot_hands_warmth_seconds{job="ale-robot-learner"}'
+
+
+def test_units_and_rates_of_the_dashboard_are_those_of_the_figures() -> None:
+    found = {each["title"]: each for each in panels_of(dashboard())}
+    for title, unit, expression in (
+        ("Agent steps per second", "ops", "rate(ale_robot_run_agent_steps_total{"),
+        ("Samples per insert", "short", "ale_robot_stream_samples_per_insert_ratio{"),
+        ("Sight and touch", "percentunit", "ale_robot_play_valid_frame_share_ratio{"),
+        ("Memory and files", "bytes", "ale_robot_run_memory_bytes{"),
+        ("Red health checks", "short", "ale_robot_gates_red"),
+        ("Held share, by actor", "percentunit", "ale_robot_actor_held_share_ratio"),
+    ):
+        assert found[title]["fieldConfig"]["defaults"]["unit"] == unit
+        assert found[title]["targets"][0]["expr"].startswith(expression)
+
+
+def test_panels_of_the_dashboard_have_places_titles_and_numbers_of_their_own() -> None:
+    every = list(flat(dashboard()["panels"]))
+    titles, numbers = ({each[name] for each in every} for name in ("title", "id"))
+    assert len(titles) == len(numbers) == len(every)
+    for inside in (dashboard()["panels"], *(each.get("panels", []) for each in every)):
+        places = {(each["gridPos"]["x"], each["gridPos"]["y"]) for each in inside}
+        assert len(places) == len(inside)
 
 
 def test_each_alert_fires_and_is_silent_of_a_healthy_run() -> None:
@@ -78,13 +121,19 @@ def test_a_real_prometheus_reads_a_learner_and_answers_every_panel(tmp_path: Pat
     sink = PrometheusSink()
     known = {metric.key: 1 for metric in METRICS.values() if metric.form != "text"}
     values = {"learning/updates": 1_250, "hands/press_p99": 66.5, "replay/private_bytes": None}
-    sink.write(
-        snapshot(
-            {**known, **values},
-            actors=(ActorView(stats=ActorStats("a-1", "actor", steps=7), alive=True),),
-            checks=(HealthCheck(name="valid frames", value=0.1, passed=False, bound="", why="x"),),
+
+    def write(values: Values) -> None:
+        sink.write(
+            snapshot(
+                {**known, **values},
+                actors=(ActorView(stats=ActorStats("a-1", "actor", steps=7), alive=True),),
+                checks=(
+                    HealthCheck(name="valid frames", value=0.1, passed=False, bound="", why="x"),
+                ),
+            )
         )
-    )
+
+    write(values)
     told = (PROMETHEUS / "prometheus.yml").read_text()
     config = tmp_path / "prometheus.yml"
     config.write_text(told.replace("127.0.0.1:9108", page).replace("15s", "200ms"))
@@ -121,7 +170,8 @@ def test_a_real_prometheus_reads_a_learner_and_answers_every_panel(tmp_path: Pat
             assert ask("ale_robot_replay_private_bytes") == []
             assert ask("ale_robot_actor_steps_total")[0]["metric"]["actor"] == "a-1"
             assert ask("ale_robot_gates_red")[0]["metric"]["check"] == "valid frames"
-            for panel in json.loads(DASHBOARD.read_text())["panels"]:
+            write({})
+            for panel in panels_of(json.loads(DASHBOARD.read_text())):
                 for target in panel["targets"]:
                     found = wait_until(
                         lambda target=target: ask(target["expr"]),  # a rate needs two readings
