@@ -3,6 +3,7 @@
 #
 #     deploy/certificates.sh FOLDER HOST...
 #     deploy/certificates.sh FOLDER --actors NAME...
+#     deploy/certificates.sh FOLDER --runs NAME...
 #
 # The first makes an authority (ca.pem) and, for each role, hub, learner and actor, a certificate with
 # its key, good for a year, or for $DAYS days. HOST is each name or IP address by which the hub's
@@ -12,13 +13,22 @@
 # to actors.txt. A hub whose folder has that list lets in these actors only, and none of them in
 # another's name; a name that is deleted from it is out when the hub is started again.
 #
+# The third makes a certificate for the replay of each run that joins the hub of another run,
+# replay.NAME.pem, and adds the run to runs.txt. Replays of other runs are not let in.
+#
 # On another machine put ca.pem and the two files of its process alone, and on that of a learner that is
 # the hub both roles' files; ca-key.pem, which can make more of them, should stay where it is.
 set -eu
 
-if [ $# -lt 2 ] || { [ "$2" = --actors ] && [ $# -lt 3 ]; }; then
+case ${2-} in
+    --actors) role=actor ;;
+    --runs) role=replay ;;
+    *) role= ;;
+esac
+if [ $# -lt 2 ] || { [ "$role" ] && [ $# -lt 3 ]; }; then
     echo "usage: $0 FOLDER HOST...   as in: $0 certificates learner.example.org 192.0.2.7" >&2
     echo "       $0 FOLDER --actors NAME...   as in: $0 certificates --actors robot-1 robot-2" >&2
+    echo "       $0 FOLDER --runs NAME...   as in: $0 certificates --runs breakout" >&2
     exit 2
 fi
 folder=$1
@@ -49,7 +59,9 @@ certify() {  # common name, purpose, names in the certificate
     mv "$work/certificate" "$1.pem"
 }
 
-if [ "$1" = --actors ]; then
+if [ "$role" ]; then
+    list=${1#--}.txt
+    most=$((63 - ${#role}))  # of 64 characters of a common name
     shift
     if ! [ -f ca-key.pem ]; then
         echo "error: there is no $folder/ca-key.pem: make an authority with $0 $folder HOST..." >&2
@@ -60,20 +72,20 @@ if [ "$1" = --actors ]; then
             [!0-9A-Za-z]* | *[!0-9A-Za-z._-]* | "") wrong=yes ;;
             *) wrong= ;;
         esac
-        if [ -n "$wrong" ] || [ ${#name} -gt 58 ]; then
-            echo "error: no actor can be called '$name': up to 58 letters, digits, '.', '_' or '-'," \
+        if [ -n "$wrong" ] || [ ${#name} -gt $most ]; then
+            echo "error: no ${list%s.txt} can be called '$name': up to $most letters, digits, '.', '_' or '-'," \
                 "a letter or digit first." >&2
             exit 2
         fi
     done
-    if [ -n "$(tail -c 1 actors.txt 2>/dev/null)" ]; then
-        echo >>actors.txt  # an editor left the last line without an end
+    if [ -n "$(tail -c 1 "$list" 2>/dev/null)" ]; then
+        echo >>"$list"  # an editor left the last line without an end
     fi
     for name; do
-        certify "actor.$name" clientAuth DNS:actor
-        grep -qxF -- "$name" actors.txt 2>/dev/null || echo "$name" >>actors.txt
+        certify "$role.$name" clientAuth "DNS:$role"
+        grep -qxF -- "$name" "$list" 2>/dev/null || echo "$name" >>"$list"
     done
-    echo "$folder/actors.txt lists $(wc -l <actors.txt) actors; a hub reads it when it starts."
+    echo "$folder/$list lists $(wc -l <"$list") ${list%.txt}; a hub reads it when it starts."
     exit
 fi
 

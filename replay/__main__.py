@@ -17,6 +17,7 @@ if __name__ == "__main__":
 
     leave_at_interrupt()
 
+import logging
 import math
 import sys
 import threading
@@ -52,6 +53,7 @@ from replay.chunk_statistics import Progress
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 
+_log = logging.getLogger(__name__)
 _REPORT_EVERY = 5.0
 _DEADLINE = 5.0
 """Seconds that a run of the same name has to say that it is there."""
@@ -70,7 +72,7 @@ class ReplayOptions:
     """Address where learner and actors find this process."""
     connect: str | None = None
     """Address of another run's hub, at which learner and actors find this run too, instead of
-    --listen; it begins with tcp/."""
+    --listen."""
     certificates: Path | None = None
     """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
     actor_quota: FromOne = STEPS_PER_SECOND
@@ -140,15 +142,22 @@ def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
         return open_hub(options.listen, options.certificates)
     if options.listen != DEFAULT_ENDPOINT:
         raise InputError("a replay listens, or joins another hub: give --listen or --connect.")
-    if options.certificates is not None or not hub.startswith("tcp/"):
-        raise InputError(
-            "a hub with certificates serves no replay but its own: use --listen with an address "
-            "of this run's own."
-        )
-    transport = connect(hub, math.inf, patiently(stop, hub))
-    if transport.gather(RunKeys(options.run).config, _DEADLINE):
+    transport = connect(
+        *(hub, math.inf, patiently(stop, hub)),
+        role="replay",
+        name=options.run,
+        certificates=options.certificates,
+    )
+    served = {answer.key for answer in transport.gather(RunKeys("*").config, _DEADLINE)}
+    if RunKeys(options.run).config in served:
         transport.close()
         raise InputError(f"the hub at {hub} serves a run called {options.run}: name another.")
+    if not served and options.certificates is not None:
+        _log.warning(
+            "the hub at %s tells nothing of its own run: if nobody finds %s, see whether the hub's "
+            "runs.txt listed it when the hub was started",
+            *(hub, options.run),
+        )
     return transport
 
 

@@ -1,9 +1,9 @@
 """What each process may do at a hub that knows it by its certificate.
 
 A certificate names a role, and that of an actor can name the actor too: then it may speak in no
-other's name. What comes in is checked; what goes out goes only to who was let ask for it. All else
-is denied, and nobody is told: to a denied query there is no answer, and a denied publication is
-dropped.
+other's name. That of a replay names its run, for which alone it answers. What comes in is checked;
+what goes out goes only to who was let ask for it. All else is denied, and nobody is told: to a
+denied query there is no answer, and a denied publication is dropped.
 """
 
 from collections.abc import Sequence
@@ -45,6 +45,21 @@ def _of_actor(name: str) -> dict[str, list[str]]:
         "declare_subscriber": [_ANY.weights],
         "declare_queryable": views,
         "reply": views,
+    }
+
+
+def _of_replay(run: str) -> dict[str, list[str]]:
+    """The same for the replay of ``run``, at the hub of another."""
+    keys = RunKeys(run)
+    served = [
+        *(keys.config, keys.latest_weights, keys.sample, keys.priorities, keys.held_out),
+        *(keys.progress, keys.insert("*")),
+    ]
+    return {
+        "query": [_ANY.config],
+        "declare_subscriber": [keys.weights],
+        "declare_queryable": served,
+        "reply": served,
     }
 
 
@@ -112,14 +127,16 @@ def rate_limits() -> list[dict[str, Any]]:
     ]
 
 
-def access_control(actors: Sequence[str] | None = None) -> dict[str, Any]:
+def access_control(actors: Sequence[str] | None = None, runs: Sequence[str] = ()) -> dict[str, Any]:
     """Zenoh's setting of that name for a hub.
 
     Args:
         actors: names of those that may join, each by a certificate of its own; None for any, all
             by the certificate of their role.
+        runs: whose replays may join, each by a certificate of its own.
     """
     allowed = {"learner": _LEARNER}
+    allowed |= {common_name("replay", run): _of_replay(run) for run in runs}
     if actors is None:
         allowed[common_name("actor")] = _of_actor("*")
     else:

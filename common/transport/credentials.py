@@ -14,10 +14,13 @@ from common.checked import NAME
 from common.errors import InputError
 from common.transport.endpoint import check_endpoint
 
-Role = Literal["hub", "learner", "actor"]
-"""The role in which a process joins a run. An evaluator joins as an actor."""
-_NAMES = "actors.txt"
+Role = Literal["hub", "learner", "replay", "actor"]
+"""The role in which a process joins a run. An evaluator joins as an actor; a replay is a hub unless
+it joins that of another run."""
+_ACTORS = "actors.txt"
 """Names the actors that a hub lets in, a line each, in its folder of certificates."""
+_RUNS = "runs.txt"
+"""Likewise the runs whose replays it lets in beside its own."""
 
 
 def common_name(role: Role, name: str | None = None) -> str:
@@ -37,21 +40,36 @@ def allowed_actors(folder: Path, *, listed: bool = False) -> list[str] | None:
     Raises:
         InputError: the list is missing, cannot be read, or holds what cannot be a name.
     """
-    path = folder / _NAMES
+    path = folder / _ACTORS
+    names = _names_in(path)
+    if names is None and listed and any(folder.glob(_KEYS_BY_NAME)):
+        raise InputError(
+            f"there are certificates of actors by name, and no {path}: put the list back, or "
+            "the certificates elsewhere to let all actors in."
+        )
+    return names
+
+
+def allowed_runs(folder: Path) -> list[str]:
+    """The runs whose replays a hub with this folder lets in, each by a certificate of its own.
+
+    Raises:
+        InputError: the list cannot be read, or holds what cannot be a name.
+    """
+    return _names_in(folder / _RUNS) or []
+
+
+def _names_in(path: Path) -> list[str] | None:
+    """The names that a list holds, each once; None where there is no list."""
     try:
         names = path.read_text(encoding="ascii").split()
     except FileNotFoundError:
-        if listed and any(folder.glob(_KEYS_BY_NAME)):
-            raise InputError(
-                f"there are certificates of actors by name, and no {path}: put the list back, or "
-                "the certificates elsewhere to let all actors in."
-            ) from None
         return None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path} cannot be read ({error}): it has a name in each line.") from None
     for name in names:
         if not re.fullmatch(NAME, name):
-            raise InputError(f"{path} holds {name[:70]!r}, which cannot be an actor's name.")
+            raise InputError(f"{path} holds {name[:70]!r}, which cannot be a name.")
     return list(dict.fromkeys(names))
 
 
@@ -94,17 +112,18 @@ class Credentials:
         listed = allowed_actors(folder) if role == "actor" else None
         if listed is not None and name is not None and name not in listed:
             raise InputError(
-                f"{folder / _NAMES} does not list {name}: make its certificate with "
+                f"{folder / _ACTORS} does not list {name}: make its certificate with "
                 f"`deploy/certificates.sh {folder} --actors {name}`, and start the hub again."
             )
-        if not (folder / f"{whose}.pem").is_file():
+        if role == "actor" and not (folder / f"{whose}.pem").is_file():
             whose = common_name(role)
         found = cls(folder / "ca.pem", folder / f"{whose}.pem", folder / f"{whose}-key.pem")
         for path in (found.authority, found.certificate, found.key):
             if not path.is_file():
+                how = f" {folder} --runs {name}" if role == "replay" else ""
                 raise InputError(
-                    f"there is no {path}: make certificates with deploy/certificates.sh, and give "
-                    f"this machine ca.pem, {whose}.pem and {whose}-key.pem."
+                    f"there is no {path}: make certificates with deploy/certificates.sh{how}, and "
+                    f"give this machine ca.pem, {whose}.pem and {whose}-key.pem."
                 )
         try:
             context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)

@@ -26,7 +26,12 @@ from common.transport.access_control import (
     size_limits,
 )
 from common.transport.checksum import seal
-from common.transport.credentials import Role, allowed_actors, check_certificates
+from common.transport.credentials import (
+    Role,
+    allowed_actors,
+    allowed_runs,
+    check_certificates,
+)
 from common.transport.endpoint import check_endpoint, is_loopback
 from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
 from common.transport.zenoh_entities import (
@@ -169,7 +174,9 @@ def open_hub(endpoint: str, certificates: Path | None = None) -> ZenohTransport:
         "downsampling": rate_limits(),
     }
     if credentials is not None and certificates is not None:
-        access = access_control(allowed_actors(certificates, listed=True))
+        access = access_control(
+            allowed_actors(certificates, listed=True), allowed_runs(certificates)
+        )
         settings |= {**credentials.settings("hub"), "access_control": access}
     try:
         session = zenoh.open(_config("router", settings))
@@ -209,7 +216,7 @@ def connect(
     """Join the hub at ``endpoint``, trying again for ``patience`` seconds.
 
     Args:
-        name: of an actor, which may have a certificate of its own.
+        name: of an actor, which may have a certificate of its own, or of a replay's run.
         certificates: folder with those of ``role``, for a ``tls/`` endpoint.
 
     Raises:

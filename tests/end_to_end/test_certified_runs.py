@@ -1,5 +1,6 @@
 """Whole runs whose processes show each other certificates."""
 
+import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.actors.numbered_env import GAME_OVER, GOES_ON
-from tests.end_to_end.conftest import SMALL, Stage
+from tests.end_to_end.conftest import SMALL, Program, Stage
 from tests.paths import ROOT
 from tests.recordings import record
 
@@ -92,6 +93,55 @@ def test_a_replay_of_its_own_with_an_actor_and_an_evaluator(
     assert "not taken" not in evaluator.ends()
     assert balanced(stage)
     assert {row["phase"] for row in stage.rows()} == {"random", "train", "test"}
+
+
+def test_two_runs_share_a_hub_and_do_not_see_each_other(stage: Stage, certificates: Path) -> None:
+    """The hub is the first run's learner; the second has a replay that joins it."""
+    subprocess.run([ROOT / "deploy/certificates.sh", certificates, "--runs", "two"], check=True)
+    own = {name: certify_by_name(certificates, name) for name in ("left", "right", "tester")}
+    its = certificates.with_name("machine-of-two")
+    its.mkdir()
+    for file in ("ca.pem", "replay.two.pem", "replay.two-key.pem"):
+        shutil.copy(certificates / file, its)
+    flags, secure = ("--env=ale", *SMALL), ("--certificates", str(certificates))
+    first = stage.learner(*flags, *secure, "--steps=900")
+    first.says("actors find it at")
+    place = ("-m", "replay", "--connect", stage.endpoint)
+    third = (*place, "--run=three", *flags, "--certificates")
+    assert f"certificates.sh {its} --runs three" in stage.start(*third, str(its)).ends(2)
+    subprocess.run([ROOT / "deploy/certificates.sh", certificates, "--runs", "three"], check=True)
+    stage.start(*third, str(certificates)).says(
+        "if nobody finds three, see whether the hub's runs.txt"
+    )
+    second = stage.start(*place, "--run=two", "--certificates", str(its), *flags)
+    second.says("replay of run two")
+    lost = stage.start(
+        *("-m", "actors", "--sync", "--connect", stage.endpoint, "--patience=0"),
+        *("--certificates", str(own["left"])),
+    )
+    assert "the hub serves several runs (r, two): name one with --run" in lost.ends(2)
+    join = ("--connect", stage.endpoint, "--run=two")
+    learner = stage.start(*("-m", "learner", *join, *secure, "--threads=1", "--steps=1300", *flags))
+    learner.says("actors find it at")
+
+    def actor(name: str, run: str, *others: str) -> Program:
+        place = ("--connect", stage.endpoint, "--run", run, "--certificates", str(own[name]))
+        return stage.start("-m", "actors", "--sync", *place, *others)
+
+    of_second = [actor("right", "two"), actor("tester", "two", "--evaluator")]
+    for each in (learner, *of_second):  # before the hub goes
+        each.ends()
+    actor("left", "r").ends()
+    first.ends()
+    names = {"r": ["left"], "two": ["right", "tester"]}
+    for run, expected in names.items():
+        summary = json.loads((stage.folder / "runs" / run / "summary.json").read_text())
+        assert [each["name"] for each in summary["actors"]] == expected
+        chunks = summary["chunks"]
+        assert chunks["made"] == chunks["acked"] > 0 == chunks["refused"]
+        log = (stage.folder / "runs" / run / "logs" / "learner.jsonl").read_text()
+        (other,) = names.keys() - {run}
+        assert not any(f"{name} joined" in log for name in names[other])
 
 
 def test_actors_turn_away_weights_that_a_hub_has_signed(stage: Stage, certificates: Path) -> None:

@@ -353,6 +353,132 @@ def test_the_script_names_no_actor_without_an_authority(tmp_path: Path) -> None:
     assert "make an authority" in ended.stderr
 
 
+# ---------------------------------------------------------------------- runs that share a hub
+
+OTHER = RunKeys("other")
+
+
+@pytest.fixture
+def shared(certificates: Path, tmp_path: Path) -> Path:
+    """A folder of a hub that lets the replay of another run in."""
+    folder = shutil.copytree(certificates, tmp_path / "shared")
+    subprocess.run([SCRIPT, folder, "--runs", "other"], check=True)
+    return folder
+
+
+@pytest.fixture
+def other_replay(address: str, shared: Path) -> Iterator[Transport]:
+    """The replay of that run, at the hub, which answers as that of ``r``."""
+    with (
+        open_hub(address, shared) as hub,
+        connect(address, PATIENCE, role="replay", name="other", certificates=shared) as replay,
+    ):
+        hub.serve(KEYS.config, lambda _: b"the hub's")
+        yield replay
+
+
+def test_a_replay_at_the_hub_of_another_run_answers_for_its_own_alone(
+    address: str, shared: Path, other_replay: Transport
+) -> None:
+    def served(keys: RunKeys) -> list[str]:
+        inserts, own = keys.insert("*"), (keys.config, keys.latest_weights, keys.sample)
+        return [*own, keys.priorities, keys.held_out, keys.progress, inserts]
+
+    for key in (*served(KEYS), KEYS.task("*"), OTHER.task("*"), *served(OTHER)):
+        other_replay.serve(key, lambda request: request.key.encode())
+    with (
+        connect(address, PATIENCE, role="learner", certificates=shared) as learner,
+        connect(address, PATIENCE, certificates=shared) as actor,
+    ):
+        insert, weights = OTHER.insert("a"), OTHER.latest_weights
+        wait_until(lambda: ask(actor, insert) == [insert.encode()], "it answers")
+        assert ask(actor, weights) == [weights.encode()]
+        for key in (OTHER.sample, OTHER.priorities, OTHER.held_out, OTHER.progress):
+            assert ask(learner, key) == [key.encode()]
+        runs = RunKeys("*").config
+        wait_until(
+            lambda: sorted(ask(actor, runs)) == [b"ale-robot/*/config", b"the hub's"],
+            "both runs are found",
+        )
+        # Twice at once would be too often.
+        wait_until(
+            lambda: ask(actor, KEYS.config) == [b"the hub's"], "it alone answers for its run"
+        )
+        for key in (KEYS.insert("a"), KEYS.latest_weights, KEYS.task("a"), OTHER.task("a")):
+            assert ask(actor, key, b"", 0.2) == []
+        for key in (KEYS.sample, KEYS.priorities, KEYS.held_out, KEYS.progress):
+            assert ask(learner, key, b"", 0.2) == []
+
+
+def test_a_replay_at_the_hub_of_another_run_hears_its_own_weights_and_makes_none(
+    address: str, shared: Path, other_replay: Transport
+) -> None:
+    told, heard = SimpleQueue[str](), SimpleQueue[bytes]()
+    other_replay.subscribe("ale-robot/*/weights", lambda message: told.put(message.key))
+    for keys in (KEYS, OTHER):
+        other_replay.subscribe(keys.weights, lambda message: told.put(message.key))
+    with (
+        connect(address, PATIENCE, role="learner", certificates=shared) as learner,
+        connect(address, PATIENCE, certificates=shared) as actor,
+    ):
+        for keys in (KEYS, OTHER):
+            actor.subscribe(keys.weights, lambda message: heard.put(message.payload))
+        forged = other_replay.publisher(OTHER.weights)
+        publishers = [learner.publisher(keys.weights) for keys in (KEYS, OTHER)]
+
+        def tell() -> bool:
+            forged.publish(b"forged")
+            for publisher in publishers:
+                publisher.publish(b"")
+            return not told.empty() and heard.qsize() >= 8  # time enough for the forged ones
+
+        wait_until(tell, "the learner is heard")
+    assert {told.get() for _ in range(told.qsize())} == {OTHER.weights}
+    assert {heard.get() for _ in range(heard.qsize())} == {b""}
+
+
+def test_a_replay_is_there_again_after_the_hub_of_another_run_has_started_anew(
+    address: str, shared: Path
+) -> None:
+    hub = open_hub(address, shared)
+    with connect(address, PATIENCE, role="replay", name="other", certificates=shared) as replay:
+        replay.serve(OTHER.config, lambda _: b"the other's")
+        hub.close()
+        with (
+            open_hub(address, shared),
+            connect(address, PATIENCE, certificates=shared) as actor,
+        ):
+            wait_until(lambda: ask(actor, OTHER.config) == [b"the other's"], "it is found again")
+
+
+def test_a_replay_whose_run_is_not_on_the_list_is_not_heard(address: str, shared: Path) -> None:
+    (shared / "runs.txt").unlink()
+    with (
+        open_hub(address, shared) as hub,
+        connect(address, PATIENCE, role="replay", name="other", certificates=shared) as replay,
+        connect(address, PATIENCE, certificates=shared) as actor,
+    ):
+        hub.serve(KEYS.config, lambda _: b"the hub's")
+        replay.serve(OTHER.config, lambda _: b"the other's")
+        assert ask(replay, KEYS.config, b"", 0.2) == []
+        assert ask(actor, RunKeys("*").config) == [b"the hub's"]
+
+
+def test_a_replay_without_a_certificate_of_its_run_is_told_how_to_make_one(shared: Path) -> None:
+    with pytest.raises(InputError, match=r"no .*replay.third.pem: make .*certificates.sh .* third"):
+        check_certificates("tls/127.0.0.1:7447", shared, "replay", "third")
+
+
+def test_the_script_lists_runs_as_it_lists_actors(shared: Path) -> None:
+    subprocess.run([SCRIPT, shared, "--runs", "other", "third"], check=True)
+    assert (shared / "runs.txt").read_text() == "other\nthird\n"
+    assert not (shared / "actors.txt").exists()
+    wrong = [SCRIPT, shared, "--runs", "a" * 58]
+    ended = subprocess.run(wrong, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr.startswith("error: no run can be called")
+
+
 # ---------------------------------------------------------------------- who is let in
 
 
