@@ -76,6 +76,8 @@ class Progress(Message):
     """Version of the software of the process that holds the replay."""
     over_quota: Count = 0
     """Messages of actors that were turned away for the time being, since that process began."""
+    shut_out: Count = 0
+    """Connections since then of processes that may do nothing at its hub."""
     difficulty: Fraction = 1.0
     """Share of their widths that the ranges of `randomise` have in the next game."""
 
@@ -91,6 +93,7 @@ class Progress(Message):
             "stream/chunks_duplicate": self.duplicates,
             "stream/chunks_refused": self.refused,
             "stream/over_quota": self.over_quota,
+            "stream/shut_out": self.shut_out,
             "replay/private_bytes": self.private_bytes,
             "replay/resident_bytes": self.resident_bytes,
             "replay/file_bytes": self.file_bytes,

@@ -45,6 +45,8 @@ class ReplayBuffer:
         """Version of the newest weights, which each acknowledgement carries."""
         self.over_quota = 0
         """Messages of actors that were turned away for the time being, since this process began."""
+        self.shut_out = 0
+        """Connections since then of processes that may do nothing at this hub."""
         self._batch_size = config.learning.batch_size
         self._difficulty_after = config.difficulty_after
         self.released: Callable[[], None] = lambda: None
@@ -214,6 +216,7 @@ class ReplayBuffer:
                 statistics=index.statistics_since(since),
                 run_id=self.run_id,
                 over_quota=self.over_quota,
+                shut_out=self.shut_out,
                 difficulty=self._difficulty(),
             )
 

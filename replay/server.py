@@ -89,6 +89,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             keys.progress: self._progress,
             keys.insert("*"): self._insert,
         }
+        self._shut_out = transport.watch_shut_out(self._count_shut_out)
         self._services = [transport.serve(key, answer) for key, answer in answers.items()]
 
     def __exit__(self, *_: object) -> None:
@@ -99,9 +100,15 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         for service in self._services:
             service.close()
         self._subscription.close()
+        self._shut_out.close()
         self._memory.released = lambda: None
         self._polls.put(_Event.CLOSED)
         self._poll_thread.join(2 * LONGEST_WAIT)
+
+    def _count_shut_out(self, name: str, address: str) -> None:
+        self._memory.shut_out += 1
+        text = "the certificate of %s names nobody who is let in: who connects from %s is not heard"
+        _refusals.warning(text, name, address)
 
     def _insert(self, request: Request) -> bytes | None:
         actor = name_in(request.key)

@@ -20,7 +20,7 @@ from common.process.threads import guarded
 from common.transport.interface import Answer, Closeable, Envelope, Unanswered
 from common.transport.requests import PendingRequests, answer_request
 
-Kind = Literal["service", "subscription", "token", "watch"]
+Kind = Literal["service", "subscription", "token", "watch", "shut out"]
 _T = TypeVar("_T", bound=Closeable)
 
 
@@ -153,6 +153,10 @@ class InProcessTransport:
             for token in self.hub.find("token", key):
                 self.call(guarded(key, callback), token.key, True)
             return self._declare("watch", key, partial(self.call, guarded(key, callback)))
+
+    def watch_shut_out(self, callback: Callable[[str, str], None]) -> Closeable:
+        """See `Transport.watch_shut_out`."""
+        return self._declare("shut out", "", callback)
 
     def ask(self, key: str, payload: bytes) -> list[Future[Envelope]]:
         """Returns the answers to come of all servers at ``key``."""

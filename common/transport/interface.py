@@ -131,6 +131,13 @@ class Transport(Closeable, Protocol):
         Those who are present already are told at once. ``key`` may hold ``*``.
         """
 
+    def watch_shut_out(self, callback: Callable[[str, str], None]) -> Closeable:
+        """Call ``callback`` with name and address of each process that connects to do nothing.
+
+        At a hub these are those whose certificates name nobody that it lets in. Elsewhere, and
+        where nobody has certificates, there are none.
+        """
+
     def __enter__(self) -> Self: ...
 
     def __exit__(self, *_: object) -> None: ...

@@ -27,7 +27,7 @@ _QUEUE = 4_096
 """Requests that may wait at a key: far more than the actors' windows together, because a full queue
 blocks Zenoh's own receiving threads."""
 
-_Heard = TypeVar("_Heard", zenoh.Sample, zenoh.Reply)
+_Heard = TypeVar("_Heard", zenoh.Sample, zenoh.Reply, zenoh.LinkEvent)
 
 
 def callback_of(name: str, call: Callable[[_Heard], None], *end: Callable[[], None]) -> Any:

@@ -11,7 +11,7 @@ import logging
 import os
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -60,8 +60,12 @@ _T = TypeVar("_T", bound=Closeable)
 class ZenohTransport:
     """Implements `Transport`; made by `open_hub` and `connect`."""
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(self, session: zenoh.Session, let_in: Set[str] | None = None) -> None:
+        """Args:
+        let_in: names in certificates that may do something here; None where nobody asks.
+        """
         self.session = session
+        self._let_in = let_in
         self._declared: list[Closeable] = []
 
     def __enter__(self) -> Self:
@@ -110,6 +114,18 @@ class ZenohTransport:
         handler = callback_of(f"watch {key}", hear)
         watch = self.session.liveliness().declare_subscriber(key, handler, history=True)
         return self._keep(Declared(watch))
+
+    def watch_shut_out(self, callback: Callable[[str, str], None]) -> Closeable:
+        def hear(event: zenoh.LinkEvent) -> None:
+            name = event.link.auth_identifier
+            if self._let_in is None or name is None or event.kind != zenoh.SampleKind.PUT:
+                return
+            if name not in self._let_in:
+                callback(name, event.link.dst.partition("/")[2].rpartition(":")[0])
+
+        handler = callback_of("hear of links", hear)
+        links = self.session.info.declare_link_events_listener(handler, history=True)
+        return self._keep(Declared(links))
 
     def _keep(self, declared: _T) -> _T:
         self._declared.append(declared)
@@ -173,17 +189,19 @@ def open_hub(endpoint: str, certificates: Path | None = None) -> ZenohTransport:
         **size_limits(),
         "downsampling": rate_limits(),
     }
+    let_in = None
     if credentials is not None and certificates is not None:
         access = access_control(
             allowed_actors(certificates, listed=True), allowed_runs(certificates)
         )
         settings |= {**credentials.settings("hub"), "access_control": access}
+        let_in = {subject["id"] for subject in access["subjects"]}
     try:
         session = zenoh.open(_config("router", settings))
     except zenoh.ZError as error:
         raise InputError(f"cannot listen at {endpoint}: {error}") from None
     _forget_the_silent(port)
-    return ZenohTransport(session)
+    return ZenohTransport(session, let_in)
 
 
 def _forget_the_silent(port: int) -> None:

@@ -47,7 +47,8 @@ def test_local_mode(stage: Stage, certificates: Path) -> None:
 
 
 def test_actors_are_who_their_certificates_say(stage: Stage, certificates: Path) -> None:
-    own = {name: certify_by_name(certificates, name) for name in ("robot-7", "tester")}
+    own = {name: certify_by_name(certificates, name) for name in ("robot-7", "tester", "gone")}
+    (certificates / "actors.txt").write_text("robot-7\ntester\n")
     flags = ("--certificates", str(certificates), "--env=ale", *SMALL)
     learner = stage.learner(*flags, "--steps=1300")
     learner.says("actors find it at")
@@ -56,6 +57,8 @@ def test_actors_are_who_their_certificates_say(stage: Stage, certificates: Path)
     tester = stage.start(*place, str(own["tester"]), "--evaluator")
     stranger = stage.start(*place, str(certificates), "--name=actor-1", "--patience=0")
     assert "does not list actor-1: make its certificate with" in stranger.ends(2)
+    shut_out = stage.start(*place, str(own["gone"]), "--patience=0")
+    shut_out.ends(4)
     # One that says another name has no certificate of that name.
     liar = stage.start(*place, str(own["tester"]), "--name=robot-7", "--patience=0")
     assert f"{own['tester'] / 'actor.pem'}" in liar.ends(2)
@@ -66,6 +69,8 @@ def test_actors_are_who_their_certificates_say(stage: Stage, certificates: Path)
     for told in ("robot-7 joined", "tester joined"):
         assert told in learner.output
         assert told in kept
+    assert "the certificate of actor.gone names nobody who is let in" in kept
+    assert stage.summary()["shut_out"] == 1
     assert balanced(stage)
     assert {row["phase"] for row in stage.rows()} == {"random", "train", "test"}
 

@@ -84,6 +84,9 @@ class DirectTransport:
     def watch_presence(self, key: str, callback: Callable[[str, bool], None]) -> Closeable:
         raise NotImplementedError
 
+    def watch_shut_out(self, callback: Callable[[str, str], None]) -> Closeable:
+        return Entry([], ("", callback))
+
     def close(self) -> None: ...
 
     def __enter__(self) -> Self:

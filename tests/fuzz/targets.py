@@ -78,6 +78,10 @@ class Heard:
         """Nobody is present."""
         return self._nothing()
 
+    def watch_shut_out(self, *_: object) -> Closeable:
+        """Nobody is shut out."""
+        return self._nothing()
+
     def requester(self, *_: object) -> Any:
         """Nobody is asked."""
         return self._nothing()

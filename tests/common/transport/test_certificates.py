@@ -274,6 +274,35 @@ def test_a_name_that_is_deleted_is_out_when_the_hub_starts_again(
                 assert ask(actor, KEYS.insert(name), b"", PATIENCE if answer else 0.2) == answer
 
 
+def test_a_hub_knows_who_connects_and_may_do_nothing(address: str, named: Path) -> None:
+    place = shutil.copytree(named, named.with_name("elsewhere"))
+    (place / "actors.txt").unlink()
+    (named / "actors.txt").write_text("right\n")
+    told: SimpleQueue[tuple[str, str]] = SimpleQueue()
+
+    def join(*names: str | None) -> None:
+        for name in names:
+            connect(address, PATIENCE, name=name, certificates=place).close()
+
+    with open_hub(address, named) as hub:
+        hub.watch_shut_out(lambda *who: told.put(who))
+        join("right", "left", None)
+        connect(address, PATIENCE, role="learner", certificates=place).close()
+        join("left")
+        found = [told.get(timeout=PATIENCE) for _ in range(3)]
+    host = "127.0.0.1"
+    assert found == [("actor.left", host), ("actor", host), ("actor.left", host)]
+    assert told.empty()
+
+
+def test_a_hub_tells_who_was_there_before_it_was_asked(address: str, named: Path) -> None:
+    (named / "actors.txt").write_text("left\n")
+    told: SimpleQueue[tuple[str, str]] = SimpleQueue()
+    with open_hub(address, named) as hub, connect(address, PATIENCE, certificates=named):
+        hub.watch_shut_out(lambda *who: told.put(who))
+        assert told.get(timeout=PATIENCE) == ("actor", "127.0.0.1")
+
+
 def test_a_hub_that_lists_nobody_lets_no_actor_in(address: str, named: Path) -> None:
     (named / "actors.txt").write_text("")
     with open_hub(address, named) as hub:
