@@ -17,9 +17,9 @@ from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
 from common.checked import FromOne
 from common.process.footprint import footprint
 
-_STEPS_PER_SECOND = 15
+STEPS_PER_SECOND = 15
 """Agent steps of a robot in real time: 60 frames of the game, 4 each."""
-_WEIGHTS_BYTES = 6_700_000
+WEIGHTS_BYTES = 6_700_000
 """Those of the network of Mnih et al. 2015."""
 
 
@@ -66,13 +66,13 @@ def measure_number(options: Options, actors: int) -> dict[str, Any]:
         )
         join_seconds = crowd.ask("join_seconds")
         joined, spent, began = footprint(pid).private, cpu_seconds(stat_of(pid)), time.monotonic()
-        told = crowd.ask("play", options.seconds, _STEPS_PER_SECOND)
+        told = crowd.ask("play", options.seconds, STEPS_PER_SECOND)
         spent = cpu_seconds(stat_of(pid)) - spent
         private = footprint(pid).private
         seconds = max(time.monotonic() - began, options.seconds)
         latencies = told.pop("latencies")
         published = time.monotonic()
-        weights.publish(bytes(_WEIGHTS_BYTES))
+        weights.publish(bytes(WEIGHTS_BYTES))
         arrivals = crowd.ask("arrivals")
         hub.check()
     p50, p99 = np.percentile(latencies, (50, 99)).tolist()
@@ -113,9 +113,9 @@ def measure(options: Options) -> Report:
         found.append(measure_number(options, actors))
         print(f"{actors}: {found[-1]['steps_per_second']:.0f} steps/s", flush=True)
     return Report.of(
-        f"Actors in real time at one hub, each {_STEPS_PER_SECOND} steps/s in chunks of "
+        f"Actors in real time at one hub, each {STEPS_PER_SECOND} steps/s in chunks of "
         f"{options.chunk_steps}; late: chunks held back; cores and KB each: the hub's; "
-        f"reached: by weights of {_WEIGHTS_BYTES / 1e6:.1f} MB",
+        f"reached: by weights of {WEIGHTS_BYTES / 1e6:.1f} MB",
         [row(each) for each in found],
         {"many_actors": found},
     )

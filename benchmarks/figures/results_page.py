@@ -6,7 +6,8 @@ The page's text is written by hand; between ``<!-- NAME.json -->`` and ``<!-- en
 has them under names of their own: ``<!-- NAME.json kinds -->``. What was learned, rung by rung, is
 ``<!-- ladder.csv -->``, how fast by each run ``<!-- ladder-*-pong-*.csv -->``: the files that have
 such names. The table of a file ``race*.json`` is a row for each of its runs. ``<!-- not
-reproducible -->`` lists the results that their commit alone does not bring back.
+reproducible -->`` lists the results that their commit alone does not bring back, and
+``<!-- needs of robots -->`` is what `benchmarks.figures.robots` computes from several of them.
 """
 
 import csv
@@ -17,6 +18,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.figures import robots
 from benchmarks.figures.commits import Source, sources
 from benchmarks.lab.ladder import MILESTONES
 from benchmarks.report import cell
@@ -29,8 +31,8 @@ CURVE = (100_000, 200_000, 250_000, 300_000, 400_000, 500_000, 600_000, 800_000,
 _CLOSE = 25_000
 """Fewest steps by which the end of an epoch is too far from one of these."""
 _TABLE = re.compile(
-    r"<!-- (?P<name>[\w*-]+\.(?:json|csv)|not reproducible)(?: (?P<rows>\w+))? -->\n"
-    r"(?:.*?\n)??<!-- end -->",
+    r"<!-- (?P<name>[\w*-]+\.(?:json|csv)|not reproducible|needs of robots)"
+    r"(?: (?P<rows>\w+))? -->\n(?:.*?\n)??<!-- end -->",
     re.DOTALL,
 )
 
@@ -45,6 +47,8 @@ def render(page: str, folder: Path) -> str:
     def table(found: re.Match[str]) -> str:
         if found["name"] == "not reproducible":
             return _between(found["name"], not_reproducible(sources(folder)))
+        if found["name"] == "needs of robots":
+            return _between(found["name"], needed(folder))
         if "*" in found["name"]:
             return _between(found["name"], curves(sorted(folder.glob(found["name"]))))
         file = folder / found["name"]
@@ -166,6 +170,17 @@ def not_reproducible(found: Iterable[Source]) -> str:
         for (file, commit, reason), parts in reasons.items()
     ]
     return "\n".join(_lines(["file", "results", "commit", "what differs"], ["---"] * 4, cells))
+
+
+def needed(folder: Path) -> str:
+    """What more and more robots need, over where each result that it is made of was measured."""
+    aligned = ["---", *["---:"] * len(robots.ROBOTS), "---", "---"]
+    measured = (
+        f"{name}.json: {_where(json.loads((folder / f'{name}.json').read_bytes()))}"
+        for name in robots.SOURCES
+    )
+    lines = _lines(robots.NAMES, aligned, list(robots.needs(folder)))
+    return "\n".join((*lines, "", *measured))
 
 
 def curves(files: Iterable[Path]) -> str:

@@ -11,7 +11,7 @@ from common.process.footprint import footprint
 
 def test_all_actors_are_heard_and_hear_the_weights(monkeypatch: pytest.MonkeyPatch) -> None:
     # In one piece: of many, Zenoh may drop some on a busy machine, and with them the weights.
-    monkeypatch.setattr(many_actors, "_WEIGHTS_BYTES", 1_000)
+    monkeypatch.setattr(many_actors, "WEIGHTS_BYTES", 1_000)
     options = many_actors.Options(numbers=(3,), seconds=1.1, chunk_steps=8, capacity=2_000)
     found = many_actors.measure_number(options, 3)
     due = 6  # two of each: an actor has 8 steps every 8/15 s

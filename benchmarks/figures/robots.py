@@ -1,0 +1,188 @@
+"""`needs`: what 10, 100 and 1,000 robots in real time need, from what one process was measured at.
+
+Each row says which of its numbers were measured, by the file, and which are computed from them.
+"""
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.many_actors import STEPS_PER_SECOND, WEIGHTS_BYTES
+from benchmarks.report import cell
+from common.errors import InputError
+from common.run.config import LearningConfig
+from common.run.presets import PRESETS
+from common.transport.zenoh_transport import MOST_SESSIONS
+
+ROBOTS = (10, 100, 1_000)
+NAMES = (
+    "what",
+    *(f"{robots:,} robots" for robots in ROBOTS),
+    "how it is known",
+    "saturates (computed)",
+)
+_GIGABIT = 125e6
+"""Bytes per second of a network of 1 Gbit/s."""
+_FOR_WEIGHTS = 100e6
+"""Bytes per second that weights may take."""
+_PAPER: LearningConfig = PRESETS["paper"].learning
+SOURCES = ("actor_steps", "many_actors", "peers", "transport")
+"""Names of the results that it is made of."""
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """What the results say."""
+
+    actor: float
+    """Agent steps per second of a robot's actor on one core."""
+    updates: float
+    """Updates per second of a learner on two cores."""
+    inserts: float
+    """Steps per second that a replay takes while it gives minibatches over Zenoh."""
+    step_bytes: float
+    """Of a step in a chunk."""
+    batch_bytes: float
+    """Of a minibatch over Zenoh."""
+    hub: list[Mapping[str, Any]]
+    """By number of actors."""
+
+    def nearest(self, robots: int) -> Mapping[str, Any]:
+        """The number of actors next to ``robots`` at which the hub was measured."""
+        return min(self.hub, key=lambda found: abs(math.log(found["actors"] / robots)))
+
+
+def _read(folder: Path) -> _Measured:
+    found = {name: json.loads((folder / f"{name}.json").read_bytes()) for name in SOURCES}
+    transport = found["transport"]
+    insert, sample = transport["insert"], transport["sample"]
+    return _Measured(
+        actor=found["actor_steps"]["robot"]["1"],
+        updates=max(
+            each["ours_per_second"]
+            for each in found["peers"]["comparisons"]
+            if each["work"].startswith(f"updates of {_PAPER.batch_size},")
+        ),
+        inserts=transport["insert_at_once"]["transitions_per_second"],
+        step_bytes=insert["megabytes_per_second"] * 1e6 / insert["transitions_per_second"],
+        batch_bytes=sample["megabytes_per_second"] * 1e6 / sample["calls_per_second"],
+        hub=found["many_actors"]["many_actors"],
+    )
+
+
+def needs(folder: Path) -> Iterator[list[str]]:
+    """Yields a row for each thing that robots need, under `NAMES`.
+
+    Raises:
+        InputError: a result is not there, or lacks what it should have.
+    """
+    try:
+        yield from _rows(_read(folder))
+    except (OSError, ValueError, KeyError) as error:
+        names = ", ".join(f"{name}.json" for name in SOURCES)
+        raise InputError(f"{folder} needs {names} ({error!r}): run `make bench`.") from None
+
+
+def _rows(of: _Measured) -> Iterator[list[str]]:
+    def row(what: str, value: Callable[[int], float], how: str, limit: str = "") -> list[str]:
+        return [what, *(cell(float(value(robots))) for robots in ROBOTS), how, limit]
+
+    def hub(name: str, robots: int) -> float:
+        near = of.nearest(robots)
+        return float(near[name] / near["actors"] * robots)
+
+    def steps(robots: int) -> float:
+        return float(robots * STEPS_PER_SECOND)
+
+    def made(robots: int) -> float:
+        return min(steps(robots) / _PAPER.train_period, of.updates)
+
+    def weights(robots: int) -> float:
+        return made(robots) / _PAPER.publish_period * WEIGHTS_BYTES * robots
+
+    def at(robots: float) -> str:
+        return f"at {robots:,.0f} robots"
+
+    # Updates come with robots, up to those that the learner makes; weights go to each of them.
+    pace = _GIGABIT * _PAPER.publish_period / WEIGHTS_BYTES
+    full = max(math.sqrt(pace * _PAPER.train_period / STEPS_PER_SECOND), pace / of.updates)
+    measured = (
+        "measured with " + ", ".join(f"{of.nearest(n)['actors']:,}" for n in ROBOTS) + " actors"
+    )
+    most, gigabit = of.nearest(max(ROBOTS)), "1 Gbit/s"
+    yield row("agent steps/s", steps, f"{STEPS_PER_SECOND} of each")
+    yield row(
+        "cores for actors",
+        lambda robots: steps(robots) / of.actor,
+        f"computed: one core plays {of.actor:.0f} steps/s",
+        f"a core {at(of.actor / STEPS_PER_SECOND)}",
+    )
+    yield row(
+        "cores for the hub",
+        lambda robots: hub("hub_cores", robots),
+        f"{measured}; scaled to the number",
+        f"a core {at(most['actors'] / most['hub_cores'])}; connections at {MOST_SESSIONS:,}",
+    )
+    yield row(
+        "MB of the hub for connections",
+        lambda robots: of.nearest(robots)["hub_bytes_per_actor"] * robots / 1e6,
+        f"{measured}; scaled to the number",
+    )
+    yield row(
+        "p99 ms until a chunk is acknowledged",
+        lambda robots: of.nearest(robots)["p99_ms"],
+        measured,
+    )
+    yield row(
+        "share of what the replay takes",
+        lambda robots: steps(robots) / of.inserts,
+        f"computed: it took {of.inserts:,.0f} steps/s beside draws over Zenoh",
+        at(of.inserts / STEPS_PER_SECOND),
+    )
+    yield row(
+        "MB/s of chunks",
+        lambda robots: steps(robots) * of.step_bytes / 1e6,
+        f"computed: {of.step_bytes / 1e3:.1f} kB a step",
+        f"{gigabit} {at(_GIGABIT / of.step_bytes / STEPS_PER_SECOND)}",
+    )
+    yield row(
+        f"updates/s, one per {_PAPER.train_period} steps",
+        lambda robots: steps(robots) / _PAPER.train_period,
+        "computed",
+        f"two cores {at(of.updates * _PAPER.train_period / STEPS_PER_SECOND)}",
+    )
+    yield row(
+        "learners of two cores that it would take",
+        lambda robots: steps(robots) / _PAPER.train_period / of.updates,
+        f"computed: two cores make {of.updates:.0f} updates/s; there is one learner",
+    )
+    yield row(
+        "`--learning.train-period` that one such learner keeps up with",
+        lambda robots: max(_PAPER.train_period, math.ceil(steps(robots) / of.updates)),
+        "computed",
+    )
+    yield row(
+        "MB/s of minibatches, if replay and learner are on two machines",
+        lambda robots: made(robots) * of.batch_bytes / 1e6,
+        f"computed: {of.batch_bytes / 1e6:.1f} MB each, at most {of.updates:.0f}/s",
+        f"{gigabit} at {_GIGABIT / of.batch_bytes:.0f} updates/s",
+    )
+    yield row(
+        f"MB/s of weights, each {_PAPER.publish_period} updates",
+        lambda robots: weights(robots) / 1e6,
+        f"computed: {WEIGHTS_BYTES / 1e6:.1f} MB to each robot's process; measured: "
+        f"{most['weights_arrived']:,} of {most['actors']:,} actors had one in "
+        f"{most['weights_seconds']:.1f} s",
+        f"{gigabit} {at(full)}",
+    )
+    yield row(
+        f"`--learning.publish-period` for {_FOR_WEIGHTS / 1e6:.0f} MB/s of them",
+        lambda robots: max(
+            _PAPER.publish_period,
+            math.ceil(_PAPER.publish_period * weights(robots) / _FOR_WEIGHTS),
+        ),
+        "computed",
+    )
