@@ -85,6 +85,7 @@ class Options(TrainingOptions):
 def measure(options: Options) -> Report:
     about = {name: getattr(options, name) for name in _SAME}
     found = resumed(options.json, about, "games of this budget, seed and these flags")
+    title = f"after {options.steps:,} agent steps, preset {options.preset} {options.learner}".strip()
     runs: list[dict[str, Any]] = found.setdefault("runs", [])
     known = {(run["game"], run["env"]) for run in runs}
     asked = [(game, env) for game in options.game for env in BODIES]
@@ -93,8 +94,8 @@ def measure(options: Options) -> Report:
         print(f"run {done} of {len(missing)}: {game}, {BODIES[env]}", flush=True)
         runs.append({"game": game, "env": env, **_trained(options, game, env)})
         write(options.json, found)
-    title = f"after {options.steps:,} agent steps, preset {options.preset} {options.learner}"
-    return Report([Table(title.strip(), _rows(runs))], found)
+    rows = _rows(runs)
+    return Report([Table(title, rows)], found | {"title": title, "rows": rows})
 
 
 def _trained(options: Options, game: str, env: str) -> dict[str, Any]:

@@ -102,6 +102,8 @@ def test_a_robot_is_compared_with_its_twin(
     assert [("-11.0 ± 1.5" in line, "-21.0 ± 1.5" in line, "0%" in line) for line in sticky] == [
         (True, True, True)
     ]
+    row = next(row for row in content["rows"] if row["game"] == "pong")
+    assert (row["ε"], row["robot"], row["share of the rise"]) == (0.001, "9.0 ± 1.5", "75%")
 
 
 def test_a_game_without_random_games_has_no_share(
