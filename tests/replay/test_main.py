@@ -60,7 +60,7 @@ class Process:
 
 
 @pytest.fixture
-def started(tmp_path: Path) -> Iterator[list[Process]]:
+def started(tmp_path: Path, forks: None) -> Iterator[list[Process]]:
     processes: list[Process] = []
     yield processes
     for each in processes:
