@@ -22,7 +22,7 @@ from benchmarks.lab.policy import (
     summary_of_all,
     train,
 )
-from benchmarks.report import Report, Table, main, resumed, write
+from benchmarks.report import Report, main, resumed, write
 from common.checked import FromOne
 from common.games import check_game
 from common.run.config import PresetName
@@ -85,7 +85,7 @@ class Options(TrainingOptions):
 def measure(options: Options) -> Report:
     about = {name: getattr(options, name) for name in _SAME}
     found = resumed(options.json, about, "games of this budget, seed and these flags")
-    title = f"after {options.steps:,} agent steps, preset {options.preset} {options.learner}".strip()
+    title = f"after {options.steps:,} agent steps, preset {options.preset} {options.learner}"
     runs: list[dict[str, Any]] = found.setdefault("runs", [])
     known = {(run["game"], run["env"]) for run in runs}
     asked = [(game, env) for game in options.game for env in BODIES]
@@ -95,7 +95,7 @@ def measure(options: Options) -> Report:
         runs.append({"game": game, "env": env, **_trained(options, game, env)})
         write(options.json, found)
     rows = _rows(runs)
-    return Report([Table(title, rows)], found | {"title": title, "rows": rows})
+    return Report.of(title.strip(), rows, found)
 
 
 def _trained(options: Options, game: str, env: str) -> dict[str, Any]:
