@@ -50,13 +50,13 @@ class Filled(NamedTuple):
 def ours(wanted: Wanted) -> Filled:
     """`ReplayBuffer`, in files."""
     config = unlimited(wanted.size)
-    memory = ReplayBuffer(prioritised(config) if wanted.prioritised else config, wanted.folder)
+    buffer = ReplayBuffer(prioritised(config) if wanted.prioritised else config, wanted.folder)
     streams = Streams("bench", actors=("actor-1",), steps=_CHUNK, frame_stack=4)
-    fill(memory, streams, wanted.size)
-    rated = draw_and_rate(memory, np.random.default_rng(1))
+    fill(buffer, streams, wanted.size)
+    rated = draw_and_rate(buffer, np.random.default_rng(1))
     return Filled(
-        lambda: memory.insert(streams.next()),
-        rated if wanted.prioritised else lambda: draw(memory),
+        lambda: buffer.insert(streams.next()),
+        rated if wanted.prioritised else lambda: draw(buffer),
         _CHUNK,
     )
 

@@ -25,11 +25,11 @@ def random_play(config: RunConfig, steps: int, folder: Path) -> ReplayBuffer:
     rng = np.random.default_rng(config.seed)
     policy = Policy(build_network(config, actions), actions, rng)
     chunker = Chunker("random-play", "actor-1", 1, 0, config.stream.chunk_steps)
-    memory = ReplayBuffer(config, folder)
+    buffer = ReplayBuffer(config, folder)
     for number, step in enumerate(play([env], policy, [config.seed])):
         if (chunk := chunker.add(step)) is not None:
-            memory.insert(chunk)
+            buffer.insert(chunk)
         if number == steps:
             break
     env.close()
-    return memory
+    return buffer

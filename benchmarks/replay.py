@@ -67,28 +67,28 @@ def prioritised(config: RunConfig) -> RunConfig:
     return replace(config, replay=replace(config.replay, sampler="prioritised"))
 
 
-def fill(memory: ReplayBuffer, streams: Streams, capacity: int) -> int:
+def fill(buffer: ReplayBuffer, streams: Streams, capacity: int) -> int:
     """Insert until the ring has turned once; the steps that it took."""
     steps = 0
     while steps < capacity:
         chunk = streams.next()
-        memory.insert(chunk)
+        buffer.insert(chunk)
         steps += len(chunk)
     return steps
 
 
-def draw(memory: ReplayBuffer) -> Batch:
-    batch = memory.sample(0, 0.0)
+def draw(buffer: ReplayBuffer) -> Batch:
+    batch = buffer.sample(0, 0.0)
     if batch is None:
         raise RuntimeError("no batch was to be had")
     return batch
 
 
-def draw_and_rate(memory: ReplayBuffer, rng: np.random.Generator) -> Callable[[], None]:
+def draw_and_rate(buffer: ReplayBuffer, rng: np.random.Generator) -> Callable[[], None]:
 
     def action() -> None:
-        batch = draw(memory)
-        memory.update_priorities(batch.ids, rng.random(len(batch.ids)).astype(np.float32))
+        batch = draw(buffer)
+        buffer.update_priorities(batch.ids, rng.random(len(batch.ids)).astype(np.float32))
 
     return action
 
@@ -100,21 +100,21 @@ def measure_size(capacity: int, options: Options, folder: Path) -> dict[str, Any
         "bench", actors=names, steps=options.chunk_steps, frame_stack=config.play.frame_stack
     )
     before = footprint().private
-    memory = ReplayBuffer(config, folder)
+    buffer = ReplayBuffer(config, folder)
     began = time.perf_counter()
-    filled = fill(memory, streams, capacity)
+    filled = fill(buffer, streams, capacity)
     fill_seconds = time.perf_counter() - began
-    inserts = per_second(lambda: memory.insert(streams.next()), options.seconds)
-    uniform = per_second(lambda: draw(memory), options.seconds)
-    told = memory.progress(_NO_BOUND)
-    memory.close()
+    inserts = per_second(lambda: buffer.insert(streams.next()), options.seconds)
+    uniform = per_second(lambda: draw(buffer), options.seconds)
+    told = buffer.progress(_NO_BOUND)
+    buffer.close()
     began = time.perf_counter()
-    memory = ReplayBuffer(prioritised(config), folder)
+    buffer = ReplayBuffer(prioritised(config), folder)
     reopen_seconds = time.perf_counter() - began
-    inserts_prioritised = per_second(lambda: memory.insert(streams.next()), options.seconds)
-    rated = per_second(draw_and_rate(memory, np.random.default_rng(1)), options.seconds)
-    told_prioritised = memory.progress(_NO_BOUND)
-    memory.close()
+    inserts_prioritised = per_second(lambda: buffer.insert(streams.next()), options.seconds)
+    rated = per_second(draw_and_rate(buffer, np.random.default_rng(1)), options.seconds)
+    told_prioritised = buffer.progress(_NO_BOUND)
+    buffer.close()
     return {
         "capacity": capacity,
         "stored": told.stored,

@@ -34,10 +34,10 @@ def open_replay(
         folder.claim("replay", config, begun=folder.replay, resume=options.resume)
         with (
             open_hub(options.listen, options.certificates) as transport,
-            closing(ReplayBuffer(config, folder.replay)) as memory,
-            ReplayServer(transport, memory, config, folder.name, options.actor_quota),
+            closing(ReplayBuffer(config, folder.replay)) as buffer,
+            ReplayServer(transport, buffer, config, folder.name, options.actor_quota),
         ):
-            yield transport, memory, options.listen
+            yield transport, buffer, options.listen
         return
     patience, stopped = options.patience, patiently(stop, endpoint)
     with connect(

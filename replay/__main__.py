@@ -117,22 +117,22 @@ def serve(options: ReplayOptions, again: bool) -> None:
         end_with_any_thread(stop),
         kept_log(folder.logs / "replay.jsonl", "replay"),
         _open(options, stop) as transport,
-        closing(ReplayBuffer(config, folder.replay)) as memory,
+        closing(ReplayBuffer(config, folder.replay)) as buffer,
     ):
         with (
-            ReplayServer(transport, memory, config, folder.name, options.actor_quota),
-            http_endpoints(options.http, lambda: _pages(memory, folder.name)),
+            ReplayServer(transport, buffer, config, folder.name, options.actor_quota),
+            http_endpoints(options.http, lambda: _pages(buffer, folder.name)),
         ):
             place = options.connect or options.listen
             _say(f"replay of run {folder.name} in {folder.replay}, at {place}.")
-            _say(_line(memory.progress(sys.maxsize)))
+            _say(_line(buffer.progress(sys.maxsize)))
             tell("READY=1")
             while not stop.wait(_REPORT_EVERY):
-                progress = memory.progress(sys.maxsize)
+                progress = buffer.progress(sys.maxsize)
                 _say(_line(progress), progress.values())
                 tell(f"STATUS={_line(progress)}", "WATCHDOG=1")
             tell("STOPPING=1")
-        _say(_line(memory.progress(sys.maxsize)))
+        _say(_line(buffer.progress(sys.maxsize)))
 
 
 def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
@@ -161,17 +161,17 @@ def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
     return transport
 
 
-def _pages(memory: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:
+def _pages(buffer: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:
     """What ``--http`` shows: a replay works, and its run can go on, where it answers at all."""
     with extra_for("--http", "ops"):
         from common.exposition import families, metrics_page
 
     def works() -> Page:
-        memory.progress(sys.maxsize)
+        buffer.progress(sys.maxsize)
         return verdict([])
 
     figures = metrics_page(
-        lambda: families({**memory.progress(sys.maxsize).values(), "run/run": run})
+        lambda: families({**buffer.progress(sys.maxsize).values(), "run/run": run})
     )
     return {"/healthz": works, "/readyz": works, "/metrics": figures}
 

@@ -54,7 +54,7 @@ class _Event(Enum):
 
 
 class ReplayServer(AbstractContextManager["ReplayServer"]):
-    """Answers for ``memory`` until it is closed.
+    """Answers for ``buffer`` until it is closed.
 
     Args:
         quota: steps per second that are taken of one actor.
@@ -63,18 +63,18 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
     def __init__(
         self,
         transport: Transport,
-        memory: ReplayBuffer,
+        buffer: ReplayBuffer,
         config: RunConfig,
         run: str,
         quota: float = STEPS_PER_SECOND,
     ) -> None:
-        self._memory = memory
+        self._buffer = buffer
         self._quota = LeakyBucket(quota)
-        self._keys = keys = RunKeys(run, memory.run_id)
-        self._announcement = Announcement(run, config, config.action_count, memory.run_id).encode()
+        self._keys = keys = RunKeys(run, buffer.run_id)
+        self._announcement = Announcement(run, config, config.action_count, buffer.run_id).encode()
         self._weights: Envelope | None = None
         self._polls: queue.SimpleQueue[Request | _Event] = queue.SimpleQueue()
-        memory.released = lambda: self._polls.put(_Event.RELEASED)
+        buffer.released = lambda: self._polls.put(_Event.RELEASED)
         self._poll_thread = threading.Thread(
             target=self._answer_polls, name="replay-polls", daemon=True
         )
@@ -96,17 +96,17 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         self.close()
 
     def close(self) -> None:
-        """Stop answering; the memory stays open."""
+        """Stop answering; the buffer stays open."""
         for service in self._services:
             service.close()
         self._subscription.close()
         self._shut_out.close()
-        self._memory.released = lambda: None
+        self._buffer.released = lambda: None
         self._polls.put(_Event.CLOSED)
         self._poll_thread.join(2 * LONGEST_WAIT)
 
     def _count_shut_out(self, name: str, address: str) -> None:
-        self._memory.shut_out += 1
+        self._buffer.shut_out += 1
         text = "the certificate of %s names nobody who is let in: who connects from %s is not heard"
         _refusals.warning(text, name, address)
 
@@ -130,8 +130,8 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             return True
         known = self._quota.knows(actor)
         steps = max(request.size / _STEP_BYTES, 1.0) if request.size else _POLL_STEPS
-        if request.size and known and not self._memory.admits(actor):
-            if not self._memory.insists(actor):
+        if request.size and known and not self._buffer.admits(actor):
+            if not self._buffer.insists(actor):
                 return False
             text = f"{actor} keeps sending although it is throttled"
         elif self._quota.admits(actor, steps):
@@ -140,7 +140,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             text = f"{actor} sends more than --actor-quota lets it"
         else:
             text = "more new actors come than are let in at once"
-        self._memory.over_quota += 1
+        self._buffer.over_quota += 1
         _refusals.warning("%s: the rest has to wait", text)
         return False
 
@@ -155,13 +155,13 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             if chunk.actor != actor:
                 raise MessageError(f"it names {chunk.actor} as its actor")
         except MessageError:
-            self._memory.refuse()
+            self._buffer.refuse()
             raise
         if chunk.run_id != self._keys.run_id:
-            self._memory.refuse()
+            self._buffer.refuse()
             _refusals.warning("a chunk of %s was refused: it is of another run", actor)
-            return self._memory.ack("refused")
-        return self._memory.insert(chunk)
+            return self._buffer.ack("refused")
+        return self._buffer.insert(chunk)
 
     def _answer_polls(self) -> None:
         """Throttled actors wait here, each at most `LONGEST_WAIT`, while inserts go on."""
@@ -169,7 +169,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         """By actor, the moment at which its poll is answered in any case; the next one first."""
 
         def answer(actor: str, *, in_any_case: bool = False) -> None:
-            told = self._memory.poll(actor)
+            told = self._buffer.poll(actor)
             if in_any_case or told.finished or not told.throttle:
                 waiting.pop(actor)[1].reply(told.encode())
 
@@ -197,23 +197,23 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
 
     def _sample(self, request: Request) -> bytes:
         asked = SampleRequest.decode(request.payload)
-        batch = self._memory.sample_shared(asked.drawn, min(asked.timeout, LONGEST_WAIT))
+        batch = self._buffer.sample_shared(asked.drawn, min(asked.timeout, LONGEST_WAIT))
         return NO_BATCH if batch is None else batch.encode()
 
     def _priorities(self, request: Request) -> bytes:
         advice = Priorities.decode(request.payload)
-        self._memory.update_priorities(advice.ids, advice.priorities)
+        self._buffer.update_priorities(advice.ids, advice.priorities)
         return b""
 
     def _held_out(self, request: Request) -> bytes:
         asked = HeldOutRequest.decode(request.payload)
-        return HeldOutStates(*self._memory.held_out(asked.count, asked.newest)).encode()
+        return HeldOutStates(*self._buffer.held_out(asked.count, asked.newest)).encode()
 
     def _progress(self, request: Request) -> bytes:
         asked = ProgressRequest.decode(request.payload)
         if asked.durable:
-            self._memory.sync()
-        return self._memory.progress(asked.since, finished=asked.finished).encode()
+            self._buffer.sync()
+        return self._buffer.progress(asked.since, finished=asked.finished).encode()
 
     def _weights_asked(self, _: Request) -> Envelope:
         if self._weights is None:
@@ -231,4 +231,4 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             return
         # Not the largest but the latest: a resumed learner may start from an older version.
         self._weights = message
-        self._memory.weights_version = version
+        self._buffer.weights_version = version

@@ -149,9 +149,9 @@ class DirectPublisher:
 def test_replay_actor_and_learner_meet_on_a_transport_from_outside(tmp_path: Path) -> None:
     transport, keys = DirectTransport(), RunKeys(RUN, RUN)
     config = make_config(capacity=256, learning_starts=20, ratio_tolerance=64, chunk_steps=8)
-    memory = ReplayBuffer(config, tmp_path)
-    memory.run_id = RUN
-    with ReplayServer(transport, memory, config, RUN):
+    buffer = ReplayBuffer(config, tmp_path)
+    buffer.run_id = RUN
+    with ReplayServer(transport, buffer, config, RUN):
         assert find_run(transport, None, 0.0, lambda: True) == (keys, config)
         transport.publisher(keys.weights).publish(b"weights", b"50 " + RUN.encode())
 
@@ -177,4 +177,4 @@ def test_replay_actor_and_learner_meet_on_a_transport_from_outside(tmp_path: Pat
         assert {int(action) for action in batch.a_tm1} <= set(chunk.actions.tolist())
         assert replay.progress(0).agent_steps == 30
     assert replay.sample(0, 0.0) is None, "a server that is away"
-    memory.close()
+    buffer.close()

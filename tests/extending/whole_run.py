@@ -56,15 +56,15 @@ def learned(
     with ExitStack() as stack:
         meeting = InProcessHub()
         hub, client = (stack.enter_context(meeting.connect()) for _ in range(2))
-        memory = ReplayBuffer(config, folder.replay)
-        stack.callback(memory.close)
-        stack.enter_context(ReplayServer(hub, memory, config, run))
+        buffer = ReplayBuffer(config, folder.replay)
+        stack.callback(buffer.close)
+        stack.enter_context(ReplayServer(hub, buffer, config, run))
         network = build_network(config, config.action_count)
         learner = build_learner(
             LearnerOptions(config, run=run, runs=runs, steps=steps, keep_snapshots=keep_snapshots),
             folder,
             hub,
-            memory,
+            buffer,
             build_algorithm(config, network, device),
             device,
             PlainDisplay(io.StringIO()),

@@ -48,7 +48,7 @@ class Place:
     """A learner, and what actors would see of its run."""
 
     learner: Learner
-    memory: ReplayBuffer
+    buffer: ReplayBuffer
     folder: RunFolder
     client: Transport
     actor: Actor
@@ -57,7 +57,7 @@ class Place:
     def play(self, chunks: int) -> None:
         """An actor sends chunks of eight steps, at whose ends an episode ends."""
         for _ in range(chunks):
-            self.memory.insert(self.actor.live([*[GOES_ON] * 7, TERMINATES], self.rng))
+            self.buffer.insert(self.actor.live([*[GOES_ON] * 7, TERMINATES], self.rng))
 
     def checkpoint(self) -> dict[str, Any]:
         with safe_open(self.folder.checkpoint, "pt") as file:
@@ -74,19 +74,19 @@ def place(runs: Path, actor: Actor, *, resume: bool, steps_goal: int | None) -> 
     with ExitStack() as stack:
         meeting = InProcessHub()
         hub, client = (stack.enter_context(meeting.connect()) for _ in range(2))
-        memory = ReplayBuffer(CONFIG, folder.replay)
-        stack.callback(memory.close)
-        stack.enter_context(ReplayServer(hub, memory, CONFIG, RUN))
+        buffer = ReplayBuffer(CONFIG, folder.replay)
+        stack.callback(buffer.close)
+        stack.enter_context(ReplayServer(hub, buffer, CONFIG, RUN))
         learner = build_learner(
             LearnerOptions(CONFIG, resume=resume, steps=steps_goal, keep_snapshots=not resume),
-            *(folder, hub, memory),
+            *(folder, hub, buffer),
             build_algorithm(CONFIG, build_network(CONFIG, 18), device),
             device,
             PlainDisplay(io.StringIO()),
             threading.Event(),
             sign=unsigned,
         )
-        yield Place(learner, memory, folder, client, actor, np.random.default_rng(1))
+        yield Place(learner, buffer, folder, client, actor, np.random.default_rng(1))
 
 
 @pytest.fixture(autouse=True)

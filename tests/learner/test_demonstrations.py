@@ -114,15 +114,15 @@ def test_the_replay_gets_what_the_network_saw_and_did(
 @contextmanager
 def replay(folder: Path, config: RunConfig) -> Iterator[tuple[ReplayBuffer, InProcessTransport]]:
     hub = InProcessHub()
-    memory = ReplayBuffer(config, folder)
-    with hub.connect() as transport, ReplayServer(transport, memory, config, "r"):
-        yield memory, transport
-    memory.close()
+    buffer = ReplayBuffer(config, folder)
+    with hub.connect() as transport, ReplayServer(transport, buffer, config, "r"):
+        yield buffer, transport
+    buffer.close()
 
 
-def send(found: Demonstrations, memory: ReplayBuffer, transport: InProcessTransport) -> list[str]:
+def send(found: Demonstrations, buffer: ReplayBuffer, transport: InProcessTransport) -> list[str]:
     told: list[str] = []
-    keys = RunKeys("r", memory.run_id)
+    keys = RunKeys("r", buffer.run_id)
     sent = found.insert(transport, keys, threading.Event(), told.append)
     assert sent == replace(found.begun, complete=True)
     return told
@@ -131,19 +131,19 @@ def send(found: Demonstrations, memory: ReplayBuffer, transport: InProcessTransp
 def test_the_replay_takes_them_once_however_often_they_are_sent(tmp_path: Path) -> None:
     config = run_config()
     record(tmp_path / "d", SCRIPT, 48)
-    with replay(tmp_path / "replay", config) as (memory, transport):
+    with replay(tmp_path / "replay", config) as (buffer, transport):
         found = Demonstrations(tmp_path / "d", config)
-        assert "48 steps" in send(found, memory, transport)[0]
-        send(found, memory, transport)
-        progress = memory.progress(0)
+        assert "48 steps" in send(found, buffer, transport)[0]
+        send(found, buffer, transport)
+        progress = buffer.progress(0)
         assert (progress.agent_steps, progress.stored, progress.refused) == (48, 48, 0)
         assert progress.duplicates == progress.accepted == 3 * (2 + 1)
         assert {each.actor for each in progress.statistics} == {DEMONSTRATIONS}
         # n-step returns reach to the ends of episodes, so that each step can be drawn.
         assert progress.samplable == 48
-    with replay(tmp_path / "replay", config) as (memory, transport):  # another process
-        send(Demonstrations(tmp_path / "d", config), memory, transport)
-        assert memory.progress(0).agent_steps == 48
+    with replay(tmp_path / "replay", config) as (buffer, transport):  # another process
+        send(Demonstrations(tmp_path / "d", config), buffer, transport)
+        assert buffer.progress(0).agent_steps == 48
 
 
 def test_a_stop_ends_the_sending_and_a_replay_of_another_run_refuses(tmp_path: Path) -> None:
@@ -152,11 +152,11 @@ def test_a_stop_ends_the_sending_and_a_replay_of_another_run_refuses(tmp_path: P
     found = Demonstrations(tmp_path / "d", config)
     stop = threading.Event()
     stop.set()
-    with replay(tmp_path / "replay", config) as (memory, transport):
-        assert not found.insert(transport, RunKeys("r", memory.run_id), stop, print)
+    with replay(tmp_path / "replay", config) as (buffer, transport):
+        assert not found.insert(transport, RunKeys("r", buffer.run_id), stop, print)
         with pytest.raises(InputError, match="it serves another run"):
             found.insert(transport, RunKeys("r", "another"), threading.Event(), print)
-        assert 1 <= memory.progress(0).refused <= config.stream.window
+        assert 1 <= buffer.progress(0).refused <= config.stream.window
 
 
 def test_a_recording_that_is_changed_while_it_is_read_is_refused(tmp_path: Path) -> None:
@@ -166,10 +166,10 @@ def test_a_recording_that_is_changed_while_it_is_read_is_refused(tmp_path: Path)
     path = file_of(tmp_path / "d", DATA_PATH, 1)
     pq.write_table(pq.read_table(path), path, compression="gzip")
     with (
-        replay(tmp_path / "replay", config) as (memory, transport),
+        replay(tmp_path / "replay", config) as (buffer, transport),
         pytest.raises(InputError, match="was changed while it was read: begin a new run"),
     ):
-        send(found, memory, transport)
+        send(found, buffer, transport)
 
 
 def test_a_replay_that_does_not_answer_is_waited_for_in_words(

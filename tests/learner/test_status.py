@@ -72,12 +72,12 @@ def client(tmp_path: Path) -> Iterator[Transport]:
     config = make_config()
     hub = InProcessHub()
     with hub.connect() as served, hub.connect() as client:
-        memory = ReplayBuffer(config, tmp_path / "replay")
+        buffer = ReplayBuffer(config, tmp_path / "replay")
         actor = Actor("a-1", 4)
-        memory.insert(actor.live([GOES_ON] * 8, np.random.default_rng(0)))
-        with ReplayServer(served, memory, config, RUN):
+        buffer.insert(actor.live([GOES_ON] * 8, np.random.default_rng(0)))
+        with ReplayServer(served, buffer, config, RUN):
             yield client
-        memory.close()
+        buffer.close()
 
 
 def test_a_healthy_run(client: Transport) -> None:

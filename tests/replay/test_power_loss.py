@@ -104,24 +104,24 @@ def test_a_power_failure_costs_only_what_was_not_synced_and_alters_nothing(
     monkeypatch.setattr("replay.chunk_index.MAX_STATISTICS", 1)
     folder, start = tmp_path / "replay", tmp_path / "start"
     actor, rng = Actor("0", 4), np.random.default_rng(0)
-    memory = ReplayBuffer(CONFIG, folder)
-    memory.insert(actor.live([GOES_ON] * 4, rng))
+    buffer = ReplayBuffer(CONFIG, folder)
+    buffer.insert(actor.live([GOES_ON] * 4, rng))
     shutil.copytree(folder, start)
     disk, steps = Disk(folder), 4
-    durable = [(0, 0, ids_in(memory.sample(0, 0.0)))]
+    durable = [(0, 0, ids_in(buffer.sample(0, 0.0)))]
     """Writes, agent steps and drawable steps at each sync."""
     after = []
     """Writes and drawable steps after each insert."""
     with disk.recording(monkeypatch):
         for number in range(40):
             end = (GOES_ON, TERMINATES, GOES_ON, TRUNCATES)[number % 4]
-            memory.insert(actor.live([GOES_ON, GOES_ON, GOES_ON, end], rng))
+            buffer.insert(actor.live([GOES_ON, GOES_ON, GOES_ON, end], rng))
             steps += 4
-            after.append((len(disk.log), ids_in(memory.sample(0, 0.0))))
+            after.append((len(disk.log), ids_in(buffer.sample(0, 0.0))))
             if number % 9 == 8:
-                memory.sync()
+                buffer.sync()
                 durable.append((len(disk.log), steps, after[-1][1]))
-    memory.close()
+    buffer.close()
     assert any(what == "rename" for what, *_ in disk.log)
 
     found = []
@@ -130,19 +130,19 @@ def test_a_power_failure_costs_only_what_was_not_synced_and_alters_nothing(
         until = dice.randrange(len(disk.log) + 1)
         left = tmp_path / f"crash-{seed}"
         disk.crash(until, start, left, dice)
-        memory = ReplayBuffer(CONFIG, left)
-        progress = memory.progress(0)
+        buffer = ReplayBuffer(CONFIG, left)
+        progress = buffer.progress(0)
         _, told, synced = [each for each in durable if each[0] <= until][-1]
         assert progress.agent_steps >= told
-        batch = memory.sample(0, 0.0)
+        batch = buffer.sample(0, 0.0)
         assert (batch is not None) == (progress.samplable > 0)
         if batch is not None:
             check_batch(batch, [actor], CONFIG)  # every pixel, reward and discount
         # What was synced is there, but for what the insert under way has evicted.
         lasting = next((ids for at, ids in after if at >= until), after[-1][1])
         assert synced & lasting <= ids_in(batch)
-        assert memory.insert(Actor("1", 4, 0, 1_000_000).live([GOES_ON], rng)).status == "stored"
-        memory.close()
+        assert buffer.insert(Actor("1", 4, 0, 1_000_000).live([GOES_ON], rng)).status == "stored"
+        buffer.close()
         shutil.rmtree(left)
         found.append(progress.samplable)
     assert len(set(found)) > 3

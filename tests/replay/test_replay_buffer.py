@@ -89,14 +89,14 @@ def test_it_gives_what_a_replay_of_lists_gives(
     rng = np.random.default_rng(0)
     actors = [Actor(str(n), frame_stack, 3, 1_000_000 * n) for n in range(3)]
     late: list[Chunk] = []
-    memory, reference = ReplayBuffer(config, folder), ListReplay(config)
+    buffer, reference = ReplayBuffer(config, folder), ListReplay(config)
     inserted = drawn = 0
     sent: list[Chunk] = []
     for who, what, endings in events:
         arriving: list[Chunk] = []
         if what == "restart":
-            memory.close()
-            memory = ReplayBuffer(config, folder)
+            buffer.close()
+            buffer = ReplayBuffer(config, folder)
         elif what == "again":
             arriving = sent[-1:]
         else:
@@ -108,40 +108,40 @@ def test_it_gives_what_a_replay_of_lists_gives(
                 late = []
         for chunk in arriving:
             new = reference.insert(chunk)
-            ack = memory.insert(chunk)
+            ack = buffer.insert(chunk)
             inserted += new * len(chunk)
             assert ack.status == ("stored" if new else "duplicate")
             assert ack.agent_steps == inserted
         sent += arriving
         expected = reference.numbers()
-        progress = memory.progress(0)
+        progress = buffer.progress(0)
         assert progress.samplable == len(expected)
         assert progress.stored == reference.steps()
-        batch = memory.sample(drawn, 0.0)
+        batch = buffer.sample(drawn, 0.0)
         assert (batch is None) == (not expected)
         if batch is not None:
             assert check_batch(batch, actors, config) <= expected
-    memory.close()
+    buffer.close()
 
 
 def long_run(config: RunConfig, folder: Path, chunks: int, steps: int = 8) -> ReplayBuffer:
-    memory, actor = ReplayBuffer(config, folder), Actor("a", 4)
+    buffer, actor = ReplayBuffer(config, folder), Actor("a", 4)
     rng = np.random.default_rng(0)
     for _ in range(chunks):
-        memory.insert(actor.live([GOES_ON] * steps, rng))
-    return memory
+        buffer.insert(actor.live([GOES_ON] * steps, rng))
+    return buffer
 
 
 def test_every_step_that_can_be_drawn_is_drawn(tmp_path: Path) -> None:
-    memory = long_run(make_config(batch_size=256, capacity=64), tmp_path, 20)
+    buffer = long_run(make_config(batch_size=256, capacity=64), tmp_path, 20)
     drawn: set[int] = set()
     for _ in range(20):
-        batch = memory.sample(0, 0.0)
+        batch = buffer.sample(0, 0.0)
         assert batch is not None
         drawn |= set(batch.ids.tolist())
     # 64 steps stay; the first 3 lack frames of the one before, the last 3 their return
     assert sorted(drawn) == list(range(20 * 8 - 64 + 3, 20 * 8 - 3))
-    assert memory.progress(0).samplable == 64 - 6
+    assert buffer.progress(0).samplable == 64 - 6
 
 
 @pytest.mark.parametrize("n_step", [1, 3])
@@ -150,15 +150,15 @@ def test_a_shared_batch_made_whole_is_the_plain_one(
     tmp_path: Path, n_step: int, sampler: str
 ) -> None:
     config = make_config(VectorConfig, n_step=n_step, sampler=sampler)
-    memory, actor = ReplayBuffer(config, tmp_path), Actor("a", 4, width=3)
+    buffer, actor = ReplayBuffer(config, tmp_path), Actor("a", 4, width=3)
     rng = np.random.default_rng(0)
     for endings in ([GOES_ON] * 20, [GOES_ON, TERMINATES] * 5, [GOES_ON, TRUNCATES] * 5):
-        memory.insert(actor.live(endings, rng))
+        buffer.insert(actor.live(endings, rng))
     for _ in range(10):
-        state = copy.deepcopy(memory._rng)
-        plain = memory.sample(0, 0.0)
-        memory._rng = state
-        shared = memory.sample_shared(0, 0.0)
+        state = copy.deepcopy(buffer._rng)
+        plain = buffer.sample(0, 0.0)
+        buffer._rng = state
+        shared = buffer.sample_shared(0, 0.0)
         assert plain is not None
         assert shared is not None
         assert len(shared.frames) < 2 * 16 * 4
@@ -172,82 +172,82 @@ def test_a_shared_batch_made_whole_is_the_plain_one(
 
 def test_the_limiter_holds_actors_and_the_learner(tmp_path: Path) -> None:
     config = make_config(learning_starts=16, ratio_tolerance=8, batch_size=32)  # 8 draws per step
-    memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
-    assert memory.insert(actor.live([GOES_ON] * 15, rng)).throttle is False
-    assert memory.sample(0, 0.0) is None  # 15 < 16
-    assert memory.insert(actor.live([GOES_ON] * 9, rng)).throttle is False  # 8 steps ahead: allowed
-    assert memory.insert(actor.live([GOES_ON] * 1, rng)).throttle is True
-    assert memory.poll("a").throttle is True
-    assert memory.sample(8, 0.0) is not None
-    assert memory.poll("a").throttle is False
-    assert memory.sample((25 - 16) * 8 + 32, 0.0) is not None  # one batch ahead: 4 of 8 steps
-    assert memory.sample((25 - 16) * 8 + 33, 0.0) is None
+    buffer, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
+    assert buffer.insert(actor.live([GOES_ON] * 15, rng)).throttle is False
+    assert buffer.sample(0, 0.0) is None  # 15 < 16
+    assert buffer.insert(actor.live([GOES_ON] * 9, rng)).throttle is False  # 8 steps ahead: allowed
+    assert buffer.insert(actor.live([GOES_ON] * 1, rng)).throttle is True
+    assert buffer.poll("a").throttle is True
+    assert buffer.sample(8, 0.0) is not None
+    assert buffer.poll("a").throttle is False
+    assert buffer.sample((25 - 16) * 8 + 32, 0.0) is not None  # one batch ahead: 4 of 8 steps
+    assert buffer.sample((25 - 16) * 8 + 33, 0.0) is None
 
 
 def test_the_count_of_draws_is_the_learners_own(tmp_path: Path) -> None:
     config = make_config(learning_starts=16, ratio_tolerance=8, batch_size=32, train_period=4)
-    memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
+    buffer, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
     for _ in range(5):
-        memory.insert(actor.live([GOES_ON] * 10, rng))
-    memory.weights_version = 9  # updates, of 32 steps each
-    assert memory.sample(9 * 32, 0.0) is not None
-    assert memory.progress(0).throttle is False  # (50 - 16) * 8 were due
-    assert memory.sample(0, 0.0) is not None  # by somebody who looks on
-    assert memory.progress(0).throttle is False
-    memory.weights_version = 5  # of a learner that goes on from an older checkpoint
-    assert memory.sample(5 * 32, 0.0) is not None
-    assert memory.progress(0).throttle is True
+        buffer.insert(actor.live([GOES_ON] * 10, rng))
+    buffer.weights_version = 9  # updates, of 32 steps each
+    assert buffer.sample(9 * 32, 0.0) is not None
+    assert buffer.progress(0).throttle is False  # (50 - 16) * 8 were due
+    assert buffer.sample(0, 0.0) is not None  # by somebody who looks on
+    assert buffer.progress(0).throttle is False
+    buffer.weights_version = 5  # of a learner that goes on from an older checkpoint
+    assert buffer.sample(5 * 32, 0.0) is not None
+    assert buffer.progress(0).throttle is True
 
 
 def test_a_held_actor_and_a_waiting_learner_are_woken(tmp_path: Path) -> None:
     config = make_config(learning_starts=16, ratio_tolerance=8, batch_size=32)
-    memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
+    buffer, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
     found: list[Any] = []
-    learner = threading.Thread(target=lambda: found.append(memory.sample(0, 60.0)))
+    learner = threading.Thread(target=lambda: found.append(buffer.sample(0, 60.0)))
     learner.start()
-    memory.insert(actor.live([GOES_ON] * 30, rng))
+    buffer.insert(actor.live([GOES_ON] * 30, rng))
     learner.join(30.0)
     assert isinstance(found[0], Batch)
-    memory.released = lambda: found.append(memory.poll("a"))
-    assert memory.poll("a").throttle
-    memory.sample(40, 0.0)  # of (30 - 16) * 8 that are due, and 64 that may be
+    buffer.released = lambda: found.append(buffer.poll("a"))
+    assert buffer.poll("a").throttle
+    buffer.sample(40, 0.0)  # of (30 - 16) * 8 that are due, and 64 that may be
     assert found[1:] == []
-    memory.sample(200, 0.0)
+    buffer.sample(200, 0.0)
     assert [(ack.throttle, ack.finished) for ack in found[1:]] == [(False, False)]
-    memory.sample(201, 0.0)  # it is open already
-    assert memory.insert(actor.live([GOES_ON] * 30, rng)).throttle
-    memory.progress(0, finished=True)
+    buffer.sample(201, 0.0)  # it is open already
+    assert buffer.insert(actor.live([GOES_ON] * 30, rng)).throttle
+    buffer.progress(0, finished=True)
     assert [(ack.throttle, ack.finished) for ack in found[2:]] == [(True, True)]
-    memory.released = lambda: None
-    assert memory.insert(actor.live([GOES_ON], rng)).finished
-    waiting = threading.Thread(target=lambda: found.append(memory.sample(10**9, 60.0)))
+    buffer.released = lambda: None
+    assert buffer.insert(actor.live([GOES_ON], rng)).finished
+    waiting = threading.Thread(target=lambda: found.append(buffer.sample(10**9, 60.0)))
     waiting.start()
-    memory.close()
+    buffer.close()
     waiting.join(30.0)
     assert found[-1] is None
 
 
 def test_that_the_run_is_over_holds_until_it_is_taken_back(tmp_path: Path) -> None:
-    memory = long_run(make_config(), tmp_path, 4)
-    memory.progress(0, finished=True)
-    memory.progress(0)
-    memory.sample(0, 0.0)
-    assert memory.poll("a").finished
-    memory.progress(0, finished=False)
-    assert not memory.poll("a").finished
+    buffer = long_run(make_config(), tmp_path, 4)
+    buffer.progress(0, finished=True)
+    buffer.progress(0)
+    buffer.sample(0, 0.0)
+    assert buffer.poll("a").finished
+    buffer.progress(0, finished=False)
+    assert not buffer.poll("a").finished
 
 
 def test_statistics_tell_what_each_chunk_was(tmp_path: Path) -> None:
     config = make_config(batch_size=16)
-    memory, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
+    buffer, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
     chunks = [actor.live([GOES_ON, TERMINATES, GOES_ON], rng) for _ in range(3)]
-    memory.insert(chunks[0])
-    memory.sample(16 * 5, 0.0)  # five updates begun; the weights were those of update 0
-    memory.insert(chunks[1])
-    memory.insert(chunks[0])
+    buffer.insert(chunks[0])
+    buffer.sample(16 * 5, 0.0)  # five updates begun; the weights were those of update 0
+    buffer.insert(chunks[1])
+    buffer.insert(chunks[0])
     with pytest.raises(MessageError):
-        memory.insert(Actor("b", 4, width=2).live([GOES_ON], rng))
-    progress = memory.progress(0)
+        buffer.insert(Actor("b", 4, width=2).live([GOES_ON], rng))
+    progress = buffer.progress(0)
     assert (progress.accepted, progress.duplicates, progress.refused) == (2, 1, 1)
     first, second = progress.statistics
     assert (first.index, first.agent_steps, first.steps, first.actor) == (0, 3, 3, "a")
@@ -255,10 +255,10 @@ def test_statistics_tell_what_each_chunk_was(tmp_path: Path) -> None:
     assert (first.valid, first.matched) == (int(chunks[0].valid.sum()), 3)
     assert first.follows == 2
     assert [(game.score, game.steps) for game in first.games] == [(1.5, 9)]
-    assert memory.progress(1).statistics == (second,)
+    assert buffer.progress(1).statistics == (second,)
     assert progress.file_bytes >= 64 * 7_056
     assert progress.resident_bytes > progress.private_bytes > 0
-    memory.close()
+    buffer.close()
     again = ReplayBuffer(config, tmp_path)
     after = again.progress(0)
     assert after.statistics == progress.statistics
@@ -267,47 +267,47 @@ def test_statistics_tell_what_each_chunk_was(tmp_path: Path) -> None:
 
 
 def test_held_out_states_are_different_and_wholly_seen(tmp_path: Path) -> None:
-    memory, actor = ReplayBuffer(make_config(capacity=200), tmp_path), Actor("a", 4)
-    memory.insert(actor.live([GOES_ON] * 150, np.random.default_rng(5)))
+    buffer, actor = ReplayBuffer(make_config(capacity=200), tmp_path), Actor("a", 4)
+    buffer.insert(actor.live([GOES_ON] * 150, np.random.default_rng(5)))
     valid = {moment.stack[-1]: moment.valid for moment in actor.moments}
     expected = {
         moment.stack[-1]
         for moment in actor.moments[:-3]
         if all(valid[number] for number in moment.stack)
     }
-    frames, vectors = memory.held_out(10_000)
+    frames, vectors = buffer.held_out(10_000)
     found = [number_of(stack[-1]) for stack in frames]
     assert sorted(found) == sorted(expected)
     assert 0 < len(expected) < 147
     assert vectors.shape == (len(found), 0)
-    late = [stack[-1] for stack in memory.held_out(10_000, newest=40)[0]]
+    late = [stack[-1] for stack in buffer.held_out(10_000, newest=40)[0]]
     assert sorted(map(number_of, late)) == sorted(each for each in expected if each > 110)
-    few, _ = memory.held_out(5)
+    few, _ = buffer.held_out(5)
     assert few.shape == (5, 4, 84, 84)
 
 
 @pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
 def test_drawing_while_the_ring_turns_never_mixes_frames(tmp_path: Path, sampler: str) -> None:
     config = make_config(capacity=32, sampler=sampler, n_step=1)
-    memory, actor = ReplayBuffer(config, tmp_path), Actor("0", 4)
+    buffer, actor = ReplayBuffer(config, tmp_path), Actor("0", 4)
     rng = np.random.default_rng(0)
     chunks = [actor.live([GOES_ON] * 4 + [TERMINATES], rng) for _ in range(400)]
-    memory.insert(chunks[0])
+    buffer.insert(chunks[0])
 
     def turn() -> None:
         for chunk in chunks[1:]:
-            memory.insert(chunk)
+            buffer.insert(chunk)
 
     writer = threading.Thread(target=turn)
     writer.start()
     rounds = 0
     while writer.is_alive() or rounds < 5:
-        batch = memory.sample(0, 0.0)
+        batch = buffer.sample(0, 0.0)
         assert batch is not None
         for stack in batch.s_tm1:  # frames of one episode, or one frame repeated
             numbers = [number_of(frame) for frame in stack]
             assert numbers == actor.moments[numbers[-1] - 1].stack
-        memory.update_priorities(batch.ids, np.ones(len(batch.ids), np.float32))
+        buffer.update_priorities(batch.ids, np.ones(len(batch.ids), np.float32))
         rounds += 1
     writer.join()
 
@@ -316,18 +316,18 @@ def test_priorities_change_what_is_drawn(tmp_path: Path) -> None:
     config = make_config(
         batch_size=512, sampler="prioritised", priority_exponent=1.0, importance_exponent=1.0
     )
-    memory = long_run(config, tmp_path, 1)
-    memory.update_priorities(np.arange(5), np.array([0, 0, 0, 1, 3], np.float32))
-    batch = memory.sample(0, 0.0)
+    buffer = long_run(config, tmp_path, 1)
+    buffer.update_priorities(np.arange(5), np.array([0, 0, 0, 1, 3], np.float32))
+    batch = buffer.sample(0, 0.0)
     assert batch is not None
     assert set(batch.ids.tolist()) == {3, 4}
     np.testing.assert_allclose(batch.weights[batch.ids == 4], 1 / 3, rtol=1e-4)
-    memory.close()
+    buffer.close()
     batch = ReplayBuffer(config, tmp_path).sample(0, 0.0)
     assert batch is not None
     assert set(batch.ids.tolist()) == {3, 4}
     with pytest.raises(MessageError, match="not be negative"):
-        memory.update_priorities(np.array([3]), np.array([-1.0], np.float32))
+        buffer.update_priorities(np.array([3]), np.array([-1.0], np.float32))
 
 
 @pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
@@ -336,58 +336,58 @@ def test_steps_without_a_finite_priority_are_not_drawn_again_and_their_actor_is_
     tmp_path: Path, sampler: str, bad: float, caplog: pytest.LogCaptureFixture
 ) -> None:
     config = make_config(batch_size=512, sampler=sampler, capacity=64)
-    memory, rng = ReplayBuffer(config, tmp_path), np.random.default_rng(0)
+    buffer, rng = ReplayBuffer(config, tmp_path), np.random.default_rng(0)
     actors = [Actor(name, 4) for name in "abc"]
     for actor in actors:
-        memory.insert(actor.live([GOES_ON] * 9 + [TERMINATES], rng))
-    memory.update_priorities(np.array([3, 12, 3, 14]), np.array([bad, bad, bad, 1], np.float32))
+        buffer.insert(actor.live([GOES_ON] * 9 + [TERMINATES], rng))
+    buffer.update_priorities(np.array([3, 12, 3, 14]), np.array([bad, bad, bad, 1], np.float32))
     assert caplog.messages == ["steps 3, 12 of a, b are not drawn again: their loss is not finite"]
     # Nor when a chunk beside theirs makes other steps sampleable.
-    memory.insert(actors[1].live([GOES_ON] * 10, rng))
-    batch = memory.sample(0, 0.0)
+    buffer.insert(actors[1].live([GOES_ON] * 10, rng))
+    batch = buffer.sample(0, 0.0)
     assert batch is not None
     assert set(range(37)) - set(batch.ids.tolist()) == {3, 12}
-    assert memory.progress(0).samplable == 35
-    memory.update_priorities(np.array([3]), np.array([bad], np.float32))
+    assert buffer.progress(0).samplable == 35
+    buffer.update_priorities(np.array([3]), np.array([bad], np.float32))
     assert len(caplog.messages) == 1
-    while memory.progress(0).accepted < 20:  # the ring turns
-        memory.insert(actors[2].live([GOES_ON] * 10, rng))
-    batch = memory.sample(0, 0.0)
+    while buffer.progress(0).accepted < 20:  # the ring turns
+        buffer.insert(actors[2].live([GOES_ON] * 10, rng))
+    batch = buffer.sample(0, 0.0)
     assert batch is not None
     assert batch.ids.min() > 64
 
 
 def test_the_journal_stays_short_and_forgets_nothing(tmp_path: Path) -> None:
     config = make_config(capacity=16)
-    memory, actor = ReplayBuffer(config, tmp_path), Actor("a", 4)
+    buffer, actor = ReplayBuffer(config, tmp_path), Actor("a", 4)
     rng = np.random.default_rng(0)
     chunks = [actor.live([GOES_ON], rng) for _ in range(40)]
-    memory.insert(chunks[0])
+    buffer.insert(chunks[0])
     for _ in range(1_200):
-        memory.insert(chunks[0])
+        buffer.insert(chunks[0])
     for chunk in chunks[1:]:
-        memory.insert(chunk)
+        buffer.insert(chunk)
     lines = (tmp_path / "journal.jsonl").read_bytes().count(b"\n")
     assert lines < 1_200
-    memory.close()
-    memory = ReplayBuffer(config, tmp_path)
-    progress = memory.progress(0)
+    buffer.close()
+    buffer = ReplayBuffer(config, tmp_path)
+    progress = buffer.progress(0)
     assert (progress.accepted, progress.duplicates, progress.agent_steps) == (40, 1_200, 40)
-    assert memory.insert(chunks[3]).status == "duplicate"
+    assert buffer.insert(chunks[3]).status == "duplicate"
 
 
 def test_a_torn_journal_loses_only_what_was_not_acknowledged(tmp_path: Path) -> None:
     config = make_config()
-    memory = long_run(config, tmp_path, 3)
-    memory.close()
+    buffer = long_run(config, tmp_path, 3)
+    buffer.close()
     path = tmp_path / "journal.jsonl"
     path.write_bytes(path.read_bytes()[:-20])
-    memory = ReplayBuffer(config, tmp_path)
-    assert memory.progress(0).accepted == 2
+    buffer = ReplayBuffer(config, tmp_path)
+    assert buffer.progress(0).accepted == 2
     actor, rng = Actor("a", 4), np.random.default_rng(0)
-    statuses = [memory.insert(actor.live([GOES_ON] * 8, rng)).status for _ in range(4)]
+    statuses = [buffer.insert(actor.live([GOES_ON] * 8, rng)).status for _ in range(4)]
     assert statuses == ["duplicate", "duplicate", "stored", "stored"]
-    batch = memory.sample(0, 0.0)
+    batch = buffer.sample(0, 0.0)
     assert batch is not None
     check_batch(batch, [actor], config)
 
@@ -397,21 +397,21 @@ def test_a_chunk_half_written_over_others_does_not_spoil_them(
 ) -> None:
     """As when the process dies between writing the frames and the journal."""
     config = make_config(capacity=32, batch_size=256)
-    memory, actor = ReplayBuffer(config, tmp_path), Actor("a", 4)
+    buffer, actor = ReplayBuffer(config, tmp_path), Actor("a", 4)
     rng = np.random.default_rng(0)
     for _ in range(4):
-        memory.insert(actor.live([GOES_ON] * 8, rng))
+        buffer.insert(actor.live([GOES_ON] * 8, rng))
     chunk = actor.live([GOES_ON] * 8, rng)
     with monkeypatch.context() as patch:
         patch.setattr("replay.store.chunk_entry", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
-            memory.insert(chunk)
-    memory.close()
-    memory = ReplayBuffer(config, tmp_path)
-    batch = memory.sample(0, 0.0)
+            buffer.insert(chunk)
+    buffer.close()
+    buffer = ReplayBuffer(config, tmp_path)
+    batch = buffer.sample(0, 0.0)
     assert batch is not None
     assert check_batch(batch, [actor], config) == set(range(12, 30))
-    assert memory.insert(chunk).status == "stored"
+    assert buffer.insert(chunk).status == "stored"
 
 
 @pytest.mark.parametrize(
@@ -462,29 +462,29 @@ def test_damaged_rows_are_reported_and_the_rest_is_used(
 ) -> None:
     config = make_config(VectorConfig, capacity=200, batch_size=2_000)
     actor, rng = Actor("0", 4, 3), np.random.default_rng(0)
-    memory = ReplayBuffer(config, tmp_path)
+    buffer = ReplayBuffer(config, tmp_path)
     endings = [[*[GOES_ON] * 9, end] for end in (TERMINATES, TRUNCATES, GOES_ON, GOES_ON, GOES_ON)]
     for each in endings:
-        memory.insert(actor.live(each, rng))
-    expected = memory.progress(0)
-    memory.close()
+        buffer.insert(actor.live(each, rng))
+    expected = buffer.progress(0)
+    buffer.close()
     size = (tmp_path / f"{column}.bin").stat().st_size // 200
     # Ids 0 to 9, 10 to 20 with a final frame, 21 to 30, 31 to 40, 41 to 50.
     flip(tmp_path / f"{column}.bin", 35 * size)
 
-    memory = ReplayBuffer(config, tmp_path)
+    buffer = ReplayBuffer(config, tmp_path)
     assert caplog.messages == [
         f"1 of 5 chunks in {tmp_path} are damaged: they are not drawn, the rest is used"
     ]
-    batch = memory.sample(0, 0.0)
+    batch = buffer.sample(0, 0.0)
     assert batch is not None
     check_batch(batch, [actor], config)
     # Of the chunk before, returns of three steps reach in; of the one after, stacks of four.
     assert set(batch.ids.tolist()) == {*range(20), *range(21, 28), *range(44, 48)}
-    after = memory.progress(0)
+    after = buffer.progress(0)
     assert (after.agent_steps, after.accepted) == (expected.agent_steps, expected.accepted)
     assert after.stored == expected.stored - 10
-    memory.close()
+    buffer.close()
 
 
 @pytest.mark.parametrize("whole", [0, 1, 3])
@@ -492,24 +492,24 @@ def test_ids_of_damaged_chunks_are_not_used_again(tmp_path: Path, whole: int) ->
     config = make_config(capacity=40, batch_size=500, sampler="prioritised")
     actor, rng = Actor("0", 4), np.random.default_rng(0)
     endings = [*[GOES_ON] * 9, TERMINATES]
-    memory = ReplayBuffer(config, tmp_path)
+    buffer = ReplayBuffer(config, tmp_path)
     for _ in range(4):
-        memory.insert(actor.live(endings, rng))
-    memory.close()
+        buffer.insert(actor.live(endings, rng))
+    buffer.close()
     for chunk in range(whole, 4):
         flip(tmp_path / "frames.bin", (10 * chunk + 5) * 7_056)
     ReplayBuffer(config, tmp_path).close()
-    memory = ReplayBuffer(config, tmp_path)  # and the restart after knows, too
+    buffer = ReplayBuffer(config, tmp_path)  # and the restart after knows, too
 
     for inserted in range(1, 8):
-        memory.insert(actor.live(endings, rng))
-        memory.update_priorities(np.arange(10 * whole, 40), np.full(40 - 10 * whole, np.nan))
-        batch = memory.sample(0, 0.0)
+        buffer.insert(actor.live(endings, rng))
+        buffer.update_priorities(np.arange(10 * whole, 40), np.full(40 - 10 * whole, np.nan))
+        batch = buffer.sample(0, 0.0)
         assert batch is not None
         check_batch(batch, [actor], config)
         newest = range(max(40, 10 * inserted), 40 + 10 * inserted)
         assert set(batch.ids.tolist()) == {*range(10 * inserted, 10 * whole), *newest}
-    memory.close()
+    buffer.close()
 
 
 def test_damaged_lines_are_reported_and_the_rest_is_used(
@@ -517,11 +517,11 @@ def test_damaged_lines_are_reported_and_the_rest_is_used(
 ) -> None:
     config = make_config(capacity=40, batch_size=2_000)
     actor, rng = Actor("0", 4), np.random.default_rng(0)
-    memory = ReplayBuffer(config, tmp_path)
+    buffer = ReplayBuffer(config, tmp_path)
     chunks = [actor.live([*[GOES_ON] * 9, TERMINATES], rng) for _ in range(6)]
     for chunk in chunks:
-        memory.insert(chunk)
-    memory.close()
+        buffer.insert(chunk)
+    buffer.close()
     journal = tmp_path / "journal.jsonl"
     lines = journal.read_bytes().splitlines(keepends=True)
     kinds = [json.loads(line)["kind"] for line in lines]
@@ -531,22 +531,22 @@ def test_damaged_lines_are_reported_and_the_rest_is_used(
         lines[lost] = lines[lost].replace(b"kind", b"kine")
     journal.write_bytes(b"".join(lines))
 
-    memory = ReplayBuffer(config, tmp_path)
+    buffer = ReplayBuffer(config, tmp_path)
     assert caplog.messages[0].startswith(f"3 of 11 lines of {journal} are damaged, the first is ")
-    batch = memory.sample(0, 0.0)
+    batch = buffer.sample(0, 0.0)
     assert batch is not None
     check_batch(batch, [actor], config)
     assert set(batch.ids.tolist()) == set(range(20, 60))
-    assert [each.index for each in memory.progress(0).statistics] == [0, 2, 3, 4, 5]
-    assert [each.index for each in memory.progress(2).statistics] == [2, 3, 4, 5]
-    assert memory.insert(chunks[5]).status == "duplicate"
-    memory.close()
+    assert [each.index for each in buffer.progress(0).statistics] == [0, 2, 3, 4, 5]
+    assert [each.index for each in buffer.progress(2).statistics] == [2, 3, 4, 5]
+    assert buffer.insert(chunks[5]).status == "duplicate"
+    buffer.close()
 
 
 def test_a_replay_of_a_former_version_is_read_and_gets_checksums(tmp_path: Path) -> None:
-    memory = long_run(make_config(), tmp_path, 3)
-    before = memory.progress(0)
-    memory.close()
+    buffer = long_run(make_config(), tmp_path, 3)
+    before = buffer.progress(0)
+    buffer.close()
     journal = tmp_path / "journal.jsonl"
     former = []
     for line in journal.read_text().splitlines():
@@ -557,28 +557,28 @@ def test_a_replay_of_a_former_version_is_read_and_gets_checksums(tmp_path: Path)
             entry["placement"] = entry["placement"][:5]
         former.append(json.dumps(entry | ({"format": 1} if "format" in entry else {})))
     journal.write_text("\n".join(former) + "\n")
-    memory = ReplayBuffer(make_config(), tmp_path)
-    after = memory.progress(0)
+    buffer = ReplayBuffer(make_config(), tmp_path)
+    after = buffer.progress(0)
     assert (after.statistics, after.samplable) == (before.statistics, before.samplable)
-    memory.close()
+    buffer.close()
     header = json.loads(journal.read_text().splitlines()[0])
-    assert (header["format"], memory.run_id[:32]) == (2, header["uuid"])
+    assert (header["format"], buffer.run_id[:32]) == (2, header["uuid"])
 
 
 def test_refusals_do_not_grow_the_journal(tmp_path: Path) -> None:
-    memory = long_run(make_config(), tmp_path, 2)
+    buffer = long_run(make_config(), tmp_path, 2)
     for _ in range(3_000):
-        memory.refuse()
+        buffer.refuse()
     assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") < 1_100
-    assert memory.progress(0).refused == 3_000
-    memory.close()
+    assert buffer.progress(0).refused == 3_000
+    buffer.close()
 
 
 def test_two_processes_cannot_share_a_ring(tmp_path: Path) -> None:
-    memory = long_run(make_config(), tmp_path, 2)
+    buffer = long_run(make_config(), tmp_path, 2)
     with pytest.raises(InputError, match="another process"):
         ReplayBuffer(make_config(), tmp_path)
-    assert memory.progress(0).accepted == 2
+    assert buffer.progress(0).accepted == 2
 
 
 def test_no_space_is_said_with_the_bytes_and_leaves_nothing(
@@ -596,35 +596,35 @@ def test_no_space_is_said_with_the_bytes_and_leaves_nothing(
 
 def test_actions_are_those_of_the_runs_game(tmp_path: Path) -> None:
     config = make_config(minimal_actions=True)  # Pong's own
-    memory, rng = ReplayBuffer(config, tmp_path), np.random.default_rng(0)
+    buffer, rng = ReplayBuffer(config, tmp_path), np.random.default_rng(0)
     actor = Actor("a", frame_stack=4)
     chunk = actor.live([GOES_ON] * 8, rng)
     chunk.actions[:] = 5
-    assert memory.insert(chunk).status == "stored"
+    assert buffer.insert(chunk).status == "stored"
     chunk = actor.live([GOES_ON] * 8, rng)
     chunk.actions[:] = [0, 1, 2, 3, 4, 5, 6, 0]
     with pytest.raises(MessageError, match="actions should be less than 6"):
-        memory.insert(chunk)
+        buffer.insert(chunk)
 
 
 @pytest.mark.parametrize("fault", ["action", "context", "width", "size"])
 def test_chunks_that_do_not_fit_the_run_are_refused(tmp_path: Path, fault: str) -> None:
-    memory, rng = ReplayBuffer(make_config(), tmp_path), np.random.default_rng(0)
+    buffer, rng = ReplayBuffer(make_config(), tmp_path), np.random.default_rng(0)
     actor = Actor("a", frame_stack=6 if fault == "context" else 4, width=int(fault == "width"))
     actor.live([GOES_ON] * 8, rng)
     chunk = actor.live([GOES_ON] * (65 if fault == "size" else 8), rng)
     if fault == "action":
         chunk.actions[3] = 18
     with pytest.raises(MessageError):
-        memory.insert(chunk)
-    assert memory.progress(0).refused == 1
+        buffer.insert(chunk)
+    assert buffer.progress(0).refused == 1
 
 
 def test_a_run_has_one_identity_from_its_beginning_to_its_end(tmp_path: Path) -> None:
     def run_id(folder: str, **settings: object) -> str:
-        memory = ReplayBuffer(make_config(**settings), tmp_path / folder)
-        memory.close()
-        return memory.run_id
+        buffer = ReplayBuffer(make_config(**settings), tmp_path / folder)
+        buffer.close()
+        return buffer.run_id
 
     first = run_id("one")
     assert run_id("one") == first

@@ -47,7 +47,7 @@ def until_late() -> Iterator[None]:
 class Place:
     """A served replay, and a client's transport."""
 
-    memory: ReplayBuffer
+    buffer: ReplayBuffer
     server: ReplayServer
     hub: Transport
     client: Transport
@@ -64,16 +64,16 @@ def place(tmp_path: Path, hub: Transport, client: Transport) -> Iterator[Place]:
         chunk_steps=8,
         window=2,
     )
-    memory = ReplayBuffer(config, tmp_path)
-    memory.run_id = RUN
+    buffer = ReplayBuffer(config, tmp_path)
+    buffer.run_id = RUN
     remote = RemoteReplay(client, KEYS, config)
-    place = Place(memory, ReplayServer(hub, memory, config, RUN), hub, client, remote)
+    place = Place(buffer, ReplayServer(hub, buffer, config, RUN), hub, client, remote)
     try:
         yield place
     finally:
         remote.close()
         place.server.close()
-        memory.close()
+        buffer.close()
 
 
 def test_the_hub_announces_its_run(place: Place) -> None:
@@ -105,7 +105,7 @@ def test_what_is_inserted_is_acknowledged_drawn_and_counted(place: Place) -> Non
     assert len(frames) == len(vectors) <= 2
     progress = place.remote.progress(0)
     assert (progress.accepted, progress.duplicates, progress.refused) == (1, 1, 0)
-    assert progress.statistics == place.memory.progress(0).statistics
+    assert progress.statistics == place.buffer.progress(0).statistics
     assert place.remote.progress(1, finished=True).statistics == ()
     assert insert(place.client, actor.live([GOES_ON], rng)).finished
 
@@ -117,7 +117,7 @@ def test_a_chunk_at_another_actors_key_is_refused(
     for _ in range(3):
         with pytest.raises(MessageError, match="it names a as its actor"):
             ask(place.client, KEYS.insert("forger"), chunk.encode())
-    assert place.memory.progress(0).refused == 3
+    assert place.buffer.progress(0).refused == 3
     told = [each for each in caplog.messages if "forger" in each]
     assert told == ["a chunk of forger was refused: it names a as its actor"]
 
@@ -128,9 +128,9 @@ def test_who_was_refused_is_kept(place: Place, tmp_path: Path) -> None:
         with pytest.raises(MessageError):
             ask(place.client, KEYS.insert("liar"), chunk.encode())
         assert insert(place.client, chunk).status == "stored"
-        place.memory.update_priorities(np.arange(1), np.full(1, np.nan, np.float32))
+        place.buffer.update_priorities(np.arange(1), np.full(1, np.nan, np.float32))
         place.server.close()
-        place.server = ReplayServer(place.hub, place.memory, make_config(), RUN, quota=1e-9)
+        place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=1e-9)
         insert(place.client, chunk)
         with pytest.raises(Unanswered):
             insert(place.client, chunk)
@@ -152,19 +152,19 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
     )
     place.server.close()
     config = replace(make_config(), stream=StreamConfig(chunk_steps=8, window=3))
-    place.server = ReplayServer(place.hub, place.memory, config, RUN, quota=8)
+    place.server = ReplayServer(place.hub, place.buffer, config, RUN, quota=8)
     rng, stop = np.random.default_rng(0), threading.Event()
     sender = InsertClient(Member("fast", place.client, KEYS, config, PATIENCE, stop))
     fast, other = Actor("fast", 4), Actor("other", 4)
     for _ in range(3):
         sender.post(fast.live([GOES_ON] * 8, rng).encode())
     for _ in until_late():
-        if place.memory.over_quota:
+        if place.buffer.over_quota:
             break
     # Eight frames and their header are more than a second's, so the next has to wait.
-    assert place.memory.progress(0).accepted == 1
+    assert place.buffer.progress(0).accepted == 1
     told = place.remote.progress(0).values()["stream/over_quota"]
-    assert 0 < told <= place.memory.over_quota  # it is sent again and again
+    assert 0 < told <= place.buffer.over_quota  # it is sent again and again
     with pytest.raises(Unanswered):
         ask(place.client, KEYS.insert("fast"), b"")
     given = Actor(DEMONSTRATIONS, 4)  # the learner's own have no measure
@@ -175,7 +175,7 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
         sender.flush(0.1)
         if not sender.unacknowledged:
             break
-    assert (sender.acked, sender.refused, place.memory.progress(0).accepted) == (3, 0, 6)
+    assert (sender.acked, sender.refused, place.buffer.progress(0).accepted) == (3, 0, 6)
     assert caplog.messages == [
         "fast sends more than --actor-quota lets it: the rest has to wait",
     ]
@@ -186,7 +186,7 @@ def test_polls_count_as_steps(place: Place, monkeypatch: pytest.MonkeyPatch) -> 
         replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
     )
     place.server.close()
-    place.server = ReplayServer(place.hub, place.memory, make_config(), RUN, quota=64)
+    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=64)
     for _ in range(5):  # a second's come at once, and the one that is more is paid for
         assert not Ack.decode(ask(place.client, KEYS.insert("a"), b"")).throttle
     with pytest.raises(Unanswered):
@@ -200,13 +200,13 @@ def test_who_invents_names_holds_up_nobody_at_work_and_is_told_of_once(
         replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
     )
     place.server.close()
-    place.server = ReplayServer(place.hub, place.memory, make_config(), RUN)
+    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN)
     rng, worker = np.random.default_rng(0), Actor("worker", 4)
     assert insert(place.client, worker.live([GOES_ON], rng)).status == "stored"
     for number in range(2 * int(NEW_NAMES_PER_SECOND)):  # a second's of them may come at once
         with suppress(Unanswered, MessageError):
             ask(place.client, KEYS.insert(f"invented-{number}"), b"x")
-    assert place.memory.over_quota > NEW_NAMES_PER_SECOND / 2
+    assert place.buffer.over_quota > NEW_NAMES_PER_SECOND / 2
     assert insert(place.client, worker.live([GOES_ON], rng)).status == "stored"
     crowd = [each for each in caplog.messages if "new actors" in each]
     assert crowd == ["more new actors come than are let in at once: the rest has to wait"]
@@ -219,12 +219,12 @@ def test_of_another_run_neither_chunks_nor_weights_nor_learners_are_taken(
     actor, rng = Actor("a", 4, run_id="other"), np.random.default_rng(0)
     ack = insert(place.client, actor.live([GOES_ON], rng))
     assert (ack.status, ack.run_id, ack.agent_steps) == ("refused", RUN, 0)
-    assert (place.memory.progress(0).refused, place.memory.progress(0).accepted) == (1, 0)
+    assert (place.buffer.progress(0).refused, place.buffer.progress(0).accepted) == (1, 0)
     publisher = place.client.publisher(KEYS.weights)
     publisher.publish(b"weights", b"7 other")
     publisher.publish(b"weights", b"6 test")
     for _ in until_late():
-        if place.memory.weights_version == 6:
+        if place.buffer.weights_version == 6:
             break
     assert caplog.messages == [
         "a chunk of a was refused: it is of another run",
@@ -252,7 +252,7 @@ def test_junk_is_answered_and_counted_and_the_server_goes_on(place: Place) -> No
         except MessageError:
             refused += 1
     assert refused > 60
-    assert place.memory.progress(0).refused == refused
+    assert place.buffer.progress(0).refused == refused
     for key in (KEYS.sample, KEYS.priorities, KEYS.held_out, KEYS.progress):
         for message in (b"", b"\x81", good, pack({}), pack({"count": -1, "drawn": 2**63})):
             with pytest.raises(MessageError):
@@ -311,19 +311,19 @@ def test_an_actor_that_ignores_the_throttle_takes_nobodys_turn(
     flood()
     assert stored["flooder"] == 0  # a window ahead
     for _ in range(4):  # each time the limiter opens, and the flooder is the first
-        while place.memory.progress(0).throttle:
+        while place.buffer.progress(0).throttle:
             drawn += 16
-            place.memory.sample(drawn, 0.0)
+            place.buffer.sample(drawn, 0.0)
         flood()
         assert not Ack.decode(ask(place.client, KEYS.insert("honest"), b"")).throttle
         assert insert(place.client, honest.live([GOES_ON] * 8, rng)).status == "stored"
         stored["honest"] += 1
-        while not place.memory.progress(0).throttle:  # a third one closes it, if need be
+        while not place.buffer.progress(0).throttle:  # a third one closes it, if need be
             insert(place.client, Actor("third", 4).live([GOES_ON] * 8, rng))
     assert stored["honest"] == 4
     assert 1 <= stored["flooder"] <= 4
     assert insert(place.client, late).status == "duplicate"
-    assert place.memory.over_quota > 0
+    assert place.buffer.over_quota > 0
     told = "flooder keeps sending although it is throttled: the rest has to wait"
     assert told in caplog.messages
 
@@ -368,7 +368,7 @@ def test_a_learner_waits_for_a_server_that_is_away(place: Place) -> None:
     found: list[int] = []
     asking = threading.Thread(target=lambda: found.append(place.remote.progress(0).accepted))
     asking.start()
-    place.server = ReplayServer(place.hub, place.memory, make_config(), RUN)
+    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN)
     asking.join(PATIENCE)
     assert found == [1]
     assert place.remote.sample(0, PATIENCE) is not None
@@ -378,7 +378,7 @@ def test_asking_ahead_gives_no_batch_too_many_and_none_too_few(place: Place) -> 
     actor, rng = Actor("a", 4), np.random.default_rng(0)
     insert(place.client, actor.live([GOES_ON] * 60, rng))
     batches = 0
-    while place.memory.sample(16 * batches, 0.0) is not None:
+    while place.buffer.sample(16 * batches, 0.0) is not None:
         batches += 1
     assert 10 < batches < 1_000
     for number in range(batches):
@@ -390,7 +390,7 @@ def test_a_batch_is_no_older_than_those_asked_for_ahead(place: Place) -> None:
     insert(place.client, Actor("a", 4).live([GOES_ON] * 60, np.random.default_rng(0)))
     for _ in range(3):
         assert place.remote.sample(0, PATIENCE) is not None
-    place.memory.update_priorities(np.arange(57), np.eye(57, dtype=np.float32)[7] * 1e9)
+    place.buffer.update_priorities(np.arange(57), np.eye(57, dtype=np.float32)[7] * 1e9)
     found = [place.remote.sample(0, PATIENCE) for _ in range(AHEAD + 3)]
     for batch in found[AHEAD:]:
         assert batch is not None
@@ -462,7 +462,7 @@ def test_batches_under_way_to_a_server_that_dies_are_asked_for_again(place: Plac
     place.server.close()
     while place.remote.sample(0, 0.3) is not None:
         pass
-    place.server = ReplayServer(place.hub, place.memory, make_config(), RUN)
+    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN)
     for _ in range(2 * AHEAD):
         assert place.remote.sample(0, PATIENCE) is not None
 
@@ -497,7 +497,7 @@ def test_a_learner_says_once_that_it_waits_and_once_that_it_goes_on(
         if "does not answer" in caplog.text:
             break
     waiting.join(0.5)  # it asks some more times
-    place.server = ReplayServer(place.hub, place.memory, make_config(), RUN)
+    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN)
     waiting.join(PATIENCE)
     assert found == [0]
     assert [record.message for record in caplog.records] == [
@@ -522,7 +522,7 @@ def test_weights_that_no_actor_would_take_are_passed_over(
     voice.publish(b"x" * 11, b"8 test")
     voice.publish(b"x" * 10, b"7 test")
     for _ in until_late():
-        if place.memory.weights_version == 7:
+        if place.buffer.weights_version == 7:
             break
     assert ask(place.client, KEYS.latest_weights, b"") == b"x" * 10
     assert "weights of 11 bytes were passed over" in caplog.text

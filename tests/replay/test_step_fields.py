@@ -45,13 +45,13 @@ def toy_chunk(actor: Actor, endings: list[int]) -> ToyChunk:
 
 @pytest.mark.usefixtures("toy_fields")
 def test_a_new_field_comes_from_the_chunk_to_the_minibatch(tmp_path: Path) -> None:
-    memory, actor = ReplayBuffer(make_config(), tmp_path), Actor("a", 4)
+    buffer, actor = ReplayBuffer(make_config(), tmp_path), Actor("a", 4)
     for endings in ([GOES_ON] * 9 + [TRUNCATES], [GOES_ON] * 4 + [TERMINATES] + [GOES_ON] * 5):
         sent = toy_chunk(actor, endings)
-        assert memory.insert(ToyChunk.decode(sent.encode())).status == "stored"
-    shared = memory.sample_shared(0, 0.0)
+        assert buffer.insert(ToyChunk.decode(sent.encode())).status == "stored"
+    shared = buffer.sample_shared(0, 0.0)
     assert shared is not None
-    for batch in (memory.sample(0, 0.0), SharedBatch.decode(shared.encode()).whole()):
+    for batch in (buffer.sample(0, 0.0), SharedBatch.decode(shared.encode()).whole()):
         assert batch is not None
         assert set(batch.drawn) == {"lucky", "pair"}
         assert batch.drawn["lucky"].dtype == np.bool_
@@ -59,20 +59,20 @@ def test_a_new_field_comes_from_the_chunk_to_the_minibatch(tmp_path: Path) -> No
         assert (batch.drawn["lucky"] == (batch.a_tm1 % 2 == 1)).all()
         assert (batch.drawn["pair"][:, 0] == batch.a_tm1 + 0.5).all()
         assert (batch.drawn["pair"][:, 1] == -batch.a_tm1.astype(np.float32)).all()
-    memory.close()
+    buffer.close()
 
 
 @pytest.mark.usefixtures("toy_fields")
 def test_a_new_field_is_found_again_after_a_restart(tmp_path: Path) -> None:
     config = make_config()
-    memory = ReplayBuffer(config, tmp_path)
-    memory.insert(toy_chunk(Actor("a", 4), [GOES_ON] * 12))
-    memory.close()
-    memory = ReplayBuffer(config, tmp_path)
-    batch = memory.sample(0, 0.0)
+    buffer = ReplayBuffer(config, tmp_path)
+    buffer.insert(toy_chunk(Actor("a", 4), [GOES_ON] * 12))
+    buffer.close()
+    buffer = ReplayBuffer(config, tmp_path)
+    batch = buffer.sample(0, 0.0)
     assert batch is not None
     assert (batch.drawn["pair"][:, 0] == batch.a_tm1 + 0.5).all()
-    memory.close()
+    buffer.close()
 
 
 @pytest.mark.usefixtures("toy_fields")
@@ -92,19 +92,19 @@ def test_a_new_field_is_checked_as_it_is_declared() -> None:
 def test_a_minibatch_with_other_fields_than_declared_is_refused(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    memory = ReplayBuffer(make_config(), tmp_path)
-    memory.insert(Actor("a", 4).live([GOES_ON] * 9, np.random.default_rng(0)))
-    shared = memory.sample_shared(0, 0.0)
+    buffer = ReplayBuffer(make_config(), tmp_path)
+    buffer.insert(Actor("a", 4).live([GOES_ON] * 9, np.random.default_rng(0)))
+    shared = buffer.sample_shared(0, 0.0)
     assert shared is not None
     monkeypatch.setitem(STEP_FIELDS, "pair", StepField(np.dtype(np.float32), PAIR))
     with pytest.raises(MessageError, match="drawn should be the fields pair"):
         SharedBatch.decode(shared.encode())
-    memory.close()
+    buffer.close()
 
 
 def test_the_files_of_runs_on_disk_keep_their_names_types_and_bits(tmp_path: Path) -> None:
-    memory = ReplayBuffer(make_config(capacity=64), tmp_path)
-    memory.close()
+    buffer = ReplayBuffer(make_config(capacity=64), tmp_path)
+    buffer.close()
     sizes = {path.name: path.stat().st_size for path in tmp_path.glob("*.bin")}
     assert sizes == {
         "frames.bin": 64 * 84 * 84,

@@ -32,7 +32,7 @@ class Case:
         self.folder = folder / "replay"
         self.record = folder / "a.record"
         self.record.touch()
-        self.memory = ReplayBuffer(CONFIG, self.folder)
+        self.buffer = ReplayBuffer(CONFIG, self.folder)
         self.actor = Actor("0", 4)
         self._rng = np.random.default_rng(0)
 
@@ -46,7 +46,7 @@ class Case:
     def store(self, *endings: int, acknowledged: bool = True) -> Chunk:
         chunk = self.make(*endings)
         self.told("made", chunk)
-        self.memory.insert(chunk)
+        self.buffer.insert(chunk)
         if acknowledged:
             self.told("acknowledged", chunk)
         return chunk
@@ -88,8 +88,8 @@ def test_frames_at_which_games_were_cut_are_known(case: Case) -> None:
 
 def test_a_reopened_replay_and_a_torn_record_are_read(case: Case) -> None:
     case.store()
-    case.memory.close()
-    case.memory = ReplayBuffer(CONFIG, case.folder)
+    case.buffer.close()
+    case.buffer = ReplayBuffer(CONFIG, case.folder)
     case.store()
     with case.record.open("a") as file:
         file.write("made 1234")
@@ -121,12 +121,12 @@ def _lose(case: Case) -> None:
 
 
 def _invent(case: Case) -> None:
-    case.memory.insert(case.make())
+    case.buffer.insert(case.make())
 
 
 def _double(case: Case) -> None:
     chunk = case.store()
-    case.memory.insert(Chunk.decode(Chunk(**{**vars(chunk), "sequence": 99}).encode()))
+    case.buffer.insert(Chunk.decode(Chunk(**{**vars(chunk), "sequence": 99}).encode()))
 
 
 @pytest.mark.parametrize(
