@@ -201,8 +201,8 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         return NO_BATCH if batch is None else batch.encode()
 
     def _priorities(self, request: Request) -> bytes:
-        advice = Priorities.decode(request.payload)
-        self._buffer.update_priorities(advice.ids, advice.priorities)
+        asked = Priorities.decode(request.payload)
+        self._buffer.update_priorities(asked.ids, asked.priorities)
         return b""
 
     def _held_out(self, request: Request) -> bytes:
