@@ -30,7 +30,7 @@ from replay.messages import (
 AHEAD = 3
 """Minibatches that are asked for before they are wanted: enough to keep both sides at work, few
 enough to stay fresh."""
-MOST_ADVICE = 64
+MOST_PRIORITY_UPDATES = 64
 """Messages of priorities that may be unanswered."""
 DEADLINE = 5.0
 """Seconds for an answer, before the server counts as away."""
@@ -52,13 +52,13 @@ class RemoteReplay:
         self._batch_size = config.learning.batch_size
         self._going_well = False
         self._drawing = threading.Lock()
-        self._advising = threading.Lock()
+        self._updating = threading.Lock()
         self._sample, self._priorities, self._held_out, self._progress = self._requesters = [
             transport.requester(key, DEADLINE)
             for key in (keys.sample, keys.priorities, keys.held_out, keys.progress)
         ]
         self._draws: deque[Future[Envelope]] = deque()  # oldest first
-        self._advice: deque[Future[Envelope]] = deque()
+        self._priority_updates: deque[Future[Envelope]] = deque()
         self._closed = threading.Event()
 
     def sample(self, drawn: int, timeout: float) -> Batch | None:
@@ -101,19 +101,19 @@ class RemoteReplay:
         """See `Replay.update_priorities`.
 
         It returns at once. Messages arrive in order; one is lost if the server is away, or if
-        `MOST_ADVICE` earlier ones are unanswered because it cannot keep up. That loses nothing
+        `MOST_PRIORITY_UPDATES` earlier ones are unanswered because it cannot keep up. That loses nothing
         but freshness: steps keep the priorities that they have, and a step that is drawn again is
         given new ones.
 
         Raises:
             InputError: the server refused an earlier message.
         """
-        with self._advising:
-            while self._advice and self._advice[0].done():
-                _answer(self._advice.popleft())
-            if len(self._advice) < MOST_ADVICE:
+        with self._updating:
+            while self._priority_updates and self._priority_updates[0].done():
+                _answer(self._priority_updates.popleft())
+            if len(self._priority_updates) < MOST_PRIORITY_UPDATES:
                 message = Priorities(ids, priorities)
-                self._advice.append(self._priorities.request(message.encode()))
+                self._priority_updates.append(self._priorities.request(message.encode()))
 
     def held_out(
         self, count: int, newest: int | None = None
