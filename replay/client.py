@@ -101,9 +101,9 @@ class RemoteReplay:
         """See `Replay.update_priorities`.
 
         It returns at once. Messages arrive in order; one is lost if the server is away, or if
-        `MOST_PRIORITY_UPDATES` earlier ones are unanswered because it cannot keep up. That loses nothing
-        but freshness: steps keep the priorities that they have, and a step that is drawn again is
-        given new ones.
+        `MOST_PRIORITY_UPDATES` earlier ones are unanswered because it cannot keep up. That loses
+        nothing but freshness: steps keep the priorities that they have, and a step that is drawn
+        again is given new ones.
 
         Raises:
             InputError: the server refused an earlier message.
