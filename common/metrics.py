@@ -17,9 +17,9 @@ Value = float | int | str | None
 """None: not known yet."""
 Values = Mapping[str, Value]
 Unit = Literal[
-    "none", "bytes", "chunks", "commands", "cores", "epochs", "frames", "games", "grey levels",
-    "milliseconds", "per day", "per second", "points", "processes", "ratio", "seconds", "steps",
-    "updates",
+    "none", "bytes", "chunks", "commands", "connections", "cores", "epochs", "frames", "games",
+    "grey levels", "milliseconds", "per day", "per second", "points", "processes", "ratio",
+    "seconds", "steps", "updates",
 ]  # fmt: skip
 """``none`` for a figure without one: a text, a loss, a value of Q."""
 
@@ -302,7 +302,7 @@ declare(
     Metric("stream/over_quota", "chunks", "count",
            "Chunks and polls to be sent again: beyond their actor's quota, or sent while throttled",
            curve=True, summary="chunks.over_quota", trouble="over quota", counter=True),
-    Metric("stream/shut_out", "processes", "count",
+    Metric("stream/shut_out", "connections", "count",
            "Connections to the hub of processes whose certificates name nobody that it lets in",
            summary="shut_out", trouble="shut out", counter=True),
     Metric("stream/chunks_excess", "chunks", "count",

@@ -38,6 +38,8 @@ _ASPECT = 4 / 3
 _LEAST_SIDE, _MOST_SIDE = 30, 66
 """Columns beside the camera's picture: as few as the texts need, so that it is as large as can be;
 more leave the bars no easier to read."""
+_MOST_BEFORE = 5
+"""Games whose scores are shown beside that of the present one."""
 _WHOLE = 120
 """Width from which the whole camera picture is shown; in a smaller one the game's ball would
 vanish, so it is cut to `_MARGIN` times the height of the screen."""
@@ -193,9 +195,8 @@ class WatchScreen:
     ) -> list[str]:
         """The texts beside the picture, in at most ``width`` columns each."""
         env = self._env
-        before = f"   games before {' '.join(f'{score:g}' for score in scores[-5:])}"
-        lines = [f"{_BOLD}score {step.info.game_score:g}{_PLAIN}   step {step.info.game_steps}"]
-        lines[0] += before if scores and width > 50 else ""
+        score = f"score {step.info.game_score:g}"
+        lines = [f"{_BOLD}{score}{_PLAIN}{_beside_score(step, scores, width - len(score))}"]
         if isinstance(env, RobotEnv):
             seen = (_GOOD, "screen found") if env.detection.valid else (_BAD, "screen NOT found")
             lines += ["".join(seen), f"commanded {keys_text(env.wanted)}"]
@@ -216,6 +217,15 @@ class WatchScreen:
                 f"{colour}{keys_text(KEYS_OF_ACTION[env.actions[index]])} {value:7.3f} {bar}"
             )
         return lines
+
+
+def _beside_score(step: Step, scores: Sequence[float], width: int) -> str:
+    """The game's step and the latest games before it, as far as there is room."""
+    latest, told = [f"{score:g}" for score in scores[-_MOST_BEFORE:]], ""
+    before = [f"   games before {' '.join(latest[at:])}" for at in range(len(latest))]
+    for choices in ([f"   step {step.info.game_steps}"], before):
+        told += next((each for each in choices if len(told + each) <= width), "")
+    return told
 
 
 def _fitting(columns: int, pixel_rows: int) -> tuple[int, int]:

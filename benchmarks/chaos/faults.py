@@ -147,8 +147,8 @@ FAULTS = {
     ),
     "connection reset": Fault(lambda run, name, _: run.links[name].reset(), _clients),
     "slow network, 20 to 300 ms": Fault(_delay, _clients, (2.0, 6.0)),
-    # Zenoh's own messages have no checksum: some wrong bits in them make it panic. TLS has one.
     "packet loss, 2 to 30 %": Fault(_lose, _clients, (2.0, 6.0)),
+    # Zenoh's own messages have no checksum: some wrong bits in them make it panic. TLS has one.
     "one wrong bit in each piece": Fault(_flip, _clients, (1.0, 3.0), may_end=True),
     "junk in an actor's name": Fault(_junk, _actors),
     "disk full": Fault(

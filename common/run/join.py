@@ -71,7 +71,8 @@ def find_run(
                     f"the hub does not speak this version's language ({error}): "
                     "install the same version on both machines."
                 ) from None
-            found[told.run] = told
+            if answer.key == RunKeys(told.run).config:  # or it speaks in another run's name
+                found[told.run] = told
         if len(found) > 1:
             raise InputError(
                 f"the hub serves several runs ({', '.join(sorted(found))}): name one with --run."

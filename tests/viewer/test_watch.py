@@ -89,6 +89,27 @@ def test_the_picture_is_as_large_as_can_be_and_nothing_is_far_from_it(
     assert size[1] * 2 - 2 - picture[1] <= 1 or size[0] - picture[0] - 1 <= 30
 
 
+@pytest.mark.parametrize(
+    ("size", "line"),
+    [
+        (LEAST_SIZE, "score 12340"),
+        ((80, 24), "score 12340   step 41829"),
+        ((119, 24), "score 12340   step 41829   games before 9870 11110 12120"),
+        ((120, 20), "score 12340   step 41829   games before 10210 9870 11110 12120"),
+    ],
+)
+def test_long_numbers_do_not_run_over_the_edge(
+    robot: Any, size: tuple[int, int], line: str
+) -> None:
+    step: Any = Step()
+    step.info = Step.info._replace(game_score=12340.0, game_steps=41829)
+    scores = [12340.0, 10210.0, 9870.0, 11110.0, 12120.0]
+    screen = WatchScreen(robot, replace(PRESETS["robot"], play=PLAY), "robot_pong")
+    found = texts(screen.draw(size, step, VALUES, scores))
+    assert line in found.values()
+    assert all(column + len(text) <= size[0] + 1 for (_, column), text in found.items())
+
+
 def test_texts_are_on_the_black_of_the_pictures_ground(robot: Any) -> None:
     written, _ = drawn(robot, (80, 24))
     starts = re.findall(r"\x1b\[\d+;\d+H(?=[^▀]*?\x1b\[K)(\x1b\[[0-9;]*m)?", written)

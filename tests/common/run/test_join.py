@@ -50,6 +50,14 @@ def test_of_several_runs_one_must_be_named(hub: Transport, client: Transport) ->
         find_run(client, None, PATIENCE, never)
 
 
+def test_who_answers_for_one_run_cannot_speak_of_another(hub: Transport, client: Transport) -> None:
+    announce(hub, "other", announcement("one", PAPER))
+    with pytest.raises(InputError, match="the hub serves no run"):
+        find_run(client, None, 0.0, never)
+    announce(hub, "one", announcement("one", FAST))
+    assert find_run(client, None, PATIENCE, never) == (RunKeys("one", "id-one"), FAST)
+
+
 def test_no_run_is_told_after_the_patience(client: Transport) -> None:
     with pytest.raises(InputError, match=r"^the hub serves no run: start a learner there\.$"):
         find_run(client, None, 0.0, never)

@@ -117,6 +117,14 @@ def test_it_tells_the_figures_by_their_declarations(place: Place) -> None:
     assert "about" not in news
 
 
+def test_an_actor_that_left_is_not_called_lost(place: Place) -> None:
+    place.page.start(None)
+    left, lost = replace(ACTOR, leaving=True), replace(ACTOR, name="b")
+    views = tuple(ActorView(stats=stats, alive=False) for stats in (left, lost))
+    place.page.write(snapshot({}, actors=views))
+    assert [actor["rate"] for actor in place.json("/state")["actors"]] == ["left", "lost"]
+
+
 def test_the_epochs_of_a_resumed_run_are_there(place: Place) -> None:
     place.epochs.append(epoch_row([-20.0, -21.0], epoch=1, phase="test"))
     place.page.start(17)
