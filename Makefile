@@ -101,6 +101,7 @@ figures: setup  ## draw the figures of docs/ from the results
 	$(PLOT) --figure race $(addprefix $(RESULTS)/race_,ale.json robot.json robot_whole.json) \
 		-o docs/race.png
 	$(PLOT) --figure robustness $(patsubst %,$(RESULTS)/robustness_robot_pong_%.json,sticky worlds) -o docs/robustness.png
+	$(PLOT) --figure games $(RESULTS)/games.json -o docs/games.png
 	$(PLOT) --figure scaling $(RESULTS)/scaling.json -o docs/scaling.png
 
 screens: setup  ## draw docs/screen.png and docs/web.png from a run of some minutes; it needs `make browser`
