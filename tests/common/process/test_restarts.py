@@ -35,6 +35,7 @@ WAITS = """
     stop = threading.Event()
     on_signals(stop)
     print("waits", flush=True)
+    begun.with_name("waits").touch()
     stop.wait()
     return 1
 """
@@ -151,7 +152,7 @@ def test_a_signal_in_another_thread_is_handed_on_too(tmp_path: Path) -> None:
     have threads before there is work, and the system may choose any."""
     ask = """
 def ask():
-    while not begun.read_text(): pass
+    while not begun.with_name("waits").exists(): pass
     signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
 threading.Thread(target=ask).start()
 """
