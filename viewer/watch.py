@@ -21,6 +21,7 @@ from actors.vision.layout import border_of
 from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
 from common.process.command_line import WeightsFile
+from common.q_bars import q_bars
 from common.run.config import RunConfig
 from common.run.origin import shown_weights
 from viewer import overlay
@@ -207,11 +208,7 @@ class WatchScreen:
             return [*lines, f"{_DIM}random play"]
         lines.append(f"{_DIM}Q-values")
         # Where there is no room for all, those of the best.
-        best = np.argsort(-values, kind="stable")[: max(rows - len(lines), 1)]
-        least, span = float(values.min()), float(np.ptp(values)) or 1.0
-        for index in sorted(best.tolist()):
-            value = float(values[index])
-            bar = "█" * round((value - least) / span * (width - 16))
+        for index, value, bar in q_bars(values, max(rows - len(lines), 1), width - 16):
             colour = _CHOSEN if index == step.a_tm1 else ""
             lines.append(
                 f"{colour}{keys_text(KEYS_OF_ACTION[env.actions[index]])} {value:7.3f} {bar}"

@@ -102,7 +102,26 @@ class AtariGame:
 
     def start_anew(self, rng: Generator, *, power_on: bool = False) -> None:
         """Start a new game under the present conditions."""
-        self._start_game(rng, power_on=power_on)
+        sticky = self.conditions.play.sticky
+        if power_on or not self._used or sticky != self.emulator.sticky:
+            # Nothing is drawn where nothing is repeated, so that such games stay as they were.
+            seed = int(rng.integers(2**31)) if sticky > 0 else 0
+            self.emulator = Emulator(
+                self.emulator.game, seed, frame_skip=self._emulator_skip, sticky=sticky
+            )
+        else:
+            self.emulator.reset()
+        self._used = True
+        self.score, self.steps = 0.0, 0
+        holds = self._play.frame_skip // self._emulator_skip
+        for action in rng.choice(self.actions, rng.integers(self._random_starts + 1)):
+            for _ in range(holds):
+                self.score += self.emulator.act(int(action))
+            self.steps += 1
+            if self.emulator.game_over:  # an unlucky start: play from the very beginning instead
+                self.emulator.reset()
+                self.score, self.steps = 0.0, 0
+                break
         self.carry_on()
 
     def carry_on(self) -> None:
@@ -154,25 +173,3 @@ class AtariGame:
     def standing(self) -> tuple[bool, float, int]:
         """The first three of `StepInfo`: whether the game is over, its score and its steps."""
         return self.over, self.score, self.steps
-
-    def _start_game(self, rng: Generator, *, power_on: bool) -> None:
-        sticky = self.conditions.play.sticky
-        if power_on or not self._used or sticky != self.emulator.sticky:
-            # Nothing is drawn where nothing is repeated, so that such games stay as they were.
-            seed = int(rng.integers(2**31)) if sticky > 0 else 0
-            self.emulator = Emulator(
-                self.emulator.game, seed, frame_skip=self._emulator_skip, sticky=sticky
-            )
-        else:
-            self.emulator.reset()
-        self._used = True
-        self.score, self.steps = 0.0, 0
-        holds = self._play.frame_skip // self._emulator_skip
-        for action in rng.choice(self.actions, rng.integers(self._random_starts + 1)):
-            for _ in range(holds):
-                self.score += self.emulator.act(int(action))
-            self.steps += 1
-            if self.emulator.game_over:  # an unlucky start: play from the very beginning instead
-                self.emulator.reset()
-                self.score, self.steps = 0.0, 0
-                break

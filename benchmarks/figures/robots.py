@@ -44,9 +44,9 @@ class _Measured:
     inserts: float
     """Steps per second that a replay takes while it gives minibatches over Zenoh."""
     step_bytes: float
-    """Of a step in a chunk."""
+    """Bytes that a step takes in a chunk."""
     batch_bytes: float
-    """Of a minibatch over Zenoh."""
+    """Bytes of a minibatch that is sent over Zenoh."""
     hub: list[Mapping[str, Any]]
     """By number of actors."""
 
@@ -97,8 +97,11 @@ def _rows(of: _Measured) -> Iterator[list[str]]:
     def steps(robots: int) -> float:
         return float(robots * STEPS_PER_SECOND)
 
+    def due(robots: int) -> float:
+        return steps(robots) / _PAPER.train_period
+
     def made(robots: int) -> float:
-        return min(steps(robots) / _PAPER.train_period, of.updates)
+        return min(due(robots), of.updates)
 
     def weights(robots: int) -> float:
         return made(robots) / _PAPER.publish_period * WEIGHTS_BYTES * robots
@@ -106,7 +109,7 @@ def _rows(of: _Measured) -> Iterator[list[str]]:
     def at(robots: float) -> str:
         return f"at {robots:,.0f} robots"
 
-    # Updates come with robots, up to those that the learner makes; weights go to each of them.
+    # More robots make more updates due, up to what a learner makes, and all take the weights.
     pace = _GIGABIT * _PAPER.publish_period / WEIGHTS_BYTES
     full = max(math.sqrt(pace * _PAPER.train_period / STEPS_PER_SECOND), pace / of.updates)
     measured = (
@@ -150,13 +153,13 @@ def _rows(of: _Measured) -> Iterator[list[str]]:
     )
     yield row(
         f"updates/s, one per {_PAPER.train_period} steps",
-        lambda robots: steps(robots) / _PAPER.train_period,
+        due,
         "computed",
         f"two cores {at(of.updates * _PAPER.train_period / STEPS_PER_SECOND)}",
     )
     yield row(
         "learners of two cores that it would take",
-        lambda robots: steps(robots) / _PAPER.train_period / of.updates,
+        lambda robots: due(robots) / of.updates,
         f"computed: two cores make {of.updates:.0f} updates/s; there is one learner",
     )
     yield row(

@@ -14,12 +14,16 @@ from rich.style import Style
 from common.actions import KEYS_OF_ACTION, Keys
 from common.protocol.actor_stats import ActorStats
 from common.protocol.live_view import LiveView
+from common.q_bars import q_bars
 from learner.telemetry.sinks import formats
 
 _HALF = "▀"
 _CELLS_ASPECT = 8 / 3
 """Width of a picture of 4:3, in cells that are twice as high as wide, by its height."""
 _BEFORE_BARS = 26
+"""Columns for an action's keys and its Q-value."""
+_HEADING = 2
+"""Lines above the Q-values."""
 _CHOSEN = Style(color="yellow")
 _BORDER, _GAME = (255, 214, 64), (255, 0, 255)
 _MARGIN = 1.25
@@ -66,7 +70,7 @@ class LivePicture:
         taken = formats.taken(stats.busy_cores, stats.memory_bytes)
         yield Segment(f"{taken} on {formats.one_line(stats.machine)}"[:width], dim)
         yield Segment.line()
-        spare = console.size.height - 1 - self.height(width) - len(("", "Q-values"))
+        spare = console.size.height - 1 - self.height(width) - _HEADING
         for text, style in self._q_values(spare, width):
             yield Segment(text, style)
             yield Segment.line()
@@ -76,15 +80,12 @@ class LivePicture:
         view = self._view
         if rows < 1 or not view.values:
             return
-        values = np.array(view.values)
-        least, span = float(values.min()), float(np.ptp(values)) or 1.0
         yield "", Style()
         yield "Q-values", Style(dim=True)
-        for index in sorted(np.argsort(-values, kind="stable")[:rows].tolist()):
+        for index, value, bar in q_bars(np.array(view.values), rows, width - _BEFORE_BARS):
             keys = KEYS_OF_ACTION[view.actions[index]] if view.actions else None
             name = str(index) if keys is None else _names(keys)
-            bar = "█" * round((values[index] - least) / span * (width - _BEFORE_BARS))
-            told = formats.decimal(float(values[index]), 3)
+            told = formats.decimal(value, 3)
             yield f"{name:<15} {told:>8} {bar}", _CHOSEN if index == view.chosen else Style()
 
 

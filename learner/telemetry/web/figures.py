@@ -79,7 +79,6 @@ def _actor(actor: ActorView, values: Values) -> dict[str, Any]:
     newest = number(values, "stream/weights_version") or 0
     totals: dict[str, Value] = {key: getattr(stats, name) for name, key in TOTALS.items()}
     tests = stats.role == "evaluator"
-    ended = "left" if stats.leaving else "lost"
     return {
         "name": stats.name,
         "role": stats.role,
@@ -87,7 +86,7 @@ def _actor(actor: ActorView, values: Values) -> dict[str, Any]:
         "machine": stats.machine or formats.UNKNOWN,
         "age": formats.duration(stats.seconds),
         "steps": f"{stats.steps:,}",
-        "rate": formats.decimal(stats.steps_per_second, 1) if actor.alive else ended,
+        "rate": formats.decimal(stats.steps_per_second, 1) if actor.alive else actor.ended,
         "epsilon": formats.decimal(stats.epsilon, 3),
         "weights": (
             f"epoch {stats.weights_version}"

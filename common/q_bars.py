@@ -1,0 +1,19 @@
+"""Q-values as bars of text, for the screens of training and of watching."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def q_bars(values: NDArray[np.floating], rows: int, width: int) -> Iterator[tuple[int, float, str]]:
+    """Yields index, Q-value and bar of the ``rows`` best actions, in the order of the actions.
+
+    Args:
+        values: of all actions, finite; the least of them has no bar.
+        width: columns of the bar of the greatest.
+    """
+    least, span = float(values.min()), float(np.ptp(values)) or 1.0
+    for index in sorted(np.argsort(-values, kind="stable")[:rows].tolist()):
+        value = float(values[index])
+        yield index, value, "█" * round((value - least) / span * width)
