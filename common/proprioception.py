@@ -1,22 +1,25 @@
 """Layout of the vector observation: proprioception beside the frames.
 
-Oldest first within each group, with the settings' ``play.vector_commands`` C and
-``play.vector_key_frames`` F (6 and 4 by default), and J joints::
+With the settings' ``play.vector_commands`` C, ``play.vector_key_frames`` F and
+``play.vector_forecast`` N (6, 4 and 0 by default), and J joints::
 
-    [0, 18 C)              the last C commands, one-hot over ALE's 18 actions; all zero before the
-                           first
-    [18 C, 18 C + 5 F)     the keys (up, down, left, right, fire) at the end of each of the last F
-                           emulator frames, 1 where pressed
-    [18 C + 5 F, ... + J)  angles of the robot's J joints, -1 at the lower limit and 1 at the upper;
-                           NAO's 8 are the left, then the right arm's ShoulderPitch, ShoulderRoll,
-                           ElbowYaw and ElbowRoll
-    [... + J, ... + 2J)    speeds of the same joints as shares of their maximum
+    [0, 18 C)      the last C commands, oldest first, one-hot over ALE's 18 actions; all zero before
+                   the first
+    [..., + 5 F)   the keys (up, down, left, right, fire) at the end of each of the last F emulator
+                   frames, oldest first, 1 where pressed
+    [..., + J)     angles of the robot's J joints, -1 at the lower limit and 1 at the upper; NAO's 8
+                   are the left, then the right arm's ShoulderPitch, ShoulderRoll, ElbowYaw and
+                   ElbowRoll
+    [..., + J)     speeds of the same joints as shares of their maximum
+    [..., + 7 N)   forecast of each of the next N emulator frames, nearest first: 1 where the next
+                   command comes too late to release a key, 1 where it comes too late to press one,
+                   and the keys, 1 where pressed, if the last command were kept
 
-The last two groups are a robot's alone, and ``play.vector_joints`` has to ask for them.
+The joints are a robot's alone, and ``play.vector_joints`` has to ask for them.
 All numbers are within [-1, 1].
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from common.actions import KEYS_OF_ACTION, Keys
 
@@ -31,8 +34,26 @@ KEY_FRAMES = 4
 """Emulator frames whose keys are remembered, unless the settings say otherwise."""
 
 
+class VectorWidths(NamedTuple):
+    """How many numbers of the vector observation each group has, in their order."""
+
+    commands: int
+    keys: int
+    joints: int
+    forecast: int
+
+
+def vector_widths(play: "PlayConfig", joints: int) -> VectorWidths:
+    """Returns the groups of the vector observation of a robot with that many joints; 0 joints
+    without a robot."""
+    return VectorWidths(
+        commands=play.vector_commands * ACTIONS,
+        keys=play.vector_key_frames * len(KEYS),
+        joints=2 * joints if play.vector_joints else 0,
+        forecast=play.vector_forecast * (2 + len(KEYS)),
+    )
+
+
 def vector_width(play: "PlayConfig", joints: int) -> int:
-    """Returns how many numbers the vector observation of a robot with that many joints has; 0
-    joints without a robot."""
-    told = 2 * joints if play.vector_joints else 0
-    return play.vector_commands * ACTIONS + play.vector_key_frames * len(KEYS) + told
+    """Returns how many numbers the vector observation has."""
+    return sum(vector_widths(play, joints))

@@ -6,8 +6,9 @@ import torch
 
 from common.errors import InputError
 from common.network import QNetwork, build_network
-from common.proprioception import vector_width
+from common.proprioception import VectorWidths, vector_widths
 from common.protocol.weights import encode_weights, load_weights_file
+from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.origin import check_fit, origin_of
@@ -43,27 +44,29 @@ def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
 def read_network(file: Path, config: RunConfig) -> QNetwork:
     """Returns the network in ``file`` for a run of ``config``.
 
-    Where the run's vector observation has more numbers than the network's, the new ones get zero
-    weights, so that it plays as before. Where it has fewer, such as no joints, or those of another
-    robot, the network has to learn to do without.
+    Where the run's vector observation has more numbers than the network's, such as longer
+    histories, the new ones get zero weights, so that it plays as before. Where it lacks some, such
+    as joints, or those of another robot, the network has to learn to do without.
 
     Raises:
         InputError: it cannot be read, or is not for what the run plays.
     """
     trained = origin_of(file)
-    shared = None if trained is None else _shared_numbers(trained, config)
-    check_fit(file, trained, config, vector=shared is None)
+    told = None if trained is None else _told_to_both(trained, config)
+    check_fit(file, trained, config, vector=told is None)
     network = _fresh(config)
-    if trained is None or shared is None:
+    if trained is None or told is None:
         load_weights_file(network, file, "this run")
         return network
     found = _fresh(config, vector_width=trained.vector_width)
     load_weights_file(found, file, "this run")
     weights = found.state_dict()
     of_found = weights["hidden.weight"]
-    alike = of_found.shape[1] - trained.vector_width + shared
+    pixels = of_found.shape[1] - trained.vector_width
     hidden = torch.zeros_like(network.hidden.weight)
-    hidden[:, :alike] = of_found[:, :alike]
+    hidden[:, :pixels] = of_found[:, :pixels]
+    before, now = (pixels + torch.tensor(numbers, dtype=torch.int64) for numbers in told)
+    hidden[:, now] = of_found[:, before]
     network.load_state_dict(weights | {"hidden.weight": hidden})
     return network
 
@@ -72,17 +75,34 @@ def _fresh(config: RunConfig, vector_width: int | None = None) -> QNetwork:
     return build_network(config, config.action_count, vector_width=vector_width)
 
 
-def _shared_numbers(trained: RunConfig, config: RunConfig) -> int | None:
-    """Returns how many numbers at the beginning of the vector observation mean the same in both;
+def _told_to_both(trained: RunConfig, config: RunConfig) -> tuple[list[int], list[int]] | None:
+    """Returns which numbers of the former vector observation mean the same as which of the run's;
     None where a network cannot go from one to the other."""
-    old, new = trained.play, config.play
-    if not new.vector:
+    if not config.play.vector:
         return None
-    if not old.vector:
-        return 0
-    lengths = [(play.vector_commands, play.vector_key_frames) for play in (old, new)]
-    if lengths[0] != lengths[1]:
-        return None
-    one_body = (trained.env, old.robot) == (config.env, new.robot)
-    widths = trained.vector_width, config.vector_width
-    return min(widths) if one_body else min(*widths, vector_width(new, joints=0))
+    if not trained.play.vector:
+        return [], []
+    widths = _widths(trained), _widths(config)
+    if any(
+        sum(each) != run.vector_width for each, run in zip(widths, (trained, config), strict=True)
+    ):
+        return None  # an environment that was registered with a vector of its own
+    one_body = (trained.env, trained.play.robot) == (config.env, config.play.robot)
+    before: list[int] = []
+    now: list[int] = []
+    ends = [0, 0]
+    for group, *sizes in zip(VectorWidths._fields, *widths, strict=True):
+        begins, ends = ends, [end + size for end, size in zip(ends, sizes, strict=True)]
+        shared = min(sizes)
+        if group == "joints" and not one_body:
+            shared = 0
+        # Histories end with the newest number, and a forecast begins with the nearest.
+        old, new = begins if group == "forecast" else [end - shared for end in ends]
+        before += range(old, old + shared)
+        now += range(new, new + shared)
+    return before, now
+
+
+def _widths(config: RunConfig) -> VectorWidths:
+    robot = ENVIRONMENTS.find(config.env).robot
+    return vector_widths(config.play, ROBOTS.find(config.play.robot).joints if robot else 0)

@@ -140,7 +140,7 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
             pressed = [self._hands.step_frame() for _ in range(self._play.frame_skip)]
             reward = sum(self._game.hold(action_of_keys(keys)) for keys in pressed)
         if self._sense is not None:
-            for keys in pressed[-self._sense.key_frames :]:
+            for keys in pressed:
                 self._sense.feel(keys)
         self.wanted, self.pressed = wanted, pressed[-1]
         terminated, truncated = self._game.end_agent_step()

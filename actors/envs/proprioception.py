@@ -7,14 +7,10 @@ the state is complete although the arms are slow. `common.proprioception` says w
 import numpy as np
 from numpy.typing import NDArray
 
-from common.actions import Keys
-from common.proprioception import ACTIONS, KEYS, vector_width
+from actors.envs.key_forecast import FLAGS, KeyForecast
+from common.actions import KEYS_OF_ACTION, Keys
+from common.proprioception import ACTIONS, KEYS, vector_widths
 from common.run.conditions import PlayConfig
-
-_FLAGS = np.array(
-    [[bool(number & key) for key in KEYS] for number in range(2 ** len(KEYS))], np.float32
-)
-"""Which keys are in each set of keys, ``[32, 5]``."""
 
 
 class Proprioception:
@@ -23,27 +19,33 @@ class Proprioception:
     def __init__(self, play: PlayConfig, joints: int = 0) -> None:
         """``play`` says how much is remembered; ``joints`` is the number J of the robot's joints, 0
         without a robot."""
-        self.key_frames = play.vector_key_frames
-        """Emulator frames whose keys are remembered."""
-        self._now = np.zeros(vector_width(play, joints), np.float32)
-        commands = play.vector_commands * ACTIONS
-        self._felt = commands + play.vector_key_frames * len(KEYS)
-        self._commands, self._keys = self._now[:commands], self._now[commands : self._felt]
+        widths = vector_widths(play, joints)
+        self._now = np.zeros(sum(widths), np.float32)
+        self._commands, self._keys, self._joints, self._coming = np.split(
+            self._now, np.cumsum(widths)[:-1]
+        )
+        self._forecast = KeyForecast(play.vector_forecast) if play.vector_forecast else None
 
     def forget(self) -> None:
         """As before the first command, with no key pressed."""
         self._now[:] = 0.0
+        if self._forecast is not None:
+            self._forecast.restart()
 
     def command(self, action: int) -> None:
         """Remember a command, one of ALE's 18 actions."""
         self._commands[:-ACTIONS] = self._commands[ACTIONS:].copy()
         self._commands[-ACTIONS:] = 0.0
         self._commands[action - ACTIONS] = 1.0
+        if self._forecast is not None:
+            self._forecast.command(KEYS_OF_ACTION[action])
 
     def feel(self, pressed: Keys) -> None:
         """Remember the keys pressed at the end of one emulator frame."""
         self._keys[: -len(KEYS)] = self._keys[len(KEYS) :].copy()
-        self._keys[-len(KEYS) :] = _FLAGS[pressed]
+        self._keys[-len(KEYS) :] = FLAGS[pressed]
+        if self._forecast is not None:
+            self._forecast.feel(pressed)
 
     def vector(self, *joints: NDArray[np.float64]) -> NDArray[np.float32]:
         """Returns the observation, ``float32 [P]``.
@@ -52,8 +54,9 @@ class Proprioception:
             joints: `Robot.proprioception`, angles and speeds ``[J]`` each; nothing without a
                 robot. Left out if the settings leave them out.
         """
-        vector = self._now.copy()
-        if joints and self._felt < len(vector):
+        if joints and self._joints.size:
             # The engine keeps a joint's greatest speed only nearly, and not against a push.
-            vector[self._felt :] = np.concatenate(joints).clip(-1.0, 1.0)
-        return vector
+            np.concatenate(joints).clip(-1.0, 1.0, out=self._joints, casting="same_kind")
+        if self._forecast is not None:
+            self._coming[:] = self._forecast.rows().ravel()
+        return self._now.copy()

@@ -69,6 +69,9 @@ class PlayConfig:
     vector_joints: bool = True
     """Angles and speeds of a robot's joints in --play.vector; without them a network fits any
     robot, and the bare emulator."""
+    vector_forecast: Annotated[int, Ge(0), Le(MAX_HISTORY)] = 0
+    """Number of the next emulator frames whose keys are forecast in --play.vector, from the
+    commands so far and the latency that the hands have shown."""
     eye: Literal["camera", "emulator"] = "camera"
     """Source of a robot's frames: its camera's picture, or the emulator's own."""
     robot: Annotated[str, tyro.conf.arg(aliases=["--robot"])] = "nao"

@@ -108,6 +108,7 @@ VECTOR_SETTINGS = (
     "play.vector_commands",
     "play.vector_key_frames",
     "play.vector_joints",
+    "play.vector_forecast",
 )
 """What is in the vector observation, but for the robot's number of joints."""
 _VECTOR = ("play.robot", *VECTOR_SETTINGS)

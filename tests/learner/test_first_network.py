@@ -63,12 +63,51 @@ def test_it_plays_as_before_by_what_both_are_told(
     np.testing.assert_allclose(values(found, shared), values(network, shared), rtol=1e-5, atol=1e-6)
 
 
+def test_histories_that_grow_keep_what_was_told_of_the_same_time(tmp_path: Path) -> None:
+    before = config(*VECTOR)
+    now = config(
+        *(*VECTOR, "--play.vector-commands", "8", "--play.vector-key-frames", "5"),
+        *("--play.vector-forecast", "3"),
+    )
+    network, file = kept(before, tmp_path)
+    old, new = network.hidden.weight, read_network(file, now).hidden.weight
+    assert new.shape[1] == 3_136 + 8 * 18 + 5 * 5 + 16 + 3 * 7
+    expected = [
+        old[:, :3_136],
+        torch.zeros(512, 2 * 18),  # the commands of 7 and 8 agent steps ago
+        old[:, 3_136 : 3_136 + 6 * 18],
+        torch.zeros(512, 5),  # the keys of 5 frames ago
+        old[:, 3_136 + 6 * 18 :],
+        torch.zeros(512, 3 * 7),
+    ]
+    assert torch.equal(new, torch.cat(expected, 1))
+
+
+def test_histories_that_shrink_lose_what_was_told_of_long_ago(tmp_path: Path) -> None:
+    before = config(
+        *(*VECTOR, "--play.vector-commands", "2", "--play.vector-key-frames", "3"),
+        *("--play.vector-forecast", "3"),
+    )
+    now = config(
+        *(*NO_JOINTS, "--play.vector-commands", "1", "--play.vector-key-frames", "2"),
+        *("--play.vector-forecast", "2"),
+    )
+    network, file = kept(before, tmp_path)
+    old, new = network.hidden.weight, read_network(file, now).hidden.weight
+    expected = [
+        old[:, :3_136],
+        old[:, 3_136 + 18 : 3_136 + 36],
+        old[:, 3_136 + 36 + 5 : 3_136 + 51],
+        old[:, 3_136 + 51 + 16 : 3_136 + 51 + 16 + 14],
+    ]
+    assert torch.equal(new, torch.cat(expected, 1))
+
+
 @pytest.mark.parametrize(
     ("before", "now", "advice"),
     [
         (config(*VECTOR), config(), "add --play.vector"),
         (config(*NO_JOINTS, env="ale"), config(env="ale"), "add --play.vector"),
-        (config(*VECTOR), config(*VECTOR, "--play.vector-commands", "7"), "--play.vector-commands"),
         (config(), config(*VECTOR, "--play.frame-stack", "3"), "add --play.frame-stack 4"),
     ],
 )
