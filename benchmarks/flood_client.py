@@ -33,6 +33,8 @@ _QUESTIONS_UNDER_WAY = 1_024
 _QUESTION_DEADLINE = 1.0
 _PAUSE = 0.0005
 """Seconds after a heartbeat or a request: a hub takes one in 0.01 and in 0.2."""
+_OUT = 0.01
+"""Seconds between two looks of who was cut off whether it is connected again."""
 _SWITCH = 0.0001
 """Most seconds that a thread waits for another one of Python's; usually 0.005, for each chunk."""
 
@@ -104,6 +106,8 @@ class Flooder:
             self._count(f"chunks {told}")
 
         while room.acquire() and not self._over.is_set():
+            while not self._inserts.has_server and not self._over.wait(_OUT):
+                pass  # what is sent to nobody floods nobody
             payload = self._chunks.next().encode()
             self._count("chunk bytes", len(payload))
             self._count("chunks")

@@ -10,6 +10,7 @@ from common.process.http_endpoints import http_endpoints
 from common.run.folder import RunFolder
 from common.run.join import find_run, patiently
 from common.run.stored_config import differences
+from common.transport.flood_guard import tolerated
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect, open_hub
 from learner.options import LearnerOptions
@@ -31,9 +32,10 @@ def open_replay(
     """
     config, endpoint = options.config, options.connect
     if endpoint is None:
+        most = tolerated(options.actor_quota)
         folder.claim("replay", config, begun=folder.replay, resume=options.resume)
         with (
-            open_hub(options.listen, options.certificates) as transport,
+            open_hub(options.listen, options.certificates, most) as transport,
             closing(ReplayBuffer(config, folder.replay)) as buffer,
             ReplayServer(transport, buffer, config, folder.name, options.actor_quota),
         ):

@@ -46,6 +46,7 @@ from common.protocol.run_keys import RunKeys
 from common.run.folder import RunFolder
 from common.run.join import patiently
 from common.transport.endpoint import DEFAULT_ENDPOINT
+from common.transport.flood_guard import tolerated
 from common.transport.interface import Transport
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.transport.zenoh_transport import connect, open_hub
@@ -139,7 +140,7 @@ def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
     """Opens the run's hub, or joins that of another run."""
     hub = options.connect
     if hub is None:
-        return open_hub(options.listen, options.certificates)
+        return open_hub(options.listen, options.certificates, tolerated(options.actor_quota))
     if options.listen != DEFAULT_ENDPOINT:
         raise InputError("a replay listens, or joins another hub: give --listen or --connect.")
     transport = connect(

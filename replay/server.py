@@ -5,7 +5,6 @@ no insert. What nobody should have sent is refused with a sentence, counted, and
 """
 
 import logging
-import math
 import queue
 import threading
 import time
@@ -18,7 +17,7 @@ from common.protocol.ack import Ack
 from common.protocol.announcement import Announcement
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys, name_in
-from common.protocol.step_fields import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_BYTES
 from common.protocol.wire import MAX_MESSAGE_BYTES, decode_version
 from common.run.config import RunConfig
 from common.transport.interface import Answer, Envelope, Request, Transport
@@ -35,8 +34,6 @@ from replay.replay_buffer import ReplayBuffer
 
 LONGEST_WAIT = 1.0
 """Seconds that a draw or a poll may wait at the server."""
-_STEP_BYTES = math.prod(FRAME_SHAPE)
-"""A step in a chunk has a frame, and hardly more."""
 _POLL_STEPS = 16
 """Steps of its quota that a poll costs; an actor that does as it is told polls once for each chunk,
 or after `LONGEST_WAIT`."""
@@ -129,7 +126,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         if actor == DEMONSTRATIONS:  # the learner's own, which comes once
             return True
         known = self._quota.knows(actor)
-        steps = max(request.size / _STEP_BYTES, 1.0) if request.size else _POLL_STEPS
+        steps = max(request.size / FRAME_BYTES, 1.0) if request.size else _POLL_STEPS
         if request.size and known and not self._buffer.admits(actor):
             if not self._buffer.insists(actor):
                 return False

@@ -15,6 +15,8 @@ from common.checked import MAX_SIZE
 from common.protocol.message import Array, dtype_of
 
 FRAME_SHAPE = (84, 84)
+FRAME_BYTES = math.prod(FRAME_SHAPE)
+"""Of a frame; a step in a chunk has one, and hardly more."""
 
 
 class StoredArray(Array):

@@ -8,11 +8,9 @@ that begin with ``tls/`` everybody shows a certificate, and may do what its role
 
 import json
 import logging
-import os
 import socket
 import time
 from collections.abc import Callable, Set
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -31,9 +29,13 @@ from common.transport.credentials import (
     allowed_actors,
     allowed_runs,
     check_certificates,
+    common_name,
 )
 from common.transport.endpoint import check_endpoint, is_loopback
+from common.transport.flood_guard import FloodGuard, tolerated
+from common.transport.hub_sockets import Address, forget_the_silent
 from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
+from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.transport.zenoh_entities import (
     Declared,
     Service,
@@ -82,10 +84,10 @@ class ZenohTransport:
             self.session.close()  # type: ignore[no-untyped-call]
 
     def serve(self, key: str, answer: Answer) -> Closeable:
-        return self._keep(Service(self.session, key, answer))
+        return self.keep(Service(self.session, key, answer))
 
     def requester(self, key: str, deadline: float) -> Requester:
-        return self._keep(ZenohRequester(self.session, key, deadline))
+        return self.keep(ZenohRequester(self.session, key, deadline))
 
     def gather(self, key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
         sealed = seal(key, payload)
@@ -94,7 +96,7 @@ class ZenohTransport:
         return [each for each in found if each is not None]
 
     def publisher(self, key: str) -> Publisher:
-        return self._keep(ZenohPublisher(self.session, key))
+        return self.keep(ZenohPublisher(self.session, key))
 
     def subscribe(self, key: str, callback: Callable[[Envelope], None]) -> Closeable:
         def hear(sample: zenoh.Sample) -> None:
@@ -102,10 +104,10 @@ class ZenohTransport:
                 callback(envelope)
 
         handler = callback_of(f"hear {key}", hear)
-        return self._keep(Declared(self.session.declare_subscriber(key, handler)))
+        return self.keep(Declared(self.session.declare_subscriber(key, handler)))
 
     def announce(self, key: str) -> Closeable:
-        return self._keep(Declared(self.session.liveliness().declare_token(key)))
+        return self.keep(Declared(self.session.liveliness().declare_token(key)))
 
     def watch_presence(self, key: str, callback: Callable[[str, bool], None]) -> Closeable:
         def hear(sample: zenoh.Sample) -> None:
@@ -113,21 +115,31 @@ class ZenohTransport:
 
         handler = callback_of(f"watch {key}", hear)
         watch = self.session.liveliness().declare_subscriber(key, handler, history=True)
-        return self._keep(Declared(watch))
+        return self.keep(Declared(watch))
 
     def watch_shut_out(self, callback: Callable[[str, str], None]) -> Closeable:
+        def hear(name: str, address: Address, present: bool) -> None:
+            if self._let_in is not None and present and name not in self._let_in:
+                callback(name, address[0])
+
+        return self.watch_links(hear)
+
+    def watch_links(self, callback: Callable[[str, Address, bool], None]) -> Closeable:
+        """Call ``callback`` with whose certificate others show in a connection, from where, and
+        whether it begins or has ended."""
+
         def hear(event: zenoh.LinkEvent) -> None:
-            name = event.link.auth_identifier
-            if self._let_in is None or name is None or event.kind != zenoh.SampleKind.PUT:
-                return
-            if name not in self._let_in:
-                callback(name, event.link.dst.partition("/")[2].rpartition(":")[0])
+            host, _, port = event.link.dst.partition("/")[2].rpartition(":")
+            if (name := event.link.auth_identifier) is not None:
+                present = event.kind == zenoh.SampleKind.PUT
+                callback(name, (host.strip("[]"), int(port)), present)
 
         handler = callback_of("hear of links", hear)
         links = self.session.info.declare_link_events_listener(handler, history=True)
-        return self._keep(Declared(links))
+        return self.keep(Declared(links))
 
-    def _keep(self, declared: _T) -> _T:
+    def keep(self, declared: _T) -> _T:
+        """Close ``declared`` with this transport."""
         self._declared.append(declared)
         return declared
 
@@ -153,11 +165,15 @@ def _config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
     return config
 
 
-def open_hub(endpoint: str, certificates: Path | None = None) -> ZenohTransport:
+def open_hub(
+    endpoint: str, certificates: Path | None = None, most: float = tolerated(STEPS_PER_SECOND)
+) -> ZenohTransport:
     """Listen at ``endpoint`` for all processes of the run.
 
     Args:
         certificates: folder with the hub's, for a ``tls/`` endpoint.
+        most: bytes per second of an actor with a certificate by name; one that sends more is cut
+            off for a while.
 
     Raises:
         InputError: the port is taken, the address is not one of this machine's, or the
@@ -189,37 +205,23 @@ def open_hub(endpoint: str, certificates: Path | None = None) -> ZenohTransport:
         **size_limits(),
         "downsampling": rate_limits(),
     }
-    let_in = None
+    let_in, by_name = None, set[str]()
     if credentials is not None and certificates is not None:
-        access = access_control(
-            allowed_actors(certificates, listed=True), allowed_runs(certificates)
-        )
+        actors = allowed_actors(certificates, listed=True)
+        access = access_control(actors, allowed_runs(certificates))
         settings |= {**credentials.settings("hub"), "access_control": access}
         let_in = {subject["id"] for subject in access["subjects"]}
+        by_name = {common_name("actor", name) for name in actors or ()}
     try:
         session = zenoh.open(_config("router", settings))
     except zenoh.ZError as error:
         raise InputError(f"cannot listen at {endpoint}: {error}") from None
-    _forget_the_silent(port)
-    return ZenohTransport(session, let_in)
-
-
-def _forget_the_silent(port: int) -> None:
-    """Let the kernel end connections to ``port`` whose other side has not taken what was sent.
-
-    To end a TLS link Zenoh writes to it. Where a router has forgotten the connection, and its
-    buffer is full, that would wait for the kernel's own end, a quarter of an hour later, and the
-    client could not come back before. Sockets inherit it from the one that accepts them.
-    """
-    for file in Path("/proc/self/fd").iterdir():
-        with suppress(OSError):
-            if not os.readlink(file).startswith("socket:"):
-                continue
-            with socket.socket(fileno=os.dup(int(file.name))) as found:
-                listens = found.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
-                of_ip = found.family in (socket.AF_INET, socket.AF_INET6)
-                if listens and of_ip and found.getsockname()[1] == port:
-                    found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, LEASE_MS)
+    forget_the_silent(port, LEASE_MS)
+    transport = ZenohTransport(session, let_in)
+    if let_in is not None:
+        guard = transport.keep(FloodGuard(port, let_in - by_name, most))
+        transport.watch_links(guard.hear)
+    return transport
 
 
 def connect(

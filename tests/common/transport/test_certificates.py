@@ -16,27 +16,11 @@ from common.protocol.run_keys import RunKeys
 from common.transport.credentials import Role, check_certificates, own_name
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect, open_hub
-from tests.paths import ROOT
+from tests.common.transport.conftest import SCRIPT, make
 from tests.patience import PATIENCE, wait_until
 
-SCRIPT = ROOT / "deploy" / "certificates.sh"
 KEYS = RunKeys("r")
 NOT_LET_IN = r"^no hub answered at t"
-
-
-def make(folder: Path, *hosts: str) -> Path:
-    subprocess.run([SCRIPT, folder, *(hosts or ("hub.example.org",))], check=True)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make(tmp_path_factory.mktemp("certificates"))
-
-
-@pytest.fixture
-def address(endpoint: str) -> str:
-    return endpoint.replace("tcp/", "tls/")
 
 
 @pytest.fixture
@@ -187,14 +171,6 @@ def test_a_learner_is_heard_by_name(hub: Transport, join: Callable[[Role], Trans
 
 
 # ---------------------------------------------------------------------- actors by name
-
-
-@pytest.fixture
-def named(certificates: Path, tmp_path: Path) -> Path:
-    """A folder of a hub that knows two actors by name."""
-    folder = shutil.copytree(certificates, tmp_path / "named")
-    subprocess.run([SCRIPT, folder, "--actors", "left", "right"], check=True)
-    return folder
 
 
 @pytest.fixture

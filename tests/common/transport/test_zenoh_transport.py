@@ -21,7 +21,6 @@ from common.transport.interface import Envelope, Unanswered
 from common.transport.zenoh_transport import (
     LEASE_MS,
     ZenohTransport,
-    _forget_the_silent,
     connect,
     open_hub,
 )
@@ -49,26 +48,6 @@ def test_what_is_no_address_is_told_with_an_example(endpoint: str) -> None:
     for use in (check_endpoint, open_hub, lambda endpoint: connect(endpoint, 1e9)):
         with pytest.raises(InputError, match=f"is no address: write it as {DEFAULT_ENDPOINT}"):
             use(endpoint)
-
-
-def test_the_kernel_ends_a_hubs_connections_whose_other_side_takes_nothing() -> None:
-    """Or a client whose connection a router forgot could not come back over TLS."""
-
-    def timeout(opened: socket.socket) -> int:
-        return opened.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT)
-
-    with (
-        socket.create_server(("127.0.0.1", 0)) as ours,
-        socket.create_server(("127.0.0.1", 0)) as other,
-    ):
-        before = os.listdir("/proc/self/fd")
-        _forget_the_silent(ours.getsockname()[1])
-        assert len(os.listdir("/proc/self/fd")) == len(before)
-        assert (timeout(ours), timeout(other)) == (LEASE_MS, 0)
-        with socket.create_connection(ours.getsockname()):
-            accepted, _ = ours.accept()
-            with accepted:
-                assert timeout(accepted) == LEASE_MS
 
 
 def ip_sockets() -> dict[str, tuple[socket.SocketKind, Any, int]]:

@@ -1,0 +1,111 @@
+"""`FloodGuard`: ends the connections of who sends a hub far more than it takes of anybody.
+
+What Zenoh or a server drops has been received, decrypted and put together before: a millisecond of
+the hub's processor time for each megabyte, so that a client which sends as fast as it can takes
+half of a core. One with a certificate by name is not heard for a while instead.
+"""
+
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Set
+
+from common.process.log_lines import Seldom
+from common.protocol.step_fields import FRAME_BYTES
+from common.transport.hub_sockets import Address, bytes_received, end_connections
+from common.transport.leaky_bucket import STEPS_PER_SECOND
+
+CUT_OFF = 60.0
+"""Seconds for which a flooder's connections are ended as soon as they are made."""
+_LOOK = 1.0
+_AHEAD = 2.0
+"""Seconds of what is taken at most that may come at once."""
+_TOLERANCE = 1.5
+"""Who sends more than its quota sends again what was turned away."""
+_log = logging.getLogger(__name__)
+_log.addFilter(Seldom())
+
+
+def tolerated(quota: float) -> float:
+    """Returns the bytes per second that one may send of whom ``quota`` steps per second are taken;
+    no less than with the usual quota, because a smaller one is not there to save receiving."""
+    return _TOLERANCE * max(quota, STEPS_PER_SECOND) * FRAME_BYTES
+
+
+class FloodGuard:
+    """Watches the connections to a hub's ``port``, of which it is told, until it is closed.
+
+    Args:
+        trusted: names in certificates that may send as much as they like, such as the learner's.
+        most: bytes per second that are received of any other name.
+    """
+
+    def __init__(
+        self,
+        port: int,
+        trusted: Set[str],
+        most: float,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._port = port
+        self._trusted = trusted
+        self._most = most
+        self._now = now
+        self._names: dict[Address, str] = {}
+        """Whose certificate was shown in each connection that is watched."""
+        self._received: dict[Address, int] = {}
+        self._ahead: Counter[str] = Counter()
+        """Bytes by which a name is ahead of what is taken of it."""
+        self._cut_until: dict[str, float] = {}
+        self._looked = now()
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="flood-guard", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Watch no more."""
+        self._closed.set()
+        self._thread.join()
+
+    def hear(self, name: str, address: Address, present: bool) -> None:
+        """Take note of a connection that begins, or has ended."""
+        if name in self._trusted:
+            return
+        with self._lock:
+            if not present:
+                self._names.pop(address, None)
+                return
+            self._names[address] = name
+            cut = self._cut_until.get(name, 0.0) > self._now()
+        if cut:
+            end_connections(self._port, {address})
+
+    def _work(self) -> None:
+        while not self._closed.wait(_LOOK):
+            self.look()
+
+    def look(self) -> None:
+        """Cut off who has sent too much since the last look."""
+        received = bytes_received(self._port)
+        with self._lock:
+            now = self._now()
+            taken = (now - self._looked) * self._most
+            self._looked = now
+            for address, name in self._names.items():
+                more = received.get(address, 0) - self._received.get(address, 0)
+                self._ahead[name] += max(more, 0)  # one that has ended pays nothing back
+            self._received = received
+            # Who is ahead no more is forgotten.
+            self._ahead = +Counter({name: ahead - taken for name, ahead in self._ahead.items()})
+            floods = {name for name, ahead in self._ahead.items() if ahead > self._most * _AHEAD}
+            for name in floods:
+                del self._ahead[name]
+                self._cut_until[name] = now + CUT_OFF
+            ended = {address for address, name in self._names.items() if name in floods}
+        for name in floods:
+            text = "%s sends more than %.0f MB/s: its connections are ended for %.0f s"
+            _log.warning(text, name, self._most / 1e6, CUT_OFF)
+        if ended:
+            end_connections(self._port, ended)

@@ -1,0 +1,63 @@
+"""What a hub asks of the kernel about the connections to its port, which Zenoh does not tell."""
+
+import os
+import socket
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+Address = tuple[str, int]
+"""Host and port of the other side."""
+_RECEIVED = struct.Struct("=Q")
+_RECEIVED_AT = 128
+"""Where Linux' ``struct tcp_info`` has ``tcpi_bytes_received``."""
+
+
+def forget_the_silent(port: int, milliseconds: int) -> None:
+    """Let the kernel end connections to ``port`` whose other side has not taken what was sent.
+
+    To end a TLS link Zenoh writes to it. Where a router has forgotten the connection, and its
+    buffer is full, that would wait for the kernel's own end, a quarter of an hour later, and the
+    client could not come back before. Sockets inherit it from the one that accepts them.
+    """
+    for found in _at(port):
+        if found.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+            found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, milliseconds)
+
+
+def bytes_received(port: int) -> dict[Address, int]:
+    """Returns what came over each connection to ``port`` since it began."""
+    found = {}
+    for address, opened in _accepted(port):
+        with suppress(OSError):
+            told = opened.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
+            (found[address],) = _RECEIVED.unpack_from(told, _RECEIVED_AT)
+    return found
+
+
+def end_connections(port: int, addresses: set[Address]) -> None:
+    """Ends the connections of these addresses to ``port``, for both sides."""
+    for address, opened in _accepted(port):
+        if address in addresses:
+            with suppress(OSError):  # the other side was faster
+                opened.shutdown(socket.SHUT_RDWR)
+
+
+def _accepted(port: int) -> Iterator[tuple[Address, socket.socket]]:
+    for opened in _at(port):
+        with suppress(OSError):  # it listens, or is at its end
+            host, other, *_ = opened.getpeername()
+            yield (host, other), opened
+
+
+def _at(port: int) -> Iterator[socket.socket]:
+    """Yields this process' own ends at ``port``, each for as long as it is looked at."""
+    for file in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):
+            if not os.readlink(file).startswith("socket:"):
+                continue
+            with socket.socket(fileno=os.dup(int(file.name))) as found:
+                of_ip = found.family in (socket.AF_INET, socket.AF_INET6)
+                if of_ip and found.getsockname()[1] == port:
+                    yield found

@@ -1,0 +1,164 @@
+"""Who floods a hub, and who does not: over real connections, and by a clock of the test's."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from common.protocol.run_keys import RunKeys
+from common.transport import flood_guard
+from common.transport.flood_guard import CUT_OFF, FloodGuard, tolerated
+from common.transport.hub_sockets import Address
+from common.transport.interface import Requester, Transport
+from common.transport.leaky_bucket import STEPS_PER_SECOND
+from common.transport.zenoh_transport import ZenohTransport, connect, open_hub
+from tests.patience import PATIENCE, wait_until
+
+KEYS = RunKeys("r")
+MEGABYTE = bytes(2**20)
+
+
+class Crowd:
+    """A hub that takes 0.1 MB/s, and clients of it."""
+
+    def __init__(self, stack: ExitStack, address: str, folder: Path) -> None:
+        self._stack, self._address, self._folder = stack, address, folder
+        self.hub: ZenohTransport = stack.enter_context(open_hub(address, folder, 1e5))
+        self.hub.serve(KEYS.all, lambda _: b"ok")
+
+    def actor(self, name: str) -> Requester:
+        client = connect(self._address, PATIENCE, name=name, certificates=self._folder)
+        return self._stack.enter_context(client).requester(KEYS.insert(name), PATIENCE)
+
+    def learner(self) -> Transport:
+        client = connect(self._address, PATIENCE, role="learner", certificates=self._folder)
+        return self._stack.enter_context(client)
+
+    def links(self, name: str) -> list[str]:
+        links = self.hub.session.info.links()
+        return [link.dst for link in links if link.auth_identifier == name]
+
+
+@pytest.fixture
+def crowd(address: str, named: Path) -> Iterator[Crowd]:
+    with ExitStack() as stack:
+        yield Crowd(stack, address, named)
+
+
+def flood(actor: Requester) -> None:
+    """Returns when it is cut off."""
+
+    def is_out() -> bool:
+        actor.request(MEGABYTE).exception()
+        return not actor.has_server
+
+    wait_until(is_out, "the flooder is cut off")
+
+
+def test_who_floods_a_hub_is_cut_off_and_the_others_are_not(
+    crowd: Crowd, caplog: pytest.LogCaptureFixture
+) -> None:
+    left, right, learner = crowd.actor("left"), crowd.actor("right"), crowd.learner()
+    assert right.request(b"").result().payload == b"ok"
+    before = crowd.links("actor.right"), crowd.links("learner")
+    assert list(map(len, before)) == [1, 1]
+    priorities = learner.requester(KEYS.priorities, PATIENCE)
+    for _ in range(3):
+        assert priorities.request(MEGABYTE).result().payload == b"ok"
+    flood(left)
+    again = crowd.actor("left")  # is let in, and out at once, although it sends nothing
+    wait_until(lambda: not again.has_server, "the flooder is out again")
+    assert (crowd.links("actor.right"), crowd.links("learner")) == before
+    assert right.request(b"").result().payload == b"ok"
+    assert "actor.left sends more than 0 MB/s: its connections are ended for 60 s" in caplog.text
+    assert caplog.text.count("sends more") == 1
+
+
+def test_who_floods_no_more_is_heard_again(crowd: Crowd, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flood_guard, "CUT_OFF", 1.0)
+    left = crowd.actor("left")
+    flood(left)
+    wait_until(lambda: left.has_server, "the flooder is back")
+    assert left.request(b"").result().payload == b"ok"
+
+
+class Links:
+    """Connections that the test makes up, and a clock."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 100.0
+        self.received: dict[Address, int] = {}
+        self.ended: list[Address] = []
+        monkeypatch.setattr(flood_guard, "bytes_received", lambda _: dict(self.received))
+        monkeypatch.setattr(flood_guard, "end_connections", lambda _, some: self.ended.extend(some))
+        self.guard = FloodGuard(7, {"learner"}, 100.0, lambda: self.now)
+        self.guard.close()  # this test looks itself
+
+    def join(self, name: str, port: int, *, leaves: bool = False) -> None:
+        self.guard.hear(name, ("::1", port), not leaves)
+
+    def send(self, port: int, count: int, seconds: float = 1.0) -> list[int]:
+        """Returns the ports that are ended, after so many seconds."""
+        self.now += seconds
+        self.received["::1", port] = self.received.get(("::1", port), 0) + count
+        self.ended.clear()
+        self.guard.look()
+        return [port for _, port in self.ended]
+
+
+@pytest.fixture
+def links(monkeypatch: pytest.MonkeyPatch) -> Links:
+    return Links(monkeypatch)
+
+
+def test_what_one_sends_within_its_measure_is_taken_for_ever(links: Links) -> None:
+    links.join("a", 1)
+    assert [links.send(1, 100) for _ in range(20)] == [[]] * 20
+    assert links.send(1, 300) == []  # 2 s ahead, as after a pause
+    assert links.send(1, 0, 2.0) == []
+    assert links.send(1, 300) == []
+    assert links.send(1, 101) == [1]
+
+
+def test_an_actors_connections_count_together(links: Links) -> None:
+    links.join("a", 1)
+    links.join("a", 2)
+    links.join("b", 3)
+    for port in (1, 3):
+        assert links.send(port, 200, 0.0) == []
+    assert links.send(2, 1, 0.0) == [1, 2]
+    assert links.send(3, 0, 0.0) == []
+
+
+def test_who_connects_anew_is_as_far_ahead_as_before(links: Links) -> None:
+    links.join("a", 1)
+    assert links.send(1, 200, 0.0) == []
+    del links.received["::1", 1]
+    links.join("a", 2)  # before it is known that the first has ended
+    assert links.send(2, 1, 0.0) == [1, 2]
+
+
+def test_who_was_cut_off_is_ended_until_its_time_is_over(links: Links) -> None:
+    links.join("a", 1)
+    assert links.send(1, 301) == [1]
+    links.join("a", 1, leaves=True)
+    links.ended.clear()
+    links.now += CUT_OFF - 1
+    links.join("b", 2)
+    assert links.ended == []
+    links.join("a", 3)
+    assert links.ended == [("::1", 3)]
+    links.now += 1
+    links.join("a", 4)
+    assert links.ended == [("::1", 3)]
+
+
+def test_who_is_trusted_is_not_watched(links: Links) -> None:
+    links.join("learner", 1)
+    assert links.send(1, 1_000) == []
+
+
+def test_a_quota_bounds_what_is_received_too() -> None:
+    assert tolerated(STEPS_PER_SECOND) == tolerated(1) == 15_000 * 84 * 84
+    assert tolerated(2 * STEPS_PER_SECOND) == 30_000 * 84 * 84

@@ -1,0 +1,49 @@
+"""What a hub asks of the kernel, on plain sockets."""
+
+import os
+import socket
+
+from common.transport.hub_sockets import bytes_received, end_connections, forget_the_silent
+
+
+def test_the_kernel_ends_a_hubs_connections_whose_other_side_takes_nothing() -> None:
+    """Or a client whose connection a router forgot could not come back over TLS."""
+
+    def timeout(opened: socket.socket) -> int:
+        return opened.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT)
+
+    with (
+        socket.create_server(("127.0.0.1", 0)) as ours,
+        socket.create_server(("127.0.0.1", 0)) as other,
+    ):
+        before = os.listdir("/proc/self/fd")
+        forget_the_silent(ours.getsockname()[1], 3_000)
+        assert len(os.listdir("/proc/self/fd")) == len(before)
+        assert (timeout(ours), timeout(other)) == (3_000, 0)
+        with socket.create_connection(ours.getsockname()):
+            accepted, _ = ours.accept()
+            with accepted:
+                assert timeout(accepted) == 3_000
+
+
+def test_what_came_over_each_connection_is_known_and_one_of_them_can_be_ended() -> None:
+    with (
+        socket.create_server(("127.0.0.1", 0)) as ours,
+        socket.create_connection(ours.getsockname()) as first,
+        socket.create_connection(ours.getsockname()) as second,
+        ours.accept()[0] as accepted,
+        ours.accept()[0] as still,
+        socket.create_server(("127.0.0.1", 0)) as other,
+        socket.create_connection(other.getsockname()),
+        other.accept()[0],
+    ):
+        port, before = ours.getsockname()[1], os.listdir("/proc/self/fd")
+        first.sendall(bytes(1_000))
+        accepted.recv(1_000, socket.MSG_WAITALL)
+        assert bytes_received(port) == {first.getsockname(): 1_000, second.getsockname(): 0}
+        end_connections(port, {first.getsockname()})
+        assert first.recv(1) == b""  # the end
+        second.sendall(b"x")
+        assert still.recv(1) == b"x"
+        assert bytes_received(port)[second.getsockname()] == 1
+        assert len(os.listdir("/proc/self/fd")) == len(before)
