@@ -136,10 +136,11 @@ def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
     rate = fill("{learning/updates_per_second} updates/s", learner.values)
     yield "learner", state, learner.version, rate, UNKNOWN, _ago(learner.silent_for)
     for actor in learner.actors:
+        ended = "left" if actor.leaving else "lost"
         held = f", throttled {actor.held_share:.0%}" if actor.held_share else ""
         yield (
             actor.name,
-            f"{actor.role}{held}" if actor.alive else f"{actor.role}, lost",
+            f"{actor.role}{held}" if actor.alive else f"{actor.role}, {ended}",
             actor.version,
             f"{decimal(actor.steps_per_second, 1)} steps/s",
             f"{actor.lag:,} updates" if actor.role == "actor" else UNKNOWN,

@@ -36,6 +36,8 @@ class ActorStatus(NamedTuple):
     name: Name
     role: Role
     alive: bool
+    leaving: bool
+    """It took its leave, so it is not lost where it is not alive."""
     silent_for: Amount
     """Seconds since it was last heard of."""
     version: str

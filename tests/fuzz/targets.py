@@ -234,7 +234,7 @@ class Targets:
             0.5,
             {"learning/updates": 3, "run/phase": "training", "learning/loss": 0.25},
             (HealthCheck("sees", 0.9, "≥ 0.5", True, "", True),),
-            (ActorStatus("a", "actor", True, 0.1, "0.1.0", 12.5, 3, 0.0),),
+            (ActorStatus("a", "actor", True, False, 0.1, "0.1.0", 12.5, 3, 0.0),),
         )
         view = LiveView(
             1, 2.0, 5, True, False, b"", (), (), b"", b"", 1, 1, (0, 2, 5), (0.5, 0.25, 1.0), 2

@@ -50,6 +50,7 @@ NOW = snapshot(
             alive=True,
         ),
         ActorView(stats=ActorStats("e-1", "evaluator"), alive=False, silent_for=7.0),
+        ActorView(stats=ActorStats("a-2", "actor", leaving=True), alive=False, silent_for=9.0),
     ),
     checks=(
         HealthCheck(name="valid frames", value=1.0, passed=True, bound="≥ 0.99", why="no screen"),
@@ -93,6 +94,7 @@ def test_a_healthy_run(client: Transport) -> None:
         "71.2 steps/s",
         "10 updates",
         "evaluator, lost",
+        "actor, left",
         "7 s ago",
         "warning: press is 90.00, not ≤ 66: slow",
         "healthy",

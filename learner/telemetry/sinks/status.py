@@ -40,6 +40,7 @@ def status_of(snapshot: Snapshot, silent_for: float) -> RunStatus:
                 each.stats.name,
                 each.stats.role,
                 each.alive,
+                each.stats.leaving,
                 each.silent_for,
                 each.stats.version,
                 each.stats.steps_per_second,
