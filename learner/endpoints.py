@@ -35,7 +35,7 @@ def open_replay(
         most = tolerated(options.actor_quota)
         folder.claim("replay", config, begun=folder.replay, resume=options.resume)
         with (
-            open_hub(options.listen, options.certificates, most) as transport,
+            open_hub(options.listen, options.certificates, most, folder.name) as transport,
             closing(ReplayBuffer(config, folder.replay)) as buffer,
             ReplayServer(transport, buffer, config, folder.name, options.actor_quota),
         ):

@@ -140,7 +140,8 @@ def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
     """Opens the run's hub, or joins that of another run."""
     hub = options.connect
     if hub is None:
-        return open_hub(options.listen, options.certificates, tolerated(options.actor_quota))
+        most = tolerated(options.actor_quota)
+        return open_hub(options.listen, options.certificates, most, options.run)
     if options.listen != DEFAULT_ENDPOINT:
         raise InputError("a replay listens, or joins another hub: give --listen or --connect.")
     transport = connect(

@@ -1,5 +1,6 @@
 """Joining a run: which one a hub serves, and under which configuration."""
 
+import logging
 import sys
 import threading
 import time
@@ -13,6 +14,7 @@ from common.protocol.run_keys import RunKeys, check_name
 from common.run.config import RunConfig
 from common.transport.interface import Transport
 
+_log = logging.getLogger(__name__)
 _DEADLINE = 2.0
 _PAUSE = 0.2
 _TELL_EVERY = 10.0
@@ -51,6 +53,9 @@ def find_run(
 ) -> tuple[RunKeys, RunConfig]:
     """Return the run called ``name``, or the only one, at the hub of ``transport``.
 
+    Where no name is given, what others at a shared hub announce in another version's language is
+    logged and passed over.
+
     Args:
         certificates: those by which we were let in; a hub says nothing to roles that may not ask.
 
@@ -61,16 +66,23 @@ def find_run(
     if name is not None:
         check_name("run", name)
     began = time.monotonic()
+    malformed: dict[str, InputError] = {}
     while True:
         found: dict[str, Announcement] = {}
         for answer in transport.gather(RunKeys(name or "*").config, _DEADLINE):
             try:
                 told = Announcement.decode(answer.payload)
             except MessageError as error:
-                raise InputError(
+                reason = InputError(
                     f"the hub does not speak this version's language ({error}): "
                     "install the same version on both machines."
-                ) from None
+                )
+                if name is not None:
+                    raise reason from None
+                if answer.key not in malformed:
+                    _log.warning("what %s announces is passed over: %s", answer.key, error)
+                malformed[answer.key] = reason
+                continue
             if answer.key == RunKeys(told.run).config:  # or it speaks in another run's name
                 found[told.run] = told
         if len(found) > 1:
@@ -83,6 +95,8 @@ def find_run(
         if stopped():
             raise KeyboardInterrupt
         if time.monotonic() - began >= patience:
+            if malformed:
+                raise malformed.popitem()[1]
             raise Unreachable(
                 f"the hub serves no run{f' called {name!r}' if name else ''}: "
                 "start a learner there." + ("" if certificates is None else _DENIED)

@@ -50,13 +50,22 @@ def allowed_actors(folder: Path, *, listed: bool = False) -> list[str] | None:
     return names
 
 
-def allowed_runs(folder: Path) -> list[str]:
+def allowed_runs(folder: Path, own: str | None = None) -> list[str]:
     """The runs whose replays a hub with this folder lets in, each by a certificate of its own.
 
+    Args:
+        own: the hub's own run.
+
     Raises:
-        InputError: the list cannot be read, or holds what cannot be a name.
+        InputError: the list cannot be read, holds what cannot be a name, or the hub's own run.
     """
-    return _names_in(folder / _RUNS) or []
+    runs = _names_in(folder / _RUNS) or []
+    if own in runs:
+        raise InputError(
+            f"{folder / _RUNS} lists {own}, the hub's own run, so whoever has its certificate "
+            "could answer beside the hub: delete the line, or give this run another name."
+        )
+    return runs
 
 
 def _names_in(path: Path) -> list[str] | None:

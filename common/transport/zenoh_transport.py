@@ -166,7 +166,10 @@ def _config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
 
 
 def open_hub(
-    endpoint: str, certificates: Path | None = None, most: float = tolerated(STEPS_PER_SECOND)
+    endpoint: str,
+    certificates: Path | None = None,
+    most: float = tolerated(STEPS_PER_SECOND),
+    run: str | None = None,
 ) -> ZenohTransport:
     """Listen at ``endpoint`` for all processes of the run.
 
@@ -174,6 +177,7 @@ def open_hub(
         certificates: folder with the hub's, for a ``tls/`` endpoint.
         most: bytes per second of an actor with a certificate by name; one that sends more is cut
             off for a while.
+        run: the hub's own, in whose name no other replay may answer.
 
     Raises:
         InputError: the port is taken, the address is not one of this machine's, or the
@@ -208,7 +212,7 @@ def open_hub(
     let_in, by_name = None, set[str]()
     if credentials is not None and certificates is not None:
         actors = allowed_actors(certificates, listed=True)
-        access = access_control(actors, allowed_runs(certificates))
+        access = access_control(actors, allowed_runs(certificates, run))
         settings |= {**credentials.settings("hub"), "access_control": access}
         let_in = {subject["id"] for subject in access["subjects"]}
         by_name = {common_name("actor", name) for name in actors or ()}

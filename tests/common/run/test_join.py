@@ -107,9 +107,32 @@ def test_a_hub_of_another_version_is_told(hub: Transport, client: Transport) -> 
     ):
         assert answer != good
         service = announce(hub, "one", answer)
-        with pytest.raises(InputError, match="install the same version on both machines"):
-            find_run(client, None, PATIENCE, never)
+        for name, patience in (("one", PATIENCE), (None, 0.0)):
+            with pytest.raises(InputError, match="install the same version on both machines"):
+                find_run(client, name, patience, never)
         service.close()
+
+
+def test_who_announces_garbage_at_a_shared_hub_keeps_nobody_from_the_run(
+    hub: Transport, client: Transport, caplog: pytest.LogCaptureFixture
+) -> None:
+    for run in ("bad", "worse"):
+        announce(hub, run, b"garbage")
+    looks = 0
+
+    def begins_after_two_looks() -> bool:
+        nonlocal looks
+        looks += 1
+        if looks == 2:
+            announce(hub, "one", announcement("one", FAST))
+        return False
+
+    found = find_run(client, None, PATIENCE, begins_after_two_looks)
+    assert found == (RunKeys("one", "id-one"), FAST)
+    passed_over = sorted(record.getMessage().split(":")[0] for record in caplog.records)
+    assert passed_over == [
+        f"what {RunKeys(run).config} announces is passed over" for run in ("bad", "worse")
+    ]
 
 
 def test_a_name_that_is_no_key_is_told(client: Transport) -> None:

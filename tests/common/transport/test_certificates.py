@@ -474,6 +474,12 @@ def test_a_replay_without_a_certificate_of_its_run_is_told_how_to_make_one(share
         check_certificates("tls/127.0.0.1:7447", shared, "replay", "third")
 
 
+def test_a_hub_lists_no_replay_of_its_own_run(address: str, shared: Path) -> None:
+    with pytest.raises(InputError, match=r"runs.txt lists other, the hub's own run, .* delete the"):
+        open_hub(address, shared, run="other")
+    open_hub(address, shared, run="r").close()
+
+
 def test_the_script_lists_runs_as_it_lists_actors(shared: Path) -> None:
     subprocess.run([SCRIPT, shared, "--runs", "other", "third"], check=True)
     assert (shared / "runs.txt").read_text() == "other\nthird\n"
