@@ -3,18 +3,20 @@
 import json
 import re
 import shutil
-from itertools import chain
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from common.errors import InputError, writing
 from common.run.folder import write_atomically
-from deploy.certificates import ensure_certificates
+from common.transport.credentials import common_name
+from deploy.certificates import certify_actors, ensure_certificates
 from deploy.containers import actor_command, learner_command, replay_command
 from deploy.description import RunDescription
 
 _HERE = Path(__file__).parent
-_CONTAINER = "/spec/template/spec/containers/0"
+_POD = "/spec/template/spec"
+_CONTAINER = f"{_POD}/containers/0"
 
 
 def launch(run: RunDescription) -> str:
@@ -32,12 +34,23 @@ def launch(run: RunDescription) -> str:
         shutil.copytree(_HERE / "kubernetes", place / "base", dirs_exist_ok=True)
         if run.options.tls:
             ensure_certificates(place / "certificates", run.hub)
+            certify_actors(place / "certificates", run.hub, _names(run))
         text = json.dumps(_kustomization(run), indent=2)
         write_atomically(place / "kustomization.yaml", f"{text}\n".encode())
     return (
         f"The run is in {place}. Start it:\n"
-        f"  kubectl create namespace {name}\n  kubectl apply -k {place}"
+        f"  kubectl create namespace {name}\n  kubectl apply --server-side -k {place}"
     )
+
+
+def _most_actors(run: RunDescription) -> int:
+    return max(run.options.actors, run.options.max_actors)
+
+
+def _names(run: RunDescription) -> list[str]:
+    """Returns what the pods of all actors and evaluators can be called."""
+    counts = {"actors": _most_actors(run), "evaluators": run.options.evaluators}
+    return [f"{name}-{number}" for name, count in counts.items() for number in range(count)]
 
 
 def _kustomization(run: RunDescription) -> dict[str, Any]:
@@ -45,50 +58,62 @@ def _kustomization(run: RunDescription) -> dict[str, Any]:
     options = run.options
     scheme = "tls" if options.tls else "tcp"
     image, tag = options.image.rsplit(":", 1)
-    actor_size = (1, options.actor_memory)
-    bounds = {
-        "/spec/minReplicas": options.actors,
-        "/spec/maxReplicas": max(options.actors, options.max_actors),
-    }
+    bounds = {"/spec/minReplicas": options.actors, "/spec/maxReplicas": _most_actors(run)}
     # A learner that is the hub has the hub's certificate beside that by which it signs weights.
-    secrets: list[tuple[str, ...]] = [("hub", "learner")]
+    secrets = {"hub": ["actors.txt", *_files("hub", "learner")]}
     components, replay = [], []
     if options.replay:
-        secrets, components = [("hub",), ("learner",)], ["base/replay"]
+        secrets = {"hub": ["actors.txt", *_files("hub")], "learner": _files("learner")}
+        components = ["base/replay"]
         command = replay_command(run, "0.0.0.0", scheme)
-        size = (options.replay_cpus, options.replay_memory)
-        replay = [_workload("StatefulSet", "replay", command, *size)]
+        replay = [_workload("replay", command, options.replay_cpus, options.replay_memory)]
+    secrets["actor"] = _files(*(common_name("actor", name) for name in _names(run)))
+    actors = [
+        patch
+        for name, role in (("actors", ()), ("evaluators", ("--evaluator",)))
+        for patch in _actors(run, name, actor_command(run, scheme, "--name", "$(POD_NAME)", *role))
+    ]
     return {
         "resources": ["base"],
         "components": components,
         "namespace": run.folder.name,
         "images": [{"name": "ale-robot", "newName": image, "newTag": tag}],
         "replicas": [{"name": "evaluators", "count": options.evaluators}],
-        "secretGenerator": [_secret(*roles) for roles in (*secrets, ("actor",)) if options.tls],
+        "secretGenerator": [
+            {"name": name, "files": [f"certificates/{file}" for file in ("ca.pem", *files)]}
+            for name, files in secrets.items()
+            if options.tls
+        ],
         "patches": [
             *replay,
             _workload(
-                *("StatefulSet", "learner", learner_command(run, "0.0.0.0", scheme)),
+                *("learner", learner_command(run, "0.0.0.0", scheme)),
                 *(options.cpus, options.memory, options.gpus),
             ),
-            _workload("Deployment", "actors", actor_command(run, scheme), *actor_size),
-            _workload(
-                "Deployment", "evaluators", actor_command(run, scheme, "--evaluator"), *actor_size
-            ),
+            *actors,
             _patch("HorizontalPodAutoscaler", "actors", bounds),
         ],
     }
 
 
+def _actors(run: RunDescription, name: str, command: list[str]) -> Iterator[dict[str, Any]]:
+    """Yields the patches of actors or evaluators; they need certificates, or have no place for
+    them."""
+    yield _workload(name, command, 1, run.options.actor_memory)
+    if not run.options.tls:
+        scratch = {f"{_POD}/volumes": [{"name": "scratch", "emptyDir": {}}]}
+        mount = {f"{_CONTAINER}/volumeMounts": [{"name": "scratch", "mountPath": "/tmp"}]}
+        yield _patch("StatefulSet", name, scratch | mount)
+
+
 def _workload(
-    kind: str, name: str, command: list[str], cpus: int, gibibytes: int, gpus: int = 0
+    name: str, command: list[str], cpus: int, gibibytes: int, gpus: int = 0
 ) -> dict[str, Any]:
     memory = f"{gibibytes}Gi"
     limits = {"memory": memory} | ({"nvidia.com/gpu": str(gpus)} if gpus else {})
     resources = {"requests": {"cpu": str(cpus), "memory": memory}, "limits": limits}
-    return _patch(
-        kind, name, {f"{_CONTAINER}/command": command, f"{_CONTAINER}/resources": resources}
-    )
+    values = {f"{_CONTAINER}/command": command, f"{_CONTAINER}/resources": resources}
+    return _patch("StatefulSet", name, values)
 
 
 def _patch(kind: str, name: str, values: dict[str, Any]) -> dict[str, Any]:
@@ -96,8 +121,6 @@ def _patch(kind: str, name: str, values: dict[str, Any]) -> dict[str, Any]:
     return {"target": {"kind": kind, "name": name}, "patch": json.dumps(steps)}
 
 
-def _secret(*roles: str) -> dict[str, Any]:
-    """Returns the secret of a process that has the certificates of these roles."""
-    pairs = [(f"{role}.pem", f"{role}-key.pem") for role in roles]
-    files = ["ca.pem", *chain.from_iterable(pairs)]
-    return {"name": roles[0], "files": [f"certificates/{file}" for file in files]}
+def _files(*names: str) -> list[str]:
+    """Returns the files of those whose certificates are called so."""
+    return [file for name in names for file in (f"{name}.pem", f"{name}-key.pem")]

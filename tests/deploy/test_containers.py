@@ -4,11 +4,14 @@ import json
 import shlex
 import subprocess
 import sys
+from base64 import b64decode
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography import x509
+from cryptography.x509.oid import NameOID
 
 from actors.__main__ import ActorOptions
 from common.process.command_line import parse, parse_run
@@ -65,15 +68,13 @@ def objects(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, 
 def test_kubernetes_gets_what_was_described(objects: dict[tuple[str, str], Any]) -> None:
     hpa = objects["HorizontalPodAutoscaler", "actors"]["spec"]
     assert (hpa["minReplicas"], hpa["maxReplicas"]) == (3, 6)
-    assert objects["Deployment", "evaluators"]["spec"]["replicas"] == 2
-    assert "replicas" not in objects["Deployment", "actors"]["spec"]  # they are the autoscaler's
+    target = hpa["scaleTargetRef"]
+    assert (target["kind"], target["name"]) == ("StatefulSet", "actors")
+    assert objects["StatefulSet", "evaluators"]["spec"]["replicas"] == 2
+    assert "replicas" not in objects["StatefulSet", "actors"]["spec"]  # they are the autoscaler's
     pods = {
-        name: objects[kind, name]["spec"]["template"]
-        for kind, name in (
-            ("StatefulSet", "learner"),
-            ("Deployment", "actors"),
-            ("Deployment", "evaluators"),
-        )
+        name: objects["StatefulSet", name]["spec"]["template"]
+        for name in ("learner", "actors", "evaluators")
     }
     secrets = [name for kind, name in objects if kind == "Secret"]
     for pod in pods.values():
@@ -104,7 +105,7 @@ def test_each_pod_of_kubernetes_is_let_through_to_where_it_must(
     labels = {
         name: each["spec"]["template"]["metadata"]["labels"]
         for (kind, name), each in objects.items()
-        if kind in ("StatefulSet", "Deployment")
+        if kind == "StatefulSet"
     }
 
     def chosen(selector: dict[str, Any]) -> set[str]:
@@ -136,19 +137,71 @@ def test_the_certificates_of_kubernetes_are_for_its_hub(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     place = launch(monkeypatch, "kubernetes", tmp_path) / "certificates"
-    for role in ("hub", "learner", "actor"):
+    for role in ("hub", "learner"):
         Credentials.find(place, role)  # type: ignore[arg-type]
     show = ["openssl", "x509", "-in", place / "hub.pem", "-noout", "-ext", "subjectAltName"]
     shown = subprocess.run(show, check=True, capture_output=True, text=True)
     assert "DNS:learner" in shown.stdout
     secrets = json.loads((place.parent / "kustomization.yaml").read_text())["secretGenerator"]
-    assert {each["name"]: [Path(file).name for file in each["files"]] for each in secrets} == {
-        "hub": ["ca.pem", "hub.pem", "hub-key.pem", "learner.pem", "learner-key.pem"],
-        "actor": ["ca.pem", "actor.pem", "actor-key.pem"],
-    }
+    files = {each["name"]: [Path(file).name for file in each["files"]] for each in secrets}
+    assert files.pop("actor")[:3] == ["ca.pem", "actor.actors-0.pem", "actor.actors-0-key.pem"]
+    own = ["hub.pem", "hub-key.pem", "learner.pem", "learner-key.pem"]
+    assert files == {"hub": ["ca.pem", "actors.txt", *own]}
     before = (place / "hub.pem").read_bytes()
     launch(monkeypatch, "kubernetes", tmp_path)
     assert (place / "hub.pem").read_bytes() == before
+
+
+PODS = [*(f"actors-{number}" for number in range(6)), "evaluators-0", "evaluators-1"]
+
+
+def test_each_actor_of_kubernetes_has_the_certificate_of_its_name_alone(
+    objects: dict[tuple[str, str], Any], tmp_path: Path
+) -> None:
+    secrets = {
+        name: {file: b64decode(text) for file, text in each["data"].items()}
+        for (kind, name), each in objects.items()
+        if kind == "Secret"
+    }
+    (hub,) = (each for name, each in secrets.items() if name.startswith("hub-"))
+    assert hub["actors.txt"].decode().split() == PODS
+    serials = set()
+    for pod in PODS:
+        spec = objects["StatefulSet", pod.split("-")[0]]["spec"]["template"]["spec"]
+        (container,) = spec["containers"]
+        named = [{"name": "POD_NAME", "valueFrom": {"fieldRef": {"fieldPath": "metadata.name"}}}]
+        assert container["env"] == named
+        command = [word.replace("$(POD_NAME)", pod) for word in container["command"]]
+        actor = joins(command)
+        assert actor.name == pod
+        assert actor.certificates is not None
+        volumes = {each["name"]: each for each in spec["volumes"]}
+        place = tmp_path / pod
+        place.mkdir()
+        for mount in container["volumeMounts"]:
+            path = Path(mount["mountPath"])
+            if path.is_relative_to(actor.certificates):
+                file = mount.get("subPath") or mount["subPathExpr"].replace("$(POD_NAME)", pod)
+                secret = secrets[volumes[mount["name"]]["secret"]["secretName"]]
+                (place / path.relative_to(actor.certificates)).write_bytes(secret[file])
+        found = Credentials.find(place, "actor", actor.name)
+        certificate = x509.load_pem_x509_certificate(found.certificate.read_bytes())
+        (subject,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+        assert subject.value == f"actor.{pod}"
+        serials.add(certificate.serial_number)
+    assert len(serials) == len(PODS)
+
+
+def test_kubernetes_without_certificates_has_no_place_for_them(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    found = kustomized(launch(monkeypatch, "kubernetes", tmp_path, "--no-tls"), "pong")
+    assert not [name for kind, name in found if kind == "Secret"]
+    for name in ("actors", "evaluators"):
+        spec = found["StatefulSet", name]["spec"]["template"]["spec"]
+        assert [each["name"] for each in spec["volumes"]] == ["scratch"]
+        (container,) = spec["containers"]
+        assert [each["mountPath"] for each in container["volumeMounts"]] == ["/tmp"]
 
 
 def test_compose_gets_what_was_described(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

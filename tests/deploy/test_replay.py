@@ -103,7 +103,10 @@ def objects(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, 
 def test_kubernetes_gives_it_a_workload(objects: dict[tuple[str, str], Any]) -> None:
     pods = {name: objects["StatefulSet", name]["spec"] for name in ("replay", "learner")}
     secrets = {name: each for (kind, name), each in objects.items() if kind == "Secret"}
-    own = {"replay": {"hub.pem", "hub-key.pem"}, "learner": {"learner.pem", "learner-key.pem"}}
+    own = {
+        "replay": {"actors.txt", "hub.pem", "hub-key.pem"},
+        "learner": {"learner.pem", "learner-key.pem"},
+    }
     for name, pod in pods.items():
         template = pod["template"]["spec"]
         (container,) = template["containers"]
@@ -191,7 +194,10 @@ def test_a_hub_that_has_another_name_now_gets_its_certificate(
         each["name"]: [Path(file).name for file in each["files"]]
         for each in secrets["secretGenerator"]
     } == {
-        "hub": ["ca.pem", "hub.pem", "hub-key.pem"],
+        "hub": ["ca.pem", "actors.txt", "hub.pem", "hub-key.pem"],
         "learner": ["ca.pem", "learner.pem", "learner-key.pem"],
-        "actor": ["ca.pem", "actor.pem", "actor-key.pem"],
+        "actor": [
+            *("ca.pem", "actor.actors-0.pem", "actor.actors-0-key.pem"),
+            *("actor.evaluators-0.pem", "actor.evaluators-0-key.pem"),
+        ],
     }
