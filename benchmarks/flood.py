@@ -29,6 +29,7 @@ from common.errors import InputError, MessageError
 from common.process.supervisor import ROOT, Child
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import RunStatus
+from common.transport.flood_guard import CUT_OFF
 from common.transport.interface import Envelope, Unanswered
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 
@@ -55,8 +56,8 @@ class Options(BenchmarkOptions):
 
     turns: FromOne = 4
     """Runs of each kind."""
-    seconds: Seconds = 20.0
-    """Seconds of each run in which is counted; an actor's turn comes once in a few."""
+    seconds: Seconds = CUT_OFF
+    """Seconds of each run in which is counted: by default until the hub hears the flooder again."""
     quota: FromOne = STEPS_PER_SECOND
     """Steps per second that the hub takes of one actor (--actor-quota)."""
     settle: Seconds = 10.0

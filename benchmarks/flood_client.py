@@ -97,6 +97,12 @@ class Flooder:
         with self._counting:
             self._counts[name] += number
 
+    def _goes_on(self) -> bool:
+        """Whether to send more; waits while it is cut off: what nobody gets floods nobody."""
+        while not self._inserts.has_server and not self._over.wait(_OUT):
+            pass
+        return not self._over.is_set()
+
     def _send_chunks(self) -> None:
         room = threading.Semaphore(_CHUNKS_UNDER_WAY)
 
@@ -105,16 +111,14 @@ class Flooder:
             told = "unanswered" if answer is None else Ack.decode(answer.payload).status
             self._count(f"chunks {told}")
 
-        while room.acquire() and not self._over.is_set():
-            while not self._inserts.has_server and not self._over.wait(_OUT):
-                pass  # what is sent to nobody floods nobody
+        while room.acquire() and self._goes_on():
             payload = self._chunks.next().encode()
             self._count("chunk bytes", len(payload))
             self._count("chunks")
             self._inserts.request(payload).add_done_callback(_heard(hear))
 
     def _send_heartbeats(self) -> None:
-        while not self._over.is_set():
+        while self._goes_on():
             self._heartbeats.publish(self._heartbeat)
             self._count("heartbeats")
             time.sleep(_PAUSE)
@@ -126,7 +130,7 @@ class Flooder:
             room.release()
             self._count("requests answered", answer is not None)
 
-        while room.acquire() and not self._over.is_set():
+        while room.acquire() and self._goes_on():
             self._count("requests")
             self._questions.request(b"").add_done_callback(_heard(hear))
             time.sleep(_PAUSE)
