@@ -11,17 +11,17 @@ from typing import NamedTuple
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from rich.progress import TimeRemainingColumn
 
 from actors.loop import play
 from common.checked import Amount, Fraction
 from common.errors import InputError
 from common.process.command_line import WeightsFile
+from common.process.progress import Progress
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
 from common.run.origin import shown_weights
 from viewer import overlay
-from viewer.movie import filming, open_movie
+from viewer.movie import open_movie
 from viewer.panels import Panels
 from viewer.player import File, Played, ShownPolicy, shown_env
 from viewer.show import Play
@@ -91,16 +91,16 @@ class Film(Played):
             shown_env(config) as env,
             closing(Panels(env, self.nao_urdf, orbiting=True)) as panels,
             open_movie(video, rate) as film,
-            filming(TimeRemainingColumn()) as progress,
+            Progress("filming", len(chapters) * steps) as progress,
         ):
-            task = progress.add_task("", total=len(chapters) * steps)
+            done = 0
             for title, weights in chapters:
-                progress.update(task, description=title)
                 epsilon = 1.0 if weights is None else self.epsilon
                 policy = ShownPolicy.of_file(config, weights, epsilon, config.seed)
                 for step in islice(play([env], policy, [config.seed]), steps):
                     film(titled(panels.draw(step, policy.values), title))
-                    progress.advance(task)
+                    done += 1
+                    progress.update(done, note=title)
                     if stop.is_set():
                         break
                 if stop.is_set():

@@ -52,10 +52,15 @@ def test_chapters_are_random_play_and_each_snapshot_with_what_was_reached(run: P
     ]
 
 
-def test_a_run_is_filmed_chapter_by_chapter(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_is_filmed_chapter_by_chapter(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("common.process.progress.PLAIN_SECONDS", 0.0)
     Film(folder=run, seconds=0.2).run(threading.Event())
     video = run / "films" / "learning.mp4"
-    assert capsys.readouterr().out == f"wrote {video}\n"
+    told = capsys.readouterr()
+    assert told.out == f"wrote {video}\n"
+    assert "filming: 44 %, epoch 1" in told.err
     with av.open(str(video)) as film:
         pictures = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
     assert len(pictures) == 3 * 3  # chapters of 0.2 s at 15 a second
