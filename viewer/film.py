@@ -129,7 +129,7 @@ def chapters_of(folder: Path) -> list[Chapter]:
     titles = [_title(epoch, rows) for epoch in networks]
     begun = Chapter("random play", None)
     if run.initial.exists():
-        begun = Chapter("the network with which it began", run.initial)
+        begun = Chapter("the network that the run began with", run.initial)
     return [begun, *map(Chapter, titles, networks.values())]
 
 

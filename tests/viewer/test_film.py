@@ -60,7 +60,7 @@ def test_chapters_are_random_play_and_each_snapshot_with_what_was_reached(run: P
 def test_a_run_that_began_with_a_network_is_filmed_from_it(run: Path) -> None:
     (run / "initial.safetensors").write_bytes(encode_weights(build_network(CONFIG, 6)))
     first, *_ = chapters_of(run)
-    assert first == Chapter("the network with which it began", run / "initial.safetensors")
+    assert first == Chapter("the network that the run began with", run / "initial.safetensors")
 
 
 def test_a_run_is_filmed_chapter_by_chapter(
