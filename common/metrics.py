@@ -161,6 +161,7 @@ declare(
            "Share of the last second or less in which the learner's GPU was at work; with CUDA "
            "and nvidia-ml-py"),
     Metric("run/join", "none", "text", "Command that starts an actor, where the learner does not"),
+    Metric("run/page", "none", "text", "Address of the run's page, with --web"),
     Metric("run/phase", "none", "text", "Warm-up, training, or finishing"),
     Metric("run/seconds", "seconds", "duration",
            "Wall-clock time of work on this run, that before a resume included",

@@ -91,7 +91,7 @@ def train(options: LearnerOptions, again: bool) -> int:
         folder.removed_if_unused(),
         end_with_any_thread(stop),
         kept_log(folder.logs / "learner.jsonl", "learner") as keep,
-        open_pages(options, folder) as (pages, urls),
+        open_pages(options, folder) as (pages, page),
         open_replay(options, folder, stop) as (transport, replay, endpoint),
         open_display(as_json=options.log_json) as display,
     ):
@@ -107,9 +107,10 @@ def train(options: LearnerOptions, again: bool) -> int:
             *(options, folder, transport, replay, algorithm, device, display, stop),
             *(KeptLogSink(keep), *pages),
             sign=sign,
+            page=page,
         )
-        for url in urls:
-            display.line(f"watch the run at {url}")
+        if page is not None:
+            display.line(f"watch the run at {page}")
         if demonstrations is not None:
             keys = RunKeys(folder.name, replay.run_id)
             if sent := demonstrations.insert(transport, keys, stop, display.line):

@@ -52,11 +52,13 @@ def build_learner(
     stop: threading.Event,
     *more_sinks: Sink,
     sign: Sign,
+    page: str | None = None,
 ) -> Learner:
     """Returns the learner of the run in ``folder``, not yet started.
 
     Args:
         sign: signs the weights that others play by.
+        page: address of the page that shows the run, if there is one.
 
     Raises:
         InputError: a file of the run is damaged.
@@ -86,6 +88,7 @@ def build_learner(
         "run/demonstrations": 0 if (shown := Begun.of(folder)) is None else shown.steps,
         "run/steps_goal": options.steps,
         "run/join": join_command(options),
+        "run/page": page,
     }
     epochs = EpochTable(folder.epochs)
     feed, settings = LiveFeed(transport, keys), flat(config)

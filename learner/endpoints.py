@@ -64,15 +64,15 @@ def open_replay(
 @contextmanager
 def open_pages(
     options: LearnerOptions, folder: RunFolder
-) -> Iterator[tuple[Sequence[Sink], Sequence[str]]]:
-    """The pages of ``--http`` and ``--web``, which listen already, and the addresses of those for
+) -> Iterator[tuple[Sequence[Sink], str | None]]:
+    """The pages of ``--http`` and ``--web``, which listen already, and the address of the one for
     people; what serves them is loaded only where it is wanted.
 
     Raises:
         InputError: it is not installed, or nobody can listen there.
     """
     sinks: list[Sink] = []
-    urls: list[str] = []
+    url = None
     with ExitStack() as stack:
         if options.http is not None:
             with extra_for("--http", "ops"):
@@ -83,5 +83,5 @@ def open_pages(
             with extra_for("--web", "web"):
                 from learner.telemetry.web.page_sink import PageSink
             sinks.append(page := PageSink(options.web, options.config, folder))
-            urls.append(page.url)
-        yield sinks, urls
+            url = page.url
+        yield sinks, url

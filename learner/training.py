@@ -18,10 +18,11 @@ from common.protocol.run_status import HealthCheck
 from common.protocol.weights import encode_weights
 from common.protocol.wire import encode_version
 from common.run.config import RunConfig
+from common.schedule import Every
 from common.transport.signature import Sign
 from learner.algorithm.interface import Algorithm
 from learner.checkpoint import Checkpoint
-from learner.clock import Every, RunClock
+from learner.clock import RunClock
 from learner.evaluation.coordinator import EvaluationCoordinator
 from learner.health_guard import HealthGuard
 from learner.insist import insist

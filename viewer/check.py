@@ -18,9 +18,10 @@ from rich.table import Column, Table
 
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
-from actors.robots.latency import AGENT_STEP_MS, MOST_STRAYS, Change, Latency, changes
+from actors.robots.latency import AGENT_STEP_MS, CHANGES, MOST_STRAYS, Change, Latency, changes
 from actors.vision.layout import border_of
 from common.metrics import KEYS_AS_COMMANDED, PIXEL_DEVIATION, VALID_FRAMES, Bound
+from common.process.progress import Progress
 from common.registry import ROBOTS
 from viewer.panels import Panels
 from viewer.picture import write_picture
@@ -65,10 +66,12 @@ class Check(Played):
         ):
             policy = ShownPolicy.of_file(config, None, 1.0, config.seed)
             figures = []
-            for step in play([env], policy, [config.seed]):
-                figures.append(_figures(step, env))
-                if len(figures) == AGENT_STEPS or stop.is_set():
-                    break
+            with Progress("checking", AGENT_STEPS) as progress:
+                for step in play([env], policy, [config.seed]):
+                    figures.append(_figures(step, env))
+                    progress.update(len(figures), note=f"{len(figures)} steps")
+                    if len(figures) == AGENT_STEPS or stop.is_set():
+                        break
             write_picture(self.output, panels.draw(step, None))
             # Of an emulator alone there is only the first figure.
             judged = list(zip(_BOUNDS, np.mean(figures, axis=0).tolist(), strict=False))
@@ -76,10 +79,22 @@ class Check(Played):
                 judged = [each for each in judged if each[0] is not KEYS_AS_COMMANDED]
             title = f"{config.game} ({config.env}), {len(figures)} random agent steps"
             console.print(_checks_table(judged, title))
-            if isinstance(env, RobotEnv):
-                console.print(_latency_table(list(changes(env.robot, 1, config.seed))))
+            if isinstance(env, RobotEnv) and (found := _changes(env, config.seed, stop)):
+                console.print(_latency_table(found))
             console.print(f"wrote {self.output}", soft_wrap=True)
         return 0 if all(bound.admits(found) for bound, found in judged) else 1
+
+
+def _changes(env: RobotEnv, seed: int, stop: threading.Event) -> list[Change]:
+    """Returns the measured changes of the keys; none if ``stop`` was set."""
+    found = []
+    with Progress("timing the hands", CHANGES) as progress:
+        for change in changes(env.robot, 1, seed):
+            if stop.is_set():
+                return []
+            found.append(change)
+            progress.update(len(found), note=f"{len(found)} changes")
+    return found
 
 
 def _figures(step: Step, env: gymnasium.Env[Any, Any]) -> list[float]:

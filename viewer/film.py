@@ -11,17 +11,17 @@ from typing import NamedTuple
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from rich.progress import TimeRemainingColumn
 
 from actors.loop import play
 from common.checked import Amount, Fraction
 from common.errors import InputError
 from common.process.command_line import WeightsFile
+from common.process.progress import Progress
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
 from common.run.origin import shown_weights
 from viewer import overlay
-from viewer.movie import filming, open_movie
+from viewer.movie import open_movie
 from viewer.panels import Panels
 from viewer.player import File, Played, ShownPolicy, shown_env
 from viewer.show import Play
@@ -30,6 +30,8 @@ _CHAPTER = 8.0
 """Seconds of a chapter's play: a few rallies."""
 _TITLE = 36
 """Height of the line above the panels."""
+_TIME = 3
+"""Height of the bar at its foot, pixels."""
 
 
 class Chapter(NamedTuple):
@@ -43,8 +45,8 @@ class Chapter(NamedTuple):
 class Film(Played):
     """Film a game: room, camera, hands and network; or, with a run's folder, how it learned.
 
-    Such a film shows random play and then each epoch's network for a few seconds. The run must
-    keep its snapshots (--keep-snapshots).
+    Such a film shows random play, or the network with which the run began, and then each epoch's
+    network for a few seconds. The run must keep its snapshots (--keep-snapshots).
     """
 
     folder: tyro.conf.Positional[File] = None
@@ -91,16 +93,17 @@ class Film(Played):
             shown_env(config) as env,
             closing(Panels(env, self.nao_urdf, orbiting=True)) as panels,
             open_movie(video, rate) as film,
-            filming(TimeRemainingColumn()) as progress,
+            Progress("filming", len(chapters) * steps) as progress,
         ):
-            task = progress.add_task("", total=len(chapters) * steps)
+            done = 0
             for title, weights in chapters:
-                progress.update(task, description=title)
                 epsilon = 1.0 if weights is None else self.epsilon
                 policy = ShownPolicy.of_file(config, weights, epsilon, config.seed)
                 for step in islice(play([env], policy, [config.seed]), steps):
-                    film(titled(panels.draw(step, policy.values), title))
-                    progress.advance(task)
+                    done += 1
+                    share = done / (len(chapters) * steps)
+                    film(titled(panels.draw(step, policy.values), title, share))
+                    progress.update(done, note=title)
                     if stop.is_set():
                         break
                 if stop.is_set():
@@ -109,7 +112,7 @@ class Film(Played):
 
 
 def chapters_of(folder: Path) -> list[Chapter]:
-    """Returns random play and the kept snapshots of a run, the oldest first.
+    """Returns what a run began with and its kept snapshots, the oldest first.
 
     Raises:
         InputError: it is no run, or has kept none.
@@ -124,7 +127,10 @@ def chapters_of(folder: Path) -> list[Chapter]:
         )
     rows = EpochTable(run.epochs).rows()
     titles = [_title(epoch, rows) for epoch in networks]
-    return [Chapter("random play", None), *map(Chapter, titles, networks.values())]
+    begun = Chapter("random play", None)
+    if run.initial.exists():
+        begun = Chapter("the network that the run began with", run.initial)
+    return [begun, *map(Chapter, titles, networks.values())]
 
 
 def _title(epoch: int, rows: Iterable[EpochRow]) -> str:
@@ -133,13 +139,17 @@ def _title(epoch: int, rows: Iterable[EpochRow]) -> str:
     if trained := found.get("train"):
         hours, rest = divmod(round(trained.total_time), 3600)
         parts += [f"{trained.total_train_steps:,} steps", f"{hours}:{rest // 60:02} h"]
-    if (tested := found.get("test")) and tested.average_reward is not None:
-        parts.append(f"test score {tested.average_reward:.1f}")
+    for phase, score in (("test", "test score"), ("train", "score in training")):
+        if (row := found.get(phase)) and row.average_reward is not None:
+            parts.append(f"{score} {row.average_reward:.1f}")
+            break
     return "   ".join(parts)
 
 
-def titled(picture: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
-    """Returns ``picture`` below a line with ``title``."""
+def titled(picture: NDArray[np.uint8], title: str, share: float) -> NDArray[np.uint8]:
+    """Returns ``picture`` below a line with ``title``, and a bar as long as that ``share`` of the
+    film which is over."""
     line = np.full((_TITLE, picture.shape[1], 3), overlay.PAPER, np.uint8)
-    overlay.write(line, title, (12, 25), size=0.7)
+    overlay.write(line, title, (12, 24), size=0.7)
+    line[-_TIME:, : round(share * line.shape[1])] = overlay.YELLOW
     return np.vstack((line, picture))

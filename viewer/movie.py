@@ -1,6 +1,5 @@
 """A film of pictures, written while they are made: MP4, or GIF where the name ends so."""
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
@@ -10,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
 
 from common.errors import InputError, writing
 
@@ -39,15 +37,6 @@ def check_writable(path: Path) -> None:
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("ab").close()
-
-
-def filming(*columns: ProgressColumn, shown: bool = True) -> Progress:
-    """Returns a bar, with ``columns`` at its end, that shows in a terminal how far a film is."""
-    return Progress(
-        *(TextColumn("{task.description}"), BarColumn(), *columns),
-        transient=True,
-        disable=not (shown and sys.stdout.isatty()),
-    )
 
 
 @contextmanager

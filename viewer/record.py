@@ -8,7 +8,6 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from rich.progress import TextColumn, TimeRemainingColumn
 
 from actors.envs import make_env
 from actors.loop import play
@@ -16,13 +15,10 @@ from actors.policy import Policy
 from common.checked import Amount, Count, Fraction
 from common.errors import InputError
 from common.process.command_line import WeightsFile
+from common.process.progress import Progress
 from common.run.clock import ClockConfig
-from viewer.movie import filming
 from viewer.player import Played
 from viewer.recorder import Recorder
-
-_STEPS = TextColumn("{task.fields[steps]:,} steps")
-"""Whole games move the bar after minutes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,15 +60,15 @@ class Record(Played):
         with (
             closing(env),
             closing(Recorder(env, config, self.output)) as recorder,
-            filming(_STEPS, TimeRemainingColumn()) as progress,
+            Progress("recording", total) as progress,
         ):
-            task = progress.add_task("recording", total=total, steps=0)
             done = 0.0
             for step in play([recorder], policy, [env_seed]):
                 recorder.add(step)
                 advanced = step.info.elapsed if self.minutes else step.info.game_over
                 done += advanced
-                progress.update(task, completed=done, steps=recorder.steps)
+                # Whole games move the bar after minutes.
+                progress.update(done, note=f"{recorder.steps:,} steps")
                 if step.info.game_over:
                     score, games = step.info.game_score, recorder.dataset.episodes
                     print(f"game {games}: score {score:g}", flush=True)

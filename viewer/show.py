@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 import tyro
-from rich.progress import TextColumn
 
 from actors.envs.ale import AtariEnv
 from actors.envs.robot import RobotEnv
@@ -15,16 +14,16 @@ from actors.loop import play
 from common.checked import Amount, Fraction, FromOne
 from common.errors import InputError
 from common.process.command_line import WeightsFile
+from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
-from viewer.movie import filming, open_movie
+from viewer.movie import open_movie
 from viewer.panels import Panels
 from viewer.player import File, Played, ShownPolicy, shown_env
 from viewer.rerun_stream import RerunStream
 
 ROOM_EVERY = 4
 """Agent steps between renderings of the whole room: it is seen from afar."""
-_SECONDS_FILMED = TextColumn("{task.completed:.0f} s of play")
 LONGEST_GIF = 120
 """Seconds of play; 350 MB of memory."""
 
@@ -78,21 +77,18 @@ class Play(Played):
             shown_env(config, self.clock) as env,
             nullcontext() if self.video is None else open_movie(self.video, rate) as film,
             closing(Panels(env, self.nao_urdf, room_every=ROOM_EVERY)) as panels,
-            filming(_SECONDS_FILMED, shown=self.video is not None) as progress,
+            Progress("filming" if self.video else "playing", self.seconds or None) as progress,
             self._stream(env, config.play) as stream,
         ):
-            task = progress.add_task("filming", total=self.seconds or None)
             scores: list[float] = []
             missed = 0
-            # Agent steps that are still to be shown.
-            left = self.seconds * rate or float("inf")
+            played = 0
             for step in play([env], policy, [env_seed]):
                 if film is not None:
                     picture = panels.draw(step, policy.values)
                     # A step that took longer is seen for longer.
                     for _ in range(step.info.elapsed):
                         film(picture)
-                    progress.advance(task, step.info.elapsed / rate)
                 if stream is not None:
                     stream.show(step, policy.values)
                 missed += step.info.missed_deadlines
@@ -106,8 +102,10 @@ class Play(Played):
                         flush=True,
                     )
                     missed = 0
-                left -= step.info.elapsed
-                if len(scores) == self.games or left <= 0 or stop.is_set():
+                played += step.info.elapsed
+                progress.update(played / rate, note=f"{played / rate:.0f} s of play")
+                ended = self.seconds and played >= self.seconds * rate
+                if len(scores) == self.games or ended or stop.is_set():
                     if not scores:
                         print(
                             f"no game ended: score {step.info.game_score:g} "

@@ -25,6 +25,8 @@ _SETTLED = 3 * AGENT_STEP
 _WATCHED = 30
 """Emulator frames after which keys that are still wrong count as not reached."""
 _ACTIONS = len(KEYS_OF_ACTION)
+CHANGES = 2 * _ACTIONS * (_ACTIONS - 1)
+"""Changes of one repetition."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Writes a recording game by game, so that it is whole at every moment."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from io import BytesIO
@@ -41,7 +42,9 @@ _PANDAS = {
 """Tells pandas that the tasks' texts are the index, where LeRobot looks for them."""
 
 
-_SLICE = 512
+_SLICE = 4_000_000
+"""Numbers that are worked on at a time: all frames of a game would fill the memory."""
+_QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
 class DatasetWriter:
@@ -64,7 +67,7 @@ class DatasetWriter:
             name: feature for name, feature in self._features.items() if feature.dtype != "video"
         }
         self._robot = robot
-        self._statistics = {name: _Statistics() for name in self._features}
+        self._statistics = self._new_statistics()
         self.episodes = self.steps = 0
         tasks = {"task_index": [0], "task": [self._task]}
         self._write(folder / TASKS, pa.table(tasks), {"pandas": json.dumps(_PANDAS)})
@@ -110,11 +113,12 @@ class DatasetWriter:
             for name, feature in self._columns.items()
         }
         self._write(file_of(self.folder, DATA_PATH, self.episodes), pa.table(table))
-        statistics = {name: _Statistics() for name in self._features}
+        statistics = self._new_statistics()
         for name in self._columns:
             statistics[name].add(columns[name])
-        for picture in pictures:  # each channel by itself, from 0 to 1
-            statistics[CAMERA].add(picture.reshape(-1, 3, 1, 1) / 255, samples=1)
+        if pictures:  # each channel by itself
+            pixels = np.concatenate([picture.reshape(-1, 3, 1, 1) for picture in pictures])
+            statistics[CAMERA].add(pixels, samples=len(pictures))
         episode = {
             "episode_index": self.episodes,
             "tasks": [self._task],
@@ -136,6 +140,13 @@ class DatasetWriter:
         told = {name: its.told() for name, its in self._statistics.items()}
         write_atomically(self.folder / STATISTICS, json.dumps(told).encode())
         write_atomically(self.folder / INFO, json.dumps(self._info(), indent=2).encode())
+
+    def _new_statistics(self) -> dict[str, "_Statistics"]:
+        # Those of pictures are of colours from 0 to 1.
+        return {
+            name: _Statistics(255.0 if feature.dtype == "video" else 1.0)
+            for name, feature in self._features.items()
+        }
 
     def _info(self) -> dict[str, Any]:
         rate = int(self.rate) if self.rate.is_integer() else self.rate
@@ -191,11 +202,19 @@ def _column(values: NDArray[Any], feature: Feature) -> pa.Array:
 
 
 class _Statistics:
-    """Least, greatest, mean and deviation of a column's rows, number by number."""
+    """Least, greatest, mean, deviation and quantiles of a column's rows, number by number.
 
-    def __init__(self) -> None:
+    Quantiles of several episodes are the mean of theirs, weighted by samples, as LeRobot has them.
+
+    Args:
+        unit: value that is told as 1.
+    """
+
+    def __init__(self, unit: float) -> None:
+        self._unit = unit
         self._samples = 0
         self._count = 0
+        self._quantiles: Any = 0.0
         self._sum: Any = 0.0
         self._squares: Any = 0.0
         self._least: Any = np.inf
@@ -203,34 +222,43 @@ class _Statistics:
 
     def add(self, rows: NDArray[Any], samples: int | None = None) -> None:
         """Count ``rows [T, *shape]``, which are that many samples: a picture's pixels are one."""
-        for first in range(0, len(rows), _SLICE):  # a whole game's frames would fill the memory
-            self._add(rows[first : first + _SLICE])
-        self._samples += len(rows) if samples is None else samples
+        numbers = rows.reshape(len(rows), -1).T
+        few = max(_SLICE // len(rows), 1)
+        parts = [_figures(numbers[first : first + few]) for first in range(0, len(numbers), few)]
+        found = np.concatenate(parts, axis=1).reshape(-1, *(rows.shape[1:] or (1,)))
+        self._samples += (samples := len(rows) if samples is None else samples)
+        self._count += len(rows)
+        self._sum = self._sum + found[0]
+        self._squares = self._squares + found[1]
+        self._least = np.minimum(self._least, found[2])
+        self._most = np.maximum(self._most, found[3])
+        self._quantiles = self._quantiles + samples * found[4:]
 
     def include(self, other: "_Statistics") -> None:
         """Count what ``other`` has counted."""
         self._samples += other._samples
+        self._quantiles = self._quantiles + other._quantiles
         self._count += other._count
         self._sum = self._sum + other._sum
         self._squares = self._squares + other._squares
         self._least = np.minimum(self._least, other._least)
         self._most = np.maximum(self._most, other._most)
 
-    def _add(self, rows: NDArray[Any]) -> None:
-        wide = rows.reshape(len(rows), *(rows.shape[1:] or (1,))).astype(np.float64)
-        self._count += len(wide)
-        self._sum = self._sum + wide.sum(axis=0)
-        self._squares = self._squares + np.square(wide).sum(axis=0)
-        self._least = np.minimum(self._least, wide.min(axis=0))
-        self._most = np.maximum(self._most, wide.max(axis=0))
-
     def told(self) -> dict[str, Any]:
         mean = self._sum / self._count
         variance = np.maximum(self._squares / self._count - np.square(mean), 0.0)
-        return {
-            "min": self._least.tolist(),
-            "max": self._most.tolist(),
-            "mean": mean.tolist(),
-            "std": np.sqrt(variance).tolist(),
-            "count": [self._samples],
-        }
+        told = {"min": self._least, "max": self._most, "mean": mean, "std": np.sqrt(variance)}
+        told |= zip(_QUANTILES, self._quantiles / self._samples, strict=True)
+        scaled = {key: (value / self._unit).tolist() for key, value in told.items()}
+        return {**scaled, "count": [self._samples]}
+
+
+def _figures(numbers: NDArray[Any]) -> NDArray[np.float64]:
+    """Returns sum, sum of squares, least, greatest and quantiles of each row of ``numbers [N, T]``:
+    ``[9, N]``. A quantile is the least value that so large a share does not exceed."""
+    # Short numbers are sorted by counting; `np.quantile` takes seconds for the frames of a game.
+    ordered = np.sort(np.ascontiguousarray(numbers), kind="stable")
+    total = ordered.sum(axis=1, dtype=np.float64)
+    squares = np.einsum("nt,nt->n", ordered, ordered, dtype=np.float64)
+    places = [math.ceil(share * ordered.shape[1]) - 1 for share in _QUANTILES.values()]
+    return np.vstack((total, squares, ordered[:, [0, -1, *places]].T))

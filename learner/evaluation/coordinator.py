@@ -14,7 +14,7 @@ from typing import Any
 from common.errors import MessageError
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
-from learner.clock import Now
+from common.schedule import Now
 from learner.evaluation.snapshots import Snapshots
 
 NEWCOMER = 5.0

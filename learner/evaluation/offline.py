@@ -16,12 +16,12 @@ from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from common.checked import Count, Fraction, FromOne
 from common.errors import InputError
 from common.network import build_network
 from common.process.command_line import WeightsFile, check_bounds
+from common.process.progress import Progress
 from common.process.supervisor import Child
 from common.protocol.weights import load_weights_file
 from common.run.clock import ClockConfig
@@ -134,10 +134,7 @@ def evaluate(
     load_weights_file(build_network(config, config.action_count), options.evaluate, "this game")
     measures = options.measures(config, trained)
     rows, played = [], 0
-    columns = (TextColumn("games"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    live = console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=not live) as progress:
-        task = progress.add_task("games", total=options.games * len(measures))
+    with Progress("evaluating", options.games * len(measures)) as progress:
         for later, measure in zip(reversed(range(len(measures))), measures, strict=True):
             settings = replace(config, play=replace(config.play, sticky=measure.sticky))
             asked = replace(options, epsilon=measure.epsilon)
@@ -145,10 +142,10 @@ def evaluate(
             for game in play(asked, settings, clock.flags(), stop):
                 found.append(game)
                 played += 1
-                if not live:  # a log shows that it goes on
+                if not console.is_terminal:  # a log has the games one by one
                     console.print(f"game {played}: score {game['score']:g}")
-                left = max(options.games - len(found), 0) + options.games * later
-                progress.update(task, completed=played, total=played + left)
+                total = played + max(options.games - len(found), 0) + options.games * later
+                progress.update(played, total=total, note=f"{played} of {total} games")
             if stop.is_set():
                 console.print(f"stopped after {played} games")
                 return None

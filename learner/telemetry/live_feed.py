@@ -9,8 +9,8 @@ from typing import NamedTuple
 from common.errors import MessageError
 from common.protocol.live_view import LiveView, ViewRequest
 from common.protocol.run_keys import RunKeys
+from common.schedule import Now
 from common.transport.interface import Transport
-from learner.clock import Now
 
 _DEADLINE = 5.0
 """Seconds; an actor plays on for a while between two looks that take long."""

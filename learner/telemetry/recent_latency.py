@@ -7,7 +7,7 @@ from operator import sub
 
 from common.metrics import Value
 from common.press_latency import KeyLatency
-from learner.clock import Now
+from common.schedule import Now
 
 WINDOW = 60.0
 """Seconds that count as of late."""

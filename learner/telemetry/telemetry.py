@@ -13,8 +13,8 @@ from common.protocol.run_status import HealthCheck
 from common.run.config import RunConfig
 from common.run.epochs import EpochRow, EpochTable
 from common.run.presets import PRESETS
+from common.schedule import Every, Now
 from learner.algorithm.interface import DeviceBatch, Update
-from learner.clock import Every, Now
 from learner.phases import Phases
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.health_checks import judge

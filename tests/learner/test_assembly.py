@@ -27,6 +27,8 @@ from learner.assembly import build_learner
 from learner.device import Device
 from learner.options import LearnerOptions
 from learner.telemetry.sinks.display import PlainDisplay
+from learner.telemetry.sinks.sink import Sink
+from learner.telemetry.snapshot import Snapshot
 from learner.training import Learner
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
@@ -43,6 +45,18 @@ CONFIG = replace(
 )
 
 
+PAGE = "http://127.0.0.1:8080/"
+
+
+class Seen(Sink):
+    """Keeps the last snapshot."""
+
+    last: Snapshot
+
+    def write(self, snapshot: Snapshot) -> None:
+        self.last = snapshot
+
+
 @dataclass
 class Place:
     """A learner, and what actors would see of its run."""
@@ -53,6 +67,7 @@ class Place:
     client: Transport
     actor: Actor
     rng: np.random.Generator
+    seen: Seen
 
     def play(self, chunks: int) -> None:
         """An actor sends chunks of eight steps, at whose ends an episode ends."""
@@ -84,9 +99,11 @@ def place(runs: Path, actor: Actor, *, resume: bool, steps_goal: int | None) -> 
             device,
             PlainDisplay(io.StringIO()),
             threading.Event(),
+            seen := Seen(),
             sign=unsigned,
+            page=PAGE,
         )
-        yield Place(learner, buffer, folder, client, actor, np.random.default_rng(1))
+        yield Place(learner, buffer, folder, client, actor, np.random.default_rng(1), seen)
 
 
 @pytest.fixture(autouse=True)
@@ -113,6 +130,7 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
         wait_until(lambda: versions and versions[-1] >= 10, "weights are broadcast")
         run.learner.stop.set()
         thread.join(PATIENCE)
+        assert run.seen.last.values["run/page"] == PAGE
         before = run.checkpoint()
         assert before["books"]["agent_steps"] == 17 * 8
         assert before["updates"] >= 10

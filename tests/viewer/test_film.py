@@ -15,6 +15,7 @@ from common.run.epochs import COLUMNS, EpochTable
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 from tests.common.run.test_epochs import TRAIN as ROW
+from viewer import overlay
 from viewer.film import Chapter, Film, chapters_of, titled
 
 CONFIG = replace(PRESETS["fast"], learning=replace(PRESETS["fast"].learning, network="nips"))
@@ -48,28 +49,46 @@ def test_chapters_are_random_play_and_each_snapshot_with_what_was_reached(run: P
             "epoch 1   50,048 steps   1:02 h   test score -12.3",
             snapshots / "epoch-0001.safetensors",
         ),
-        Chapter("epoch 2   100,096 steps   2:05 h", snapshots / "epoch-0002.safetensors"),
+        # Not tested: runs without an evaluator never are.
+        Chapter(
+            "epoch 2   100,096 steps   2:05 h   score in training -20.1",
+            snapshots / "epoch-0002.safetensors",
+        ),
     ]
 
 
-def test_a_run_is_filmed_chapter_by_chapter(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_that_began_with_a_network_is_filmed_from_it(run: Path) -> None:
+    (run / "initial.safetensors").write_bytes(encode_weights(build_network(CONFIG, 6)))
+    first, *_ = chapters_of(run)
+    assert first == Chapter("the network that the run began with", run / "initial.safetensors")
+
+
+def test_a_run_is_filmed_chapter_by_chapter(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("common.process.progress.PLAIN_SECONDS", 0.0)
     Film(folder=run, seconds=0.2).run(threading.Event())
     video = run / "films" / "learning.mp4"
-    assert capsys.readouterr().out == f"wrote {video}\n"
+    told = capsys.readouterr()
+    assert told.out == f"wrote {video}\n"
+    assert "filming: 44 %, epoch 1" in told.err
     with av.open(str(video)) as film:
         pictures = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
     assert len(pictures) == 3 * 3  # chapters of 0.2 s at 15 a second
-    titles = [picture[:36, :300].astype(int) for picture in pictures]
+    titles = [picture[:32, :300].astype(int) for picture in pictures]
+    bars = [int((picture[33:36].mean(axis=(0, 2)) > 100).sum()) for picture in pictures]
+    assert bars == pytest.approx([1_024 * done / 9 for done in range(1, 10)], abs=8)
     for at in range(1, 9):  # the title changes with the chapter, and only then
         assert (np.abs(titles[at] - titles[at - 1]).max() > 100) == (at % 3 == 0)
 
 
 def test_a_title_stands_above_the_picture() -> None:
     picture = np.full((40, 200, 3), 9, np.uint8)
-    found = titled(picture, "epoch 1")
+    found = titled(picture, "epoch 1", 0.25)
     assert found.shape == (76, 200, 3)
     assert (found[36:] == picture).all()
-    assert found[:36].max() > 200
+    assert found[:33].max() > 200
+    assert (found[33:36] == overlay.YELLOW).all(axis=2).sum(axis=1).tolist() == [50] * 3
 
 
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:

@@ -118,8 +118,12 @@ def test_it_says_what_lerobot_says_of_a_dataset(tmp_path: Path) -> None:
             assert np.array_equal(episode[f"stats/{name}/{key}"], value)
     assert statistics["action"]["mean"] == pytest.approx([table["action"].to_numpy().mean()])
     assert statistics["action"]["count"] == [90]
+    keys = {"min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99"}
+    assert {frozenset(its) for its in statistics.values()} == {frozenset(keys)}
     assert statistics[CAMERA]["count"] == [3]  # pictures, not pixels
-    assert np.shape(statistics[CAMERA]["mean"]) == (3, 1, 1)
+    colours = statistics[CAMERA]
+    assert {np.shape(told) for key, told in colours.items() if key != "count"} == {(3, 1, 1)}
+    assert 0 <= np.min(colours["min"]) < np.min(colours["q50"]) < np.max(colours["max"]) <= 1
 
 
 def test_statistics_of_all_games_and_of_each(tmp_path: Path) -> None:
@@ -136,6 +140,34 @@ def test_statistics_of_all_games_and_of_each(tmp_path: Path) -> None:
     assert told["count"] == [5]
     assert told["std"] == pytest.approx([both.std()])
     assert (told["min"], told["max"]) == ([both.min()], [both.max()])
+
+
+@pytest.mark.parametrize("steps", [1, 2, 250])
+def test_quantiles_are_values_that_so_large_a_share_does_not_exceed(
+    steps: int, tmp_path: Path
+) -> None:
+    script = [GOES_ON] * (steps - 1) + [GAME_OVER]
+    record(tmp_path / "d", script, steps)
+    (told,) = pq.read_table(file_of(tmp_path / "d", EPISODES_PATH, 0)).to_pylist()
+    columns = pq.read_table(file_of(tmp_path / "d", DATA_PATH, 0))
+    for name in ("action", "next.reward", "timestamp", "observation.valid", "observation.frame"):
+        rows = np.array(columns[name].to_pylist(), float).reshape(steps, -1)
+        for key, share in (("q01", 0.01), ("q10", 0.1), ("q50", 0.5), ("q90", 0.9), ("q99", 0.99)):
+            expected = np.quantile(rows, share, axis=0, method="inverted_cdf")
+            found = np.ravel(told[f"stats/{name}/{key}"])
+            assert found == pytest.approx(expected, rel=1e-6), (name, key)
+
+
+def test_quantiles_of_games_are_their_weighted_mean(tmp_path: Path) -> None:
+    # As `aggregate_stats` of lerobot has them.
+    record(tmp_path / "d", [GOES_ON, GAME_OVER, *[GOES_ON] * 5, GAME_OVER], 8)
+    games = [file_of(tmp_path / "d", EPISODES_PATH, game) for game in (0, 1)]
+    (first,), (second,) = (pq.read_table(game).to_pylist() for game in games)
+    told = json.loads((tmp_path / "d" / STATISTICS).read_text())["timestamp"]
+    for key in ("q01", "q50", "q99"):
+        (of_first,), (of_second,) = (each[f"stats/timestamp/{key}"] for each in (first, second))
+        assert of_first != of_second or key == "q01"
+        assert told[key] == pytest.approx([(2 * of_first + 6 * of_second) / 8])
 
 
 def test_what_was_recorded_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -198,8 +230,11 @@ def test_lerobot_reads_what_was_recorded(tmp_path: Path) -> None:
     (rows,) = Dataset(tmp_path / "d").read()
     script = """
 import json, sys
+import numpy as np
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
-found = LeRobotDataset("local/recording", root=sys.argv[1])
+found = LeRobotDataset("local/recording", root=sys.argv[1], video_backend="pyav")
+pictures = [found[at]["observation.images.camera"].numpy() for at in (0, 60, len(found) - 1)]
+np.save(sys.argv[2], pictures)
 rows = [found.hf_dataset[at] for at in range(len(found))]
 print(json.dumps({
     "episodes": found.num_episodes, "fps": found.fps, "task": found.meta.tasks.index.tolist(),
@@ -209,10 +244,11 @@ print(json.dumps({
     "actions": [row["action"].item() for row in rows],
     "rewards": [row["next.reward"].item() for row in rows],
     "truncated": [row["next.truncated"].item() for row in rows],
-    "mean": found.meta.stats["next.reward"]["mean"].tolist(),
+    "statistics": {key: its.tolist() for key, its in found.meta.stats["next.reward"].items()},
+    "tasks": [found[0]["task"]],
 }))
 """
-    arguments = [LEROBOT, "-c", script, str(tmp_path / "d")]
+    arguments = [LEROBOT, "-c", script, str(tmp_path / "d"), str(tmp_path / "pictures.npy")]
     offline = os.environ | {"HF_HUB_OFFLINE": "1", "HF_HOME": str(tmp_path / "cache")}
     done = subprocess.run(arguments, env=offline, check=True, capture_output=True, text=True)
     found = json.loads(done.stdout.splitlines()[-1])
@@ -222,4 +258,17 @@ print(json.dumps({
     assert found["corner"] == rows["frames"][:, 40, 40:44].tolist()
     for name in ("actions", "rewards", "truncated"):
         assert found[name] == rows[name].tolist()
-    assert found["mean"] == pytest.approx([rows["rewards"].mean()])
+    statistics = found["statistics"]
+    assert statistics["mean"] == pytest.approx([rows["rewards"].mean()])
+    assert statistics["q01"] == [np.quantile(rows["rewards"], 0.01, method="inverted_cdf")]
+    assert statistics["q99"] == [np.quantile(rows["rewards"], 0.99, method="inverted_cdf")]
+    assert found["tasks"] == ["Play pong."]
+
+    # It decodes the very picture of a row: others are of other moments.
+    with av.open(str(file_of(tmp_path / "d", VIDEO_PATH, 0, video_key=CAMERA))) as film:
+        shown = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    pictures = np.load(tmp_path / "pictures.npy").transpose(0, 2, 3, 1) * 255
+    for picture, at in zip(pictures, (0, 60, len(shown) - 1), strict=True):
+        errors = [float(np.abs(picture - each).mean()) for each in shown]
+        assert errors[at] < 1
+        assert errors[at] == min(errors)

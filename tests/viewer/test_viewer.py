@@ -2,6 +2,7 @@
 
 import re
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -161,6 +162,49 @@ def test_check_is_green_and_writes_four_panels(
     assert re.search(r"not reached +│ +0 │ +1 │", said)
     assert re.search(r"stray key +│ +50\.0% │ +0\.0% │", said)
     assert cv2.imread(str(path)).shape == (768, 1024, 3)
+
+
+@pytest.mark.usefixtures("short")
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("check", "-o", "check.png"), ["checking: 95 %, 19 steps", "timing the hands: 0 %, 1 ch"]),
+        (("film", "--env", "ale", "--seconds", "0.2"), ["filming: 67 %, 0 s of play"]),
+        (("play", "--env", "ale", "--seconds", "0.2"), ["playing: 67 %, 0 s of play"]),
+        (
+            ("record", "ale_pong", "-o", "d", "--minutes", "0.01"),
+            ["recording: 78 %, 7 steps"],
+        ),
+    ],
+    ids=lambda each: each[0],
+)
+def test_without_a_terminal_commands_say_how_far_they_are(
+    arguments: tuple[str, ...],
+    told: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("common.process.progress.PLAIN_SECONDS", 0.0)
+    monkeypatch.chdir(tmp_path)
+    assert command(monkeypatch, *arguments) == 0
+    said = capsys.readouterr()
+    for words in told:
+        assert words in said.err
+        assert words not in said.out
+
+
+@pytest.mark.usefixtures("short")
+def test_a_check_that_is_stopped_does_not_judge_the_hands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stop = threading.Event()
+    stop.set()
+    Check(output=tmp_path / "check.png").run(stop)
+    said = capsys.readouterr().out
+    assert "1 random agent steps" in said
+    assert "never reach" not in said
+    assert "command →" not in said
 
 
 @pytest.mark.usefixtures("short")

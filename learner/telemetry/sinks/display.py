@@ -18,8 +18,9 @@ from rich.text import Text
 from common.metrics import number
 from common.process import log_lines
 from common.process.output import silence
+from common.process.progress import PLAIN_SECONDS
 from common.protocol.live_view import ViewRequest
-from learner.clock import Every, Now
+from common.schedule import Every, Now
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks import formats
 from learner.telemetry.sinks.formats import fill, troubles
@@ -27,8 +28,6 @@ from learner.telemetry.sinks.live_picture import LivePicture
 from learner.telemetry.sinks.screen import Screen, picture_width
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
-
-PLAIN_SECONDS = 10.0
 
 
 class Display(Sink, AbstractContextManager["Display"]):

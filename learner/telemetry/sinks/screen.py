@@ -90,14 +90,16 @@ def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType
     more_rows = min(max(wanted, 0), spare)
     taller = (spare - more_rows) * 2 // 3 if large else 0
     gap = [Text()] if large else []
+    # It takes the place of an empty line.
+    page = _page(snapshot.values)
     yield _header(snapshot.values, width)
-    yield from gap
+    yield from [page] if large else []
     yield _progress(snapshot.values)
     yield from gap
     yield _figures(snapshot.values, 8 if large else 6)
     yield from gap
     yield from _history(snapshot, width, 5 + taller if large else 1)
-    yield Text()
+    yield Text() if large else page
     yield _actors_and_checks(snapshot, width, _LIST_ROWS + more_rows)
     if large:
         yield Text()
@@ -105,8 +107,9 @@ def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType
     yield _events(snapshot, 2 + spare - more_rows - taller)
 
 
-def _text(text: str, style: str = "") -> Text:
-    return Text(formats.one_line(text), style, no_wrap=True, overflow="ellipsis", end="")
+def _text(text: str, style: str = "", *, end: str = "") -> Text:
+    """A cell of a table; with ``end`` a line."""
+    return Text(formats.one_line(text), style, no_wrap=True, overflow="ellipsis", end=end)
 
 
 def _title(text: str) -> Rule:
@@ -128,6 +131,12 @@ def _header(values: Values, width: int) -> Table:
     device = formats.hardware(values) if width >= _ROOMY else values["run/device"]
     grid.add_row(title, _text(f"{values['run/preset']} preset · {device}", _LABEL))
     return grid
+
+
+def _page(values: Values) -> Text:
+    """Where a browser finds the run; empty without a page."""
+    page = values.get("run/page")
+    return Text() if page is None else _text(f"watch the run at {page}", _ACCENT, end="\n")
 
 
 def _progress(values: Values) -> Table:
@@ -181,7 +190,7 @@ def _history(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableTy
     if rows > 1:
         yield _title(f"{name} reward by epoch")
     if not values:
-        yield _text("no epoch is over yet", _LABEL)
+        yield _text("no epoch is over yet", _LABEL, end="\n")
         yield from [Text()] * (rows - 1)
         return
     known = [*values, *([] if random is None else [random])]

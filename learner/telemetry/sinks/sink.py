@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 
 from common.run.epochs import EpochRow
-from learner.clock import Now
+from common.schedule import Now
 from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.snapshot import Snapshot
 

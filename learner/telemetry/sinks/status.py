@@ -7,9 +7,9 @@ from common.errors import MessageError
 from common.metrics import Value, number
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import MOST_ACTORS, ActorStatus, RunStatus
+from common.schedule import Now
 from common.transport.interface import Request, Transport
 from common.version import VERSION
-from learner.clock import Now
 from learner.telemetry.sinks.sink import LatestSink
 from learner.telemetry.snapshot import Snapshot
 

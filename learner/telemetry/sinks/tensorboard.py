@@ -21,7 +21,7 @@ from tensorboard.plugins.hparams.summary_v2 import hparams_pb
 
 from common.metrics import METRICS, Value, Values
 from common.protocol.live_view import ViewRequest, size_of
-from learner.clock import Every, Now
+from common.schedule import Every, Now
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.curves import FILM, CurvesSink, tags_of
 from learner.telemetry.sinks.event_file import EventFile

@@ -19,7 +19,7 @@ from typing import Any, Literal, TypeAlias
 
 from common.metrics import Value, Values
 from common.process.extras import extra_for
-from learner.clock import Every, Now
+from common.schedule import Every, Now
 from learner.telemetry.sinks.curves import FILM, CurvesSink
 from learner.telemetry.snapshot import Histogram
 

@@ -135,7 +135,13 @@ def evaluated(options: EvaluationOptions, config: RunConfig, trained: RunConfig 
     return found, console.export_text()
 
 
-def test_results_are_printed_and_written(program: Path, tmp_path: Path) -> None:
+def test_results_are_printed_and_written(
+    program: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("common.process.progress.PLAIN_SECONDS", 0.0)
     write(program, f"print({json.dumps(GAME)!r}, flush=True)")
     file = tmp_path / "results.json"
     options = EvaluationOptions(program, games=2, processes=2, json=file)
@@ -148,7 +154,8 @@ def test_results_are_printed_and_written(program: Path, tmp_path: Path) -> None:
     assert (told["epsilon"], told["sticky"], told["changed"]) == (0.001, 0.0, [])
     assert told["versions"]["python"]
     assert "interquartile mean" in shown
-    # Without a terminal there is no bar.
+    # Without a terminal there are lines instead of a bar.
+    assert "evaluating: 50 %, 1 of 2 games" in capsys.readouterr().err
     assert shown.splitlines()[:2] == ["game 1: score 3", "game 2: score 3"]
 
 

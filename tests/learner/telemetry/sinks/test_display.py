@@ -144,6 +144,24 @@ def test_a_run_without_actors_tells_how_to_start_one() -> None:
     assert "start one" not in "\n".join(drawn(STATUS))
 
 
+@pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 50)])
+@pytest.mark.parametrize("status", [STATUS, EMPTY], ids=["full", "empty"])
+def test_the_address_of_the_page_stays_on_the_screen(
+    status: Snapshot, size: tuple[int, int]
+) -> None:
+    page: dict[str, Value] = {"run/page": "http://127.0.0.1:8080/"}
+    crowded = replace(status, actors=actors(30), notes=("a note",) * 20)
+    for one in (status, crowded):
+        with_it, without = drawn(changed(one, page), *size), drawn(one, *size)
+        (line,) = (line for line in with_it if "127.0.0.1" in line)
+        assert line.strip() == "watch the run at http://127.0.0.1:8080/"
+        # It takes an empty line, so that nothing else moves or is lost.
+        assert without[with_it.index(line)].strip() == ""
+        assert [each for each in with_it if each != line] == [
+            each for at, each in enumerate(without) if at != with_it.index(line)
+        ]
+
+
 def test_a_wide_screen_tells_what_the_learner_takes_of_its_machine() -> None:
     taken: dict[str, Value] = {"run/busy_cores": 1.404, "run/memory_bytes": 740_400_000}
     told = "cuda:0 (NVIDIA H200), 140 % CPU, 740 MB"

@@ -1,0 +1,80 @@
+"""How far a command is: lines for a log, a bar for a terminal."""
+
+import io
+
+import pytest
+
+from common.process.progress import Progress
+from tests.common.test_schedule import Now
+
+
+def test_without_a_terminal_there_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    stream, now = io.StringIO(), Now()
+    with Progress("filming", 600.0, stream=stream, now=now) as progress:
+        for done in range(1, 26):
+            now.seconds += 1.0
+            progress.update(10.0 * done, note=f"{done} steps")
+    told = [line.split(" ", 1)[1] for line in stream.getvalue().splitlines()]
+    # 600 at 10 a second take a minute.
+    assert told == [
+        "filming: 17 %, 10 steps, 0:00:50 left",
+        "filming: 33 %, 20 steps, 0:00:40 left",
+    ]
+
+
+def test_an_end_that_nobody_knows_has_no_share() -> None:
+    stream, now = io.StringIO(), Now()
+    with Progress("playing", None, stream=stream, now=now) as progress:
+        now.seconds += 10.0
+        progress.update(3.0, note="3 s of play")
+    assert stream.getvalue().split(" ", 1)[1] == "playing: 3 s of play\n"
+
+
+def test_another_total_and_another_task_are_told() -> None:
+    stream, now = io.StringIO(), Now()
+    with Progress("evaluating", 4, stream=stream, now=now) as progress:
+        now.seconds += 10.0
+        progress.update(1, total=2, what="looking")
+    assert stream.getvalue().split(" ", 1)[1] == "looking: 50 %\n"
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_in_a_terminal_there_is_a_bar_and_standard_output_stays_what_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    stream, now = Terminal(), Now()
+    with Progress("filming", 600.0, stream=stream, now=now) as progress:
+        now.seconds += 10.0
+        progress.update(300.0, note="halfway")
+        print("game 1: score 3")
+    assert capsys.readouterr().out == "game 1: score 3\n"
+    assert "halfway" in stream.getvalue()
+    assert "━" in stream.getvalue()
+    assert "50 %" not in stream.getvalue()
+
+
+class Broken(io.StringIO):
+    def write(self, text: str) -> int:
+        raise BrokenPipeError
+
+
+def test_a_command_goes_on_when_nobody_reads_its_progress() -> None:
+    now = Now()
+    with Progress("filming", 600.0, stream=Broken(), now=now) as progress:
+        now.seconds += 10.0
+        progress.update(300.0)
+
+
+def test_it_tells_on_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
+    now = Now()
+    with Progress("filming", 600.0, now=now) as progress:
+        now.seconds += 10.0
+        progress.update(300.0)
+    told = capsys.readouterr()
+    assert (told.out, "filming: 50 %" in told.err) == ("", True)
