@@ -17,6 +17,7 @@ from common.errors import InputError
 from common.run.clock import ClockConfig
 from common.run.origin import find_weights, origin_of
 from learner.evaluation import offline
+from learner.evaluation.options import EvaluationOptions
 from viewer.player import Played, ShownPolicy
 
 
@@ -78,7 +79,7 @@ def evaluate(
     file = find_weights(weights)
     if (trained := origin_of(file)) is None:
         raise InputError(f"{file} has neither a card nor a run: keep it in its run's folder.")
-    options = offline.EvaluationOptions(file, games=games, epsilon=epsilon, processes=processes)
+    options = EvaluationOptions(file, games=games, epsilon=epsilon, processes=processes)
     options.check()
     found = offline.evaluate(
         options,

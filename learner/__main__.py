@@ -15,45 +15,18 @@ if __name__ == "__main__":
 
 import sys
 import threading
-from contextlib import closing, nullcontext
 from functools import partial
 
-import torch
-
 from common.errors import exit_on_input_error
-from common.process.allocator import keep_large_blocks
 from common.process.command_line import parse_run
-from common.process.exit_codes import INTERRUPTED, RED
+from common.process.exit_codes import INTERRUPTED
 from common.process.lifeline import on_signals
-from common.process.log_lines import kept_log, line, say_json
+from common.process.log_lines import say_json
 from common.process.restarts import with_restarts
-from common.process.threads import end_with_any_thread
-from common.protocol.run_keys import RunKeys
-from common.protocol.weights import encode_weights
-from common.run.folder import RunFolder, write_atomically
-from common.transport.endpoint import from_here
-from common.transport.signature import signer
 from learner import status
-from learner.algorithm.interface import build_algorithm
-from learner.assembly import build_learner
-from learner.demonstrations import begin_with
-from learner.device import choose_device
-from learner.endpoints import open_pages, open_replay
-from learner.evaluation.offline import evaluate
-from learner.first_network import first_network
-from learner.local_launcher import launch
-from learner.options import (
-    LearnerOptions,
-    free_cores,
-    going_on,
-    join_command,
-    resume_command,
-    run_name,
-    stored_config,
-)
-from learner.telemetry.sinks.display import open_display
-from learner.telemetry.sinks.kept_log import KeptLogSink
-from learner.training import Learner
+from learner.options import LearnerOptions, stored_config
+
+# PyTorch is loaded by what computes with it: help, a wrong flag and a status come at once.
 
 
 def main() -> int | None:
@@ -62,86 +35,17 @@ def main() -> int | None:
     options, stored = parse_run(LearnerOptions, "learner", sys.argv[1:], stored_config)
     options.check()
     if options.evaluation.evaluate is not None:
+        from learner.evaluation.offline import evaluate
+
         stop = threading.Event()
         on_signals(stop)
         found = evaluate(options.evaluation, options.config, stored, options.clock, stop)
         return INTERRUPTED if found is None else 0
     if options.log_json:
         say_json("learner")
+    from learner.process import train
+
     return with_restarts("the learner", partial(train, options), options.restart)
-
-
-def train(options: LearnerOptions, again: bool) -> int:
-    """Train in this process; ``again`` after one that was killed. The loop is `Learner.run`."""
-    if again:
-        options = going_on(options)
-    config, folder = options.config, RunFolder(options.runs, run_name(options))
-    sign = signer(options.certificates)
-    network = first_network(options, folder)
-    demonstrations = begin_with(options.demonstrations, config, folder, resume=options.resume)
-    device = choose_device(options.device, options.precision)
-    algorithm = build_algorithm(config, network, device)
-    keep_large_blocks()
-    torch.set_num_threads(options.threads or free_cores(options))
-    stop = threading.Event()
-    on_signals(stop)
-    begun = folder.checkpoint if folder.checkpoint.exists() else folder.previous
-    folder.claim("learner", config, begun=begun, resume=options.resume)
-    with (
-        folder.removed_if_unused(),
-        end_with_any_thread(stop),
-        kept_log(folder.logs / "learner.jsonl", "learner") as keep,
-        open_pages(options, folder) as (pages, page),
-        open_replay(options, folder, stop) as (transport, replay, endpoint),
-        open_display(as_json=options.log_json) as display,
-    ):
-        # Not before the replay is ours too: a start that is refused changes nothing.
-        if not options.resume:  # what a start that failed may have left
-            folder.initial.unlink(missing_ok=True)
-            folder.demonstrations.unlink(missing_ok=True)
-        if options.initial is not None:
-            write_atomically(folder.initial, encode_weights(network, config))
-        if demonstrations is not None:
-            write_atomically(folder.demonstrations, demonstrations.begun.encode())
-        learner = build_learner(
-            *(options, folder, transport, replay, algorithm, device, display, stop),
-            *(KeptLogSink(keep), *pages),
-            sign=sign,
-            page=page,
-        )
-        if page is not None:
-            display.line(f"watch the run at {page}")
-        if demonstrations is not None:
-            keys = RunKeys(folder.name, replay.run_id)
-            if sent := demonstrations.insert(transport, keys, stop, display.line):
-                write_atomically(folder.demonstrations, sent.encode())
-        learner.start()
-        local = closing(launch(options, from_here(endpoint), folder)) if options.local else None
-        with local or nullcontext() as children:
-            join = join_command(options)
-            disk = replay.progress(sys.maxsize).file_bytes
-            display.line(
-                f"run {folder.name} in {folder.path}: {config.game} ({config.env}), preset "
-                f"{config.preset}, on {device.name}; its replay takes {disk / 1e9:.2f} GB of disk; "
-                f"actors find it at {endpoint}"
-                f"{f' ({join})' if join else ''}."
-            )
-            learner.run(children)
-    return _last_words(learner, folder)
-
-
-def _last_words(learner: Learner, folder: RunFolder) -> int:
-    """Says how the run goes on; returns the exit code."""
-    go_on = resume_command(sys.argv[1:], folder.name, done=learner.done)
-    if learner.failed is None:
-        print(line(f"Everything is in {folder.path}; go on with: {go_on}"))
-        return 0
-    told = (
-        f"stopped: {learner.failed}. Everything is in {folder.path}; mend what is wrong, or "
-        f"train on regardless with: {go_on} --force"
-    )
-    print(line(told, "error"), file=sys.stderr)
-    return RED
 
 
 if __name__ == "__main__":

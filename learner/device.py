@@ -1,11 +1,12 @@
 """Which hardware the network runs on, and in which precision."""
 
 from dataclasses import dataclass
-from typing import Literal
-
-import torch
+from typing import TYPE_CHECKING, Literal
 
 from common.errors import InputError
+
+if TYPE_CHECKING:  # a command line is read without PyTorch
+    import torch
 
 DeviceChoice = Literal["auto", "cpu", "cuda"]
 PrecisionChoice = Literal["auto", "float32", "bfloat16"]
@@ -15,7 +16,7 @@ PrecisionChoice = Literal["auto", "float32", "bfloat16"]
 class Device:
     """Where to compute; with ``bfloat16`` an update computes its layers in that precision."""
 
-    torch: torch.device
+    torch: "torch.device"
     bfloat16: bool
 
     @property
@@ -33,6 +34,8 @@ def choose_device(device: DeviceChoice, precision: PrecisionChoice) -> Device:
     Raises:
         InputError: CUDA was asked for and there is none.
     """
+    import torch
+
     if device == "cuda" and not torch.cuda.is_available():
         raise InputError("there is no CUDA device here: use --device auto or cpu.")
     kind = "cuda" if device != "cpu" and torch.cuda.is_available() else "cpu"

@@ -25,7 +25,7 @@ from common.run.presets import PRESETS
 from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 from learner.device import DeviceChoice, PrecisionChoice
-from learner.evaluation.offline import EvaluationOptions
+from learner.evaluation.options import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
 from learner.telemetry.sinks.tracker import TrackerName
 from learner.telemetry.web.address import check_web_address

@@ -3,10 +3,9 @@ snapshots."""
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from torch import Tensor
 
 from common.metrics import Value
 from common.protocol.run_keys import DEMONSTRATIONS
@@ -15,6 +14,9 @@ from common.run.epochs import EpochRow
 from learner.clock import RunClock
 from learner.evaluation.coordinator import EpochTest
 from replay.chunk_statistics import ChunkStatistics
+
+if TYPE_CHECKING:  # as in `learner.device`
+    from torch import Tensor
 
 RECENT_GAMES = 50
 RECENT_CHUNKS = 500
@@ -67,7 +69,7 @@ class Phases:
         self._recent_chunks.append(chunk)
         return self.phase_steps >= self.phase_length and chunk.actor != DEMONSTRATIONS
 
-    def add(self, loss: Tensor) -> None:
+    def add(self, loss: "Tensor") -> None:
         """Count one update; a ``loss`` that is not finite changed nothing."""
         self.updates += 1
         self._phase_updates += 1

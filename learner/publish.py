@@ -27,7 +27,8 @@ from common.protocol.weights import encode_weights, load_weights, published_weig
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.folder import RunFolder, write_atomically
-from learner.evaluation.offline import EvaluationOptions, evaluate
+from learner.evaluation.offline import evaluate
+from learner.evaluation.options import EvaluationOptions
 
 _FROM_SUMMARY = (
     "run",

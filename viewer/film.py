@@ -134,7 +134,7 @@ def chapters_of(folder: Path) -> list[Chapter]:
 
 
 def _title(epoch: int, rows: Iterable[EpochRow]) -> str:
-    found = {row.phase: row for row in rows if row.epoch == epoch}
+    found: dict[str, EpochRow] = {row.phase: row for row in rows if row.epoch == epoch}
     parts = [f"epoch {epoch}"]
     if trained := found.get("train"):
         hours, rest = divmod(round(trained.total_time), 3600)

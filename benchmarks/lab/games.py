@@ -28,7 +28,7 @@ from common.games import check_game
 from common.run.config import PresetName
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
-from learner.evaluation.offline import EvaluationOptions
+from learner.evaluation.options import EvaluationOptions
 
 
 class Anchors(NamedTuple):

@@ -28,7 +28,7 @@ from common.errors import InputError
 from common.run.config import PresetName, ProtocolConfig, RunConfig
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
-from learner.evaluation.offline import EvaluationOptions
+from learner.evaluation.options import EvaluationOptions
 from learner.evaluation.snapshots import Snapshots
 from learner.phases import RECENT_GAMES
 

@@ -87,8 +87,9 @@ def test_what_takes_long_to_load_says_so_at_a_terminal_alone(
     assert said == [True, False, True, False, False, False]
 
 
-def test_policies_are_listed_without_pytorch() -> None:
-    code = "import ale_robot.hub, sys; sys.exit('torch' in sys.modules)"
+def test_programs_that_compute_nothing_or_tell_only_their_flags_load_no_pytorch() -> None:
+    modules = "ale_robot.hub", "deploy.__main__", "learner.__main__", "learner.status"
+    code = f"import sys, {', '.join(modules)}; sys.exit('torch' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
 
 

@@ -15,17 +15,19 @@ from tests.forked import FORKS, become
 from tests.patience import PATIENCE, wait_until
 
 SMALL = (
-    "--replay.learning-starts=600",
+    "--replay.learning-starts=200",
     "--replay.capacity=20000",
-    "--replay.ratio-tolerance=256",
-    "--protocol.epoch-steps=600",
-    "--protocol.test-steps=300",
+    "--replay.ratio-tolerance=64",
+    "--stream.chunk-steps=16",
+    "--protocol.epoch-steps=200",
+    "--protocol.test-steps=100",
     "--protocol.held-out-states=64",
     "--learning.batch-size=32",
     "--learning.train-period=4",
-    "--learning.checkpoint-period=50",
-    "--learning.publish-period=20",
+    "--learning.checkpoint-period=20",
+    "--learning.publish-period=10",
     "--learning.network=nips",  # its updates take half the time
+    "--play.max-game-frames=400",  # a test is at least one whole game
 )
 """Settings of a run that is over in seconds."""
 

@@ -29,7 +29,7 @@ def _sentence(output: str) -> str:
         ),
         (["--preset", "papper"], "preset"),
         (["--env", "ale", "--resume"], "no run"),
-        (["--env", "ale", "--steps", "500", *SMALL], "--steps"),
+        (["--env", "ale", "--steps", "150", *SMALL], "--steps"),
         (["--env", "ale", "--listen", "nowhere"], "address"),
         (["--env", "ale", "--device", "cuda"], "CUDA"),
         (["--env", "ale", "--replay.capacity", "2000000000"], "space"),
@@ -67,7 +67,7 @@ def test_an_actor_without_a_hub(stage: Stage) -> None:
 
 
 def test_resuming_with_other_settings_or_damaged_files(stage: Stage) -> None:
-    stage.learner("--local", "--env", "ale", "--steps", "700", *SMALL).ends()
+    stage.learner("--local", "--env", "ale", "--steps", "300", *SMALL).ends()
     checkpoint: Path = stage.run / "checkpoint.safetensors"
 
     other = _sentence(stage.learner("--resume", "--learning.n-step", "7").ends(2))

@@ -39,7 +39,7 @@ def balanced(stage: Stage) -> bool:
 
 def test_local_mode(stage: Stage, certificates: Path) -> None:
     learner = stage.learner(
-        *("--local", "--certificates", str(certificates), "--env=ale", "--steps=1300", *SMALL)
+        *("--local", "--certificates", str(certificates), "--env=ale", "--steps=500", *SMALL)
     )
     learner.ends()
     assert balanced(stage)
@@ -50,11 +50,9 @@ def test_actors_are_who_their_certificates_say(stage: Stage, certificates: Path)
     own = {name: certify_by_name(certificates, name) for name in ("robot-7", "tester", "gone")}
     (certificates / "actors.txt").write_text("robot-7\ntester\n")
     flags = ("--certificates", str(certificates), "--env=ale", *SMALL)
-    learner = stage.learner(*flags, "--steps=1300")
+    learner = stage.learner(*flags, "--steps=500")
     learner.says("actors find it at")
     place = ("-m", "actors", "--sync", "--connect", stage.endpoint, "--certificates")
-    actor = stage.start(*place, str(own["robot-7"]))
-    tester = stage.start(*place, str(own["tester"]), "--evaluator")
     stranger = stage.start(*place, str(certificates), "--name=actor-1", "--patience=0")
     assert "does not list actor-1: make its certificate with" in stranger.ends(2)
     shut_out = stage.start(*place, str(own["gone"]), "--patience=0")
@@ -62,6 +60,8 @@ def test_actors_are_who_their_certificates_say(stage: Stage, certificates: Path)
     # One that says another name has no certificate of that name.
     liar = stage.start(*place, str(own["tester"]), "--name=robot-7", "--patience=0")
     assert f"{own['tester'] / 'actor.pem'}" in liar.ends(2)
+    actor = stage.start(*place, str(own["robot-7"]))
+    tester = stage.start(*place, str(own["tester"]), "--evaluator")
     learner.ends()
     assert "not used" not in actor.ends()
     tester.ends()
@@ -88,11 +88,11 @@ def test_a_replay_of_its_own_with_an_actor_and_an_evaluator(
     hub = stage.start("-m", "replay", *place, *flags)
     hub.says("replay of run r")
     place = ("--run=r", "--connect", stage.endpoint, "--threads=1")
-    learner = stage.start("-m", "learner", *place, *own, "--steps=1300", *flags)
-    actor = stage.actor("a", *own)
-    evaluator = stage.actor("e", "--evaluator", *own)
+    learner = stage.start("-m", "learner", *place, *own, "--steps=500", *flags)
     stranger = stage.actor("s", "--patience=0")
     assert "needs --certificates FOLDER" in stranger.ends(2)
+    actor = stage.actor("a", *own)
+    evaluator = stage.actor("e", "--evaluator", *own)
     learner.ends()
     assert "not used" not in actor.ends()
     assert "not taken" not in evaluator.ends()
@@ -109,7 +109,7 @@ def test_two_runs_share_a_hub_and_do_not_see_each_other(stage: Stage, certificat
     for file in ("ca.pem", "replay.two.pem", "replay.two-key.pem"):
         shutil.copy(certificates / file, its)
     flags, secure = ("--env=ale", *SMALL), ("--certificates", str(certificates))
-    first = stage.learner(*flags, *secure, "--steps=900")
+    first = stage.learner(*flags, *secure, "--steps=300")
     first.says("actors find it at")
     place = ("-m", "replay", "--connect", stage.endpoint)
     third = (*place, "--run=three", *flags, "--certificates")
@@ -126,7 +126,7 @@ def test_two_runs_share_a_hub_and_do_not_see_each_other(stage: Stage, certificat
     )
     assert "the hub serves several runs (r, two): name one with --run" in lost.ends(2)
     join = ("--connect", stage.endpoint, "--run=two")
-    learner = stage.start(*("-m", "learner", *join, *secure, "--threads=1", "--steps=1300", *flags))
+    learner = stage.start(*("-m", "learner", *join, *secure, "--threads=1", "--steps=500", *flags))
     learner.says("actors find it at")
 
     def actor(name: str, run: str, *others: str) -> Program:
@@ -153,7 +153,7 @@ def test_actors_turn_away_weights_that_a_hub_has_signed(stage: Stage, certificat
     stolen = shutil.copytree(certificates, certificates.with_name("stolen"))
     for end in (".pem", "-key.pem"):
         shutil.copy(stolen / f"hub{end}", stolen / f"learner{end}")
-    learner = stage.learner("--certificates", str(stolen), "--env=ale", "--steps=1300", *SMALL)
+    learner = stage.learner("--certificates", str(stolen), "--env=ale", "--steps=500", *SMALL)
     learner.says("actors find it at")
     actor = stage.actor("a", "--certificates", str(certificates))
     actor.says("weights 0 were not used: their signer's certificate is not that of a learner")
@@ -162,11 +162,11 @@ def test_actors_turn_away_weights_that_a_hub_has_signed(stage: Stage, certificat
 def test_a_learner_may_send_demonstrations_to_a_replay_of_its_own(
     stage: Stage, certificates: Path
 ) -> None:
-    record(stage.folder / "d", [*[GOES_ON] * 9, GAME_OVER], 800)
+    record(stage.folder / "d", [*[GOES_ON] * 9, GAME_OVER], 400)
     flags = ("--certificates", str(certificates), "--env=ale", *SMALL)
     hub = stage.start("-m", "replay", "--listen", stage.endpoint, "--run=r", *flags)
     hub.says("replay of run r")
-    place = ("--run=r", "--connect", stage.endpoint, "--threads=1", "--steps=700")
+    place = ("--run=r", "--connect", stage.endpoint, "--threads=1", "--steps=300")
     given = ("--demonstrations", str(stage.folder / "d"))
     learner = stage.start("-m", "learner", *place, *flags, *given)
     assert "demonstrations joined" in learner.ends()

@@ -13,24 +13,24 @@ POLICY = str(ROOT / "policies" / "ale_pong.safetensors")
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A minute of the published policy's play."""
+    """Half a minute of the published policy's play."""
     stage = Stage(tmp_path_factory.mktemp("recording"))
     folder = stage.folder / "d"
-    record = ("-m", "viewer", "record", POLICY, "-o", str(folder), "--minutes=1")
-    assert "wrote 1 game of 900 steps" in stage.start(*record).ends()
+    record = ("-m", "viewer", "record", POLICY, "-o", str(folder), "--minutes=0.5")
+    assert "wrote 1 game of 450 steps" in stage.start(*record).ends()
     return folder
 
 
 def test_a_run_begins_with_them_once(stage: Stage, recording: Path) -> None:
     given = ("--local", "--evaluators=0", "--demonstrations", str(recording))
-    output = stage.learner(*given, "--env=ale", "--steps=1500", *SMALL).ends()
-    assert f"the replay begins with 899 steps of {recording}" in output
+    output = stage.learner(*given, "--env=ale", "--steps=700", *SMALL).ends()
+    assert f"the replay begins with 449 steps of {recording}" in output
     summary = stage.summary()
-    assert summary["demonstrations"] == 899
-    assert summary["updates"] >= (1500 - 600) // 4
+    assert summary["demonstrations"] == 449
+    assert summary["updates"] >= (700 - 200) // 4
     chunks, made = summary["chunks"], {each["name"]: each for each in summary["actors"]}
-    assert made["demonstrations"]["steps"] == 899
-    assert made["actor-1"]["steps"] == summary["agent_steps"] - 899
+    assert made["demonstrations"]["steps"] == 449
+    assert made["actor-1"]["steps"] == summary["agent_steps"] - 449
     assert sum(each["made"] for each in made.values()) == chunks["made"] == chunks["acked"]
     assert (chunks["refused"], chunks["duplicate"], chunks["excess"]) == (0, 0, 0)
     # The recorded games are none of the run's own.
@@ -45,7 +45,7 @@ def test_a_run_begins_with_them_once(stage: Stage, recording: Path) -> None:
     played = sum(each["steps"] for each in after["actors"])
     assert after["agent_steps"] == summary["agent_steps"] + played
     assert after["chunks"]["made"] == after["chunks"]["acked"]
-    assert after["demonstrations"] == 899
+    assert after["demonstrations"] == 449
     assert after["chunks"]["duplicate"] == 0
     assert "--demonstrations" not in resumed.splitlines()[-1]
 
@@ -64,11 +64,11 @@ def test_a_replay_of_its_own_gets_them_too(stage: Stage, recording: Path) -> Non
     replay = stage.start("-m", "replay", "--run=r", "--listen", stage.endpoint, *settings)
     replay.says("at tcp/")
     learner = ("-m", "learner", "--run=r", "--connect", stage.endpoint, "--threads=1")
-    given = ("--demonstrations", str(recording), "--steps=700")
+    given = ("--demonstrations", str(recording), "--steps=300")
     # What they bring is enough: nobody else plays.
     output = stage.start(*learner, *settings, *given).ends()
-    assert "the replay begins with 899 steps" in output
-    assert stage.summary()["agent_steps"] == 899
+    assert "the replay begins with 449 steps" in output
+    assert stage.summary()["agent_steps"] == 449
     assert stage.summary()["updates"] >= 25
 
 

@@ -65,7 +65,7 @@ def test_without_chance_every_game_is_the_same_one_and_sticky_actions_change_tha
     tmp_path: Path, stage: Stage
 ) -> None:
     policy = ROOT / "policies" / "ale_pong.safetensors"
-    still = ("--play.random-starts", 0, "--play.max-game-frames", 1_200, "--epsilon", 0)
+    still = ("--play.random-starts", 0, "--play.max-game-frames", 480, "--epsilon", 0)
 
     def played(*flags: object) -> dict[str, Any]:
         file = tmp_path / "found.json"

@@ -28,7 +28,7 @@ from tests.patience import PATIENCE, wait_until
 
 
 def test_three_actors_of_which_one_is_killed(stage: Stage) -> None:
-    learner = stage.learner("--env", "ale", "--steps", "2000", *SMALL)
+    learner = stage.learner("--env", "ale", "--steps", "1200", *SMALL)
     actors = [stage.actor(f"a{index}") for index in range(3)]
     for actor in actors:
         actor.says("plays pong")
@@ -82,10 +82,10 @@ def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stag
     learner = stage.start(
         "-m", "learner", "--connect", stage.endpoint, "--run", "r", "--runs", "learner-runs",
         "--threads", "1", "--http", pages[1],
-        "--env", "ale", "--steps", "2000", *SMALL,
+        "--env", "ale", "--steps", "1500", *SMALL,
     )  # fmt: skip
     actor = stage.actor("a")
-    wait_until(lambda: _progress(stage).agent_steps > 800, "the learner is learning")
+    wait_until(lambda: _progress(stage).agent_steps > 300, "the learner is learning")
     before = _progress(stage)
     acked = "ale_robot_stream_chunks_acked_total"
     played = 'ale_robot_actor_steps_total{actor="a",role="actor"}'
@@ -110,7 +110,7 @@ def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stag
     learner.ends()
     actor.ends()
     end = _progress(stage)
-    assert end.agent_steps >= 2000
+    assert end.agent_steps >= 1500
     assert sum(facts.steps for facts in end.statistics) == end.agent_steps
     assert end.refused == 0
 
@@ -132,7 +132,7 @@ def test_two_runs_share_a_hub_and_do_not_see_each_other(stage: Stage) -> None:
         for program in (
             stage.start(
                 *("-m", "learner", "--connect", stage.endpoint, "--run", run, "--threads=1"),
-                *("--steps=900", *flags),
+                *("--steps=300", *flags),
             ),
             stage.actor("a", "--run", run),  # of the same name
         )
@@ -141,14 +141,14 @@ def test_two_runs_share_a_hub_and_do_not_see_each_other(stage: Stage) -> None:
         program.ends()
     for run in ("one", "two"):
         summary = json.loads((stage.folder / "runs" / run / "summary.json").read_text())
-        assert summary["agent_steps"] >= 900
+        assert summary["agent_steps"] >= 300
         assert summary["chunks"]["made"] == summary["chunks"]["acked"] > 0
         assert summary["chunks"]["refused"] == 0
         assert len(summary["actors"]) == 1
 
 
 def test_a_learner_that_is_killed_goes_on_where_it_was(stage: Stage) -> None:
-    learner = stage.learner("--env", "ale", "--restart=2", "--steps=3500", *SMALL)
+    learner = stage.learner("--env", "ale", "--restart=2", "--steps=1600", *SMALL)
     actor = stage.actor("a")
     wait_until(
         lambda: (
@@ -167,7 +167,7 @@ def test_a_learner_that_is_killed_goes_on_where_it_was(stage: Stage) -> None:
     learner.ends()
     actor.ends()
     summary = stage.summary()
-    assert summary["agent_steps"] >= 3500 > before.agent_steps
+    assert summary["agent_steps"] >= 1600 > before.agent_steps
     assert summary["chunks"]["acked"] >= before.accepted
     assert summary["chunks"]["made"] == summary["chunks"]["acked"]
     # The same actor process lived through it: its own count is the replay's.
@@ -179,7 +179,7 @@ def test_a_learner_that_is_killed_goes_on_where_it_was(stage: Stage) -> None:
 
 def test_a_network_that_is_cut_costs_time_and_nothing_else(stage: Stage) -> None:
     """Longer than both sides wait for each other, and again while they find each other anew."""
-    learner = stage.learner("--env", "ale", "--steps", "2000", *SMALL)
+    learner = stage.learner("--env", "ale", "--steps", "1000", *SMALL)
     learner.says("actors find it at")
     with Link(stage.endpoint) as link:
         far = ("--sync", "--connect", link.endpoint)
@@ -197,7 +197,7 @@ def test_a_network_that_is_cut_costs_time_and_nothing_else(stage: Stage) -> None
         evaluator.ends()
     summary = stage.summary()
     chunks = summary["chunks"]
-    assert summary["agent_steps"] >= 2000
+    assert summary["agent_steps"] >= 1000
     assert chunks["made"] == chunks["acked"] > 0 == chunks["refused"]
     assert [seen["name"] for seen in summary["actors"]] == ["a", "e"]  # one process each
     epochs = [row["epoch"] for row in stage.rows() if row["phase"] == "test"]
@@ -209,7 +209,7 @@ def test_a_link_that_only_seems_to_be_there_holds_nobody_up(stage: Stage) -> Non
 
     The promise is 10 s; the lease is 3. The best of a few tries counts, for machines are busy.
     """
-    learner = stage.learner("--env=ale", "--stream.chunk-steps=16", *SMALL)
+    learner = stage.learner("--env=ale", *SMALL)
     learner.says("actors find it at")
     with connect(stage.endpoint, PATIENCE) as transport, Link(stage.endpoint) as link:
         remote = RemoteReplay(transport, *find_run(transport, "r", PATIENCE, lambda: False))
@@ -240,14 +240,14 @@ def test_a_link_that_only_seems_to_be_there_holds_nobody_up(stage: Stage) -> Non
 
 def test_a_learner_without_the_steps_its_checkpoint_knows_of_says_so(stage: Stage) -> None:
     flags = ("--local", "--evaluators=0", "--env", "ale", *SMALL)
-    learner = stage.learner(*flags, "--steps=700")
+    learner = stage.learner(*flags, "--steps=300")
     learner.ends()
     known = stage.summary()["agent_steps"]  # an actor may run ahead of the goal as far as it likes
     shutil.rmtree(stage.run / "replay")
 
-    said = stage.learner(*flags, "--resume", f"--steps={known + 1000}").ends(2)
+    said = stage.learner(*flags, "--resume", f"--steps={known + 500}").ends(2)
 
-    assert known >= 700
+    assert known >= 300
     assert f"the replay has seen 0 steps and the checkpoint {known:,}: put" in said
     network = stage.run / "checkpoint.safetensors"
     command = re.search(r"--initial (\S+)\)", said)
@@ -255,18 +255,18 @@ def test_a_learner_without_the_steps_its_checkpoint_knows_of_says_so(stage: Stag
     assert (stage.folder / command[1]).resolve() == network
     # As it says: another run, with this one's network.
     other = ("--listen", stage.endpoint, "--run", "other", "--initial", command[1])
-    stage.start("-m", "learner", *other, *flags, "--steps=700").ends()
+    stage.start("-m", "learner", *other, *flags, "--steps=300").ends()
 
 
 def test_a_run_is_moved_with_its_actors(stage: Stage) -> None:
     """A copy is made while all work, and its learner takes the place of the first."""
     # A small ring goes round several times, so that rows are overwritten while they are copied.
-    flags = ("--env=ale", *SMALL, "--replay.capacity=1000", "--no-local")
+    flags = ("--env=ale", *SMALL, "--replay.capacity=400", "--no-local")
     learner = stage.learner(*flags)
     actor = stage.actor("a", "--patience=inf")
     checkpoint = stage.run / "checkpoint.safetensors"
     wait_until(
-        lambda: checkpoint.exists() and _progress(stage).agent_steps > 2_500,
+        lambda: checkpoint.exists() and _progress(stage).agent_steps > 1_000,
         "the ring has gone round",
     )
 
@@ -279,7 +279,7 @@ def test_a_run_is_moved_with_its_actors(stage: Stage) -> None:
     learner.send(signal.SIGKILL)
     learner.ends(-signal.SIGKILL)
 
-    goal = known + 800
+    goal = known + 300
     place = ("--runs", str(copy.parent), "--listen", stage.endpoint, "--run=r", "--threads=1")
     moved = stage.start("-m", "learner", *place, *flags, "--resume", f"--steps={goal}")
     moved.ends()
@@ -317,13 +317,13 @@ def _on_a_full_disk(stage: Stage, free: Path, *arguments: str) -> Program:
 
 def test_training_waits_while_the_disk_is_full(stage: Stage, tmp_path: Path) -> None:
     free = tmp_path / "free"
-    learner = _on_a_full_disk(stage, free, "--steps=900")
+    learner = _on_a_full_disk(stage, free, "--steps=300")
     written = (stage.run / "checkpoint.safetensors").stat().st_mtime_ns
     assert not (stage.run / "epochs.csv").exists()
     write_atomically(free, str(2**40).encode())
     learner.says("training continues")
     learner.ends()
-    assert stage.summary()["updates"] >= (900 - 600) // 4
+    assert stage.summary()["updates"] >= (300 - 200) // 4
     assert (stage.run / "checkpoint.safetensors").stat().st_mtime_ns > written
 
 

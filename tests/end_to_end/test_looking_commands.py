@@ -11,7 +11,7 @@ from tests.end_to_end.conftest import SMALL, Stage
 
 @pytest.mark.slow
 def test_what_a_run_learned_is_played_and_filmed_with_its_settings(stage: Stage) -> None:
-    settings = ("--play.minimal-actions", "--play.max-game-frames=240", *SMALL)
+    settings = (*SMALL, "--play.minimal-actions", "--play.max-game-frames=240")
     stage.learner("--local", "--env", "robot", "--steps", "1200", *settings).ends()
     film = stage.folder / "film.mp4"
 

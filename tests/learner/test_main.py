@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from common.run.folder import RunFolder
-from learner.__main__ import _last_words
+from learner.process import _last_words
 
 ARGUMENTS = ["learner", "--local", "--run", "small"]
 

@@ -26,7 +26,7 @@ from common.run.config import RunConfig
 from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from learner.evaluation import offline
-from learner.evaluation.offline import EvaluationOptions
+from learner.evaluation.options import EvaluationOptions
 from learner.figures.plot import Options as Drawing
 from learner.options import LearnerOptions
 from tests.end_to_end.conftest import Stage

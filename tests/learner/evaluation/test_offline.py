@@ -16,7 +16,8 @@ from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from learner.evaluation import offline
-from learner.evaluation.offline import EvaluationOptions, evaluate, play
+from learner.evaluation.offline import evaluate, play
+from learner.evaluation.options import EvaluationOptions
 from tests.patience import PATIENCE
 
 CONFIG = replace(PRESETS["fast"], seed=7)

@@ -1,0 +1,85 @@
+"""What `python -m learner --evaluate` is asked for: how many games, under how much chance."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from common.checked import Count, Fraction, FromOne
+from common.errors import InputError
+from common.process.command_line import WeightsFile, check_bounds
+from common.run.config import RunConfig
+from common.run.origin import find_weights
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Under how much chance a network is measured: one row of a table of scores."""
+
+    epsilon: float
+    """Share of random actions."""
+    sticky: float
+    """``play.sticky``, the share of the console's repeats."""
+
+
+HEADLINE = (
+    Measure(0.001, 0.0),  # the policy itself; on a console without chance nearly one game, repeated
+    Measure(0.05, 0.0),  # 2017, after Mnih et al. 2015
+    Measure(0.001, 0.25),  # Machado et al. 2018, and ALE's v5 environments
+)
+"""The measures that stand for a policy together: none of them alone says what it can do."""
+
+
+@dataclass(frozen=True)
+class EvaluationOptions:
+    """Test a network by whole games instead of training one."""
+
+    evaluate: WeightsFile | None = None
+    """Network to test, such as robot_pong or runs/NAME/snapshots/best.safetensors. It plays under
+    its run's settings, except for those given here: another --env, a --play.actuation-latency, a
+    --camera.noise, a --seed. No conditions are drawn, even if the run drew some, except for those
+    of a --randomise flag. --sync, --wait-action and --speed apply too."""
+    headline: bool = False
+    """Three evaluations in one table and one file: with 0.001 random actions, with 0.05 as in 2017,
+    and with 0.001 under sticky actions (--play.sticky 0.25)."""
+    games: FromOne = 30
+    """Number of games, over all processes; of each of the three evaluations of --headline."""
+    test_steps: Count = 0
+    """Minimum number of agent steps, over all processes; the tests of 2017 played 125,000."""
+    epsilon: Fraction = 0.001
+    """Share of random actions, 0 to 1; the tests of 2017 had 0.05."""
+    processes: Count = 0
+    """Number of games played at a time; 0 for as many as there are cores."""
+    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File for the results, as JSON."""
+
+    def check(self) -> None:
+        """Refuse options that cannot be played.
+
+        Raises:
+            InputError: an option is out of bounds or has no effect; it names the flag.
+        """
+        check_bounds(self)
+        if self.evaluate is not None:
+            find_weights(self.evaluate)
+        if self.headline and self.evaluate is None:
+            raise InputError("--headline is for --evaluate: name a network to evaluate by it.")
+        if self.headline and self.epsilon != EvaluationOptions.epsilon:
+            raise InputError("--headline has its own shares of random actions: omit --epsilon.")
+
+    def measures(self, config: RunConfig, trained: RunConfig | None) -> Sequence[Measure]:
+        """Returns what the network is to be measured under.
+
+        Args:
+            trained: settings under which the network was trained.
+
+        Raises:
+            InputError: ``config`` has sticky actions of its own, which a headline overrides.
+        """
+        if not self.headline:
+            return (Measure(self.epsilon, config.play.sticky),)
+        if config.play.sticky != (trained or RunConfig()).play.sticky:
+            raise InputError("--headline has its own sticky actions: omit --play.sticky.")
+        return HEADLINE
