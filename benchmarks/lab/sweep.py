@@ -120,7 +120,7 @@ def measure(options: Options) -> Report:
         storage=optuna.storages.RDBStorage(
             options.storage or f"sqlite:///{options.runs / options.study}.db",
             heartbeat_interval=_ALIVE,
-            heartbeat_stale_trial_callback=optuna.storages.RetryFailedTrialCallback(),
+            heartbeat_stale_trial_callback=optuna.storages.RetryHeartbeatStaleTrialCallback(),
         ),
         direction="maximize",
         sampler=optuna.samplers.TPESampler(seed=options.seed),

@@ -34,6 +34,7 @@ def test_what_cannot_be_varied_is_told_with_an_example(text: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("error::FutureWarning")  # by which Optuna tells what it will remove
 def test_a_study_trains_tells_its_scores_and_goes_on(tmp_path: Path) -> None:
     pytest.importorskip("optuna", reason="Optuna is not installed: pip install 'ale-robot[sweep]'")
     options = Options(
