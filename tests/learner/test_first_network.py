@@ -17,10 +17,14 @@ from learner.options import LearnerOptions
 KEYS_AND_COMMANDS = 6 * 18 + 4 * 5
 VECTOR = ("--play.vector",)
 NO_JOINTS = (*VECTOR, "--play.no-vector-joints")
+ROBOTROLLER = (*VECTOR, "--robot", "robotroller")
+ALE = ("--env", "ale")
 
 
-def config(*flags: str, env: str = "robot") -> RunConfig:
-    return parse_run(LearnerOptions, "learner", ["--env", env, *flags], lambda _: None)[0].config
+def config(flags: tuple[str, ...]) -> RunConfig:
+    """Returns the settings of a run that has ``flags``, of the robot unless they say otherwise."""
+    given = ["--env", "robot", *flags]
+    return parse_run(LearnerOptions, "learner", given, lambda _: None)[0].config
 
 
 def kept(trained: RunConfig, folder: Path) -> tuple[QNetwork, Path]:
@@ -44,31 +48,28 @@ def values(network: QNetwork, told: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("before", "now", "shared"),
     [
-        (config(), config(*VECTOR), 0),
-        (config(), config(env="ale"), 0),
-        (config(*VECTOR), config(*VECTOR), KEYS_AND_COMMANDS + 16),
-        (config(*VECTOR), config(*NO_JOINTS), KEYS_AND_COMMANDS),
-        (config(*NO_JOINTS), config(*VECTOR), KEYS_AND_COMMANDS),
-        (config(*VECTOR), config(*VECTOR, "--robot", "robotroller"), KEYS_AND_COMMANDS),
-        (config(*VECTOR, env="ale"), config(*VECTOR), KEYS_AND_COMMANDS),
+        ((), VECTOR, 0),
+        ((), ALE, 0),
+        (VECTOR, VECTOR, KEYS_AND_COMMANDS + 16),
+        (VECTOR, NO_JOINTS, KEYS_AND_COMMANDS),
+        (NO_JOINTS, VECTOR, KEYS_AND_COMMANDS),
+        (VECTOR, ROBOTROLLER, KEYS_AND_COMMANDS),
+        ((*ALE, *VECTOR), VECTOR, KEYS_AND_COMMANDS),
     ],
 )
 def test_it_plays_as_before_by_what_both_are_told(
-    before: RunConfig, now: RunConfig, shared: int, tmp_path: Path
+    before: tuple[str, ...], now: tuple[str, ...], shared: int, tmp_path: Path
 ) -> None:
-    network, file = kept(before, tmp_path)
-    found = read_network(file, now)
-    assert found.hidden.weight.shape[1] == 3_136 + now.vector_width
+    network, file = kept(config(before), tmp_path)
+    found = read_network(file, config(now))
+    assert found.hidden.weight.shape[1] == 3_136 + config(now).vector_width
     assert not found.hidden.weight[:, 3_136 + shared :].any()
     np.testing.assert_allclose(values(found, shared), values(network, shared), rtol=1e-5, atol=1e-6)
 
 
 def test_histories_that_grow_keep_what_was_told_of_the_same_time(tmp_path: Path) -> None:
-    before = config(*VECTOR)
-    now = config(
-        *(*VECTOR, "--play.vector-commands", "8", "--play.vector-key-frames", "5"),
-        *("--play.vector-forecast", "3"),
-    )
+    longer = ("--play.vector-commands", "8", "--play.vector-key-frames", "5")
+    before, now = config(VECTOR), config((*VECTOR, *longer, "--play.vector-forecast", "3"))
     network, file = kept(before, tmp_path)
     old, new = network.hidden.weight, read_network(file, now).hidden.weight
     assert new.shape[1] == 3_136 + 8 * 18 + 5 * 5 + 16 + 3 * 7
@@ -84,14 +85,10 @@ def test_histories_that_grow_keep_what_was_told_of_the_same_time(tmp_path: Path)
 
 
 def test_histories_that_shrink_lose_what_was_told_of_long_ago(tmp_path: Path) -> None:
-    before = config(
-        *(*VECTOR, "--play.vector-commands", "2", "--play.vector-key-frames", "3"),
-        *("--play.vector-forecast", "3"),
-    )
-    now = config(
-        *(*NO_JOINTS, "--play.vector-commands", "1", "--play.vector-key-frames", "2"),
-        *("--play.vector-forecast", "2"),
-    )
+    long = ("--play.vector-commands", "2", "--play.vector-key-frames", "3")
+    short = ("--play.vector-commands", "1", "--play.vector-key-frames", "2")
+    before = config((*VECTOR, *long, "--play.vector-forecast", "3"))
+    now = config((*NO_JOINTS, *short, "--play.vector-forecast", "2"))
     network, file = kept(before, tmp_path)
     old, new = network.hidden.weight, read_network(file, now).hidden.weight
     expected = [
@@ -106,14 +103,14 @@ def test_histories_that_shrink_lose_what_was_told_of_long_ago(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("before", "now", "advice"),
     [
-        (config(*VECTOR), config(), "add --play.vector"),
-        (config(*NO_JOINTS, env="ale"), config(env="ale"), "add --play.vector"),
-        (config(), config(*VECTOR, "--play.frame-stack", "3"), "add --play.frame-stack 4"),
+        (VECTOR, (), "add --play.vector"),
+        ((*ALE, *NO_JOINTS), ALE, "add --play.vector"),
+        ((), (*VECTOR, "--play.frame-stack", "3"), "add --play.frame-stack 4"),
     ],
 )
 def test_what_it_cannot_do_without_is_told(
-    before: RunConfig, now: RunConfig, advice: str, tmp_path: Path
+    before: tuple[str, ...], now: tuple[str, ...], advice: str, tmp_path: Path
 ) -> None:
-    _, file = kept(before, tmp_path)
+    _, file = kept(config(before), tmp_path)
     with pytest.raises(InputError, match=advice):
-        read_network(file, now)
+        read_network(file, config(now))
