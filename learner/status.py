@@ -25,7 +25,7 @@ from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect
 from common.version import VERSION
 from learner.telemetry.health_checks import reasons
-from learner.telemetry.sinks.formats import UNKNOWN, decimal, fill, one_line, written
+from learner.telemetry.sinks.formats import UNKNOWN, decimal, ended, fill, one_line, written
 from replay.chunk_statistics import Progress
 from replay.messages import ProgressRequest
 
@@ -136,11 +136,10 @@ def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
     rate = fill("{learning/updates_per_second} updates/s", learner.values)
     yield "learner", state, learner.version, rate, UNKNOWN, _ago(learner.silent_for)
     for actor in learner.actors:
-        ended = "left" if actor.leaving else "lost"
         held = f", throttled {actor.held_share:.0%}" if actor.held_share else ""
         yield (
             actor.name,
-            f"{actor.role}{held}" if actor.alive else f"{actor.role}, {ended}",
+            f"{actor.role}{held}" if actor.alive else f"{actor.role}, {ended(actor.leaving)}",
             actor.version,
             f"{decimal(actor.steps_per_second, 1)} steps/s",
             f"{actor.lag:,} updates" if actor.role == "actor" else UNKNOWN,

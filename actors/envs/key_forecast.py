@@ -87,8 +87,7 @@ class KeyForecast:
             # The hands hold what both agree on: the slower of the two is still on its way.
             by_release = self._past[last + ahead - release] if ahead <= release else self._wanted
             by_press = self._past[last + ahead - press] if ahead <= press else self._wanted
-            agree = by_release & by_press if release <= press else by_release | by_press
-            keys.append(agree)
+            keys.append(by_release & by_press if release <= press else by_release | by_press)
         too_late = [[ahead <= release, ahead <= press] for ahead in self._ahead]
         return np.concatenate([np.array(too_late, np.float32), FLAGS[keys]], axis=1)
 

@@ -16,7 +16,7 @@ from common.protocol.message import Array, dtype_of
 
 FRAME_SHAPE = (84, 84)
 FRAME_BYTES = math.prod(FRAME_SHAPE)
-"""Of a frame; a step in a chunk has one, and hardly more."""
+"""Bytes of one frame; a step in a chunk has one frame and little else."""
 
 
 class StoredArray(Array):

@@ -28,8 +28,8 @@ _log.addFilter(Seldom())
 
 
 def tolerated(quota: float) -> float:
-    """Returns the bytes per second that one may send of whom ``quota`` steps per second are taken;
-    no less than with the usual quota, because a smaller one is not there to save receiving."""
+    """Returns how many bytes per second an actor may send whose quota is ``quota`` steps per
+    second; a quota below the usual one counts as the usual one, since it limits what is stored."""
     return _TOLERANCE * max(quota, STEPS_PER_SECOND) * FRAME_BYTES
 
 
@@ -53,7 +53,7 @@ class FloodGuard:
         self._most = most
         self._now = now
         self._names: dict[Address, str] = {}
-        """Whose certificate was shown in each connection that is watched."""
+        """The name in the certificate of each connection that is watched."""
         self._received: dict[Address, int] = {}
         self._ahead: Counter[str] = Counter()
         """Bytes by which a name is ahead of what is taken of it."""

@@ -24,11 +24,6 @@ class ActorView:
     left: bool = False
     """It took its leave a while ago: no longer shown, still counted."""
 
-    @property
-    def ended(self) -> str:
-        """What is said of one that is not alive."""
-        return "left" if self.stats.leaving else "lost"
-
 
 class Histogram(NamedTuple):
     """How often values were found between each edge and the next."""

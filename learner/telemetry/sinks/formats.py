@@ -15,6 +15,11 @@ UNKNOWN = "–"
 _LEVELS = " ▁▂▃▄▅▆▇█"
 
 
+def ended(leaving: bool) -> str:
+    """What is said of a process that is not alive."""
+    return "left" if leaving else "lost"
+
+
 def decimal(value: float, places: int) -> str:
     """A number with ``places`` decimals and a minus sign as wide as a digit."""
     return f"{value:,.{places}f}".replace("-", "−") if math.isfinite(value) else str(value)

@@ -241,7 +241,11 @@ def _actors(actors: Sequence[ActorView], rows: int, width: int, values: Values) 
     for actor in shown:
         stats = actor.stats
         style = "" if actor.alive else _LABEL if stats.leaving else _BAD
-        rate = f"{formats.decimal(stats.steps_per_second, 1)}/s" if actor.alive else actor.ended
+        rate = (
+            f"{formats.decimal(stats.steps_per_second, 1)}/s"
+            if actor.alive
+            else formats.ended(stats.leaving)
+        )
         cells = [_text(f"{stats.steps:,}"), _text(rate)]
         if roomy:
             wrong = troubles({key: getattr(stats, name) for name, key in TOTALS.items()})

@@ -86,7 +86,9 @@ def _actor(actor: ActorView, values: Values) -> dict[str, Any]:
         "machine": stats.machine or formats.UNKNOWN,
         "age": formats.duration(stats.seconds),
         "steps": f"{stats.steps:,}",
-        "rate": formats.decimal(stats.steps_per_second, 1) if actor.alive else actor.ended,
+        "rate": formats.decimal(stats.steps_per_second, 1)
+        if actor.alive
+        else formats.ended(stats.leaving),
         "epsilon": formats.decimal(stats.epsilon, 3),
         "weights": (
             f"epoch {stats.weights_version}"

@@ -2,6 +2,7 @@
 
 import threading
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -75,18 +76,22 @@ def test_a_run_that_is_not_there_is_told_by_name(hub: Transport, client: Transpo
         find_run(client, "other", 0.0, never)
 
 
-def test_a_run_that_starts_later_is_waited_for(hub: Transport, client: Transport) -> None:
-    asked = 0
+def begins_after_two_looks(hub: Transport, run: str) -> Mock:
+    """Returns a callback that announces ``run`` when it is called for the second time."""
 
-    def begins_after_two_looks() -> bool:
-        nonlocal asked
-        asked += 1
-        if asked == 2:
-            announce(hub, "late", announcement("late", FAST))
+    def called() -> bool:
+        if stopped.call_count == 2:
+            announce(hub, run, announcement(run, FAST))
         return False
 
-    assert find_run(client, None, PATIENCE, begins_after_two_looks)[0] == RunKeys("late", "id-late")
-    assert asked >= 2
+    stopped = Mock(side_effect=called)
+    return stopped
+
+
+def test_a_run_that_starts_later_is_waited_for(hub: Transport, client: Transport) -> None:
+    stopped = begins_after_two_looks(hub, "late")
+    assert find_run(client, None, PATIENCE, stopped)[0] == RunKeys("late", "id-late")
+    assert stopped.call_count >= 2
 
 
 def test_whoever_wants_to_stop_need_not_wait(client: Transport) -> None:
@@ -118,16 +123,7 @@ def test_who_announces_garbage_at_a_shared_hub_keeps_nobody_from_the_run(
 ) -> None:
     for run in ("bad", "worse"):
         announce(hub, run, b"garbage")
-    looks = 0
-
-    def begins_after_two_looks() -> bool:
-        nonlocal looks
-        looks += 1
-        if looks == 2:
-            announce(hub, "one", announcement("one", FAST))
-        return False
-
-    found = find_run(client, None, PATIENCE, begins_after_two_looks)
+    found = find_run(client, None, PATIENCE, begins_after_two_looks(hub, "one"))
     assert found == (RunKeys("one", "id-one"), FAST)
     passed_over = sorted(record.getMessage().split(":")[0] for record in caplog.records)
     assert passed_over == [
