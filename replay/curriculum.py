@@ -6,8 +6,9 @@ from itertools import islice
 from common.run.config import RunConfig
 from replay.chunk_statistics import ChunkStatistics
 
-_RECENT_GAMES = 20
-"""Games whose mean score is judged."""
+_RECENT_GAMES = 5
+"""Games whose mean score is judged: of more, the oldest were played under ranges of another width,
+and the ranges would swing about those that the policy can play."""
 
 
 def curriculum_steps(

@@ -49,9 +49,9 @@ def test_without_a_score_it_goes_on_with_the_runs_steps(agent_steps: int, gone: 
         ([(5.0,)], STEPS),
         ([(4.9,)], -STEPS),
         ([(4.0,), (), (6.0,)], STEPS),
-        ([(-21.0,), *20 * [(5.0,)]], STEPS),  # only the last 20 count
-        ([(-21.0,), *19 * [(5.0,)]], -STEPS),
-        ([(-21.0, *19 * (5.0,)), (5.0,)], STEPS),  # and those of one chunk in their order
+        ([(-21.0,), *5 * [(5.0,)]], STEPS),  # only the last five count
+        ([(-21.0,), *4 * [(5.0,)]], -STEPS),
+        ([(-21.0, *4 * (5.0,)), (5.0,)], STEPS),  # and those of one chunk in their order
     ],
 )
 def test_it_grows_from_a_score_on_and_shrinks_below(
