@@ -62,8 +62,8 @@ def _read(folder: Path) -> _Measured:
     return _Measured(
         actor=found["actor_steps"]["robot"]["1"],
         updates=max(
-            each["ours_per_second"]
-            for each in found["peers"]["comparisons"]
+            each["ours/s"]
+            for each in found["peers"]["rows"]
             if each["work"].startswith(f"updates of {_PAPER.batch_size},")
         ),
         inserts=transport["insert_at_once"]["transitions_per_second"],

@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.figures.results_page import render
 from benchmarks.figures.robots import needs
+from benchmarks.peers import against_ours
 from common.errors import InputError
 
 ABOUT = {
@@ -25,11 +26,9 @@ def hub(actors: int, cores: float) -> dict[str, Any]:
 RESULTS: dict[str, dict[str, Any]] = {
     "actor_steps": {"robot": {"1": 150.0}},
     "peers": {
-        "comparisons": [
-            {"work": "updates of 32, 1 thread", "ours_per_second": 25.0},
-            {"work": "updates of 32, 2 threads", "ours_per_second": 50.0},
-            {"work": "insert steps", "ours_per_second": 1e6},
-        ]
+        "rows": against_ours("updates of 32, 1 thread", {"peer": [9.0], "ours": [25.0]})
+        + against_ours("updates of 32, 2 threads", {"peer": [9.0], "ours": [50.0]})
+        + against_ours("insert steps", {"peer": [9.0], "ours": [1e6]})
     },
     "transport": {
         "insert": {"megabytes_per_second": 100.0, "transitions_per_second": 10_000.0},
