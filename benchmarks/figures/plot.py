@@ -1,13 +1,13 @@
 """`python -m benchmarks.figures.plot FILE … --figure NAME -o figure.png`: the figures of results.
 
 Beside those of runs (`learner.figures.plot`): `--figure delay` takes tables of `python -m
-benchmarks.lab.ladder` or `python -m benchmarks.lab.actuation_latency`; race, games, robustness,
-press and scaling take files that the experiment of that name wrote with `--json`.
+benchmarks.lab.actuation_latency`; race, games, robustness, press and scaling take files that the
+experiment of that name wrote with `--json`.
 """
 
 from dataclasses import dataclass
 
-from benchmarks.figures.plot_delay import delay_figure, read_ladders
+from benchmarks.figures.plot_delay import delay_figure, read_late_keys
 from benchmarks.figures.plot_games import games_figure
 from benchmarks.figures.plot_press import press_figure, read_press
 from benchmarks.figures.plot_race import race_figure
@@ -31,7 +31,7 @@ class Options(plot.Options):
 
 FIGURES: plot.Figures = {
     **plot.FIGURES,
-    "delay": lambda options: delay_figure(renamed(read_ladders(options.paths), options.names)),
+    "delay": lambda options: delay_figure(renamed(read_late_keys(options.paths), options.names)),
     "race": lambda options: race_figure(options.paths),
     "games": lambda options: games_figure(options.paths[0]),
     "robustness": lambda options: robustness_figure([read_grid(path) for path in options.paths]),

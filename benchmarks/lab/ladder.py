@@ -5,10 +5,8 @@ Each rung is the program's own configuration, and each adds one difficulty to an
 a rung that is missed says what holds learning back. An ablation is a rung with other settings and a
 name of its own: `--rung R5 --label vector --learner="--play.vector"`.
 
-R0  sight and touch, no learning (`python -m viewer check`)
 R1  the emulator alone
-R2  the emulator under keys as late as the robot's: none at all for two frames, then the new ones;
-    and `--delay` agent steps more
+R2  the emulator under keys as late as the robot's: none at all for two frames, then the new ones
 R3  the camera's pixels, keys as commanded: no hand
 R4  the emulator's pixels, keys pressed by the arms: no camera
 R5  the robot
@@ -19,21 +17,20 @@ import io
 import json
 import shlex
 import shutil
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import tyro
-
-from benchmarks.child import run_module
 from benchmarks.lab.policy import EPSILON, evaluate, first_at, present_names, scores_of, train
-from common.errors import InputError, exit_on_input_error
-from common.run.conditions import PlayConfig
+from common.checked import Count, Fraction, FromOne
+from common.errors import exit_on_input_error
+from common.process.command_line import parse
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, write_atomically
 
-Rung = Literal["R0", "R1", "R2", "R3", "R4", "R5"]
+Rung = Literal["R1", "R2", "R3", "R4", "R5"]
 
 PRESS = 2
 """Frames that the game plays without a new command's keys: the robot's median, 50 ms by `python -m
@@ -67,11 +64,11 @@ class Options:
     """Train one rung of the ladder and evaluate what it learned; a row of results for each seed."""
 
     rung: Rung
-    steps: int = 1_000_000
+    steps: FromOne = 1_000_000
     """Agent steps of each run; the same command resumes a run that was stopped."""
-    seeds: int = 1
+    seeds: FromOne = 1
     """Number of runs, each with a seed of its own."""
-    seed: int = 1
+    seed: Count = 1
     """Seed of the first run; those of the others follow it."""
     game: str = "pong"
     """Game: any that ale-py bundles, in snake_case."""
@@ -79,11 +76,9 @@ class Options:
     """Preset of the run; rungs can be compared only under the same one."""
     label: str = ""
     """Name of an ablation, where --learner has other settings than the rung."""
-    delay: int = 0
-    """Actuation latency of rung R2 in agent steps, in addition to that of its keys."""
-    games: int = 30
+    games: FromOne = 30
     """Games of each evaluation."""
-    epsilon: float = EPSILON
+    epsilon: Fraction = EPSILON
     """Share of random actions in each evaluation."""
     learner: str = ""
     """More flags for `python -m learner`, as in --learner="--threads 2"."""
@@ -94,16 +89,12 @@ class Options:
 
     def flags(self, seed: int) -> list[str]:
         """Returns the flags of the learner, without those of its folder."""
-        frames = self.delay * PlayConfig.frame_skip
-        late = ["--play.actuation-latency", f"{frames}"] if frames else []
         run = ["--preset", self.preset, "--game", self.game, "--seed", f"{seed}"]
-        return [*run, *FLAGS[self.rung], *late, *shlex.split(self.learner)]
+        return [*run, *FLAGS[self.rung], *shlex.split(self.learner)]
 
     def run_name(self, seed: int) -> str:
-        parts = [self.label] if self.label else []
-        parts += [f"late-{self.delay}"] if self.delay else []
-        parts = ["ladder", self.rung, *parts, self.game, self.preset, f"seed-{seed}"]
-        return "-".join(parts).replace("_", "-")
+        parts = ("ladder", self.rung, self.label, self.game, self.preset, f"seed-{seed}")
+        return "-".join(filter(None, parts)).replace("_", "-")
 
 
 def climb(options: Options, seed: int) -> dict[str, Any]:
@@ -176,12 +167,7 @@ def add_row(path: Path, row: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    options = tyro.cli(Options, prog="python -m benchmarks.lab.ladder")
-    if options.delay and options.rung != "R2":
-        raise InputError("--delay is for --rung R2.")
-    if options.rung == "R0":
-        run_module("actors", "--check", "--game", options.game)
-        return
+    options = parse(Options, "benchmarks.lab.ladder", sys.argv[1:])
     for seed in range(options.seed, options.seed + options.seeds):
         add_row(options.output, climb(options, seed))
         print(f"added a row to {options.output}", flush=True)

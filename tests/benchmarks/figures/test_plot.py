@@ -17,10 +17,8 @@ from matplotlib.figure import Figure
 
 from benchmarks.figures.plot import FIGURES
 from benchmarks.figures.plot import Options as ResultOptions
-from benchmarks.figures.plot_delay import read_ladders
+from benchmarks.figures.plot_delay import read_late_keys
 from benchmarks.lab import actuation_latency as late_keys
-from benchmarks.lab.ladder import COLUMNS, Rung, add_row
-from benchmarks.lab.ladder import Options as LadderOptions
 from common.errors import InputError
 from common.run.epochs import EpochTable
 from common.run.presets import PRESETS
@@ -214,79 +212,30 @@ def test_means_are_straight_between_points() -> None:
     assert found.tolist() == [[1.0, 2.0], [4.0, 5.0]]
 
 
-def climb(path: Path, rung: Rung, seed: int, mean: float, delay: int = 0, **more: str) -> None:
-    options = LadderOptions(rung, delay=delay, learner=more.pop("learner", ""))
-    row = dict.fromkeys(COLUMNS, "") | {
-        "rung": rung,
-        "game": "pong",
-        "seed": seed,
-        "flags": " ".join(options.flags(seed)),
-        "agent_steps": 1_000_064,
-        "random_reward": -20.4,
-        "mean": mean,
-        **more,
-    }
-    add_row(path, row)
-
-
-def test_delay_is_from_the_flags_of_the_ladder(tmp_path: Path) -> None:
-    path = tmp_path / "ladder.csv"
-    for seed, lost in ((1, 0.0), (2, 2.0)):
-        climb(path, "R1", seed, 20.0 - lost)
-        climb(path, "R2", seed, 18.0 - lost)
-        climb(path, "R2", seed, 1.0 - lost, delay=4)
-        climb(path, "R5", seed, 7.0)
-    climb(path, "R2", 1, 12.0, delay=2, learner="--learning.n-step 1")
-    climb(path, "R2", 1, 14.0, delay=2, learner="--learning.n-step 1")  # evaluated again
-    figure = draw(Options((path,), figure="delay"))
-    (axes,) = figure.axes
-    times = [0.0, 2 * 1000 / 60, 18 * 1000 / 60]  # four decisions of four frames, and two frames
-    expected = [[20.0, 18.0, 1.0], [18.0, 16.0, -1.0], [19.0, 17.0, 0.0], [14.0]]
-    found = lines(axes)
-    assert [[y for _, y in line] for line in found] == expected
-    for line in found[:3]:
-        assert [x for x, _ in line] == pytest.approx(times)
-    assert found[3][0][0] == pytest.approx(10 * 1000 / 60)
-    assert reds(axes) == [pytest.approx(-20.4)]
-    assert names(figure) == [
-        "pong, robot, 1 M steps, mean of 2 seeds",
-        "pong, robot, 1 M steps, --learning.n-step 1",
-        "random policy, −20.4",
-    ]
-
-
-def test_tables_of_former_commits_are_drawn() -> None:
-    """Their flags and columns have the names of then: --play.press, no note, no git_dirty."""
-    results = ROOT / "benchmarks" / "results"
-    climbs = read_ladders([results / "ladder.csv"])
-    assert [round(climb.late_ms, 1) for climb in climbs if "--play.vector" in climb.name] == [33.3]
-    with (results / "ladder.csv").open(newline="") as file:
-        assert len(climbs) == sum(row["rung"] in ("R1", "R2") for row in csv.DictReader(file)) > 4
-    assert not any("press" in climb.name for climb in climbs)
-    played = read_ladders([results / "late_keys.csv"])
-    assert len(played) == 10
-    assert max(climb.late_ms for climb in played) == pytest.approx(4 * 1000 / 60)
-
-
-def test_networks_under_later_keys_are_a_line_each(tmp_path: Path) -> None:
-    path = tmp_path / "late_keys.csv"
+def late(path: Path, *rows: tuple[str, int, float]) -> Path:
+    """A table of networks, presses and means."""
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, late_keys.COLUMNS)
         writer.writeheader()
-        for network, press, mean in (("a", 0, 20.0), ("b", 0, 19.0), ("a", 3, -5.0)):
-            writer.writerow({"network": network, "press": press, "mean": mean})
+        for row in rows:
+            writer.writerow(dict(zip(("network", "press", "mean"), row, strict=True)))
+    return path
+
+
+def test_the_table_of_a_former_commit_is_drawn() -> None:
+    """It has no column git_dirty."""
+    played = read_late_keys([ROOT / "benchmarks" / "results" / "late_keys.csv"])
+    assert len(played) == 10
+    assert max(each.late_ms for each in played) == pytest.approx(4 * 1000 / 60)
+
+
+def test_networks_under_later_keys_are_a_line_each(tmp_path: Path) -> None:
+    path = late(tmp_path / "late.csv", ("a", 3, -5.0), ("b", 0, 19.0), ("a", 0, 20.0))
     figure = draw(Options((path,), figure="delay"))
     found = lines(figure.axes[0])
     assert [[y for _, y in line] for line in found] == [[20.0, -5.0], [19.0]]
     assert [x for x, _ in found[0]] == pytest.approx([0.0, 50.0])
     assert names(figure) == ["a", "b"]
-
-
-def test_runs_of_other_lengths_are_other_lines(tmp_path: Path) -> None:
-    path = tmp_path / "ladder.csv"
-    climb(path, "R1", 1, 20.0)
-    climb(path, "R1", 2, 18.0, agent_steps="2000128")
-    assert len(lines(draw(Options((path,), figure="delay")).axes[0])) == 2
 
 
 def test_rates_against_actors() -> None:
@@ -446,16 +395,14 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
     text.write_text("epoch\n")
     empty = tmp_path / "empty.csv"
     EpochTable(empty).append(ROW)
-    robots = tmp_path / "ladder.csv"
-    climb(robots, "R5", 1, 20.0)
-    broken = tmp_path / "broken.csv"
-    climb(broken, "R1", 1, float("nan"))
+    broken = late(tmp_path / "broken.csv", ("a", 0, float("nan")))
     for figure, path, words in (
         ("epochs", text, "is no table of epochs"),
         ("progress", empty, "no complete epoch"),
         ("epochs", tmp_path, "no complete epoch"),
         ("delay", text, "is no table of"),
-        ("delay", robots, "no row of R1 or R2"),
+        ("delay", empty, "is no table of"),
+        ("delay", late(tmp_path / "headed.csv"), "is no table of"),
         ("delay", broken, "damaged in row 1"),
         ("histogram", text, "holds no evaluation"),
         ("scaling", text, "holds no scaling"),
