@@ -66,7 +66,7 @@ test-lowest:  ## the test suite with the oldest versions that pyproject.toml all
 		-r $(VENV)-lowest/lowest.txt --editable ".[dev]"
 	$(VENV)-lowest/bin/python -m pytest -m "not slow"
 
-bench: setup  ## measure all speeds on this machine, half an hour; the tables of benchmarks/RESULTS.md
+bench: setup  ## measure all speeds on this machine, an hour; the tables of benchmarks/RESULTS.md
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
 	$(BIN)/python -m benchmarks all
 	$(BIN)/python -m benchmarks.figures.results_page
