@@ -8,9 +8,8 @@ own figures: updates by its clock. All processes share one machine, so the busy 
 many cores as the flooder took, and what the flood costs is told against that.
 """
 
-import subprocess
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -26,12 +25,13 @@ from benchmarks.pace import Spread, in_turns
 from benchmarks.report import BenchmarkOptions, Report, Seconds, Table, main
 from common.checked import FromOne
 from common.errors import InputError, MessageError
-from common.process.supervisor import ROOT, Child
+from common.process.supervisor import Child
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import RunStatus
 from common.transport.flood_guard import CUT_OFF
 from common.transport.interface import Envelope, Unanswered
 from common.transport.leaky_bucket import STEPS_PER_SECOND
+from deploy.certificates import certify_actors
 
 ALONE, FLOODED, BUSY = "alone", "flooded", "beside a busy process"
 _ACTOR, _FLOODER = "actor-1", "flooder"
@@ -230,23 +230,10 @@ def rates(first: Mark, last: Mark) -> dict[str, float]:
     }
 
 
-def certify(folder: Path) -> None:
-    """Makes the certificates of hub and learner, and by name of the actor and the flooder.
-
-    Raises:
-        InputError: they cannot be made.
-    """
-    for what in (["localhost"], ["--actors", _ACTOR, _FLOODER]):
-        script = [str(ROOT / "deploy/certificates.sh"), str(folder), *what]
-        done = subprocess.run(script, capture_output=True, text=True)
-        if done.returncode:
-            raise InputError(f"there are no certificates: {done.stderr.strip()}.")
-
-
 def measure(options: Options) -> Report:
     with scratch() as folder, catch.installed(folder):
         certificates = folder / "certificates"
-        certify(certificates)
+        certify_actors(certificates, "localhost", (_ACTOR, _FLOODER))
         turn = partial(measure_turn, options, certificates)
         took = 0.0
 
@@ -256,16 +243,8 @@ def measure(options: Options) -> Report:
             took = rates["cpu"]
             return rates
 
-        kinds: dict[str, Callable[[], dict[str, float]]] = {
-            **{ALONE: turn, FLOODED: flooded},
-            BUSY: lambda: turn(busy=took),
-        }
-        found = in_turns(
-            kinds,
-            options.turns,
-            warm_up=0,
-            tell=True,
-        )
+        kinds = {ALONE: turn, FLOODED: flooded, BUSY: lambda: turn(busy=took)}
+        found = in_turns(kinds, options.turns, warm_up=0, tell=True)
     return report(found)
 
 

@@ -40,19 +40,16 @@ def certify_actors(folder: Path, host: str, names: Sequence[str]) -> None:
         make_certificates(folder, host)
     new = [name for name in names if not (folder / f"{common_name('actor', name)}.pem").exists()]
     if new:
-        _run(folder, "--actors", *new)
+        make_certificates(folder, "--actors", *new)
 
 
-def make_certificates(folder: Path, host: str) -> None:
-    """Makes those of a hub that is called ``host``, by the authority in ``folder`` if it has one.
+def make_certificates(folder: Path, *asked: str) -> None:
+    """Makes what is ``asked`` of the script, such as a hub's name, by the authority in ``folder``
+    if it has one.
 
     Raises:
         InputError: the script says why it cannot.
     """
-    _run(folder, host)
-
-
-def _run(folder: Path, *arguments: str) -> None:
-    said = subprocess.run(["sh", _SCRIPT, folder, *arguments], capture_output=True, text=True)
+    said = subprocess.run(["sh", _SCRIPT, folder, *asked], capture_output=True, text=True)
     if said.returncode:
         raise InputError(f"no certificates can be made ({said.stderr.strip()}): install openssl.")

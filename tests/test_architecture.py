@@ -19,7 +19,7 @@ ARROWS = {
     "viewer": {"common", "actors"},
     "deploy": {"common", "learner"},
     "ale_robot": {"common", "deploy", "learner", "actors", "viewer"},
-    "benchmarks": {"common", "replay", "learner", "actors", "viewer"},
+    "benchmarks": {"common", "replay", "learner", "actors", "viewer", "deploy"},
     "docs": {"common"},
 }
 """By package, the others that it may import."""

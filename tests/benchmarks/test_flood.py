@@ -1,12 +1,9 @@
 """`benchmarks.flood` with real processes, for a moment, and what it makes of what they told."""
 
-from pathlib import Path
-
 import pytest
 
 from benchmarks import catch, flood
 from benchmarks.flood import ALONE, BUSY, FLOODED, Mark, Options
-from common.errors import InputError
 from common.registry import ENVIRONMENTS
 from tests.extending.whole_run import added
 
@@ -77,9 +74,3 @@ def test_turns_are_compared_in_pairs() -> None:
     assert (chunks["sent/s"], chunks["taken/s"], chunks["refused"]) == (400, 100, 0.75)
     assert chunks["why"] == "200 MB/s; over quota or turn"
     assert heartbeats["refused"] is None  # none was sent
-
-
-def test_a_run_without_certificates_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="no certificates"):
-        flood.certify(tmp_path / "file")

@@ -15,6 +15,7 @@ import pytest
 from common.errors import InputError
 from common.process.exit_codes import EXIT_CODES, UNREACHABLE
 from deploy.__main__ import main
+from deploy.certificates import certify_actors
 from deploy.slurm import FINAL
 from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
@@ -236,3 +237,9 @@ def test_each_actor_of_slurm_has_a_certificate_of_its_own(
     launch(monkeypatch, *own, "--actors=3")
     assert (folder / "actors.txt").read_text().split() == [*names[::2], "actor-3", "evaluator-4"]
     assert [(folder / f"actor.{name}-key.pem").read_bytes() for name in names] == keys
+
+
+def test_certificates_that_cannot_be_made_are_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"no certificates can be made \(.+\): install openssl"):
+        certify_actors(tmp_path / "file", "localhost", ["actor-1"])
