@@ -15,14 +15,14 @@ from typing import Annotated, Any
 import tyro
 from annotated_types import MinLen
 
-from benchmarks.lab.policy import EPSILON, evaluate, press_latency
+from benchmarks.lab.policy import EPSILON, evaluate, settings_of
 from common.checked import Fraction, FromOne
-from common.errors import InputError, exit_on_input_error
+from common.errors import exit_on_input_error
 from common.press_latency import ms_of
 from common.process.command_line import parse
 from common.run.conditions import Latency
 from common.run.folder import check_new_file
-from common.run.origin import origin_of, run_of
+from common.run.origin import run_of
 
 COLUMNS = (
     "network", "press", "late_ms", "games", "epsilon", "seed", "mean", "deviation",
@@ -59,11 +59,8 @@ def hand_flags(network: Path, press: int) -> list[str]:
     Raises:
         InputError: nobody knows under which settings the network was trained.
     """
-    trained = origin_of(network)
-    if trained is None:
-        raise InputError(f"{network} has neither a card nor a run's folder beside it: get them.")
-    late = press_latency(press)
-    return [*late, "--play.hand", "model"] if trained.env == "robot" else late
+    late = ["--play.press-latency", f"{press}"]
+    return [*late, "--play.hand", "model"] if settings_of(network).env == "robot" else late
 
 
 def play(network: Path, press: int, options: Options) -> dict[str, Any]:

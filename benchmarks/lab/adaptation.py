@@ -13,16 +13,23 @@ from typing import Any
 
 import tyro
 
-from benchmarks.lab.policy import EPSILON, TrainingOptions, evaluate, first_at, scores_of, train
+from benchmarks.lab.policy import (
+    EPSILON,
+    TrainingOptions,
+    evaluate,
+    first_at,
+    scores_of,
+    settings_of,
+    train,
+)
 from benchmarks.report import Report, Table, main
 from common.checked import Fraction, FromOne
-from common.errors import InputError
 from common.process.command_line import WeightsFile
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder
-from common.run.origin import SHAPING_SETTINGS, origin_of
+from common.run.origin import SHAPING_SETTINGS
 from common.run.presets import PRESETS
 from common.run.stored_config import flag_of, flat
 
@@ -66,23 +73,13 @@ class Options(TrainingOptions):
 
 
 def measure(options: Options) -> Report:
-    trained = origin_of(options.network)
-    if trained is None:
-        raise InputError(
-            f"{options.network} has neither a card nor a run's folder beside it: get them."
-        )
+    trained = settings_of(options.network)
     to = shlex.split(options.to)
     folder = RunFolder(options.runs, options.run)
     own = evaluate(options.network, options.games, options.epsilon)
     before = evaluate(options.network, options.games, options.epsilon, to)
-    flags = [
-        *training_flags(trained, options.steps),
-        "--evaluators",
-        "0",
-        "--seed",
-        f"{options.seed}",
-        *to,
-    ]
+    fixed = ["--evaluators", "0", "--seed", f"{options.seed}"]
+    flags = [*training_flags(trained, options.steps), *fixed, *to]
     initial = [] if folder.checkpoint.exists() else ["--initial", str(options.network)]
     train(folder, options.steps, [*flags, *shlex.split(options.learner), *initial])
     after = evaluate(folder.checkpoint, options.games, options.epsilon)

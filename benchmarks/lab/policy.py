@@ -1,8 +1,7 @@
 """How the experiments train and evaluate a policy: by `python -m learner`, as anybody would.
 
 `train` makes a run of given flags, or resumes it, and `evaluate` plays whole games.
-`summary_of_all` and `scores_of` are what a run's files tell of it; `press_latency` and
-`present_names` are about the flags that both take.
+`summary_of_all`, `scores_of` and `settings_of` are what files tell of a run or a network.
 """
 
 import json
@@ -16,8 +15,10 @@ from benchmarks.report import BenchmarkOptions
 from common.checked import FromOne
 from common.errors import InputError
 from common.process.command_line import PRESENT_FLAGS
+from common.run.config import RunConfig
 from common.run.epochs import EpochPhase, EpochRow
 from common.run.folder import RunFolder
+from common.run.origin import origin_of
 
 EPSILON = 0.001
 """Share of random actions in evaluations, unless another is asked for."""
@@ -102,13 +103,16 @@ def evaluate(
         return content
 
 
-def press_latency(frames: int) -> list[str]:
-    """Returns the flag of a modelled hand, whatever hand a network was trained with.
+def settings_of(network: Path) -> RunConfig:
+    """Returns the settings under which a network was trained.
 
-    Args:
-        frames: frames of 60 Hz until a new command's keys are down; the old ones go up at once.
+    Raises:
+        InputError: nobody knows them.
     """
-    return ["--play.press-latency", f"{frames}"]
+    trained = origin_of(network)
+    if trained is None:
+        raise InputError(f"{network} has neither a card nor a run's folder beside it: get them.")
+    return trained
 
 
 def present_names(flags: Sequence[str]) -> list[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import tyro
 
 from benchmarks.lab.ladder import FLAGS, Rung
-from benchmarks.lab.policy import EPSILON, evaluate, press_latency
+from benchmarks.lab.policy import EPSILON, evaluate
 from benchmarks.report import BenchmarkOptions, Report, main
 from common.checked import FromOne
 
@@ -22,6 +22,8 @@ _TITLES: dict[Rung, str] = {
     "R4": "keys pressed by the arms",
     "R5": "the robot: both",
 }
+_WITHOUT = ("--play.hand", "arm", "--play.eye", "camera", "--play.press-latency", "0")
+"""The body itself, in the place of whatever rung the network was trained on."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Options(BenchmarkOptions):
 
 def rung_flags(rung: Rung) -> list[str]:
     """All that a rung is, so that nothing is left of the one on which the network was trained."""
-    every = ["--play.hand", "arm", "--play.eye", "camera", *press_latency(0), *FLAGS[rung]]
+    every = [*_WITHOUT, *FLAGS[rung]]
     flags = dict(zip(every[::2], every[1::2], strict=True))  # of two values of a flag the last
     return [part for pair in flags.items() for part in pair]
 
