@@ -118,9 +118,9 @@ class LearningConfig:
     linearly from nothing in the training games; 0 for whole ranges from the beginning. Tests always
     have whole ranges."""
     curriculum_score: Score | None = None
-    """Mean score of the last five training games from which the ranges grow; below it they shrink at
-    the same pace. None: they grow whatever the score. After automatic domain randomization (OpenAI
-    2019), with one width for all ranges."""
+    """Mean score of the last five training games from which the ranges grow; below it they shrink
+    at the same pace. None: they grow whatever the score. After automatic domain randomization
+    (OpenAI 2019), with one width for all ranges."""
     clip_rewards: bool = True
     """Clipping of each agent step's reward to [-1, 1]; scores are never clipped."""
     discount: Fraction = 0.99
