@@ -232,9 +232,8 @@ class Learner:
         self._publish_schedule.restart()
 
     def _keep_what_was_learned(self) -> None:
-        """Write the last checkpoint, but of nothing that has diverged."""
-        if self.losses.have_diverged():
-            return
+        """Write the last checkpoint; a network that has diverged is told of also at a stop."""
+        self._check_loss()
         if self.stop.is_set():
             self.telemetry.say("stopping: writing a checkpoint ...")
         self._checkpoint()

@@ -698,7 +698,8 @@ def test_local_modes_children_are_watched_and_asked_to_leave() -> None:
 def test_a_stop_keeps_nothing_that_has_just_diverged() -> None:
     world = World(update_seconds=1e-4, loss=lambda update: float("nan") if update > 51 else 0.5)
     world.stops_at(53)
-    run(world)
+    with pytest.raises(InputError, match="became non-finite at update 52: "):
+        run(world)
     assert world.updates >= 53
     assert world.checkpoints[-1]["updates"] == 50
     assert world.log[-1] == ("summary", world.updates)
