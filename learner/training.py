@@ -284,10 +284,12 @@ class Learner:
     def _take_tests(self) -> None:
         while (test := self.evaluation.take_finished()) is not None:
             best = max(self.telemetry.rewards("test"), default=None)
-            self._insist(partial(self.telemetry.add, self.phases.end_test(test)))
-            # First a checkpoint that does not need the snapshot, then its removal.
-            self._checkpoint()
+            # The best weights are kept before the checkpoint forgets their test, and the snapshot
+            # goes after it: whenever the run is broken off, the one or the other is there.
             self._insist(partial(self.evaluation.settle, test, best))
+            self._insist(partial(self.telemetry.add, self.phases.end_test(test)))
+            self._checkpoint()
+            self._insist(self.evaluation.sweep)
 
     def _values(self) -> dict[str, Value]:
         """Figures that only the loop knows."""

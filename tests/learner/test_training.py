@@ -410,8 +410,9 @@ def test_tests_are_recorded_and_settled_against_the_best_before() -> None:
     ]
     settled = [each for each in world.log if each[0] == "settle"]
     assert settled == [("settle", 1, None), ("settle", 2, -3.0), ("settle", 3, 7.0)]
-    for each in settled:  # a checkpoint that does not need the snapshot comes first
-        assert world.log[world.log.index(each) - 1][0] == "checkpoint"
+    for each in settled:  # the best is kept, then forgotten by a checkpoint, then snapshots go
+        at = world.log.index(each)
+        assert (world.log[at + 1][0], world.log[at + 2]) == ("checkpoint", "sweep")
 
 
 def test_a_full_disk_pauses_training_and_nothing_is_lost() -> None:
