@@ -221,9 +221,6 @@ class EvaluationCoordinator:
         shard = self._shards.pop(evaluator)
         test = self._tests[shard.epoch]
         test.remaining += max(shard.left, 0)
-        self._close_if_done(test)
-
-    def _close_if_done(self, test: EpochTest) -> None:
         busy = any(shard.epoch == test.epoch for shard in self._shards.values())
         if test.remaining == 0 and not busy:
             del self._tests[test.epoch]
