@@ -7,6 +7,7 @@ not asked for. Rows that were overwritten meanwhile no longer have their checksu
 """
 
 import os
+import shlex
 import shutil
 import sys
 import tempfile
@@ -96,9 +97,10 @@ def _copy(source: RunFolder, place: Path) -> None:
 def main() -> None:
     options = parse(BackupOptions, "learner.backup", sys.argv[1:])
     copy = back_up(options)
+    where = shlex.join(["--runs", str(copy.parent), "--run", copy.name])
     print(
-        f"{options.run} is copied to {copy}. Where it goes on: ale-robot train --resume "
-        f"--runs {copy.parent} --run {copy.name}, with its other flags."
+        f"{options.run} is copied to {copy}. Where it goes on: ale-robot train --resume {where}, "
+        "with its other flags."
     )
 
 

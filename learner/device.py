@@ -42,7 +42,7 @@ def choose_device(device: DeviceChoice, precision: PrecisionChoice) -> Device:
     if precision == "auto":
         cpu = torch.cpu.get_capabilities()
         native = (
-            torch.cuda.is_bf16_supported()
+            torch.cuda.is_bf16_supported(including_emulation=False)
             if kind == "cuda"
             else bool(cpu.get("avx512_bf16") or cpu.get("amx_bf16"))
         )

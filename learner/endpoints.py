@@ -13,7 +13,7 @@ from common.run.stored_config import differences
 from common.transport.flood_guard import tolerated
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect, open_hub
-from learner.options import LearnerOptions
+from learner.options import LearnerOptions, web_address
 from learner.telemetry.sinks.sink import Sink
 from replay.client import RemoteReplay
 from replay.interface import Replay
@@ -82,6 +82,7 @@ def open_pages(
         if options.web is not None:
             with extra_for("--web", "web"):
                 from learner.telemetry.web.page_sink import PageSink
-            sinks.append(page := PageSink(options.web, options.config, folder))
+            page = PageSink(*web_address(options.web), options.config, folder)
+            sinks.append(page)
             url = page.url
         yield sinks, url

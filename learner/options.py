@@ -4,6 +4,7 @@ import os
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,7 @@ from common.checked import Amount, Count, FromOne, Patience
 from common.errors import InputError
 from common.metrics import Value
 from common.process.command_line import RunFlags, WeightsFile, started_by
+from common.process.http_endpoints import check_address
 from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
 from common.run.conditions import NOTHING_DRAWN
@@ -28,7 +30,6 @@ from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.options import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
 from learner.telemetry.sinks.tracker import TrackerName
-from learner.telemetry.web.address import check_web_address
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ class LearnerOptions:
         """
         self.evaluation.check()
         if self.web is not None:
-            check_web_address(self.web)
+            web_address(self.web)
         self.clock.check(self.config.env)
         if self.evaluation.evaluate is not None:
             return  # the games' own processes check the rest
@@ -157,6 +158,10 @@ class LearnerOptions:
                     f"--learning.{name.replace('_', '-')} means nothing to the algorithm "
                     f"{learning.algorithm}: omit it, or choose another --learning.algorithm."
                 )
+
+
+web_address = partial(check_address, flag="--web", usual="127.0.0.1:8080", least_port=0)
+"""Returns host and port of the page, see `check_address`; port 0 stands for any that is free."""
 
 
 def going_on(options: LearnerOptions) -> LearnerOptions:

@@ -184,10 +184,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     options = parse(StatusOptions, "learner.status", given)
     with connect(
-        options.connect,
-        options.patience,
-        role="learner",
-        certificates=options.certificates,
+        options.connect, options.patience, role="learner", certificates=options.certificates
     ) as transport:
         keys, _ = find_run(
             *(transport, options.run, options.patience, lambda: False), options.certificates

@@ -178,23 +178,17 @@ class Learner:
             InputError: the replay has lost steps that the checkpoint knows of.
         """
         self._replay_progress = self.replay.progress(self.phases.chunks_seen)
-        self._check_replay()
-        self._publish()
-        self._save()  # a disk that is full from the beginning is not waited for
-
-    def _check_replay(self) -> None:
-        """Refuse a replay without the steps that the checkpoint knows of.
-
-        ε and the limiter would begin anew, and every step be played again before the first update.
-        The few steps that a power failure may have cost are played again.
-        """
         known, found = self.phases.agent_steps, self._replay_progress.agent_steps
+        # Without them ε and the limiter would begin anew, and no update be made before they are
+        # played again, as the few are that a power failure may have cost.
         if known - found > self.config.replay.learning_starts:
             raise InputError(
                 f"the replay has seen {found:,} steps and the checkpoint {known:,}: put the "
                 "replay's folder back, or start another run with this one's network (--run "
                 f"ANOTHER --initial {self.checkpoint.path})."
             )
+        self._publish()
+        self._save()  # a disk that is full from the beginning is not waited for
 
     # ------------------------------------------------------------------ what is kept and sent
 
@@ -232,9 +226,8 @@ class Learner:
         self._publish_schedule.restart()
 
     def _keep_what_was_learned(self) -> None:
-        """Write the last checkpoint, but of nothing that has diverged."""
-        if self.losses.have_diverged():
-            return
+        """Write the last checkpoint; a network that has diverged is told of also at a stop."""
+        self._check_loss()
         if self.stop.is_set():
             self.telemetry.say("stopping: writing a checkpoint ...")
         self._checkpoint()
@@ -285,10 +278,12 @@ class Learner:
     def _take_tests(self) -> None:
         while (test := self.evaluation.take_finished()) is not None:
             best = max(self.telemetry.rewards("test"), default=None)
-            self._insist(partial(self.telemetry.add, self.phases.end_test(test)))
-            # First a checkpoint that does not need the snapshot, then its removal.
-            self._checkpoint()
+            # The best weights are kept before the checkpoint forgets their test, and the snapshot
+            # goes after it: whenever the run is broken off, the one or the other is there.
             self._insist(partial(self.evaluation.settle, test, best))
+            self._insist(partial(self.telemetry.add, self.phases.end_test(test)))
+            self._checkpoint()
+            self._insist(self.evaluation.sweep)
 
     def _values(self) -> dict[str, Value]:
         """Figures that only the loop knows."""
@@ -334,7 +329,7 @@ class Learner:
     def _conclude(self) -> None:
         """Let the actors hand in their last chunks, and have the last epoch tested."""
         self._batches.close()
-        self._look_while(lambda: bool(self.registry.alive("actor")), _FAREWELL)
+        self._look_while(lambda: self.registry.alive("actor"), _FAREWELL)
         if self.phases.phase_steps >= _LEAST_PHASE * self.phases.phase_length:
             self._end_phase()
         self.evaluation.finish()
@@ -343,38 +338,35 @@ class Learner:
                 "No evaluator is there, so epochs stay untested: "
                 "start `python -m actors --evaluator` beside the learner next time."
             )
-        self._await_tests()
-        self._look_while(lambda: bool(self.registry.alive("evaluator")), _FAREWELL)
-
-    def _await_tests(self) -> None:
-        """Wait for the last tests as long as somebody plays them."""
-        silence = Every(_LONGEST_GAME, self.clock.now)
-        left = (0, 0)
-
-        def go_on() -> bool:
-            nonlocal left
-            now_left = self.evaluation.pending, self.evaluation.steps_left
-            if now_left != left:
-                left = now_left
-                silence.restart()
-            return left[0] > 0 and self._evaluator_expected() and not silence.is_due()
-
-        self._look_while(go_on)
+        self._look_while(
+            lambda: self.evaluation.pending and self._evaluator_expected(),
+            _LONGEST_GAME,
+            progress=lambda: (self.evaluation.pending, self.evaluation.steps_left),
+        )
         if self.evaluation.pending and self._evaluator_expected() and not self.stop.is_set():
             self.telemetry.say(
                 f"No game of a test has ended in {_LONGEST_GAME / 60:g} minutes, so epochs stay "
                 "untested: look whether the evaluators play."
             )
+        self._look_while(lambda: self.registry.alive("evaluator"), _FAREWELL)
 
     def _evaluator_expected(self) -> bool:
         """Whether one is there, or is a child of local mode that has not joined yet."""
         starting = self._children is not None and self._children.works("evaluator")
         return starting or bool(self.registry.alive("evaluator"))
 
-    def _look_while(self, busy: Callable[[], bool], seconds: float = float("inf")) -> None:
-        deadline = self.clock.now() + seconds
+    def _look_while(
+        self,
+        busy: Callable[[], object],
+        patience: float,
+        progress: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Wait while somebody is ``busy``, at most ``patience`` seconds without ``progress``."""
         self._look()
-        while busy() and self.clock.now() < deadline and not self.stop.wait(_TICK):
+        before, ends = progress(), self.clock.now() + patience
+        while busy() and self.clock.now() < ends and not self.stop.wait(_TICK):
+            if (now := progress()) != before:
+                before, ends = now, self.clock.now() + patience
             if self._look_schedule.is_due():
                 self._look()
         self._look()

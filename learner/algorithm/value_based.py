@@ -39,12 +39,7 @@ class ValueBased:
     """
 
     def __init__(
-        self,
-        network: QNetwork,
-        loss: Loss,
-        config: LearningConfig,
-        device: Device,
-        seed: int = 0,
+        self, network: QNetwork, loss: Loss, config: LearningConfig, device: Device, seed: int = 0
     ) -> None:
         """``seed`` is of the augmentation."""
         self.online = network.to(device.torch)

@@ -75,7 +75,8 @@ class EvaluationCoordinator:
         self._tests: dict[int, EpochTest] = {}
         self._shards: dict[str, _Shard] = {}
         self._finished: list[EpochTest] = []
-        self._given_up: list[int] = []
+        self._unneeded: list[int] = []
+        """Epochs whose snapshots go with the next `sweep`."""
         self._over = False
 
     # ------------------------------------------------------------------ for the training loop
@@ -90,13 +91,14 @@ class EvaluationCoordinator:
             waiting = sorted(self._tests.keys() - given)
             for epoch in waiting[:-MOST_WAITING] if nobody else ():
                 del self._tests[epoch]
-                self._given_up.append(epoch)
+                self._unneeded.append(epoch)
 
     def sweep(self) -> None:
-        """Delete the snapshots of tests that were given up, once no checkpoint needs them."""
-        while self._given_up:
-            self._snapshots.remove(self._given_up[-1])
-            self._given_up.pop()
+        """Delete the snapshots of tests that are over or were given up, once no checkpoint needs
+        them."""
+        while self._unneeded:
+            self._snapshots.remove(self._unneeded[-1])
+            self._unneeded.pop()
 
     def take_finished(self) -> EpochTest | None:
         """Returns each test that is over, once; also notices evaluators that were lost."""
@@ -109,7 +111,8 @@ class EvaluationCoordinator:
             return self._finished.pop(0) if self._finished else None
 
     def settle(self, test: EpochTest, best_before: float | None) -> None:
-        """Drop the snapshot of a test that is recorded, unless it is the best so far.
+        """Keep the weights of a test that is over as the best, if they are; `sweep` then deletes
+        its snapshot.
 
         Args:
             best_before: the table's; it may lack the test of the best snapshot, after a resume
@@ -117,18 +120,17 @@ class EvaluationCoordinator:
         """
         mean = sum(test.scores) / len(test.scores) if test.scores else None
         before = [each for each in (best_before, self._snapshots.best_score()) if each is not None]
-        if mean is None or mean <= max(before, default=-math.inf):
-            self._snapshots.remove(test.epoch)
-            return
-        card = {
-            "epoch": test.epoch,
-            "mean_score": mean,
-            "games": len(test.scores),
-            "epsilon": self._protocol.test_epsilon,
-            "train_steps": test.total_train_steps,
-            "updates": test.weight_updates,
-        }
-        self._snapshots.keep_as_best(test.epoch, card)
+        if mean is not None and mean > max(before, default=-math.inf):
+            card = {
+                "epoch": test.epoch,
+                "mean_score": mean,
+                "games": len(test.scores),
+                "epsilon": self._protocol.test_epsilon,
+                "train_steps": test.total_train_steps,
+                "updates": test.weight_updates,
+            }
+            self._snapshots.keep_as_best(test.epoch, card)
+        self._unneeded.append(test.epoch)
 
     def finish(self) -> None:
         """From now on evaluators for which there is no job are sent home."""
@@ -143,8 +145,8 @@ class EvaluationCoordinator:
     def steps_left(self) -> int:
         """Agent steps that are still to be played."""
         with self._lock:
-            wanted = len(self._tests) * self._protocol.test_steps
-            return max(wanted - sum(test.steps for test in self._tests.values()), 0)
+            wanted = self._protocol.test_steps
+            return sum(max(wanted - test.steps, 0) for test in self._tests.values())
 
     @property
     def keeps_snapshots(self) -> bool:
@@ -219,9 +221,6 @@ class EvaluationCoordinator:
         shard = self._shards.pop(evaluator)
         test = self._tests[shard.epoch]
         test.remaining += max(shard.left, 0)
-        self._close_if_done(test)
-
-    def _close_if_done(self, test: EpochTest) -> None:
         busy = any(shard.epoch == test.epoch for shard in self._shards.values())
         if test.remaining == 0 and not busy:
             del self._tests[test.epoch]

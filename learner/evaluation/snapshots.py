@@ -19,7 +19,7 @@ class Snapshots:
         self.keep = keep
 
     def write(self, epoch: int, weights: bytes) -> None:
-        """Keep the weights of an epoch until `remove` or `keep_as_best`."""
+        """Keep the weights of an epoch until `remove`."""
         self._folder.mkdir(parents=True, exist_ok=True)
         write_atomically(self.file(epoch), weights)
 
@@ -35,7 +35,6 @@ class Snapshots:
         """Let an epoch's weights be ``best.safetensors``, and ``card`` say what they are."""
         write_atomically(self._folder / "best.safetensors", self.read(epoch))
         write_atomically(self._folder / "best.json", json.dumps(card, indent=2).encode())
-        self.remove(epoch)
 
     def best_score(self) -> float | None:
         """The mean score of ``best.safetensors``; None if there is none, or no card that says."""

@@ -23,13 +23,7 @@ with extra_for("a figure", "plot"):
     from matplotlib.figure import Figure
 
     from learner.figures.plot_histogram import histogram_figure, read_evaluations
-    from learner.figures.plot_runs import (
-        Group,
-        Phase,
-        epochs_figure,
-        progress_figure,
-        read_groups,
-    )
+    from learner.figures.plot_runs import Group, Phase, epochs_figure, progress_figure, read_groups
     from learner.figures.plot_style import check_picture, renamed, save
 
 

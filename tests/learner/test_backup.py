@@ -55,6 +55,19 @@ def test_all_files_are_copied_but_for_what_is_half_written(run: RunFolder, tmp_p
     assert sorted(path.name for path in tmp_path.iterdir()) == ["copy", "runs"]
 
 
+def test_the_command_to_go_on_can_be_pasted(
+    run: RunFolder,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "my runs").mkdir()
+    copy = tmp_path / "my runs" / "r2"
+    monkeypatch.setattr("sys.argv", ["learner.backup", str(run.path), "-o", str(copy)])
+    backup.main()
+    assert f"train --resume --runs '{copy.parent}' --run r2, with" in capsys.readouterr().out
+
+
 def test_the_copy_is_for_its_owner_alone(run: RunFolder, tmp_path: Path) -> None:
     key = run.path / "certificates" / "ca-key.pem"
     key.parent.mkdir()

@@ -410,8 +410,9 @@ def test_tests_are_recorded_and_settled_against_the_best_before() -> None:
     ]
     settled = [each for each in world.log if each[0] == "settle"]
     assert settled == [("settle", 1, None), ("settle", 2, -3.0), ("settle", 3, 7.0)]
-    for each in settled:  # a checkpoint that does not need the snapshot comes first
-        assert world.log[world.log.index(each) - 1][0] == "checkpoint"
+    for each in settled:  # the best is kept, then forgotten by a checkpoint, then snapshots go
+        at = world.log.index(each)
+        assert (world.log[at + 1][0], world.log[at + 2]) == ("checkpoint", "sweep")
 
 
 def test_a_full_disk_pauses_training_and_nothing_is_lost() -> None:
@@ -698,7 +699,8 @@ def test_local_modes_children_are_watched_and_asked_to_leave() -> None:
 def test_a_stop_keeps_nothing_that_has_just_diverged() -> None:
     world = World(update_seconds=1e-4, loss=lambda update: float("nan") if update > 51 else 0.5)
     world.stops_at(53)
-    run(world)
+    with pytest.raises(InputError, match="became non-finite at update 52: "):
+        run(world)
     assert world.updates >= 53
     assert world.checkpoints[-1]["updates"] == 50
     assert world.log[-1] == ("summary", world.updates)

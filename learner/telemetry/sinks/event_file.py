@@ -7,6 +7,7 @@ import os
 import socket
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 from tensorboard.compat.proto.event_pb2 import Event
 from tensorboard.summary.writer.record_writer import RecordWriter
@@ -28,7 +29,7 @@ class EventFile:
         self._file = no_links(str(folder / name), os.O_WRONLY | os.O_APPEND | os.O_CREAT)
         self._pending = bytearray()
         """What is not in the file yet."""
-        self._records = RecordWriter(_Buffer(self._pending))
+        self._records = RecordWriter(SimpleNamespace(write=self._pending.extend))
         self.add(Event(wall_time=time.time(), file_version="brain.Event:2"))
 
     def add(self, event: Event) -> None:
@@ -48,10 +49,3 @@ class EventFile:
         """Write all that was added, and end."""
         self.flush()
         os.close(self._file)
-
-
-class _Buffer:
-    """A `RecordWriter`'s file, in memory."""
-
-    def __init__(self, content: bytearray) -> None:
-        self.write = content.extend

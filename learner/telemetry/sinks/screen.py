@@ -18,13 +18,7 @@ from common.protocol.actor_stats import TOTALS
 from common.protocol.run_status import HealthCheck
 from common.registry import ENVIRONMENTS
 from learner.telemetry.sinks import formats
-from learner.telemetry.sinks.formats import (
-    figure,
-    label_and_text,
-    panels_of,
-    progress_of,
-    troubles,
-)
+from learner.telemetry.sinks.formats import figure, label_and_text, panels_of, progress_of, troubles
 from learner.telemetry.sinks.live_picture import LivePicture
 from learner.telemetry.snapshot import ActorView, Snapshot
 

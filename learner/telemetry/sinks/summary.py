@@ -66,7 +66,4 @@ class SummarySink(Sink):
 def _of_actor(actor: ActorView) -> dict[str, Any]:
     told = {**dataclasses.asdict(actor), **dataclasses.asdict(actor.stats)}
     del told["stats"], told["key_times"]
-    return told | {
-        "valid_share": actor.stats.valid_share,
-        "match_share": actor.stats.match_share,
-    }
+    return told | {"valid_share": actor.stats.valid_share, "match_share": actor.stats.match_share}

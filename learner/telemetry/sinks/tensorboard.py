@@ -31,9 +31,7 @@ _PICTURE_SECONDS = 300.0
 _FILM_RATE, _FILM_PICTURES, _FILM_WIDTH = 5, 40, 512
 """The GIF that stands for a film: pictures per second, most pictures, width in pixels."""
 _LAYOUT: dict[str, dict[str, list[str]]] = {
-    "Score": {
-        "score": ["play/train_reward", "play/epoch_train_reward", "play/epoch_test_reward"],
-    },
+    "Score": {"score": ["play/train_reward", "play/epoch_train_reward", "play/epoch_test_reward"]},
     "Learning": {
         "loss": ["learning/loss"],
         "max-Q": ["learning/mean_max_q"],
@@ -107,14 +105,8 @@ class TensorBoardSink(CurvesSink):
             self._feed.latest(self._asked)  # answered by the next look
 
     def add(self, points: Values, agent_steps: int) -> None:
-        self._add(
-            [
-                Summary.Value(tag=tag, simple_value=value)
-                for tag, value in points.items()
-                if value is not None
-            ],
-            agent_steps,
-        )
+        known = {tag: value for tag, value in points.items() if value is not None}
+        self._add([Summary.Value(tag=t, simple_value=v) for t, v in known.items()], agent_steps)
 
     def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
         self._add([_histogram(*each) for each in found.items()], agent_steps)
@@ -144,24 +136,15 @@ def written_points(folder: Path) -> Iterator[Values]:
 
 
 def _layout() -> Summary.Value:
-    charts = layout_pb2.Layout(
-        category=[
-            layout_pb2.Category(
-                title=group,
-                chart=[
-                    layout_pb2.Chart(
-                        title=title, multiline=layout_pb2.MultilineChartContent(tag=tags)
-                    )
-                    for title, tags in charts.items()
-                ],
-            )
-            for group, charts in _LAYOUT.items()
-        ]
-    )
+    layout = layout_pb2.Layout()
+    for group, charts in _LAYOUT.items():
+        category = layout.category.add(title=group)
+        for title, tags in charts.items():
+            category.chart.add(title=title, multiline={"tag": tags})
     return Summary.Value(
         tag=custom_scalars.CONFIG_SUMMARY_TAG,
         metadata=custom_scalars.create_summary_metadata(),
-        tensor=TensorProto(dtype=DT_STRING, string_val=[charts.SerializeToString()]),
+        tensor=TensorProto(dtype=DT_STRING, string_val=[layout.SerializeToString()]),
     )
 
 

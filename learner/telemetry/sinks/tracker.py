@@ -198,3 +198,6 @@ class TrackerSink(CurvesSink):
             tracker.close()
         except Exception as error:  # a run is worth more than its curves elsewhere
             _log.warning("--track %s is given up, and the run goes on: %s", self._name, error)
+            with contextlib.suppress(queue.Empty):  # or the run's end would wait for room
+                while True:
+                    self._waiting.get_nowait()

@@ -18,7 +18,6 @@ from learner.telemetry.sinks.formats import metrics_of
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.sinks.tensorboard import written_points
 from learner.telemetry.snapshot import Snapshot
-from learner.telemetry.web.address import check_web_address
 from learner.telemetry.web.figures import about, figures
 from learner.telemetry.web.history import History
 from learner.telemetry.web.server import PageServer
@@ -29,19 +28,14 @@ _log = logging.getLogger(__name__)
 
 
 class PageSink(Sink):
-    """The page of a run at ``address``.
+    """The page of a run.
 
     Raises InputError if nobody can listen there.
     """
 
     period = 1.0
 
-    def __init__(
-        self,
-        address: str,
-        config: RunConfig,
-        folder: RunFolder,
-    ) -> None:
+    def __init__(self, host: str, port: int, config: RunConfig, folder: RunFolder) -> None:
         self._config = config
         self._folder = folder.path.resolve()
         self._epochs = EpochTable(folder.epochs)
@@ -53,7 +47,6 @@ class PageSink(Sink):
         self._events: deque[dict[str, Any]] = deque(maxlen=_MOST_EVENTS)
         self._snapshot: Snapshot | None = None
         self._feed: LiveFeed
-        host, port = check_web_address(address)
         self._server = PageServer(host, port, self.state, self.view, self.film)
         self.url = self._server.url
         if not is_loopback(host):

@@ -90,6 +90,15 @@ def test_two_evaluators_share_a_test(tmp_path: Path) -> None:
     assert (done.steps, sorted(done.scores)) == (105, [1.0, 2.0])
 
 
+def test_steps_played_beyond_a_test_do_not_count_for_the_next(tmp_path: Path) -> None:
+    tests = Place(tmp_path, "e")
+    for epoch in (1, 2):
+        tests.coordinator.add(epoch_test(epoch), b"w")
+    tests.ask("e")
+    assert tests.report("e", 1, 130, [1.0], done=False)
+    assert tests.coordinator.steps_left == 100
+
+
 def test_while_a_test_is_pending_nobody_is_sent_home(tmp_path: Path) -> None:
     tests = Place(tmp_path, "e", "f")
     tests.coordinator.add(epoch_test(1), b"w")
@@ -227,6 +236,8 @@ def test_the_best_snapshot_is_kept_and_others_go(tmp_path: Path) -> None:
         test = replace(epoch_test(epoch), scores=scores)
         coordinator.add(test, f"weights of {epoch}".encode())
         coordinator.settle(test, best)
+        assert (tmp_path / f"epoch-{epoch:04d}.safetensors").is_file(), "a checkpoint may need it"
+        coordinator.sweep()
         if scores:
             mean = sum(scores) / len(scores)
             best = mean if best is None else max(best, mean)
@@ -260,9 +271,9 @@ def test_all_snapshots_are_kept_where_that_is_asked_for(tmp_path: Path) -> None:
     place = Place(tmp_path, keep=True)
     for epoch in range(1, MOST_WAITING + 3):
         place.coordinator.add(epoch_test(epoch), f"weights of {epoch}".encode())
-    place.coordinator.sweep()
     place.coordinator.settle(replace(epoch_test(1), scores=[3.0]), None)
     place.coordinator.settle(replace(epoch_test(2), scores=[1.0]), 3.0)
+    place.coordinator.sweep()
     kept = {path.name: path.read_bytes() for path in tmp_path.glob("*.safetensors")}
     names = {f"epoch-{epoch:04d}.safetensors" for epoch in range(1, MOST_WAITING + 3)}
     assert kept.keys() == {*names, "best.safetensors"}

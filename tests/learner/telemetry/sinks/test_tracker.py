@@ -162,6 +162,7 @@ class Program:
         self.spreads: list[int] = []
         self.began_on = ""
         self.closed = False
+        self.fails_next = False
         self._refuses, self._hangs = refuses, hangs
 
     def begin(self, module: Any, run: TrackedRun) -> "Program":
@@ -178,6 +179,8 @@ class Program:
             raise ConnectionError("nobody is there")
         if self._hangs is not None:
             self._hangs.wait(PATIENCE)
+        if self.fails_next:
+            raise ConnectionError("it broke off")
         self.points.append(agent_steps)
 
     def close(self) -> None:
@@ -254,6 +257,25 @@ def test_a_tracker_that_hangs_holds_up_nobody_and_loses_points(
     assert 3 <= len(program.points) <= 4
     assert caplog.text.count("is too slow") == 1
     assert f"lacks {10 - len(program.points)} points" in caplog.text
+
+
+def test_a_tracker_that_fails_behind_many_points_holds_up_no_end(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(module, "_MOST_WAITING", 3)
+    monkeypatch.setattr(module, "_FAREWELL", PATIENCE)
+    let_go = threading.Event()
+    program = Program(hangs=let_go)
+    sink = begin(monkeypatch, program)
+    for steps in range(10):
+        sink.add({"play/test_reward": 1.0}, steps)
+    program.fails_next = True
+    let_go.set()
+    began = time.monotonic()
+    sink.close()
+    assert time.monotonic() - began < PATIENCE
+    assert "is given up" in caplog.text
+    assert "does not answer" not in caplog.text
 
 
 def test_settings_are_flat_and_plain() -> None:

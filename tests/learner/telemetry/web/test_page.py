@@ -25,12 +25,12 @@ from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from common.transport.interface import Request, Transport
+from learner.options import web_address
 from learner.telemetry import live_feed
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.snapshot import ActorView
 from learner.telemetry.web import server
-from learner.telemetry.web.address import check_web_address
 from learner.telemetry.web.page_sink import PageSink
 from tests.common.protocol.test_live_view import VIEW
 from tests.epoch_rows import epoch_row
@@ -58,7 +58,7 @@ class Place:
         self._actor = client
         self.asked: list[ViewRequest] = []
         self.feed = LiveFeed(hub, KEYS)
-        self.page = PageSink("127.0.0.1:0", PRESETS["robot"], run)
+        self.page = PageSink("127.0.0.1", 0, PRESETS["robot"], run)
         self.page.watch(self.feed)
         self.port = int(self.page.url.rsplit(":", 1)[1].strip("/"))
 
@@ -337,14 +337,14 @@ def test_only_who_means_it_is_answered(place: Place) -> None:
 
 
 def test_an_address_that_cannot_be_used_is_told(place: Place) -> None:
-    assert check_web_address("[::1]:0") == ("::1", 0)
-    assert check_web_address("0.0.0.0:8080") == ("0.0.0.0", 8080)
+    assert web_address("[::1]:0") == ("::1", 0)
+    assert web_address("0.0.0.0:8080") == ("0.0.0.0", 8080)
     for wrong in ("8080", "127.0.0.1", "127.0.0.1:65536", "http://127.0.0.1:80", ":80"):
         with pytest.raises(InputError, match="no address for --web: write it"):
-            check_web_address(wrong)
+            web_address(wrong)
     run = RunFolder(place.folder, "r")
     with pytest.raises(InputError, match=r"Address already in use.*choose another"):
-        PageSink(f"127.0.0.1:{place.port}", PRESETS["robot"], run)
+        PageSink("127.0.0.1", place.port, PRESETS["robot"], run)
 
 
 def test_a_server_that_dies_ends_its_process(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
