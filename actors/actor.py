@@ -18,8 +18,9 @@ from actors.stream.live_views import LiveViews
 from common.protocol.ack import Ack
 from common.protocol.actor_stats import ActorStats
 
-FAREWELL = 2.0
-"""Seconds that a leaving actor waits for its last acknowledgements."""
+FAREWELL = 10.0
+"""Seconds that a leaving actor waits for its last acknowledgements: an insert that was lost on the
+way is sent again meanwhile."""
 
 
 class Actor:

@@ -29,7 +29,8 @@ from learner.telemetry.sinks.formats import UNKNOWN, decimal, ended, fill, one_l
 from replay.chunk_statistics import Progress
 from replay.messages import ProgressRequest
 
-_DEADLINE = 2.0
+_LEAST_PATIENCE, _MOST_PATIENCE = 2.0, 3_600.0
+"""Bounds of the seconds for which an answer is waited for."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class StatusOptions:
     run: str | None = None
     """Name of the run; needed only where a hub serves several."""
     patience: Patience = 5.0
-    """Seconds to wait for the hub."""
+    """Seconds to wait for the hub, and then for each answer, at least 2."""
     json: bool = False
     """JSON instead of a table."""
 
@@ -151,15 +152,18 @@ def _ago(seconds: float) -> str:
     return "now" if seconds < 2 else f"{seconds:.0f} s ago"
 
 
-def ask(transport: Transport, keys: RunKeys, endpoint: str) -> Report:
-    """Asks the processes of a run.
+def ask(
+    transport: Transport, keys: RunKeys, endpoint: str, patience: float = _LEAST_PATIENCE
+) -> Report:
+    """Asks the processes of a run, and waits ``patience`` seconds for each answer.
 
     Raises:
         Unreachable: the replay does not answer.
     """
+    deadline = min(max(patience, _LEAST_PATIENCE), _MOST_PATIENCE)
     request = ProgressRequest(MAX_COUNT, None).encode()
-    replays = transport.gather(keys.progress, _DEADLINE, request)
-    learners = transport.gather(keys.status, _DEADLINE)
+    replays = transport.gather(keys.progress, deadline, request)
+    learners = transport.gather(keys.status, deadline)
     try:
         if not replays:
             raise Unreachable(
@@ -189,7 +193,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         keys, _ = find_run(
             *(transport, options.run, options.patience, lambda: False), options.certificates
         )
-        report = ask(transport, keys, options.connect)
+        report = ask(transport, keys, options.connect, options.patience)
     if options.json:
         print(report.as_json())
     else:

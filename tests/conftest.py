@@ -1,8 +1,10 @@
 """For all tests: a hub and a client, within this process or by Zenoh; no test by the clock."""
 
 import subprocess
+import sys
 from collections.abc import Iterator
 from multiprocessing import forkserver
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -11,6 +13,7 @@ from benchmarks.child import free_endpoint
 from common.transport import zenoh_transport
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import ZenohTransport, connect, open_hub
+from tests.certificates import certify
 from tests.forked import FORKING
 from tests.in_process_transport import InProcessHub
 from tests.patience import PATIENCE
@@ -20,6 +23,12 @@ settings.register_profile("patient", deadline=None, suppress_health_check=[Healt
 settings.load_profile("patient")
 # Nor does a link break because the machine stood still for some seconds.
 zenoh_transport.LEASE_MS = 60_000
+
+
+def pytest_runtest_setup() -> None:
+    """On a busy machine two threads of PyTorch wait for each other at every layer."""
+    if torch := sys.modules.get("torch"):
+        torch.set_num_threads(1)
 
 
 @pytest.fixture
@@ -40,6 +49,12 @@ def client(meeting: InProcessHub, hub: Transport) -> Iterator[Transport]:
     """The transport of another process."""
     with meeting.connect() as transport:
         yield transport
+
+
+@pytest.fixture(scope="session")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Those of a hub, its learner and its actors, which no test changes."""
+    return certify(tmp_path_factory.mktemp("certificates"))
 
 
 @pytest.fixture

@@ -15,6 +15,8 @@ from common.transport.requests import Window
 ACK_TIMEOUT = 5.0
 """Seconds after which an insert without an answer is sent again."""
 _PAUSE = 0.2
+_AWAY = 2.0
+"""Seconds without a hub after which a leaving actor no longer waits for it."""
 
 
 class InsertClient:
@@ -58,10 +60,16 @@ class InsertClient:
             self._inserts.wait(self.window - 1, _PAUSE)
 
     def flush(self, seconds: float) -> None:
-        """Wait at most this long until all is acknowledged."""
-        deadline = time.monotonic() + seconds
-        while self.unacknowledged and (left := deadline - time.monotonic()) > 0:
-            self._inserts.wait(0, min(_PAUSE, left))
+        """Wait at most this long until all is acknowledged, and less where the hub is away."""
+        seen = time.monotonic()
+        ends = seen + seconds
+        while self.unacknowledged:
+            now = time.monotonic()
+            if self._requester.has_server:
+                seen = now
+            if now >= min(ends, seen + _AWAY):
+                break
+            self._inserts.wait(0, min(_PAUSE, ends - now))
 
     def poll(self) -> Ack | None:
         """Ask whether to go on: answered once the learner has caught up, at the latest after 1 s.

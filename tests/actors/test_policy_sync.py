@@ -1,12 +1,10 @@
 """An actor plays only by weights that the learner of its run has signed."""
 
 import shutil
-import subprocess
 import threading
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from actors.member import Member
 from actors.policy import Policy
@@ -19,17 +17,9 @@ from common.run.presets import PRESETS
 from common.transport.credentials import Credentials
 from common.transport.interface import Transport
 from common.transport.signature import Sign, checker, signer, unsigned
-from tests.paths import ROOT
 from tests.patience import wait_until
 
 KEYS = RunKeys("r", "id")
-
-
-@pytest.fixture
-def certificates(tmp_path: Path) -> Path:
-    folder = tmp_path / "certificates"
-    subprocess.run([ROOT / "deploy/certificates.sh", folder, "hub.example.org"], check=True)
-    return folder
 
 
 def test_a_hub_that_was_taken_over_cannot_forge_weights(

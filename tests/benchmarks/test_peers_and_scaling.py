@@ -3,13 +3,11 @@
 import importlib.util
 import json
 import time
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from benchmarks import peer_update, peers, scaling
 from benchmarks.child import Helper
@@ -88,15 +86,6 @@ def test_what_is_not_installed_is_passed_over(
     assert len(found["skipped"]) == 3
 
 
-@pytest.fixture
-def one_thread() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-@pytest.mark.usefixtures("one_thread")
 def test_both_updates_update() -> None:
     for make in (peer_update.eager, peer_update.ours):
         action = make()

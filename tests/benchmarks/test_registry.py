@@ -71,6 +71,7 @@ def test_what_cannot_be_run_is_refused(words: list[str]) -> None:
         command.main(words)
 
 
+@pytest.mark.usefixtures("forks")
 def test_one_is_run_by_its_name_with_its_own_flags() -> None:
     words = [sys.executable, "-m", "benchmarks", "replay", "--sizes", "1"]
     ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)

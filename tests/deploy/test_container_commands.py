@@ -7,8 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -31,14 +29,14 @@ class Containers:
     hosts, and ports that no other container has.
     """
 
-    def __init__(self, commands: Commands, folder: Path, *, one_volume: bool) -> None:
-        self._commands, self._folder, self._one_volume = commands, folder, one_volume
+    def __init__(self, commands: Commands, folder: Path, *, compose: bool) -> None:
+        self._commands, self._folder, self._compose = commands, folder, compose
         self._hub = free_endpoint().partition("/")[2]
         self._pages = {name: free_endpoint().partition("/")[2] for name in commands}
         self._processes: list[subprocess.Popen[bytes]] = []
 
     def volume(self, name: str) -> Path:
-        return self._folder / ("volume" if self._one_volume else f"volume-of-{name}")
+        return self._folder / ("volume" if self._compose else f"volume-of-{name}")
 
     def start(self, name: str) -> subprocess.Popen[bytes]:
         places = {
@@ -52,6 +50,8 @@ class Containers:
         }
         found = re.compile("|".join(map(re.escape, places)))
         command = [found.sub(lambda at: places[at[0]], word) for word in self._commands[name]]
+        if not self._compose:  # whose commands come from the same functions
+            command = _of_this_python(command)
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         with (self._folder / f"{name}.log").open("ab") as log:
             process = subprocess.Popen(
@@ -76,20 +76,29 @@ class Containers:
             process.wait()
 
 
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
+def _of_this_python(command: list[str]) -> list[str]:
+    """Returns the program that a command becomes, by way of its shell if it has one."""
+    if command[0] == "sh":
+        shown = [*command[:2], command[2].replace("exec ", "printf '%s\\n' ")]
+        command = subprocess.check_output(shown, text=True).splitlines()
+    assert command[:2] == ["python3", "-m"]
+    return [sys.executable, *command[1:]]
 
 
 @pytest.mark.parametrize("engine", COMMANDS)
 def test_the_commands_are_a_run_and_its_replay_may_die(
-    engine: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, stack: ExitStack
+    engine: str,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
 ) -> None:
+    """Compose's programs are started as an engine would, Kubernetes' are forked."""
+    if engine == "kubernetes":
+        request.getfixturevalue("forks")
     flags = ("--env=ale", "--steps=300", *SMALL)  # over before a test, which wants an evaluator
     place = launch(monkeypatch, engine, tmp_path / "runs", *flags)
-    containers = Containers(COMMANDS[engine](place), tmp_path, one_volume=engine == "compose")
-    stack.callback(containers.close)
+    containers = Containers(COMMANDS[engine](place), tmp_path, compose=engine == "compose")
+    request.addfinalizer(containers.close)
     if engine == "kubernetes":
         owners = {"hub": "replay", "learner": "learner", "actor": "actor"}
         for each in json.loads((place / "kustomization.yaml").read_text())["secretGenerator"]:

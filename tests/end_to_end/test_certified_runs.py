@@ -2,29 +2,26 @@
 
 import json
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from tests.actors.numbered_env import GAME_OVER, GOES_ON
+from tests.certificates import certify
 from tests.end_to_end.conftest import SMALL, Program, Stage
-from tests.paths import ROOT
 from tests.recordings import record
 
 
 @pytest.fixture
-def certificates(tmp_path: Path, stage: Stage) -> Path:
-    """Of an authority of the stage's own, whose addresses they are for from now on."""
-    folder = tmp_path / "certificates"
-    subprocess.run([ROOT / "deploy/certificates.sh", folder, "hub.example.org"], check=True)
+def certificates(certificates: Path, tmp_path: Path, stage: Stage) -> Path:
+    """Those of the stage, whose addresses they are for from now on."""
     stage.endpoint = stage.endpoint.replace("tcp/", "tls/")
-    return folder
+    return shutil.copytree(certificates, tmp_path / "certificates")
 
 
 def certify_by_name(folder: Path, name: str) -> Path:
     """The folder that an actor's own machine has."""
-    subprocess.run([ROOT / "deploy/certificates.sh", folder, "--actors", name], check=True)
+    certify(folder, "--actors", name)
     own = folder.with_name(f"machine-of-{name}")
     own.mkdir()
     for file in ("ca.pem", f"actor.{name}.pem", f"actor.{name}-key.pem"):
@@ -102,7 +99,7 @@ def test_a_replay_of_its_own_with_an_actor_and_an_evaluator(
 
 def test_two_runs_share_a_hub_and_do_not_see_each_other(stage: Stage, certificates: Path) -> None:
     """The hub is the first run's learner; the second has a replay that joins it."""
-    subprocess.run([ROOT / "deploy/certificates.sh", certificates, "--runs", "two"], check=True)
+    certify(certificates, "--runs", "two")
     own = {name: certify_by_name(certificates, name) for name in ("left", "right", "tester")}
     its = certificates.with_name("machine-of-two")
     its.mkdir()
@@ -114,7 +111,7 @@ def test_two_runs_share_a_hub_and_do_not_see_each_other(stage: Stage, certificat
     place = ("-m", "replay", "--connect", stage.endpoint)
     third = (*place, "--run=three", *flags, "--certificates")
     assert f"certificates.sh {its} --runs three" in stage.start(*third, str(its)).ends(2)
-    subprocess.run([ROOT / "deploy/certificates.sh", certificates, "--runs", "three"], check=True)
+    certify(certificates, "--runs", "three")
     stage.start(*third, str(certificates)).says(
         "if nobody finds three, see whether the hub's runs.txt"
     )

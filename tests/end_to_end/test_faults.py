@@ -94,7 +94,8 @@ def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stag
     for page, figure in ((pages[0], acked), (pages[1], acked), (pages[1], played)):
         wait_until(lambda page=page, figure=figure: _figure(page, figure) >= 1, f"{figure} is told")
 
-    status = stage.start("-m", "learner", "--status", "--connect", stage.endpoint, "--json")
+    patient = ("--connect", stage.endpoint, f"--patience={PATIENCE}")
+    status = stage.start("-m", "learner", "--status", *patient, "--json")
     told = json.loads(status.ends())
     assert (told["healthy"], told["learner"]["actors"][0]["name"]) == (True, "a")
 

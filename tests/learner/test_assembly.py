@@ -43,8 +43,6 @@ CONFIG = replace(
     protocol=replace(_SMALL.protocol, epoch_steps=80, test_steps=20, held_out_states=8),
     learning=replace(_SMALL.learning, train_period=8, publish_period=2),
 )
-
-
 PAGE = "http://127.0.0.1:8080/"
 
 
@@ -104,14 +102,6 @@ def place(runs: Path, actor: Actor, *, resume: bool, steps_goal: int | None) -> 
             page=PAGE,
         )
         yield Place(learner, buffer, folder, client, actor, np.random.default_rng(1), seen)
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:

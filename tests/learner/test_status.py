@@ -18,13 +18,14 @@ from common.process.exit_codes import DONE, FAILED
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_keys import RunKeys
 from common.protocol.run_status import HealthCheck
-from common.transport.interface import Transport
+from common.transport.interface import Envelope, Transport
 from learner.status import Report, ask, main
 from learner.telemetry.health_checks import LONGEST_SILENCE
 from learner.telemetry.sinks.status import StatusSink
 from learner.telemetry.snapshot import ActorView
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
+from tests.clock import Clock
 from tests.in_process_transport import InProcessHub
 from tests.learner.telemetry.snapshots import snapshot
 from tests.replay.replay_reference import GOES_ON, Actor, make_config
@@ -58,13 +59,6 @@ NOW = snapshot(
     ),
 )
 RED = HealthCheck(name="sight", value=math.nan, passed=False, bound="≥ 0.99", why="it is blind")
-
-
-class Clock:
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 @pytest.fixture
@@ -139,7 +133,7 @@ def test_what_liars_count_hides_nothing(client: Transport) -> None:
 
 
 def test_a_red_check_and_a_loop_that_hangs_are_told(client: Transport) -> None:
-    clock = Clock()
+    clock = Clock(100.0)
     sink = StatusSink(client, KEYS, clock)
     sink.write(snapshot({}, checks=(RED,)))
     assert ask(client, KEYS, "").reasons == ["health check 'sight' is red: it is blind"]
@@ -162,6 +156,23 @@ def test_the_exit_code_tells_whether_all_is_well(
         sink.write(snapshot({}, checks=checks))
         codes.append(main(["--json"]))
     assert codes == [DONE, FAILED]
+
+
+@pytest.mark.parametrize(("patience", "seconds"), [("60", 60), ("0", 2), ("inf", 3_600)])
+def test_processes_of_a_busy_machine_are_given_as_long_as_the_hub(
+    client: Transport, monkeypatch: pytest.MonkeyPatch, patience: str, seconds: float
+) -> None:
+    gather, deadlines = client.gather, []
+
+    def gathered(key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
+        deadlines.append(deadline)
+        return gather(key, deadline, payload)
+
+    monkeypatch.setattr(client, "gather", gathered)
+    monkeypatch.setattr("learner.status.connect", lambda *_, **__: nullcontext(client))
+    monkeypatch.setattr("learner.status.find_run", lambda *_: (KEYS, None))
+    main([f"--patience={patience}"])
+    assert deadlines == [seconds, seconds]
 
 
 def test_a_run_without_a_learner(client: Transport) -> None:

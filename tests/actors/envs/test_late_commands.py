@@ -1,6 +1,5 @@
 """Added latency: when a command reaches the hands, by hand-written sequences and on the arms."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -37,13 +36,6 @@ class PromptHands:
     def step_frame(self) -> Keys:
         self.frame += 1
         return self.held
-
-
-@pytest.fixture(scope="module")
-def room() -> Iterator[Nao]:
-    room = Nao()
-    yield room
-    room.close()
 
 
 def late(hands: Hands, latency: int, jitter: int = 0, seed: int = 0) -> LateCommands:

@@ -25,16 +25,7 @@ class Record(gymnasium.Wrapper):
         return outcome
 
 
-@pytest.fixture
-def one_thread() -> Any:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_thread")
 def test_dqn_trains_on_the_robot() -> None:
     # Late, because they take seconds to load.
     from stable_baselines3 import DQN

@@ -1,5 +1,6 @@
 """The insert client: nothing is lost, whatever the other side does."""
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -213,6 +214,16 @@ def test_flush_gives_up_after_its_time(replay: PendingRequests, sender: Sender) 
     query.drop()
 
 
+def test_flush_does_not_wait_for_a_hub_that_is_away(
+    client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outbox_module, "_AWAY", 0.05)
+    sender = Sender(client)
+    sender.outbox.post(b"chunk")
+    sender.outbox.flush(math.inf)
+    assert sender.outbox.unacknowledged == 1
+
+
 def test_a_poll_is_answered_by_what_to_do(replay: PendingRequests, sender: Sender) -> None:
     found: list[object] = []
     polling = sender.beside(lambda: found.append(sender.outbox.poll()))
@@ -232,7 +243,10 @@ def test_a_poll_that_nobody_hears_is_no_answer(client: Transport) -> None:
     assert sender.outbox.last_ack is None
 
 
-def test_a_hub_that_starts_anew_in_the_middle_gets_everything(meeting: InProcessHub) -> None:
+def test_a_hub_that_starts_anew_in_the_middle_gets_everything(
+    meeting: InProcessHub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outbox_module, "_AWAY", PATIENCE)
     hub = meeting.connect()
     before = PendingRequests(hub, KEY)
     client = meeting.connect()

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
 from rich.console import Console
 
 from actors.games import GamesOptions, games
@@ -207,16 +206,6 @@ QUICK = " ".join(
 )
 
 
-@pytest.fixture
-def one_thread() -> Iterator[None]:
-    """On a busy machine two threads of PyTorch wait for each other."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
-
-
-@pytest.mark.usefixtures("one_thread")
 def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Trains, keeps weights and plays games of Catch; only the processes are not there."""
 

@@ -15,6 +15,7 @@ from common.errors import InputError
 from common.process import lifeline
 from common.process import supervisor as module
 from common.process.supervisor import Child, Supervisor
+from tests.clock import Clock
 from tests.patience import PATIENCE
 
 PYTHON = sys.executable
@@ -102,16 +103,6 @@ def test_a_child_that_writes_much_to_a_piped_standard_error_is_not_held_up(progr
         child.end(0.0)
 
 
-class Clock:
-    """A clock that stands still until it is set on."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    def __call__(self) -> float:
-        return self.seconds
-
-
 def started(
     program: Path, tmp_path: Path, script: str, now: Callable[[], float] = time.monotonic
 ) -> Supervisor:
@@ -145,7 +136,7 @@ def test_a_child_that_cannot_start_is_given_up_with_its_last_line(
     children = started(program, tmp_path, script, clock)
     assert notes_of(children) == [f"actor-1 ended by {how}, started again"]
     assert notes_of(children) == [f"actor-1 ended by {how}, next try in 1 s"]
-    clock.seconds += 1.0
+    clock.now += 1.0
     assert children.watch(finished=False) == ["actor-1 started again"]
     with pytest.raises(InputError, match=f"^actor-1 cannot start: .*{how} and said: no room "):
         notes_of(children)
@@ -156,7 +147,7 @@ def test_a_child_that_has_worked_may_end_often(program: Path, tmp_path: Path) ->
     clock = Clock()
     children = started(program, tmp_path, "raise SystemExit(0)", clock)
     for _ in range(4):
-        clock.seconds += 601.0
+        clock.now += 601.0
         assert notes_of(children) == ["actor-1 ended by status 0, started again"]
     assert notes_of(children, finished=True) == []  # it left because the run is over
     children.close()
@@ -167,18 +158,18 @@ def test_pauses_between_restarts_grow_until_a_child_has_settled(
 ) -> None:
     clock, worked = Clock(), 20.0
     children = started(program, tmp_path, "raise SystemExit(3)", clock)
-    clock.seconds += worked
+    clock.now += worked
     assert notes_of(children) == ["actor-1 ended by status 3, started again"]
     for pause in (1, 2, 4, 8, 16, 32, 60, 60):
-        clock.seconds += worked
+        clock.now += worked
         assert notes_of(children) == [f"actor-1 ended by status 3, next try in {pause} s"]
-        clock.seconds += pause - 0.1
+        clock.now += pause - 0.1
         assert children.watch(finished=False) == []
-        clock.seconds += 0.2
+        clock.now += 0.2
         assert children.watch(finished=False) == ["actor-1 started again"]
-    clock.seconds += 601.0
+    clock.now += 601.0
     assert notes_of(children) == ["actor-1 ended by status 3, started again"]
-    clock.seconds += worked
+    clock.now += worked
     assert notes_of(children) == ["actor-1 ended by status 3, next try in 1 s"]
     children.close()
 
@@ -194,7 +185,7 @@ def test_a_child_that_pauses_is_on_its_way_unless_it_was_asked_to_leave(
     assert not children.works("evaluator")
     children.ask_to_leave()
     assert not children.works("actor")
-    clock.seconds += 1.0
+    clock.now += 1.0
     assert children.watch(finished=False) == []
     children.close()
 
@@ -208,7 +199,7 @@ def test_a_child_that_pauses_when_the_work_is_finished_is_only_started_again_if_
     children = started(program, tmp_path, f"raise SystemExit({status})", clock)
     for _ in range(2):
         notes_of(children)
-    clock.seconds += 1.0
+    clock.now += 1.0
     assert children.watch(finished=True) == again
     assert again or not children.works("actor")
     children.close()
@@ -217,14 +208,14 @@ def test_a_child_that_pauses_when_the_work_is_finished_is_only_started_again_if_
 def test_each_start_has_its_own_time_to_get_to_work(program: Path, tmp_path: Path) -> None:
     clock = Clock()
     children = started(program, tmp_path, "raise SystemExit(3)", clock)
-    clock.seconds = 1_000.0  # it worked for long
+    clock.now = 1_000.0  # it worked for long
     notes_of(children)
     for pause in (1.0, 2.0):
-        clock.seconds += 14.0
+        clock.now += 14.0
         notes_of(children)
-        clock.seconds += pause
+        clock.now += pause
         children.watch(finished=False)
-    clock.seconds += 14.0
+    clock.now += 14.0
     with pytest.raises(InputError, match="it ended 3 times"):
         notes_of(children)
     children.close()

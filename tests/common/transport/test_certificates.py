@@ -16,7 +16,7 @@ from common.protocol.run_keys import RunKeys
 from common.transport.credentials import Role, check_certificates, own_name
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect, open_hub
-from tests.common.transport.conftest import SCRIPT, make
+from tests.certificates import SCRIPT, certify
 from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")
@@ -292,7 +292,7 @@ def test_a_hub_that_lists_nobody_lets_no_actor_in(address: str, named: Path) -> 
 def test_a_certificate_made_anew_is_the_same_actor(address: str, named: Path) -> None:
     before = (named / "actor.left.pem").read_bytes()
     listed = (named / "actors.txt").read_text()
-    subprocess.run([SCRIPT, named, "--actors", "left", "third"], check=True)
+    certify(named, "--actors", "left", "third")
     assert (named / "actor.left.pem").read_bytes() != before
     assert (named / "actors.txt").read_text() == f"{listed}third\n" == "left\nright\nthird\n"
     with open_hub(address, named) as hub:
@@ -321,7 +321,7 @@ def test_a_list_that_was_lost_lets_nobody_in_by_accident(address: str, named: Pa
 
 def test_a_list_edited_by_hand_is_gone_on_with(named: Path) -> None:
     (named / "actors.txt").write_text("left\nright")
-    subprocess.run([SCRIPT, named, "--actors", "third"], check=True)
+    certify(named, "--actors", "third")
     assert (named / "actors.txt").read_text() == "left\nright\nthird\n"
 
 
@@ -363,12 +363,16 @@ def test_the_script_names_no_actor_without_an_authority(tmp_path: Path) -> None:
 OTHER = RunKeys("other")
 
 
+@pytest.fixture(scope="module")
+def _shared(certificates: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = shutil.copytree(certificates, tmp_path_factory.mktemp("shared") / "all")
+    return certify(folder, "--runs", "other")
+
+
 @pytest.fixture
-def shared(certificates: Path, tmp_path: Path) -> Path:
+def shared(_shared: Path, tmp_path: Path) -> Path:
     """A folder of a hub that lets the replay of another run in."""
-    folder = shutil.copytree(certificates, tmp_path / "shared")
-    subprocess.run([SCRIPT, folder, "--runs", "other"], check=True)
-    return folder
+    return shutil.copytree(_shared, tmp_path / "shared")
 
 
 @pytest.fixture
@@ -481,7 +485,7 @@ def test_a_hub_lists_no_replay_of_its_own_run(address: str, shared: Path) -> Non
 
 
 def test_the_script_lists_runs_as_it_lists_actors(shared: Path) -> None:
-    subprocess.run([SCRIPT, shared, "--runs", "other", "third"], check=True)
+    certify(shared, "--runs", "other", "third")
     assert (shared / "runs.txt").read_text() == "other\nthird\n"
     assert not (shared / "actors.txt").exists()
     wrong = [SCRIPT, shared, "--runs", "a" * 58]
@@ -499,7 +503,7 @@ def test_strangers_are_not_let_in(
     # Without any certificate, with one of another authority, and if that one trusts ours.
     with pytest.raises(InputError, match=NOT_LET_IN):
         connect(address.replace("tls/", "tcp/"), 0.0)
-    other = make(tmp_path / "other")
+    other = certify(tmp_path / "other")
     with pytest.raises(InputError, match=r"certificates or ours are of another authority"):
         connect(address, 0.0, certificates=other)
     shutil.copy(certificates / "ca.pem", other)
@@ -558,7 +562,9 @@ def test_files_that_cannot_be_used_are_told(
 
 
 def test_the_script_names_hosts_and_keeps_the_authority(tmp_path: Path) -> None:
-    folder = make(tmp_path / "certificates", "hub.example.org", "192.0.2.7", "2001:db8::7", "beef")
+    folder = certify(
+        tmp_path / "certificates", "hub.example.org", "192.0.2.7", "2001:db8::7", "beef"
+    )
     authority = (folder / "ca.pem").read_bytes()
     actor = (folder / "actor.pem").read_bytes()
     said = subprocess.run(
@@ -577,7 +583,7 @@ def test_the_script_names_hosts_and_keeps_the_authority(tmp_path: Path) -> None:
         "DNS:beef",
     ]
     assert {path.stat().st_mode & 0o077 for path in folder.iterdir()} == {0}
-    make(folder)
+    certify(folder)
     assert (folder / "ca.pem").read_bytes() == authority
     assert (folder / "actor.pem").read_bytes() != actor
     assert sorted(path.name for path in folder.iterdir()) == [

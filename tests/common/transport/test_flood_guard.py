@@ -104,7 +104,7 @@ class Links:
         self.received["::1", port] = self.received.get(("::1", port), 0) + count
         self.ended.clear()
         self.guard.look()
-        return [port for _, port in self.ended]
+        return sorted(port for _, port in self.ended)
 
 
 @pytest.fixture

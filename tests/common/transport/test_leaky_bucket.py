@@ -4,19 +4,12 @@ import pytest
 
 from common.transport import leaky_bucket
 from common.transport.leaky_bucket import NEW_NAMES_PER_SECOND, LeakyBucket
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.seconds = 1e6
-
-    def __call__(self) -> float:
-        return self.seconds
+from tests.clock import Clock
 
 
 @pytest.fixture
 def clock() -> Clock:
-    return Clock()
+    return Clock(1e6)
 
 
 def test_over_time_so_much_a_second_is_admitted(clock: Clock) -> None:
@@ -24,23 +17,23 @@ def test_over_time_so_much_a_second_is_admitted(clock: Clock) -> None:
     admitted = 0
     for _ in range(10_000):  # 10 s of one that sends 1,000 a second
         admitted += quota.admits("a")
-        clock.seconds += 1 / 1024
+        clock.now += 1 / 1024
     assert admitted == pytest.approx(64 * (10_000 / 1024 + 1), abs=2)
 
 
 def test_a_second_of_it_may_come_at_once(clock: Clock) -> None:
     quota = LeakyBucket(64.0, clock)
     assert [quota.admits("a", 16.0) for _ in range(6)] == [True] * 5 + [False]
-    clock.seconds += 0.25
+    clock.now += 0.25
     assert [quota.admits("a", 16.0) for _ in range(2)] == [True, False]
 
 
 def test_what_is_more_than_a_second_of_it_comes_and_is_paid_for(clock: Clock) -> None:
     quota = LeakyBucket(64.0, clock)
     assert quota.admits("a", 640.0)
-    clock.seconds += 8.9
+    clock.now += 8.9
     assert not quota.admits("a")
-    clock.seconds += 0.2
+    clock.now += 0.2
     assert quota.admits("a")
 
 
@@ -54,12 +47,12 @@ def test_names_have_each_their_own(clock: Clock) -> None:
 def test_names_that_are_invented_have_one_measure_together(clock: Clock) -> None:
     quota = LeakyBucket(1e4, clock)
     assert quota.admits("at work")
-    clock.seconds += 1.0
+    clock.now += 1.0
     invented = 0
     for number in range(10_000):  # 10 s of one that sends 1,000 a second
         invented += quota.admits(f"invented-{number}")
         assert quota.admits("at work")
-        clock.seconds += 1 / 1024
+        clock.now += 1 / 1024
     assert invented == pytest.approx(NEW_NAMES_PER_SECOND * (10_000 / 1024 + 1), abs=2)
 
 
@@ -71,7 +64,7 @@ def test_of_invented_names_less_is_admitted_than_of_two_actors_however_much_each
     admitted = 0.0
     for number in range(10 * 1024):  # 10 s of one that sends 1,000 a second
         admitted += amount * quota.admits(f"invented-{number}", amount)
-        clock.seconds += 1 / 1024
+        clock.now += 1 / 1024
     assert 1e4 < admitted / 10 < 2e4
 
 
@@ -82,12 +75,12 @@ def test_a_name_in_use_keeps_its_place_and_one_that_is_silent_gives_it_up(
     quota = LeakyBucket(64.0, clock)
     assert quota.admits("silent")
     assert quota.admits("at work")
-    clock.seconds += 30.0
+    clock.now += 30.0
     assert quota.admits("at work", 640.0)
-    clock.seconds += 20.0
+    clock.now += 20.0
     assert not quota.admits("new")
     assert not quota.knows("new")
-    clock.seconds += 11.0
+    clock.now += 11.0
     assert quota.admits("new")
     assert not quota.knows("silent")
     assert quota.knows("at work")

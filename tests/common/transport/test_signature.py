@@ -14,19 +14,9 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from common.errors import InputError, MessageError
 from common.transport.credentials import Credentials
 from common.transport.signature import Check, Sign, Signature, checker, signer
-from tests.paths import ROOT
+from tests.certificates import certify
 
 TOLD = ("training", 7, "run-1", b"weights")
-
-
-def make(folder: Path) -> Path:
-    subprocess.run([ROOT / "deploy/certificates.sh", folder, "hub.example.org"], check=True)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make(tmp_path_factory.mktemp("certificates"))
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +53,7 @@ def test_it_is_for_this_purpose_version_run_and_bytes_alone(
 def test_a_certificate_may_be_renewed_while_the_learner_works(
     certificates: Path, tmp_path: Path
 ) -> None:
-    own, renewed = shutil.copytree(certificates, tmp_path / "own"), make(tmp_path / "renewed")
+    own, renewed = shutil.copytree(certificates, tmp_path / "own"), certify(tmp_path / "renewed")
     sign = signer(own)
     shutil.copy(renewed / "learner.pem", own)  # and not yet its key
     former = checker(Credentials.find(certificates, "actor"))
@@ -108,7 +98,7 @@ def test_who_shows_the_learners_certificate_has_not_its_key(
 
 def test_an_authority_of_the_same_name_is_another(check: Check, tmp_path: Path) -> None:
     with pytest.raises(MessageError, match="certificate is not of our authority"):
-        check(*TOLD, signer(make(tmp_path))(*TOLD))
+        check(*TOLD, signer(certify(tmp_path))(*TOLD))
 
 
 @pytest.mark.parametrize("began", [-30, 30])

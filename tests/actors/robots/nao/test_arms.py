@@ -1,7 +1,5 @@
 """The hands press exactly the commanded keys for all 18 actions, in time and within limits."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -17,13 +15,6 @@ from common.actions import KEYS_OF_ACTION, Keys
 AGENT_STEP = 4
 HALF_SECOND = 30
 DIRECTIONS = Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT
-
-
-@pytest.fixture(scope="module")
-def room() -> Iterator[Nao]:
-    room = Nao()
-    yield room
-    room.close()
 
 
 def hold(room: Nao, keys: Keys, frames: int) -> list[Keys]:

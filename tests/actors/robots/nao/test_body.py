@@ -1,7 +1,6 @@
 """The robot in the engine has the published joints and masses."""
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -83,13 +82,6 @@ AXES = {
 }
 HIP = math.sqrt(0.5)
 HIP_AXES = {"LHipYawPitch": (0, HIP, -HIP), "RHipYawPitch": (0, HIP, HIP)}
-
-
-@pytest.fixture(scope="module")
-def room() -> Iterator[Nao]:
-    room = Nao()
-    yield room
-    room.close()
 
 
 def test_every_joint_is_as_published() -> None:

@@ -1,7 +1,6 @@
 """A robot of the user's own in the pictures. Ours, written to a file, serves as the other one:
 its pictures should then be the same."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +16,6 @@ from common.run.conditions import PERFECT_CAMERA, CameraConfig
 
 GAME = np.random.default_rng(0).integers(0, 256, (210, 160, 3), np.uint8)
 SIZE = (160, 120)
-
-
-@pytest.fixture(scope="module")
-def room() -> Iterator[Nao]:
-    room = Nao()
-    yield room
-    room.close()
 
 
 @pytest.fixture

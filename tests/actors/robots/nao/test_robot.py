@@ -1,7 +1,5 @@
 """The room as an environment uses it: repeatable, isolated from other rooms, viewable."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -16,13 +14,6 @@ from actors.robots.room.viewpoint import _MOST_KEPT, VISITOR
 from common.actions import KEYS_OF_ACTION, Keys
 
 GAME = np.full((210, 160, 3), (200, 40, 90), np.uint8)
-
-
-@pytest.fixture(scope="module")
-def room() -> Iterator[Nao]:
-    room = Nao()
-    yield room
-    room.close()
 
 
 def trace(room: Nao, seed: int) -> list[NDArray[np.float64]]:

@@ -1,7 +1,5 @@
 """NAO's camera: its reused picture always equals a new rendering."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -9,13 +7,6 @@ from actors.robots.nao.robot import Nao
 from actors.robots.room.furniture import PICTURE_CORNERS, PICTURE_HEIGHT, PICTURE_WIDTH
 from common.actions import KEYS_OF_ACTION
 from common.run.conditions import PERFECT_CAMERA, CameraConfig
-
-
-@pytest.fixture(scope="module")
-def room() -> Iterator[Nao]:
-    room = Nao()
-    yield room
-    room.close()
 
 
 def assert_same_as_full(room: Nao) -> None:

@@ -21,13 +21,6 @@ FINER = 8
 """Samples per pixel and axis for blending the picture's outer edge."""
 
 
-@pytest.fixture(scope="module")
-def room() -> Iterator[Nao]:
-    room = Nao()
-    yield room
-    room.close()
-
-
 def to_unit_square(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the homography ``[3, 3]`` from pixels to the unit square, by eight linear
     equations."""

@@ -1,7 +1,5 @@
 """The projected picture against rays through every pixel, and occlusion."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -13,13 +11,6 @@ from actors.robots.room.projector import Projection
 from actors.vision.layout import BORDER
 
 ROWS, COLUMNS = 210, 160
-
-
-@pytest.fixture(scope="module")
-def room() -> Iterator[Nao]:
-    room = Nao()
-    yield room
-    room.close()
 
 
 @pytest.fixture(scope="module")

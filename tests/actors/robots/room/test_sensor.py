@@ -1,6 +1,5 @@
 """Each camera fault does what its setting says, and nothing else."""
 
-from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -24,13 +23,6 @@ FAULTS = {
     "gamma": CameraConfig(gamma=1.6),
     "distortion": CameraConfig(distortion=0.05),
 }
-
-
-@pytest.fixture(scope="module")
-def room() -> Iterator[Nao]:
-    room = Nao()
-    yield room
-    room.close()
 
 
 def grey(level: int, size: tuple[int, int] = SIZE) -> NDArray[np.uint8]:

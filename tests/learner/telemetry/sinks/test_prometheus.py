@@ -7,14 +7,8 @@ from common.protocol.run_status import HealthCheck
 from learner.telemetry.health_checks import LONGEST_SILENCE
 from learner.telemetry.sinks.prometheus import MOST_ACTORS, PrometheusSink
 from learner.telemetry.snapshot import ActorView
+from tests.clock import Clock
 from tests.learner.telemetry.snapshots import snapshot
-
-
-class Clock:
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def check(name: str, passed: bool | None, *, stops: bool = True) -> HealthCheck:
@@ -32,7 +26,7 @@ def samples(sink: PrometheusSink, name: str) -> Iterable[tuple[dict[str, str], f
 
 
 def test_a_learner_is_ready_from_its_first_figures_on_while_it_looks_around() -> None:
-    clock = Clock()
+    clock = Clock(100.0)
     sink = PrometheusSink(clock)
     pages = sink.pages()
     assert pages["/healthz"]().status == 200
