@@ -6,11 +6,11 @@ Everything here can be written as journal entries and be read back from them, in
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterator
-from itertools import takewhile
+from itertools import accumulate, islice, takewhile
 from typing import NamedTuple
 
 from common.checked import build
-from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics
+from replay.chunk_statistics import MAX_GAMES, MAX_STATISTICS, ChunkStatistics
 from replay.journal import Entry
 from replay.ring import Placement
 
@@ -135,11 +135,14 @@ class ChunkIndex:
         self.stored -= self.chunks.pop(key).steps
 
     def statistics_since(self, index: int) -> tuple[ChunkStatistics, ...]:
-        """The oldest `MAX_STATISTICS` statistics from ``index`` on that are still kept."""
+        """The oldest statistics from ``index`` on that are still kept, as many as one `Progress`
+        holds."""
         # Numbers are missing where a journal was damaged.
         begin = bisect_left(self.statistics, index, key=lambda each: each.index)
-        end = min(begin + MAX_STATISTICS, len(self.statistics))
-        return tuple(self.statistics[at] for at in range(begin, end))
+        portion = list(islice(self.statistics, begin, begin + MAX_STATISTICS))
+        totals = accumulate(len(each.games) for each in portion)
+        pairs = zip(portion, totals, strict=True)
+        return tuple(each for each, games in pairs if games <= MAX_GAMES)
 
     def entries(self) -> Iterator[Entry]:
         """Journal entries from which `apply` makes this index again."""

@@ -17,6 +17,8 @@ from common.version import VERSION
 
 MAX_STATISTICS = 4_096
 """In one `Progress`."""
+MAX_GAMES = 16_384
+"""Of all statistics in one `Progress`: a message holds so many values (`common.protocol.wire`)."""
 
 
 class ChunkStatistics(NamedTuple):
@@ -69,7 +71,8 @@ class Progress(Message):
     """Memory of the same process, without file pages."""
     file_bytes: Count
     statistics: Annotated[Rows[ChunkStatistics], MaxLen(MAX_STATISTICS)]
-    """From the index asked for, at most `MAX_STATISTICS`: ask again from the last one plus one."""
+    """From the index asked for, as many as one message holds (`MAX_STATISTICS`, `MAX_GAMES`): ask
+    again from the last one plus one."""
     run_id: str = ""
     """Identity of the run."""
     version: str = VERSION

@@ -123,7 +123,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
 
     def _admits(self, actor: str, request: Request) -> bool:
         """Whether this is within the actor's turn and quota, as is known before it is read."""
-        if actor == DEMONSTRATIONS:  # the learner's own, which comes once
+        if actor == DEMONSTRATIONS and self._weights is None:  # the learner's own, as it begins
             return True
         known = self._quota.knows(actor)
         steps = max(request.size / FRAME_BYTES, 1.0) if request.size else _POLL_STEPS

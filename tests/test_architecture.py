@@ -5,6 +5,7 @@
 """
 
 import ast
+import re
 from collections.abc import Iterator
 
 import pytest
@@ -132,3 +133,12 @@ def test_every_package_of_the_product_is_looked_at() -> None:
     packages = {path.parent.name for path in ROOT.glob("*/__init__.py")} - {"tests"}
     assert packages == set(ARROWS)
     assert len(list(sources())) > 100
+
+
+def test_what_the_page_names_inside_a_class_is_there() -> None:
+    code = [text for _, text in sources()]
+    named = re.findall(r"`(\w+)\.(_\w+)`", (ROOT / "docs" / "architecture.md").read_text())
+    assert named
+    for kind, name in named:
+        there = re.compile(rf"class {kind}\b.*(def {name}\(|self\.{name} = )", re.DOTALL)
+        assert any(there.search(text) for text in code), f"{kind}.{name}"

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import ParamSpec
 
-from common.errors import ThreadDied
+from common.errors import InputError, ThreadDied
 
 P = ParamSpec("P")
 
@@ -18,7 +18,8 @@ def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
     started it, so that none can be forgotten; one that may end early catches what it expects.
 
     Raises:
-        ThreadDied: the first thread that died and why, once the block is left.
+        ThreadDied: the first thread that died and why, once the block is left; also where the block
+            then refuses to go on, as with a replay that was closed because ``stop`` was set.
     """
     reasons: list[str] = []
     before = threading.excepthook
@@ -35,6 +36,9 @@ def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
     threading.excepthook = note
     try:
         yield
+    except (InputError, KeyboardInterrupt):
+        if not reasons:
+            raise
     finally:
         threading.excepthook = before
     if reasons:

@@ -57,7 +57,13 @@ def _at(port: int) -> Iterator[socket.socket]:
         with suppress(OSError):
             if not os.readlink(file).startswith("socket:"):
                 continue
-            with socket.socket(fileno=os.dup(int(file.name))) as found:
+            copy = os.dup(int(file.name))
+            try:
+                found = socket.socket(fileno=copy)
+            except OSError:  # the number is another file's by now
+                os.close(copy)
+                continue
+            with found:
                 of_ip = found.family in (socket.AF_INET, socket.AF_INET6)
                 if of_ip and found.getsockname()[1] == port:
                     yield found

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from common.checked import build
 from common.protocol.chunk import Game
 from replay.chunk_index import ChunkIndex, ChunkKey, Received, chunk_entry, tail_entry
-from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics
+from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics, Progress
 from replay.ring import Placement
 
 
@@ -105,6 +105,18 @@ def test_statistics_come_in_portions() -> None:
     assert [each.index for each in rest] == list(range(MAX_STATISTICS + 4, MAX_STATISTICS + 10))
     assert chunks.statistics_since(MAX_STATISTICS + 10) == ()
     assert ChunkIndex().statistics_since(0) == ()
+
+
+def test_a_learner_can_be_told_of_whatever_actors_say_they_played() -> None:
+    """A message holds so many values, and a chunk may have as many games as steps."""
+    chunks, seen = ChunkIndex(), list[ChunkStatistics]()
+    expected = [statistics(index, games=(Game(0.0, 1),) * 1_024) for index in range(60)]
+    for index, each in enumerate(expected):
+        chunks.accept(ChunkKey("a", 1, 0, index), Placement(4 * index, 0, 4, 0, -1), each)
+    while portion := chunks.statistics_since(len(seen)):
+        told = Progress(0, 0, 0, 60, 0, 0, False, 0, 0, 0, portion)
+        seen += Progress.decode(told.encode()).statistics
+    assert seen == expected
 
 
 def test_steps_beside_a_chunk_cross_chunks_but_no_gap() -> None:

@@ -330,6 +330,13 @@ def test_priorities_change_what_is_drawn(tmp_path: Path) -> None:
         buffer.update_priorities(np.array([3]), np.array([-1.0], np.float32))
 
 
+def test_finite_priorities_look_through_no_chunks(tmp_path: Path) -> None:
+    """There are thousands, and draws and inserts wait for the lock meanwhile."""
+    buffer = long_run(make_config(sampler="prioritised"), tmp_path, 1)
+    buffer._store.index.chunks = None  # type: ignore[assignment]
+    buffer.update_priorities(np.arange(5), np.ones(5, np.float32))
+
+
 @pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_steps_without_a_finite_priority_are_not_drawn_again_and_their_actor_is_named(

@@ -193,6 +193,27 @@ def test_polls_count_as_steps(place: Place, monkeypatch: pytest.MonkeyPatch) -> 
         ask(place.client, KEYS.insert("a"), b"")
 
 
+def test_recorded_games_have_no_measure_until_the_learner_trains(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing keeps an actor from their name where certificates do not tell actors apart."""
+    monkeypatch.setattr(
+        replay_server, "LeakyBucket", lambda per_second: LeakyBucket(per_second, lambda: 0.0)
+    )
+    place.server.close()
+    place.server = ReplayServer(place.hub, place.buffer, make_config(), RUN, quota=1e-9)
+    rng, given = np.random.default_rng(0), Actor(DEMONSTRATIONS, 4)
+    for _ in range(2):
+        assert insert(place.client, given.live([GOES_ON], rng)).status == "stored"
+    place.client.publisher(KEYS.weights).publish(b"weights", b"0 test")
+    for _ in until_late():
+        if place.server._weights is not None:
+            break
+    assert insert(place.client, given.live([GOES_ON], rng)).status == "stored"
+    with pytest.raises(Unanswered):
+        insert(place.client, given.live([GOES_ON], rng))
+
+
 def test_who_invents_names_holds_up_nobody_at_work_and_is_told_of_once(
     place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

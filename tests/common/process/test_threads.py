@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from common.errors import InputError
+from common.errors import InputError, ThreadDied
 from common.process.threads import end_with_any_thread
 from tests.patience import PATIENCE
 
@@ -14,7 +14,7 @@ def _die() -> None:
     raise ValueError("a version of twenty nines")
 
 
-def _live_with(failure: Exception | None = None) -> None:
+def _live_with(failure: BaseException | None = None) -> None:
     """The process' work beside a thread that dies."""
     stop = threading.Event()
     with end_with_any_thread(stop):
@@ -29,10 +29,14 @@ def _quiet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threading, "excepthook", lambda _: None)
 
 
-def test_the_first_thread_that_dies_stops_the_process_with_its_reason() -> None:
+@pytest.mark.parametrize("failure", [None, InputError("it was stopped"), KeyboardInterrupt()])
+def test_the_first_thread_that_dies_stops_the_process_with_its_reason(
+    failure: BaseException | None,
+) -> None:
+    """Whatever the process says of being stopped: its exit code tells to start it again."""
     reason = r"'answers' died \(ValueError: a version of twenty nines\)"
-    with pytest.raises(InputError, match=reason):
-        _live_with()
+    with pytest.raises(ThreadDied, match=reason):
+        _live_with(failure)
 
 
 def test_a_thread_that_ends_stops_nothing() -> None:

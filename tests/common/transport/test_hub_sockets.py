@@ -3,6 +3,8 @@
 import os
 import socket
 
+import pytest
+
 from common.transport.hub_sockets import bytes_received, end_connections, forget_the_silent
 
 
@@ -24,6 +26,15 @@ def test_the_kernel_ends_a_hubs_connections_whose_other_side_takes_nothing() -> 
             accepted, _ = ours.accept()
             with accepted:
                 assert timeout(accepted) == 3_000
+
+
+def test_a_file_that_took_a_sockets_number_is_left_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(os, "readlink", lambda _: "socket:[1]")
+    before = os.listdir("/proc/self/fd")
+    assert not bytes_received(1)
+    assert len(os.listdir("/proc/self/fd")) == len(before)
 
 
 def test_what_came_over_each_connection_is_known_and_one_of_them_can_be_ended() -> None:
