@@ -9,7 +9,7 @@ many cores as the flooder took, and what the flood costs is told against that.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -243,6 +243,7 @@ def measure(options: Options) -> Report:
             took = rates["cpu"]
             return rates
 
+        kinds: dict[str, Callable[[], dict[str, float]]]
         kinds = {ALONE: turn, FLOODED: flooded, BUSY: lambda: turn(busy=took)}
         found = in_turns(kinds, options.turns, warm_up=0, tell=True)
     return report(found)
