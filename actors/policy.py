@@ -1,16 +1,18 @@
 """The ε-greedy policy: one forward pass for all environments of the process."""
 
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from actors.exploration import GREEDY, Exploration
-from common.network import QNetwork, build_network
-from common.protocol.weights import load_weights_file
 from common.run.config import ExplorationConfig, RunConfig
+
+if TYPE_CHECKING:
+    from common.network import QNetwork
+
+# PyTorch is loaded by what computes with it: help and a wrong flag come at once.
 
 
 class Policy:
@@ -18,7 +20,7 @@ class Policy:
 
     def __init__(
         self,
-        network: QNetwork,
+        network: "QNetwork",
         actions: int,
         rng: np.random.Generator,
         *,
@@ -40,6 +42,9 @@ class Policy:
         Raises:
             InputError: the file cannot be read, or does not fit ``config``.
         """
+        from common.network import build_network
+        from common.protocol.weights import load_weights_file
+
         actions = config.action_count
         policy = cls(build_network(config, actions), actions, np.random.default_rng(seed))
         if weights is not None:
@@ -66,6 +71,8 @@ class Policy:
         self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         """Returns the Q-values of all actions, ``[E, A]``, in states as those of `act`."""
+        import torch
+
         with torch.inference_mode():
             values: NDArray[np.float32] = self.network(
                 torch.from_numpy(frames), torch.from_numpy(vectors)

@@ -23,7 +23,7 @@ FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload(
     [
         *("actors.actor", "actors.evaluator", "actors.envs.ale", "actors.envs.robot"),
-        *("learner.process", "replay.server"),
+        *("actors.process", "learner.process", "replay.server"),
         "torch._dynamo",  # of every optimizer
         *("tests.forked", "tests.warmed", "pytest"),
     ]

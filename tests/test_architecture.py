@@ -88,7 +88,7 @@ def test_whoever_can_do_without_a_network_gets_a_transport() -> None:
         if "common.transport.zenoh_transport" in set(imported(source))
         and not path.startswith("benchmarks/")
     }
-    roles = {f"{role}/__main__.py" for role in ("actors", "replay")}
+    roles = {"actors/process.py", "replay/__main__.py"}
     assert opening == {*roles, "learner/endpoints.py", "learner/status.py"}
 
 

@@ -19,7 +19,6 @@ import threading
 from typing import Any, get_args
 
 import cv2
-import torch
 
 from common.errors import exit_on_input_error
 from common.process.command_line import parse
@@ -45,6 +44,9 @@ def main() -> int:
         command = parse(kind, f"viewer {name}", arguments)
     stop = threading.Event()
     on_signals(stop)
+    # Not before the command is known: help and a wrong flag come at once.
+    import torch
+
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     status: int | None = command.run(stop)

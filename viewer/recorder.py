@@ -18,6 +18,7 @@ from common.actions import Keys
 from common.dataset.layout import CAMERA, COLUMNS, Feature, step_features
 from common.errors import InputError, writing
 from common.process.extras import extra_for
+from common.proprioception import KEYS
 from common.registry import ENVIRONMENTS, ROBOTS
 from common.run.config import RunConfig
 from viewer.movie import Add, open_movie
@@ -50,7 +51,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         inner = env.unwrapped
         features = step_features(config.vector_width)
         if isinstance(inner, RobotEnv | AtariEnv):
-            keys = Feature("bool", (len(_KEYS),), [str(key.name).lower() for key in _KEYS])
+            keys = Feature("bool", (len(KEYS),), [str(key.name).lower() for key in KEYS])
             features |= {"observation.keys": keys, "command": keys}
             picture = _picture(inner)
             features[CAMERA] = Feature("video", picture.shape, ["height", "width", "channels"])
@@ -162,11 +163,8 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         return columns, _picture(inner)
 
 
-_KEYS = [key for key in Keys if key]
-
-
 def _flags(keys: Keys) -> NDArray[np.bool_]:
-    return np.array([bool(keys & key) for key in _KEYS])
+    return np.array([bool(keys & key) for key in KEYS])
 
 
 def _picture(env: RobotEnv | AtariEnv) -> NDArray[np.uint8]:

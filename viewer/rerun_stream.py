@@ -24,6 +24,7 @@ from actors.vision.optics import HEIGHT_ANGLE, WIDTH_ANGLE
 from common.actions import KEYS_OF_ACTION, Keys
 from common.errors import InputError
 from common.process.extras import extra_for
+from common.proprioception import KEYS
 from common.run.conditions import PlayConfig
 from viewer import overlay
 from viewer.movie import check_writable
@@ -40,7 +41,6 @@ _THIN = 1e-6
 """Width of that pinhole's lines, m: nobody should see them."""
 _FRUSTUM = 0.12
 """Distance at which the camera's picture is drawn, m."""
-_KEYS = [key for key in Keys if key]
 
 
 class RerunStream:
@@ -89,7 +89,7 @@ class RerunStream:
             names |= {f"joints/{name}": f"{name}, rad" for name in self._scene.joints()}
         for path, name in names.items():
             self._log(path, rerun.SeriesLines(names=name), static=True)
-        lines = rerun.SeriesLines(names=list(map(_name_of, _KEYS)), interpolation_mode="StepAfter")
+        lines = rerun.SeriesLines(names=list(map(_name_of, KEYS)), interpolation_mode="StepAfter")
         for kind in ("commanded", "pressed"):
             self._log(f"keys/{kind}", lines, static=True)
 
@@ -159,7 +159,7 @@ class RerunStream:
                 self._log(f"joints/{name}", rerun.Scalars(angle))
         self._show_camera(env)
         for kind, keys in (("commanded", env.wanted), ("pressed", env.pressed)):
-            self._log(f"keys/{kind}", rerun.Scalars([float(key in keys) for key in _KEYS]))
+            self._log(f"keys/{kind}", rerun.Scalars([float(key in keys) for key in KEYS]))
 
     def _show_game(self, screen: NDArray[np.uint8]) -> None:
         game = cv2.resize(screen, _GAME, interpolation=cv2.INTER_NEAREST)

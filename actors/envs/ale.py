@@ -119,6 +119,7 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
             play, camera = self.conditions
             self._hands = hands_of(play, self._model, self.np_random)
             self._hands.rest()
+            self.wanted = self.pressed = Keys.NONE
             perfect = camera == PERFECT_CAMERA
             self._camera = None if perfect else FrameCamera(camera, self.np_random)
             if self._sense is not None:

@@ -15,7 +15,7 @@ from common.actions import Keys
 from common.proprioception import KEYS
 
 LONGEST = 60
-"""Emulator frames of the longest latency that is found, 1 s."""
+"""Latencies that are told apart: 0 to 59 emulator frames, just below 1 s."""
 _KEEP = 0.9
 """Share of earlier votes that is kept at each change of the keys: some ten changes count."""
 

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Window = tuple[slice, slice]
-"""Rows and columns of a part of a picture."""
+from actors.vision.window import Window
+
 _ALL: Window = (slice(None), slice(None))
 
 

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.vision.lens import Lens, Window
+from actors.vision.lens import Lens
+from actors.vision.window import Window
 
 
 class PinholeView:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from actors.vision.edges import REACH, Outline
 from actors.vision.layout import GAME_IN_PICTURE, UNIT_SQUARE
+from actors.vision.window import window_around
 from common.protocol.step_fields import FRAME_SHAPE
 
 FINER = 2
@@ -33,22 +34,13 @@ class Screen:
         self.corners: NDArray[np.float32] = np.asarray(corners, np.float32)
         """Corners of the game, ordered as ``outer``."""
         edges = cv2.perspectiveTransform(_BAND, homography)
-        height, width = grey.shape
-        left, top = np.maximum(np.floor(edges[0].min(axis=0)).astype(int), 0)
-        right, bottom = np.ceil(edges[0].max(axis=0)).astype(int) + 1
-        self.window: tuple[slice, slice] = (
-            slice(top, min(bottom, height)),
-            slice(left, min(right, width)),
-        )
+        self.window = window_around(edges[0], grey.shape)
         """Rows and columns that the methods need of a picture."""
         self.outline = Outline(outer)
         """The picture's sides."""
-        low, high = np.floor(outer.min(axis=0)).astype(int), np.ceil(outer.max(axis=0)).astype(int)
-        self.around: tuple[slice, slice] = (
-            slice(max(low[1] - REACH - 1, 0), min(high[1] + REACH + 2, height)),
-            slice(max(low[0] - REACH - 1, 0), min(high[0] + REACH + 2, width)),
-        )
+        self.around = window_around(outer, grey.shape, more=REACH + 1)
         """Rows and columns in which `outline` looks."""
+        top, left = (each.start for each in self.window)
         known = grey[self.window]
         self._band = _band_in(edges - (left, top), known.shape)
         self._known = known.take(self._band)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from actors.__main__ import ActorOptions, main, viewer_command
+from actors.__main__ import main, viewer_command
+from actors.options import ActorOptions
 from common.errors import InputError
 from common.process.command_line import parse
 from viewer import __main__ as viewer

@@ -88,7 +88,10 @@ def test_what_takes_long_to_load_says_so_at_a_terminal_alone(
 
 
 def test_programs_that_compute_nothing_or_tell_only_their_flags_load_no_pytorch() -> None:
-    modules = "ale_robot.hub", "deploy.__main__", "learner.__main__", "learner.status"
+    modules = (
+        *("actors.__main__", "ale_robot.hub", "deploy.__main__", "learner.__main__"),
+        *("learner.status", "viewer.__main__"),
+    )
     code = f"import sys, {', '.join(modules)}; sys.exit('torch' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
 

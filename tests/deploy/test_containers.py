@@ -13,7 +13,7 @@ import pytest
 from cryptography import x509
 from cryptography.x509.oid import NameOID
 
-from actors.__main__ import ActorOptions
+from actors.options import ActorOptions
 from common.process.command_line import parse, parse_run
 from common.transport.credentials import Credentials
 from deploy.__main__ import main

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.__main__ import ActorOptions
+from actors.options import ActorOptions
 from common.process.command_line import parse, parse_run
 from common.process.exit_codes import EXIT_CODES
 from learner.options import LearnerOptions

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from actors.__main__ import ActorOptions
+from actors.options import ActorOptions
 from common.errors import InputError
 from common.process.command_line import parse, parse_run
 from common.protocol.weights import encode_weights

@@ -6,12 +6,11 @@ from typing import Self
 import numpy as np
 
 from actors.robots.latency_model.weights import ACTIONS, COMMANDS, ROW, ModelWeights, read_weights
-from common.actions import KEYS_OF_ACTION, Keys
+from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 
 FRAMES = 2
 """Emulator frames per command of the model: the published experiments run at 30 Hz."""
 
-_ACTION_OF_KEYS = {keys: action for action, keys in enumerate(KEYS_OF_ACTION)}
 _NOTHING = (0, ACTIONS)
 
 
@@ -45,7 +44,7 @@ class LatencyModel:
         self._wanted = self._taken = self._frame = 0
 
     def command(self, keys: Keys) -> None:
-        self._wanted = _ACTION_OF_KEYS[keys]
+        self._wanted = action_of_keys(keys)
 
     def step_frame(self) -> Keys:
         if self._frame % FRAMES == 0:

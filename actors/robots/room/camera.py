@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from actors.robots.room.rotation import Vector, about
 from actors.vision.optics import HEIGHT_ANGLE, WIDTH_ANGLE
+from actors.vision.window import Window
 
 CAMERA_SIZE = (320, 240)
 """Width and height of the robot's picture, one of the sizes that NAO's camera offers."""
 # In front of the lens, so that the camera does not see it.
 _NEAR = 0.03
 _FAR = 10.0
-Window = tuple[slice, slice]
-"""Rows and columns of a picture."""
 _LIGHT: Vector = (-0.6, -0.5, 1.6)
 """Position of the light."""
 

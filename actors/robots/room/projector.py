@@ -13,6 +13,7 @@ from actors.robots.room.camera import Camera, Rendering
 from actors.robots.room.sensor import Scene
 from actors.vision.layout import BORDER, GAME_IN_PICTURE, UNIT_SQUARE
 from actors.vision.stray_light import StrayLight, has_stray_light
+from actors.vision.window import window_around
 from common.run.conditions import CameraConfig
 
 _FINER = 8
@@ -47,11 +48,8 @@ class Projection:
         columns, rows = self._coarse
         self._shrinks = (rows, columns) != game_size
         to_game = _game_in_picture(columns, rows) @ np.linalg.inv(from_picture)
-        left, top = np.maximum(np.floor(game_seen.min(axis=0)).astype(int) - 1, 0)
-        right, bottom = np.ceil(game_seen.max(axis=0)).astype(int) + 2
-        right, bottom = min(right, camera.width), min(bottom, camera.height)
-        self._window = (slice(top, bottom), slice(left, right))
-        x, y = np.meshgrid(np.arange(left, right), np.arange(top, bottom))
+        self._window = window_around(game_seen, (camera.height, camera.width), more=1)
+        y, x = np.mgrid[self._window]
         in_game = cv2.perspectiveTransform(np.stack([x, y], axis=2).astype(np.float64), to_game)
         # One pixel around the game included: its outermost pixels fade into the border.
         self._in_game = ((in_game > -1) & (in_game < (columns, rows))).all(axis=2)
@@ -146,8 +144,7 @@ def _coverage(camera: Camera, seen: NDArray[np.float32]) -> NDArray[np.float64]:
     would be up to half a pixel off.
     """
     share = np.zeros((camera.height, camera.width))
-    left, top = np.maximum(np.floor(seen.min(axis=0)).astype(int), 0)
-    right, bottom = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 1, share.shape[::-1])
+    window = window_around(seen, share.shape)
     h = cv2.getPerspectiveTransform(seen, UNIT_SQUARE)
 
     def inside(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -158,11 +155,11 @@ def _coverage(camera: Camera, seen: NDArray[np.float32]) -> NDArray[np.float64]:
     # Samples are at the centres of _FINER × _FINER parts of each pixel. The picture is convex, so a
     # pixel whose four outermost samples are inside is wholly inside.
     offsets = -0.5 + (np.arange(_FINER) + 0.5) / _FINER
-    x, y = np.arange(left, right)[None, :], np.arange(top, bottom)[:, None]
+    y, x = np.ogrid[window]
     outermost = [inside(x + dx, y + dy) for dx in offsets[[0, -1]] for dy in offsets[[0, -1]]]
-    share[top:bottom, left:right] = whole = np.logical_and.reduce(outermost)
+    share[window] = whole = np.logical_and.reduce(outermost)
     rows, columns = np.nonzero(~whole)
-    rows, columns = rows + top, columns + left
+    rows, columns = rows + window[0].start, columns + window[1].start
     parts = inside(
         columns[:, None, None] + offsets[None, None, :],
         rows[:, None, None] + offsets[None, :, None],

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.vision.lens import Lens, Window
+from actors.vision.lens import Lens
+from actors.vision.window import Window, within
 from common.run.conditions import CameraConfig
 
 _GRAIN_FRAMES = 4
@@ -134,7 +135,7 @@ class Sensor:
     def _grown(self, window: Window, reach: int) -> Window:
         """Returns the ``window`` with ``reach`` pixels around it, within the picture."""
         rows, columns = (
-            slice(max(each.start - reach, 0), min(each.stop + reach, size))
+            within(each.start - reach, each.stop + reach, size)
             for each, size in zip(window, self._shape, strict=False)
         )
         return rows, columns

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.robots.room.camera import Camera, Rendering, Window
+from actors.robots.room.camera import Camera, Rendering
 from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.robots.room.projector import Projection
 from actors.robots.room.rotation import Vector, about
 from actors.robots.room.scene import Scene
+from actors.vision.window import Window
 
 _MOST_KEPT = 8
 """Views that are kept between pictures; one that turns is kept as it was turned last."""

@@ -13,6 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from actors.envs import env_id, make_env
 from actors.envs.ale import AtariEnv
 from actors.envs.step_info import StepInfo
+from common.actions import Keys
 from common.errors import InputError
 from common.games import GAMES
 from common.run.conditions import PlayConfig
@@ -162,6 +163,15 @@ def test_make_env_follows_the_configuration() -> None:
         assert (env.reset()[1]["game_steps"] > 0) == training  # carried on, or anew
     with pytest.raises(InputError, match="did you mean"):
         make_env(RunConfig(env="ale", game="breakuot"), training=True)
+
+
+def test_no_key_of_the_game_before_is_pressed_in_a_new_one() -> None:
+    env = AtariEnv(play=PlayConfig(random_starts=0))
+    env.reset(seed=1)
+    env.step(2)
+    assert env.wanted == env.pressed == Keys.UP
+    env.reset(options={"new_game": True})
+    assert env.wanted == env.pressed == Keys.NONE
 
 
 def test_importing_the_package_loads_no_physics_and_no_vision() -> None:

@@ -9,8 +9,9 @@ from actors.robots.nao.controller import RELEASE_DEPTH
 from actors.robots.nao.robot import Nao
 from actors.robots.room import scene
 from actors.robots.room import viewpoint as module
-from actors.robots.room.camera import Camera, Rendering, Window
+from actors.robots.room.camera import Camera, Rendering
 from actors.robots.room.viewpoint import _MOST_KEPT, VISITOR
+from actors.vision.window import Window
 from common.actions import KEYS_OF_ACTION, Keys
 
 GAME = np.full((210, 160, 3), (200, 40, 90), np.uint8)

@@ -9,6 +9,7 @@ from actors.robots.room.camera import Rendering
 from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.robots.room.projector import Projection
 from actors.vision.layout import BORDER
+from common.run.conditions import PERFECT_CAMERA, CameraConfig
 
 ROWS, COLUMNS = 210, 160
 
@@ -111,3 +112,18 @@ def test_each_frame_is_drawn_afresh(room: Nao, projection: Projection) -> None:
     assert np.array_equal(rendering.rgb, before)
     assert white[120, 160].tolist() == [255, 255, 255]
     assert black[120, 160].tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize(("yaw", "pitch"), [(45, 0), (-45, 0), (0, 45), (0, -45), (45, -45)])
+def test_a_camera_may_look_past_the_screen(room: Nao, yaw: float, pitch: float) -> None:
+    game = np.full((ROWS, COLUMNS, 3), 255, np.uint8)
+    try:
+        room.set_eye(CameraConfig(yaw=yaw, pitch=pitch))
+        bare = room.view_of_robot.camera.render().rgb
+        assert np.array_equal(room.picture(game), bare)
+        room.set_eye(CameraConfig(yaw=yaw, pitch=pitch, distortion=0.02, blur=2, glare=0.5))
+        first = room.camera_picture(game)
+        assert first.shape == bare.shape
+        assert np.array_equal(room.camera_picture(game), first)
+    finally:
+        room.set_eye(PERFECT_CAMERA)

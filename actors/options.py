@@ -1,0 +1,69 @@
+"""The command line of `python -m actors`: its flags, and what they mean together."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from annotated_types import Ge, Le, Lt
+
+from common.checked import Patience
+from common.errors import InputError
+from common.pinned_file import path_of
+from common.run.clock import ClockConfig
+from common.run.config import MAX_SEED, RunConfig
+from common.transport.endpoint import DEFAULT_ENDPOINT
+
+
+@dataclass(frozen=True)
+class ActorOptions:
+    """Join a run: play, send what happened to its replay, and follow its learner's weights.
+
+    What is played and how comes from the run's hub, so a plain `python -m actors --sync` is
+    enough. Start as many as there are cores, on as many machines as there are. To check, show or
+    play one robot without any run, use `python -m viewer`.
+    """
+
+    clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
+    connect: str = DEFAULT_ENDPOINT
+    """Address of the run's hub (the learner, or a replay of its own)."""
+    certificates: Path | None = None
+    """Folder of certificates, where the hub's address begins with tls/; see deploy/README.md."""
+    run: str | None = None
+    """Name of the run; needed only where a hub serves several."""
+    env: str | None = None
+    """Environment that the run must play in, or it is not joined."""
+    game: str | None = None
+    """Game that the run must play, or it is not joined."""
+    robot: str | None = None
+    """Robot that the run must have, or it is not joined."""
+    envs: Annotated[int, Ge(1), Le(256)] = 1
+    """Number of environments in this process, played with one forward pass."""
+    evaluator: bool = False
+    """Role: play the learner's evaluation jobs instead of training."""
+    name: str | None = None
+    """Name of this actor in displays and statistics; by default that in its certificate, or one
+    made of the host's name."""
+    seed: Annotated[int, Ge(0), Lt(MAX_SEED)] | None = None
+    """Seed of this actor's games; by default another one at every start, so that a restarted actor
+    does not repeat its games."""
+    patience: Patience = 300.0
+    """Seconds to wait for the hub, at the start and whenever it goes away."""
+    log_json: bool = False
+    """Lines of JSON instead of a screen or lines for people."""
+
+    def check(self) -> None:
+        self.clock.check()
+        if self.evaluator and self.envs != 1:
+            raise InputError("an evaluator plays one game at a time: omit --envs.")
+
+    def check_against(self, config: RunConfig) -> None:
+        """Refuse a run that plays something else than asked for."""
+        for flag, wanted, found in (
+            ("--env", self.env, config.env),
+            ("--game", self.game, config.game),
+            ("--robot", self.robot, str(path_of(config.play.robot))),
+        ):
+            if wanted is not None and wanted != found:
+                raise InputError(f"the run plays {found}, not {wanted}: omit {flag} to join it.")
+        self.clock.check(config.env)

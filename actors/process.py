@@ -1,0 +1,109 @@
+"""The process that plays for a run: from its options until it leaves."""
+
+import secrets
+import socket
+import threading
+import zlib
+
+import cv2
+import numpy as np
+import torch
+
+from actors.actor import Actor
+from actors.envs import make_env
+from actors.evaluator import Evaluator
+from actors.member import Member
+from actors.options import ActorOptions
+from actors.policy import Policy
+from common.errors import InputError
+from common.network import build_network
+from common.process.allocator import keep_large_blocks
+from common.process.lifeline import on_signals
+from common.process.service_manager import tell
+from common.process.threads import end_with_any_thread
+from common.protocol.run_keys import DEMONSTRATIONS, check_name
+from common.run.join import find_run, patiently
+from common.transport.credentials import check_certificates, own_name
+from common.transport.signature import checker
+from common.transport.zenoh_transport import connect
+
+
+def join(options: ActorOptions) -> None:
+    """Join a run and play for it until it is over, or a signal comes.
+
+    Raises:
+        InputError: the run cannot be joined, or its hub went away for longer than the patience.
+    """
+    name = options.name
+    if name is None and options.certificates is not None:
+        name = own_name(options.certificates)
+    name = check_name("actor", name or _default_name())
+    if name == DEMONSTRATIONS:
+        raise InputError(f"{name!r} stands for recorded games: choose another --name.")
+    stop = threading.Event()
+    on_signals(stop)
+    keep_large_blocks()
+    # One core each: parallelism is between processes, and threads would fight over cores.
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    stopped = patiently(stop, options.connect)
+    with (
+        end_with_any_thread(stop),
+        connect(
+            *(options.connect, options.patience, stopped),
+            name=name,
+            certificates=options.certificates,
+        ) as transport,
+    ):
+        keys, config = find_run(
+            transport, options.run, options.patience, stopped, options.certificates
+        )
+        options.check_against(config)
+        trusted = check_certificates(options.connect, options.certificates, "actor", name)
+        check = checker(trusted)
+        member = Member(
+            *(name, transport, keys, config, options.patience, stop), check_weights=check
+        )
+        entropy = (
+            [config.seed, zlib.crc32(name.encode()), member.incarnation]
+            if options.seed is None
+            else [options.seed]
+        )
+        policy_seed, *seeds = np.random.SeedSequence(entropy).generate_state(1 + options.envs)
+        envs = [
+            make_env(config, options.clock, training=not options.evaluator)
+            for _ in range(options.envs)
+        ]
+        actions = int(envs[0].action_space.n)  # type: ignore[attr-defined]
+        if actions != config.action_count:
+            raise InputError(
+                f"{config.game} ({config.env}) offers {actions} actions here, but the run has "
+                f"{config.action_count}: install the versions of requirements.lock."
+            )
+        policy = Policy(
+            build_network(config, actions),
+            actions,
+            np.random.default_rng(policy_seed),
+            envs=options.envs,
+            # An evaluation explores as in 2017: random actions are drawn anew at every step.
+            exploration=None if options.evaluator else config.exploration,
+        )
+        tell("READY=1", f"STATUS=plays for run {keys.run} at {options.connect}")
+        member.warn(
+            f"plays {config.game} ({config.env}{options.clock}) for run {keys.run} at "
+            f"{options.connect}."
+        )
+        try:
+            if options.evaluator:
+                Evaluator(member, envs[0], policy).run(int(seeds[0]))
+            else:
+                Actor(member, envs, policy).run([int(seed) for seed in seeds])
+        finally:
+            for env in envs:
+                env.close()
+
+
+def _default_name() -> str:
+    """The host's name and six random digits."""
+    host = "".join(c if c.isalnum() else "-" for c in socket.gethostname().split(".")[0])
+    return f"{host.strip('-')[:40] or 'actor'}-{secrets.token_hex(3)}"

@@ -1,0 +1,22 @@
+"""Windows: the rows and columns of a part of a picture."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Window = tuple[slice, slice]
+"""Rows and columns."""
+
+
+def within(start: int, stop: int, size: int) -> slice:
+    """Returns what of ``start`` to ``stop`` is within ``size`` pixels; the nearest pixel where
+    nothing is, because OpenCV takes no empty picture."""
+    first = min(max(start, 0), size - 1)
+    return slice(first, max(min(stop, size), first + 1))
+
+
+def window_around(points: NDArray[np.floating], shape: tuple[int, ...], more: int = 0) -> Window:
+    """Returns the window around ``points [N, 2]`` (x, y), and ``more`` pixels around that, `within`
+    a picture of ``shape`` (rows, columns)."""
+    left, top = (np.floor(points.min(axis=0)).astype(int) - more).tolist()
+    right, bottom = (np.ceil(points.max(axis=0)).astype(int) + 1 + more).tolist()
+    return within(top, bottom, shape[0]), within(left, right, shape[1])
