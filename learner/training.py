@@ -33,7 +33,7 @@ from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.held_out import HeldOut
 from learner.telemetry.snapshot import Phase
 from learner.telemetry.telemetry import Telemetry
-from replay.chunk_statistics import MAX_STATISTICS, Progress
+from replay.chunk_statistics import Progress
 from replay.interface import Replay
 
 _TICK = 0.1
@@ -249,15 +249,14 @@ class Learner:
             self._replay_progress = self.replay.progress(
                 self.phases.chunks_seen, finished=self._finished
             )
-            chunks = self._replay_progress.statistics
-            for chunk in chunks:
-                if chunk.index < self.phases.chunks_seen:
-                    continue
+            told, seen = self._replay_progress, self.phases.chunks_seen
+            new = [chunk for chunk in told.statistics if chunk.index >= seen]
+            for chunk in new:
                 # Both at once, so that a checkpoint at a phase's end knows of the same chunks.
                 self.registry.accepted(chunk)
                 if self.phases.count(chunk):
                     self._end_phase()
-            if len(chunks) < MAX_STATISTICS:
+            if not new or new[-1].index + 1 >= told.accepted:
                 return
 
     def _end_phase(self) -> None:

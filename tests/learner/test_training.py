@@ -70,6 +70,8 @@ class World:
     """No minibatch comes after so many updates."""
     now: float = 1_000.0
     chunks: list[ChunkStatistics] = field(default_factory=list)
+    portion: int = 10**9
+    """Chunks that the replay tells at a time."""
     lost: int = 0
     """Steps that the replay has lost."""
     told_finished: list[bool] = field(default_factory=list)
@@ -154,8 +156,9 @@ class World:
             self.told_finished.append(finished)
         known = self.agent_steps - self.lost
         # One that is counted already is told again: each counts once all the same.
-        told = tuple(self.chunks[max(since - 1, 0) :])
-        return Progress(known, known, 0, 0, 0, 0, False, 0, 0, 0, told)
+        begin = max(since - 1, 0)
+        told = tuple(self.chunks[begin : begin + self.portion])
+        return Progress(known, known, 0, len(self.chunks), 0, 0, False, 0, 0, 0, told)
 
     # ---------------------------------------------------------------- algorithm
 
@@ -376,6 +379,18 @@ def test_a_resumed_run_has_all_its_counters() -> None:
     second.stop.set()
     learner.run()
     assert ("draw from", 90) in second.log
+
+
+@pytest.mark.parametrize("portion", [2, 3, 7])
+def test_all_that_was_played_meanwhile_is_counted_before_the_first_update(portion: int) -> None:
+    world = World(portion=portion, chunk_steps=0)
+    for _ in range(6):
+        world.play(4)
+    seen: list[int] = []
+    world.once(lambda: world.updates == 1, lambda: seen.extend(world.credited))
+    world.stops_at(2)
+    run(world)
+    assert seen == list(range(6))
 
 
 def test_the_end_of_a_phase_gives_its_row_and_an_epochs_snapshot_to_evaluation() -> None:
