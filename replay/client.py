@@ -57,6 +57,8 @@ class RemoteReplay:
             transport.requester(key, DEADLINE)
             for key in (keys.sample, keys.priorities, keys.held_out, keys.progress)
         ]
+        self._durable = transport.requester(keys.progress, DEADLINE)
+        """Open until the transport closes: the last checkpoint follows the stop that closes this."""
         self._draws: deque[Future[Envelope]] = deque()  # oldest first
         self._priority_updates: deque[Future[Envelope]] = deque()
         self._closed = threading.Event()
@@ -144,7 +146,8 @@ class RemoteReplay:
         return found
 
     def sync(self) -> None:
-        _answer(self._progress.request(ProgressRequest(MAX_COUNT, None, durable=True).encode()))
+        """See `Replay.sync`; works after `close` too."""
+        _answer(self._durable.request(ProgressRequest(MAX_COUNT, None, durable=True).encode()))
 
     def close(self) -> None:
         """Stop waiting for the server; the transport stays open."""

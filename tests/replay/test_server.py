@@ -435,6 +435,16 @@ def test_no_number_is_told_that_is_not_yet_true_while_nothing_is_to_be_had(place
     assert told == [32] * 4
 
 
+def test_what_is_stored_is_made_durable_also_after_a_stop(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[bool] = []
+    monkeypatch.setattr(place.buffer, "sync", lambda: synced.append(True))
+    place.remote.close()
+    place.remote.sync()
+    assert synced == [True]
+
+
 def test_priorities_are_told_in_order_and_only_so_many_without_an_answer(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
