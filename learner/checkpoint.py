@@ -99,7 +99,8 @@ class Checkpoint:
             OSError: as a write would, the disk is full or read-only.
         """
         folder = self.path.parent
-        needed = _ROOM * self.path.stat().st_size
+        # Where somebody has removed it, the next one is needed all the more.
+        needed = _ROOM * self.path.stat().st_size if self.path.exists() else 0
         if os.statvfs(folder).f_flag & os.ST_RDONLY:
             raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(folder))
         if shutil.disk_usage(folder).free < needed:

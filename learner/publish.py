@@ -69,7 +69,8 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
         raise InputError(f"{options.run} is not there: name the folder of a run.")
     folder = RunFolder(options.run.parent, options.run.name)
     source = folder.checkpoint if options.last else folder.snapshots / "best.safetensors"
-    for file in (source, folder.summary):
+    best = folder.snapshots / "best.json"
+    for file in (source, folder.summary) if options.last else (source, best, folder.summary):
         if not file.is_file():
             raise InputError(f"{file} is not there: let the run go on until it is.")
     config = folder.stored_config()
@@ -83,7 +84,7 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     card = {name: summary[name] for name in _FROM_SUMMARY}
     card["initial"] = summary.get("initial", False)
     if not options.last:
-        card["snapshot"] = json.loads((folder.snapshots / "best.json").read_bytes())
+        card["snapshot"] = json.loads(best.read_bytes())
     options.output.parent.mkdir(parents=True, exist_ok=True)
     weights = options.output.with_name(f"{options.output.name}.safetensors")
     published = encode_weights(network, config, torch.float16)

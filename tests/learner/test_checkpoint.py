@@ -205,6 +205,13 @@ def test_there_must_be_room_for_two_more(
     assert refused.value.filename == str(checkpoint.path.parent)
 
 
+def test_a_checkpoint_that_somebody_removed_needs_no_room_to_be_written_again(
+    checkpoint: Checkpoint,
+) -> None:
+    checkpoint.path.unlink()
+    checkpoint.check_room()
+
+
 def test_a_disk_that_is_read_only_has_no_room(
     checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -103,6 +103,12 @@ def test_a_run_without_a_test_is_told(tmp_path: Path) -> None:
         publish(Options(run=tmp_path / "begun", output=tmp_path / "policy"), threading.Event())
 
 
+def test_best_weights_without_their_card_are_told(tmp_path: Path) -> None:
+    (_run(tmp_path / "small") / "snapshots/best.json").unlink()
+    with pytest.raises(InputError, match=r"best\.json is not there"):
+        publish(Options(run=tmp_path / "small", output=tmp_path / "policy"), threading.Event())
+
+
 def test_a_policy_that_was_not_evaluated_to_the_end_is_told(tmp_path: Path) -> None:
     stop = threading.Event()
     stop.set()

@@ -4,7 +4,9 @@ import logging
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any, get_args
 
 from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
@@ -131,9 +133,10 @@ class PageSink(Sink):
         places = (self._folder, self._folder / "films")
         own = [place for place in places if place.is_dir() and not place.is_symlink()]
         found = [path for place in own for path in place.glob("*.mp4")]
-        films = [
-            path
-            for path in found
-            if path.is_file() and not path.is_symlink() and path.name.isprintable()
-        ]
-        return sorted(films, key=lambda path: path.stat().st_mtime)[-_MOST_FILMS:]
+        films = []
+        for path in found:
+            with suppress(FileNotFoundError):  # removed since it was found
+                told = path.lstat()
+                if S_ISREG(told.st_mode) and path.name.isprintable():
+                    films.append((told.st_mtime, path))
+        return [path for _, path in sorted(films)[-_MOST_FILMS:]]

@@ -262,6 +262,18 @@ def test_films_of_the_run_are_served(place: Place) -> None:
     assert place.ask("/films/epoch%201.mp4", Range="bytes=1-2")[2] == b"il"
 
 
+def test_a_film_that_is_removed_meanwhile_is_not_told(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (place.folder / "there.mp4").write_bytes(b"film")
+    gone = place.folder / "gone.mp4"
+    there = Path.glob
+    monkeypatch.setattr(Path, "glob", lambda self, like: [gone, *there(self, like)])
+    place.page.start(None)
+    place.page.write(SNAPSHOT)
+    assert place.json("/state")["films"] == ["there.mp4"]
+
+
 def test_only_films_of_the_run_itself_are_told(place: Place) -> None:
     elsewhere = place.folder.parent / "elsewhere"
     elsewhere.mkdir()
