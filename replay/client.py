@@ -58,7 +58,7 @@ class RemoteReplay:
             for key in (keys.sample, keys.priorities, keys.held_out, keys.progress)
         ]
         self._durable = transport.requester(keys.progress, DEADLINE)
-        """Open until the transport closes: a stop closes the others, and a checkpoint comes after."""
+        """Closed by the transport alone: a stop closes the others, and a checkpoint comes after."""
         self._draws: deque[Future[Envelope]] = deque()  # oldest first
         self._priority_updates: deque[Future[Envelope]] = deque()
         self._closed = threading.Event()

@@ -66,6 +66,8 @@ class Journal:
         """
         self._path = path
         self._file = -1
+        self._torn = False
+        """Whether the last line may be there in part."""
         with writing(path):
             self.rewrite(entries)
 
@@ -73,12 +75,12 @@ class Journal:
         """Write one line, whole or not at all."""
         line = _line(entry)
         written = 0
-        try:
-            while written < len(line):
-                written += os.write(self._file, line[written:])
-        except OSError:
+        if self._torn:  # this line would be joined to what is there of it, and lost
             os.ftruncate(self._file, self._size)
-            raise
+        self._torn = True
+        while written < len(line):
+            written += os.write(self._file, line[written:])
+        self._torn = False
         self._size += len(line)
         self.lines += 1
 
@@ -88,7 +90,7 @@ class Journal:
         write_atomically(self._path, b"".join(lines))
         self.close()
         self._file = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
-        self._size = os.fstat(self._file).st_size
+        self._size, self._torn = os.fstat(self._file).st_size, False
         self.lines = len(lines)
 
     def sync(self) -> None:

@@ -84,6 +84,14 @@ def test_a_line_that_finds_no_space_leaves_no_trace(
         patch.setattr("replay.journal.os.write", half)
         with pytest.raises(OSError, match="No space"):
             journal.append({"kind": "lost"})
+
+    def broken(file: int, size: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("replay.journal.os.ftruncate", broken)
+        with pytest.raises(OSError, match="Input/output"):  # rather than be joined to the torn line
+            journal.append({"kind": "lost too"})
     journal.append({"n": 1})
     assert read_journal(path) == [{"n": 0}, {"n": 1}]
 
