@@ -1,5 +1,7 @@
 """Windows: the rows and columns of a part of a picture."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,7 @@ def within(start: int, stop: int, size: int) -> slice:
     return slice(first, max(min(stop, size), first + 1))
 
 
-def window_around(points: NDArray[np.floating], shape: tuple[int, ...], more: int = 0) -> Window:
+def window_around(points: NDArray[Any], shape: tuple[int, ...], more: int = 0) -> Window:
     """Returns the window around ``points [N, 2]`` (x, y), and ``more`` pixels around that, `within`
     a picture of ``shape`` (rows, columns)."""
     left, top = (np.floor(points.min(axis=0)).astype(int) - more).tolist()
