@@ -179,8 +179,8 @@ class Learner:
         """
         self._replay_progress = self.replay.progress(self.phases.chunks_seen)
         known, found = self.phases.agent_steps, self._replay_progress.agent_steps
-        # Without them ε and the limiter would begin anew, and no update be made before they are
-        # played again, as the few are that a power failure may have cost.
+        # If many steps are missing, ε and the limiter begin anew, and all are played again before
+        # the next update. A power failure costs only a few steps.
         if known - found > self.config.replay.learning_starts:
             raise InputError(
                 f"the replay has seen {found:,} steps and the checkpoint {known:,}: put the "
@@ -277,8 +277,8 @@ class Learner:
     def _take_tests(self) -> None:
         while (test := self.evaluation.take_finished()) is not None:
             best = max(self.telemetry.rewards("test"), default=None)
-            # The best weights are kept before the checkpoint forgets their test, and the snapshot
-            # goes after it: whenever the run is broken off, the one or the other is there.
+            # First the best weights are kept, then the checkpoint drops the test, then the snapshot
+            # is deleted. So a run that is broken off never loses its best weights.
             self._insist(partial(self.evaluation.settle, test, best))
             self._insist(partial(self.telemetry.add, self.phases.end_test(test)))
             self._checkpoint()

@@ -18,7 +18,8 @@ from common.version import VERSION
 MAX_STATISTICS = 4_096
 """In one `Progress`."""
 MAX_GAMES = 16_384
-"""Of all statistics in one `Progress`: a message holds so many values (`common.protocol.wire`)."""
+"""Maximum number of games in all statistics of one `Progress`. It keeps the message below the number
+of values that `common.protocol.wire` accepts."""
 
 
 class ChunkStatistics(NamedTuple):

@@ -7,8 +7,8 @@ from common.run.config import RunConfig
 from replay.chunk_statistics import ChunkStatistics
 
 _RECENT_GAMES = 5
-"""Games whose mean score is judged: of more, the oldest were played under ranges of another width,
-and the ranges would swing about those that the policy can play."""
+"""Games whose mean score is judged. With more, the oldest games belong to another width of the
+ranges, and the width oscillates."""
 
 
 def curriculum_steps(

@@ -67,7 +67,7 @@ class Journal:
         self._path = path
         self._file = -1
         self._torn = False
-        """Whether the last line may be there in part."""
+        """Whether the file may end with a part of a line."""
         with writing(path):
             self.rewrite(entries)
 
@@ -75,7 +75,7 @@ class Journal:
         """Write one line, whole or not at all."""
         line = _line(entry)
         written = 0
-        if self._torn:  # this line would be joined to what is there of it, and lost
+        if self._torn:  # else this line would continue the torn one, and be lost with it
             os.ftruncate(self._file, self._size)
         self._torn = True
         while written < len(line):

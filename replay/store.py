@@ -199,7 +199,7 @@ class Store:
         Called under ``state``.
         """
         ids = np.unique(ids[self.sampler.contains(ids)])
-        if not ids.size:  # as after any minibatch in order: spare it the walk through all chunks
+        if not ids.size:  # usually all is well: do not walk through all chunks
             return [], []
         self.sampler.remove(ids)
         alive = {each for each in self._quarantined if each >= self.ring.tail}
