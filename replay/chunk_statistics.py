@@ -18,8 +18,8 @@ from common.version import VERSION
 MAX_STATISTICS = 4_096
 """In one `Progress`."""
 MAX_GAMES = 16_384
-"""Maximum number of games in all statistics of one `Progress`. It keeps the message below the number
-of values that `common.protocol.wire` accepts."""
+"""Maximum number of games in all statistics of one `Progress`. It keeps the message below the
+number of values that `common.protocol.wire` accepts."""
 
 
 class ChunkStatistics(NamedTuple):
