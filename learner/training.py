@@ -6,7 +6,7 @@ and test.
 
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -103,11 +103,13 @@ class Learner:
         self._children = children
         with ExitStack() as end:  # the last comes first, and each even if another fails
             end.callback(lambda: self.telemetry.close(self._values(), self._replay_progress))
-            if children is not None:  # the last figures have their last counters
+            if children is not None:  # the last figures have their last counters and chunks
+                end.callback(self._ask_replay)
                 end.callback(children.close)
             end.callback(self._keep_what_was_learned)
             if children is not None:
                 end.callback(children.ask_to_leave)
+                end.callback(self.replay.drain)  # or a throttled actor could not hand in its last
             self._batches = self.draw(self.phases.updates)
             end.callback(self._batches.close)
             try:
@@ -258,6 +260,11 @@ class Learner:
                     self._end_phase()
             if not new or new[-1].index + 1 >= told.accepted:
                 return
+
+    def _ask_replay(self) -> None:
+        """Have the replay's counters once more, unless it is away."""
+        with suppress(InputError):
+            self._replay_progress = self.replay.progress(self.phases.chunks_seen)
 
     def _end_phase(self) -> None:
         """Record the present phase; have the snapshot of an epoch tested."""

@@ -57,7 +57,7 @@ class RemoteReplay:
             transport.requester(key, DEADLINE)
             for key in (keys.sample, keys.priorities, keys.held_out, keys.progress)
         ]
-        self._durable = transport.requester(keys.progress, DEADLINE)
+        self._last = transport.requester(keys.progress, DEADLINE)
         """Closed by the transport alone: a stop closes the others, and a checkpoint comes after."""
         self._draws: deque[Future[Envelope]] = deque()  # oldest first
         self._priority_updates: deque[Future[Envelope]] = deque()
@@ -131,13 +131,14 @@ class RemoteReplay:
         return held.frames, held.vectors
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
-        """See `Replay.progress`.
+        """See `Replay.progress`; works after `close` too, unless the server is away.
 
         Raises:
             InputError: `close` was called while the server was away, or it serves another run now.
         """
+        requester = self._last if self._closed.is_set() else self._progress
         request = ProgressRequest(since, finished).encode()
-        found = _decoded(Progress, self._insist(self._progress, request))
+        found = _decoded(Progress, self._insist(requester, request))
         if found.run_id != self.run_id:
             raise InputError(
                 "the replay serves another run under this name now: give it back the run's folder "
@@ -145,9 +146,13 @@ class RemoteReplay:
             )
         return found
 
+    def drain(self) -> None:
+        """See `Replay.drain`; works after `close` too."""
+        _answer(self._last.request(ProgressRequest(MAX_COUNT, None, drain=True).encode()))
+
     def sync(self) -> None:
         """See `Replay.sync`; works after `close` too."""
-        _answer(self._durable.request(ProgressRequest(MAX_COUNT, None, durable=True).encode()))
+        _answer(self._last.request(ProgressRequest(MAX_COUNT, None, durable=True).encode()))
 
     def close(self) -> None:
         """Stop waiting for the server; the transport stays open."""

@@ -49,6 +49,10 @@ class Replay(Protocol):
         holds until it is told otherwise. None asks only.
         """
 
+    def drain(self) -> None:
+        """Take every chunk from now until the next draw, even of throttled actors, which leave and
+        hand in their last."""
+
     def sync(self) -> None:
         """Have all that was acknowledged before on the replay's disk, if it can be reached."""
 

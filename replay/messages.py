@@ -58,3 +58,5 @@ class ProgressRequest(Message):
     finished: bool | None
     durable: bool = False
     """See `replay.interface.Replay.sync`."""
+    drain: bool = False
+    """See `replay.interface.Replay.drain`."""

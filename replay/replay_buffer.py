@@ -62,12 +62,14 @@ class ReplayBuffer:
         self._rng = np.random.default_rng([config.seed, self._store.index.accepted])
         self._closed = False
         self._finished = False
+        self._drains = False
         self._drawn = 0
 
     def admits(self, actor: str) -> bool:
         """Whether a chunk of ``actor`` is taken now; see `Turns` for a throttled actor."""
         with self._state:
-            return self._finished or not self._should_throttle() or self._turns.admits(actor)
+            ends = self._finished or self._drains
+            return ends or not self._should_throttle() or self._turns.admits(actor)
 
     def insists(self, actor: str) -> bool:
         """Whether ``actor`` keeps sending although `admits` refuses it."""
@@ -143,6 +145,7 @@ class ReplayBuffer:
             # is somebody else's. (A resumed learner first publishes its older weights.)
             if drawn >= self.weights_version * self._batch_size:
                 throttled = self._should_throttle()
+                self._drains = False
                 self._drawn = drawn
                 if throttled and not self._should_throttle():
                     self._turns.open()
@@ -219,6 +222,10 @@ class ReplayBuffer:
                 shut_out=self.shut_out,
                 difficulty=self._difficulty(),
             )
+
+    def drain(self) -> None:
+        with self._state:
+            self._drains = True
 
     def sync(self) -> None:
         self._store.sync()

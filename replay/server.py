@@ -210,6 +210,8 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         asked = ProgressRequest.decode(request.payload)
         if asked.durable:
             self._buffer.sync()
+        if asked.drain:
+            self._buffer.drain()
         return self._buffer.progress(asked.since, finished=asked.finished).encode()
 
     def _weights_asked(self, _: Request) -> Envelope:

@@ -103,7 +103,9 @@ def test_a_given_network_that_does_not_fit_is_told_and_nothing_begun(stage: Stag
 
 
 def test_ctrl_c_ends_every_process_and_leaves_a_run_that_goes_on(stage: Stage) -> None:
-    learner = stage.learner("--local", "--env", "ale", *SMALL)
+    # Its actor is throttled, with a part of a chunk in each environment.
+    slow = ("--envs=4", "--learning.batch-size=256", "--replay.learning-starts=300")
+    learner = stage.learner("--local", "--env", "ale", *SMALL, *slow)
     wait_until(lambda: (stage.run / "epochs.csv").exists(), "the warm-up is over")
     learner.says("evaluator-1 joined")
 
@@ -112,6 +114,7 @@ def test_ctrl_c_ends_every_process_and_leaves_a_run_that_goes_on(stage: Stage) -
 
     assert not stage.strays()
     before = stage.summary()
+    assert before["chunks"]["made"] == before["chunks"]["acked"]
     with safe_open(stage.run / "checkpoint.safetensors", "np") as saved:
         worked = json.loads(saved.metadata()["state"])["seconds"]  # before its processes left
     goal = before["agent_steps"] + 150

@@ -215,6 +215,7 @@ class World:
             "replay": SimpleNamespace(
                 run_id="id",
                 sync=lambda: self.log.append("sync") if self.log_syncs else None,
+                drain=lambda: self.log.append("drain"),
                 progress=self.replay_progress,
                 update_priorities=lambda *told: self.priorities.append(told),
             ),
@@ -703,7 +704,8 @@ def test_local_modes_children_are_watched_and_asked_to_leave() -> None:
     learner.start()
     learner.run(children)
     assert "actor-1 ended by signal 9, started again" in world.said
-    assert world.log[-4:] == [
+    assert world.log[-5:] == [
+        "drain",
         "children may leave",
         ("checkpoint", world.updates),
         "children have left",
@@ -738,7 +740,10 @@ def test_a_full_disk_at_the_last_checkpoint_costs_neither_summary_nor_children()
     learner.start()
     with pytest.raises(OSError, match="No space left"):
         learner.run(children)
-    assert world.log[-3:] == ["minibatches end", "children may leave", ("summary", world.updates)]
+    assert world.log[-4:] == [
+        *("minibatches end", "drain", "children may leave"),
+        ("summary", world.updates),
+    ]
 
 
 def test_children_that_cannot_start_end_the_run_with_everything_kept() -> None:

@@ -349,6 +349,23 @@ def test_an_actor_that_ignores_the_throttle_takes_nobodys_turn(
     assert told in caplog.messages
 
 
+def test_actors_that_leave_hand_in_their_last_chunks_to_a_learner_that_draws_no_more(
+    place: Place,
+) -> None:
+    actor, rng = Actor("a", 4), np.random.default_rng(0)
+    assert insert(place.client, actor.live([GOES_ON] * 100, rng)).throttle
+    last = actor.live([GOES_ON] * 3, rng)
+    with pytest.raises(Unanswered):
+        insert(place.client, last)
+    place.remote.close()  # as at a stop
+    place.remote.drain()
+    assert insert(place.client, last).status == "stored"
+    assert insert(place.client, actor.live([GOES_ON] * 8, rng)).throttle  # who stays has to wait
+    place.buffer.sample(0, 0.0)  # the learner goes on
+    with pytest.raises(Unanswered):
+        insert(place.client, actor.live([GOES_ON] * 8, rng))
+
+
 def test_what_is_refused_for_a_while_is_not_even_read(place: Place) -> None:
     actor = Actor("a", 4)
     assert insert(place.client, actor.live([GOES_ON] * 100, np.random.default_rng(0))).throttle
