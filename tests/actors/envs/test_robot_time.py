@@ -247,7 +247,8 @@ def test_an_agent_that_thinks_too_long_misses_agent_steps_and_is_told() -> None:
         time.sleep(0.01)
     *_, info = env.step(1)
     assert info["missed_deadlines"] >= 4
-    assert info["elapsed"] >= info["missed_deadlines"] + 1
+    # The agent step that obeys counts too where the machine began one of its frames too late.
+    assert info["elapsed"] >= info["missed_deadlines"] + (info["late_frames"] == 0)
     assert info["game_steps"] >= steps + 5
     env.close()
 

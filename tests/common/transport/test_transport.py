@@ -442,7 +442,9 @@ def test_what_a_window_holds_survives_a_server(place: Place, client: Transport) 
     server.next().reply(b"stored")
     working.join(PATIENCE)
     assert sender.settled == [b"stored"]
-    assert sender.window.sent_again >= 3
+    # After the answer that was dropped and after the death; on a slow machine the first request
+    # may still be looking for a server when there is one.
+    assert sender.window.sent_again >= 2
 
 
 # ---------------------------------------------------------------------- telling and presence
