@@ -15,6 +15,9 @@ from replay.journal import Entry
 from replay.ring import Placement
 
 _KEPT_STATISTICS = 4 * MAX_STATISTICS
+_KEPT_GAMES = 16 * _KEPT_STATISTICS
+"""Of those chunks together, some 30 MB. A game of Catch, the shortest, has six steps, so that 64
+steps have eleven; who claims one for each step has fewer chunks remembered."""
 _MOST_GAPS = 64
 _MOST_STREAMS = 65_536
 """Streams that are remembered beyond their chunks in the ring, those that were heard last. Each
@@ -76,7 +79,10 @@ class ChunkIndex:
         """Ids below it are evicted."""
         self.head = 0
         """Id that the next chunk starts from; never falls, so that no id is used twice."""
-        self.statistics: deque[ChunkStatistics] = deque(maxlen=_KEPT_STATISTICS)
+        self.statistics: deque[ChunkStatistics] = deque()
+        """Of the newest chunks. Not only what the learner has not counted yet: one that was killed
+        asks again from its checkpoint."""
+        self._kept_games = 0
         self.chunks: dict[ChunkKey, Placement] = {}
         """Those in the ring, oldest first."""
         self._received: dict[tuple[str, int, int], Received] = {}
@@ -114,7 +120,13 @@ class ChunkIndex:
         self._hold(key, place)
         self.accepted = statistics.index + 1
         self.agent_steps = statistics.agent_steps
+        self._keep(statistics)
+
+    def _keep(self, statistics: ChunkStatistics) -> None:
         self.statistics.append(statistics)
+        self._kept_games += len(statistics.games)
+        while len(self.statistics) > _KEPT_STATISTICS or self._kept_games > _KEPT_GAMES:
+            self._kept_games -= len(self.statistics.popleft().games)
 
     def _hold(self, key: ChunkKey, place: Placement) -> None:
         self.chunks[key] = place
@@ -185,7 +197,7 @@ class ChunkIndex:
             self.duplicates = entry["duplicates"]
             self.refused = entry["refused"]
         elif kind == "facts":
-            self.statistics.append(build(ChunkStatistics, entry["facts"]))
+            self._keep(build(ChunkStatistics, entry["facts"]))
         elif kind == "held":
             self._hold(*_chunk(entry))
         elif kind == "chunk":

@@ -107,6 +107,34 @@ def test_statistics_come_in_portions() -> None:
     assert ChunkIndex().statistics_since(0) == ()
 
 
+def test_statistics_are_bounded_by_their_games_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Or an actor that claims a game for each step fills the replay's memory with them."""
+    monkeypatch.setattr("replay.chunk_index._KEPT_STATISTICS", 6)
+    monkeypatch.setattr("replay.chunk_index._KEPT_GAMES", 20)
+    chunks, lines = ChunkIndex(), []
+    games = [1, 1, 1, 1, 1, 1, 1, 9, 9, 0, 2, 1]
+    kept = []
+    for index, count in enumerate(games):
+        told = statistics(index, games=(Game(0.0, 1),) * count)
+        key, place = ChunkKey("a", 1, 0, index), Placement(4 * index, 0, 4, 0, -1)
+        lines.append(json.dumps(chunk_entry(key, place, told)))
+        chunks.accept(key, place, told)
+        kept.append([each.index for each in chunks.statistics])
+    assert kept[5:] == [
+        [0, 1, 2, 3, 4, 5], [1, 2, 3, 4, 5, 6], [2, 3, 4, 5, 6, 7], [5, 6, 7, 8],
+        [5, 6, 7, 8, 9], [7, 8, 9, 10], [8, 9, 10, 11],
+    ]  # fmt: skip
+    again, compacted = ChunkIndex(), ChunkIndex()
+    for line in lines:
+        again.apply(json.loads(line))
+    assert same(chunks, again)
+    for entry in chunks.entries():
+        compacted.apply(json.loads(json.dumps(entry)))
+    assert same(chunks, compacted)
+    compacted.apply({"kind": "facts", "facts": statistics(12, games=(Game(0.0, 1),) * 12)})
+    assert [each.index for each in compacted.statistics] == [9, 10, 11, 12]
+
+
 def test_a_learner_can_be_told_of_whatever_actors_say_they_played() -> None:
     """A message holds so many values, and a chunk may have as many games as steps."""
     chunks, seen = ChunkIndex(), list[ChunkStatistics]()
