@@ -66,6 +66,8 @@ class Journal:
         """
         self._path = path
         self._file = -1
+        self.size = 0
+        """Bytes of its lines."""
         self._torn = False
         """Whether the file may end with a part of a line."""
         with writing(path):
@@ -76,22 +78,19 @@ class Journal:
         line = _line(entry)
         written = 0
         if self._torn:  # else this line would continue the torn one, and be lost with it
-            os.ftruncate(self._file, self._size)
+            os.ftruncate(self._file, self.size)
         self._torn = True
         while written < len(line):
             written += os.write(self._file, line[written:])
         self._torn = False
-        self._size += len(line)
-        self.lines += 1
+        self.size += len(line)
 
     def rewrite(self, entries: Iterable[Entry]) -> None:
         """Replace the file by ``entries``, atomically."""
-        lines = [_line(entry) for entry in entries]
-        write_atomically(self._path, b"".join(lines))
+        write_atomically(self._path, b"".join(map(_line, entries)))
         self.close()
         self._file = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
-        self._size, self._torn = os.fstat(self._file).st_size, False
-        self.lines = len(lines)
+        self.size, self._torn = os.fstat(self._file).st_size, False
 
     def sync(self) -> None:
         """Have all lines on the disk when this returns."""

@@ -35,7 +35,8 @@ FORMAT = 2
 _READ_FORMATS = (1, FORMAT)
 """Format 1 had no checksums."""
 _log = logging.getLogger(__name__)
-_SPARE_LINES = 1_000
+_SPARE_BYTES = 60_000
+"""By which a journal may grow in any case: by some 200 chunks."""
 
 
 class Store:
@@ -74,7 +75,7 @@ class Store:
         self.sampler = self._new_sampler()
         self._rebuild()
         self._journal = Journal(path, self._entries())
-        self._compacted_lines = self._journal.lines
+        self._compacted_size = self._journal.size
 
     @property
     def _header(self) -> Entry:
@@ -187,10 +188,10 @@ class Store:
             return True
 
     def _append(self, entry: Entry) -> None:
-        """Journal ``entry``, in a journal that does not grow without end."""
-        if self._journal.lines > 2 * self._compacted_lines + _SPARE_LINES:
+        """Journal ``entry``, in one that does not grow without end, however long its lines are."""
+        if self._journal.size > 2 * self._compacted_size + _SPARE_BYTES:
             self._journal.rewrite(self._entries())
-            self._compacted_lines = self._journal.lines
+            self._compacted_size = self._journal.size
         self._journal.append(entry)
 
     def quarantine(self, ids: NDArray[np.int64]) -> tuple[list[int], list[str]]:

@@ -100,7 +100,7 @@ def ids_in(batch: Batch | None) -> set[int]:
 def test_a_power_failure_costs_only_what_was_not_synced_and_alters_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("replay.store._SPARE_LINES", 3)  # the journal is rewritten on the way
+    monkeypatch.setattr("replay.store._SPARE_BYTES", 900)  # the journal is rewritten on the way
     monkeypatch.setattr("replay.chunk_index.MAX_STATISTICS", 1)
     folder, start = tmp_path / "replay", tmp_path / "start"
     actor, rng = Actor("0", 4), np.random.default_rng(0)

@@ -1,4 +1,5 @@
 import copy
+import dataclasses
 import json
 import threading
 from pathlib import Path
@@ -10,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from common.errors import InputError, MessageError
-from common.protocol.chunk import Chunk
+from common.protocol.chunk import Chunk, Game
 from common.run.config import RunConfig
 from replay.batch import Batch
 from replay.replay_buffer import ReplayBuffer
@@ -570,6 +571,21 @@ def test_a_replay_of_a_former_version_is_read_and_gets_checksums(tmp_path: Path)
     buffer.close()
     header = json.loads(journal.read_text().splitlines()[0])
     assert (header["format"], buffer.run_id[:32]) == (2, header["uuid"])
+
+
+def test_long_lines_do_not_grow_the_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A restart reads it whole, and an actor can claim a game for each step."""
+    monkeypatch.setattr("replay.chunk_index._KEPT_GAMES", 100)
+    buffer, actor = ReplayBuffer(make_config(capacity=64), tmp_path), Actor("a", 4)
+    games, rng = (Game(-123_456.78901234567, 2_000_000_000),) * 50, np.random.default_rng(0)
+    for _ in range(150):  # 1.8 kB each
+        buffer.insert(dataclasses.replace(actor.live([GOES_ON] * 50, rng), games=games))
+    assert (tmp_path / "journal.jsonl").stat().st_size < 80_000
+    buffer.close()
+    again = ReplayBuffer(make_config(capacity=64), tmp_path).progress(0)
+    assert [each.index for each in again.statistics] == [148, 149]
 
 
 def test_refusals_do_not_grow_the_journal(tmp_path: Path) -> None:
