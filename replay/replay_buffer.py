@@ -1,7 +1,7 @@
 """`ReplayBuffer`: the thread-safe replay of a run in one process.
 
-It adds the rate limiter, and the waiting for it, to the `Store`. A draw holds the lock only to
-choose ids; its frames are gathered while other threads draw and insert (see `Ring.read`).
+It adds the rate limiter, and the waiting for it, to the `Store`. Who draws holds the lock only to
+choose ids; the frames are gathered while other threads draw and insert (see `Ring.read`).
 """
 
 import hashlib
@@ -9,7 +9,7 @@ import logging
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from replay.turns import Turns
 _HURRIED_READS = 3
 _log = logging.getLogger(__name__)
 _Read = TypeVar("_Read", Batch, SharedBatch)
+_Found = TypeVar("_Found")
 
 
 class ReplayBuffer:
@@ -153,14 +154,22 @@ class ReplayBuffer:
             self._state.wait_for(lambda: self._closed or self._may_sample(drawn), timeout)
             if self._closed or not self._may_sample(drawn):
                 return None
+        return self._gather(self._draw, read)
+
+    def _gather(
+        self, choose: Callable[[], tuple[Any, ...]], read: Callable[..., _Found | None]
+    ) -> _Found:
+        """Returns what ``read`` has of the ids that ``choose`` chose under the lock."""
         for _ in range(_HURRIED_READS):
             with self._state:
-                ids, weights = self._draw()
-            batch = read(ids, weights)
-            if batch is not None:
-                return batch
+                chosen = choose()
+            found = read(*chosen)
+            if found is not None:
+                return found
         with self._state:  # the ring turns faster than it is read: keep writers out this once
-            return read(*self._draw())
+            found = read(*choose())
+        assert found is not None
+        return found
 
     def _draw(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         return self._store.sampler.draw(self._rng, self._batch_size)
@@ -190,13 +199,15 @@ class ReplayBuffer:
     def held_out(
         self, count: int, newest: int | None = None
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        with self._state:
+        ring = self._store.ring
+
+        def choose() -> tuple[NDArray[np.int64]]:
             ids = self._store.sampler.ids
             if newest is not None:
-                ids = ids[ids >= self._store.ring.head - newest]
-            ids = self._rng.permutation(ids)
-            ids = ids[self._store.ring.all_seen(ids)][:count]
-            return self._store.ring.states(ids)
+                ids = ids[ids >= ring.head - newest]
+            return (self._rng.permutation(ids),)
+
+        return self._gather(choose, lambda ids: ring.states(ids[ring.all_seen(ids)][:count]))
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
         resident, private = footprint()

@@ -194,9 +194,11 @@ class Ring:
         flags = self._rows["flags"][self._stacks(ids) % self._capacity]
         return np.asarray(((flags & VALID) > 0).all(axis=1))
 
-    def states(self, ids: Ids) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Frames ``[B, H, 84, 84]`` and vectors ``[B, P]`` of complete steps."""
-        return self._frames(self._stacks(ids)), self._rows["vectors"][ids % self._capacity]
+    def states(self, ids: Ids) -> tuple[NDArray[np.uint8], NDArray[np.float32]] | None:
+        """Frames ``[B, H, 84, 84]`` and vectors ``[B, P]`` of complete steps; see `read`."""
+        stacks = self._stacks(ids)
+        states = self._frames(stacks), self._rows["vectors"][ids % self._capacity]
+        return states if self._are_alive(stacks) else None
 
     def read(self, ids: Ids, weights: NDArray[np.float32]) -> Batch | None:
         """The transitions from complete steps ``ids``; None if one was evicted while reading.
@@ -208,7 +210,7 @@ class Ring:
         frames = self._frames(stacks)
         count = len(ids)
         batch = Batch(s_tm1=frames[:count], s_t=frames[count:], **self._rest(path, weights))
-        return batch if self._are_alive(path, stacks) else None
+        return batch if self._are_alive(path) and self._are_alive(stacks) else None
 
     def read_shared(self, ids: Ids, weights: NDArray[np.float32]) -> SharedBatch | None:
         """What `read` gives, with each frame once."""
@@ -219,15 +221,15 @@ class Ring:
             stacks=places.astype(np.int32).reshape(2, len(ids), self._frame_stack),
             **self._rest(path, weights),
         )
-        return batch if self._are_alive(path, stacks) else None
+        return batch if self._are_alive(path) and self._are_alive(stacks) else None
 
     def _ways(self, ids: Ids) -> tuple[Ids, Ids]:
         """The path from ``ids``, and the stacks of its first states and of its last."""
         path = self._path(ids)
         return path, self._stacks(np.concatenate([path[0], path[-1]]))
 
-    def _are_alive(self, path: Ids, stacks: Ids) -> bool:
-        return min(int(path.min()), int(stacks.min())) >= self.tail
+    def _are_alive(self, ids: Ids) -> bool:
+        return bool((ids >= self.tail).all())
 
     def _rest(self, path: Ids, weights: NDArray[np.float32]) -> dict[str, Any]:
         """Returns all of a batch but its states."""

@@ -2,6 +2,7 @@ import copy
 import dataclasses
 import json
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from common.errors import InputError, MessageError
 from common.protocol.chunk import Chunk, Game
 from common.run.config import RunConfig
 from replay.batch import Batch
 from replay.replay_buffer import ReplayBuffer
+from replay.ring import Ring
+from tests.patience import PATIENCE
 from tests.replay.replay_reference import (
     GOES_ON,
     TERMINATES,
@@ -309,8 +313,34 @@ def test_drawing_while_the_ring_turns_never_mixes_frames(tmp_path: Path, sampler
             numbers = [number_of(frame) for frame in stack]
             assert numbers == actor.moments[numbers[-1] - 1].stack
         buffer.update_priorities(batch.ids, np.ones(len(batch.ids), np.float32))
+        for stack in buffer.held_out(16)[0]:
+            numbers = [number_of(frame) for frame in stack]
+            assert numbers == actor.moments[numbers[-1] - 1].stack
         rounds += 1
     writer.join()
+
+
+def test_held_out_states_are_read_while_others_insert(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A thousand states take a fifth of a second. Whose frames were evicted is chosen anew."""
+    buffer, actor = ReplayBuffer(make_config(capacity=64), tmp_path), Actor("a", 4)
+    rng = np.random.default_rng(0)
+    buffer.insert(actor.live([GOES_ON] * 40, rng))
+    take, taken, other = Ring._frames, list[int](), ThreadPoolExecutor(1)
+
+    def slowly(ring: Ring, stacks: NDArray[np.int64]) -> NDArray[np.uint8]:
+        taken.append(int(stacks.min()))
+        if len(taken) == 1:
+            for chunk in (actor.live([GOES_ON] * 40, rng) for _ in range(2)):
+                assert other.submit(buffer.insert, chunk).result(PATIENCE).status == "stored"
+        return take(ring, stacks)
+
+    monkeypatch.setattr(Ring, "_frames", slowly)
+    stacks = [[number_of(frame) for frame in stack] for stack in buffer.held_out(8)[0]]
+    assert [len(taken), len(stacks)] == [2, 8]
+    assert taken[0] < 40 <= taken[1]
+    assert all(stack == actor.moments[stack[-1] - 1].stack for stack in stacks)
 
 
 def test_priorities_change_what_is_drawn(tmp_path: Path) -> None:

@@ -44,8 +44,9 @@ def put(ring: Ring, chunk: Chunk, previous: int = -1) -> Placement:
 
 
 def states(ring: Ring, *ids: int) -> list[list[int]]:
-    frames, _ = ring.states(np.array(ids))
-    return [[number_of(frame) for frame in stack] for stack in frames]
+    found = ring.states(np.array(ids))
+    assert found is not None
+    return [[number_of(frame) for frame in stack] for stack in found[0]]
 
 
 def test_the_first_frame_is_repeated_at_an_episodes_start(tmp_path: Path) -> None:
