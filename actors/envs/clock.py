@@ -115,6 +115,8 @@ class RealTime(Lockstep):
 
     def start(self) -> None:
         with self._changed:
+            if self._failure is not None:  # its thread has ended, and cannot be started again
+                raise self._failure
             self._passed.clear()
             self._late = False
             self._running = True

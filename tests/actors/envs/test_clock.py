@@ -242,6 +242,8 @@ def test_a_world_that_breaks_is_not_waited_for() -> None:
     clock.start()
     with pytest.raises(ZeroDivisionError):
         clock.pass_agent_step()
+    with pytest.raises(ZeroDivisionError):
+        clock.start()
     clock.close()
 
 
