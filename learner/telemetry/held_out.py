@@ -43,7 +43,7 @@ class HeldOut:
         self.histogram: Histogram | None = None
         """Max-Q over the held-out states, as last measured."""
         self.recent_std: float | None = None
-        """Standard deviation of max-Q over the recent states."""
+        """Standard deviation of max-Q over the recent states; None if there were too few."""
         if path.exists():
             try:
                 found = load(read_file(path))
@@ -70,6 +70,7 @@ class HeldOut:
             if values.isfinite().all():
                 counts, edges = np.histogram(values.numpy(), _BINS)
                 self.histogram = Histogram(counts.tolist(), edges.tolist())
+        self.recent_std = None
         frames, vectors = replay.held_out(RECENT, RECENT_STEPS)
         if len(frames) >= LEAST_RECENT:
             recent = torch.from_numpy(frames.copy()), torch.from_numpy(vectors.copy())

@@ -63,6 +63,16 @@ def test_too_few_recent_states_tell_nothing(tmp_path: Path) -> None:
     assert (held.max_q, held.recent_std) == (None, None)
 
 
+def test_too_few_recent_states_leave_no_older_value(tmp_path: Path) -> None:
+    memory: Any = Memory()
+    held = HeldOut(tmp_path / "held_out")
+    held.measure(FIRST_PIXEL, memory)
+    assert held.recent_std
+    memory.recent = np.arange(LEAST_RECENT - 1)
+    held.measure(FIRST_PIXEL, memory)
+    assert held.recent_std is None
+
+
 def test_the_held_out_states_are_kept_for_who_resumes(tmp_path: Path) -> None:
     path = tmp_path / "held_out"
     memory: Any = Memory()
