@@ -133,16 +133,19 @@ def _card_of(weights: Path) -> dict[str, Any]:
     """Returns the card beside ``weights``.
 
     Raises:
-        InputError: there is none.
+        InputError: there is none, or its publishing was broken off before the evaluation.
     """
+    lacks = "card beside it"
     try:
         card = json.loads(read_file(weights.with_suffix(".json"), MAX_CARD))
-        if {"config", "evaluation", "agent_steps"} <= card.keys():
-            return dict(card)
+        if {"config", "agent_steps"} <= card.keys():
+            if "evaluation" in card:
+                return dict(card)
+            lacks = "scores in its card"
     except (OSError, ValueError, AttributeError, RecursionError):
         pass
     raise InputError(
-        f"{weights} has no card beside it: make one by python -m learner.publish runs/NAME -o NAME."
+        f"{weights} has no {lacks}: make it by python -m learner.publish runs/NAME -o NAME."
     )
 
 

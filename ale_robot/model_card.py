@@ -7,6 +7,7 @@ from actors.envs import env_id
 from common.press_latency import ms_of
 from common.process.extras import extra_for
 from common.run.config import RunConfig
+from viewer.policies import evaluation_rows
 
 _TEXT = """
 # {name}: {game} by {how}
@@ -46,10 +47,9 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
     with extra_for("a model hub", "hub"):
         from huggingface_hub import EvalResult, ModelCardData
     play, identity = config.play, env_id(config.game, robot=config.env == "robot")
-    found = card["evaluation"]
     rows = [
-        (row["epsilon"], row.get("sticky", 0.0), f"{row['mean']:.2f} ± {row['deviation']:.2f}", row)
-        for row in found.get("rows", [found])
+        (row["epsilon"], row["sticky"], f"{row['mean']:.2f} ± {row['deviation']:.2f}", row)
+        for row in evaluation_rows(card)
     ]
     results = [
         EvalResult(

@@ -2,6 +2,7 @@
 
 import json
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +22,7 @@ class Policies:
             path.stem: json.loads(path.read_bytes()) for path in sorted(SHIPPED.glob("*.json"))
         }
         scores: dict[str, dict[str, str]] = {
-            name: {_chance(row): f"{row['mean']:.2f}" for row in card["evaluation"]["rows"]}
+            name: {_chance(row): f"{row['mean']:.2f}" for row in evaluation_rows(card)}
             for name, card in cards.items()
         }
         chances = list(dict.fromkeys(chance for row in scores.values() for chance in row))
@@ -40,6 +41,14 @@ class Policies:
                 *(scores[name].get(chance, "") for chance in chances),
             )
         Console().print(table)
+
+
+def evaluation_rows(card: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Returns the evaluations in a card: three, or the one of a former version; none if its
+    publishing was broken off."""
+    if (found := card.get("evaluation")) is None:
+        return []
+    return [{"sticky": 0.0} | row for row in found.get("rows", [found])]
 
 
 def _chance(row: dict[str, Any]) -> str:

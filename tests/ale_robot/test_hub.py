@@ -162,6 +162,17 @@ def test_a_network_without_a_card_is_not_pushed(hub: Hub, tmp_path: Path) -> Non
     assert hub.files == {}
 
 
+def test_a_policy_without_scores_is_not_pushed(hub: Hub, tmp_path: Path) -> None:
+    for suffix in ("safetensors", "json"):
+        shutil.copy(SHIPPED / f"ale_pong.{suffix}", tmp_path)
+    card = json.loads((tmp_path / "ale_pong.json").read_bytes())
+    del card["evaluation"]
+    (tmp_path / "ale_pong.json").write_text(json.dumps(card))
+    with pytest.raises(InputError, match="has no scores in its card: make it by"):
+        Push(str(tmp_path / "ale_pong.safetensors"), REPOSITORY).run()
+    assert hub.files == {}
+
+
 def damage(hub: Hub) -> None:
     weights = bytearray(hub.files["ale_pong.safetensors"])
     weights[-1] ^= 1
