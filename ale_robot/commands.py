@@ -26,7 +26,7 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
 }
 """By the command's name, the module whose ``main`` it calls, and what comes before the user's
 arguments."""
-LOADING = {"watch", "play", "human", "record", "check", "film", "evaluate"}
+LOADING = {"watch", "play", "record", "check", "film", "evaluate"}
 """Commands that say at a terminal that they load PyTorch; training says it anywhere."""
 
 HELP = {

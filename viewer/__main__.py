@@ -44,10 +44,11 @@ def main() -> int:
         command = parse(kind, f"viewer {name}", arguments)
     stop = threading.Event()
     on_signals(stop)
-    # Not before the command is known: help and a wrong flag come at once.
-    import torch
+    if not isinstance(command, Human | Draws | Policies):  # where no network plays
+        # Not before the command is known: help and a wrong flag come at once.
+        import torch
 
-    torch.set_num_threads(1)
+        torch.set_num_threads(1)
     cv2.setNumThreads(1)
     status: int | None = command.run(stop)
     return status or 0

@@ -1,5 +1,6 @@
 """`ale-robot`: which program each command is, and what its help says."""
 
+import json
 import re
 import signal
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 import ale_robot.__main__ as command_line
 from ale_robot.commands import HELP, PROGRAMS, overview
 from common.errors import InputError
+from common.run.origin import SHIPPED
 from tests.paths import ROOT
 
 
@@ -96,6 +98,27 @@ def test_programs_that_compute_nothing_or_tell_only_their_flags_load_no_pytorch(
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
 
 
+def test_a_person_plays_without_pytorch() -> None:
+    code = """
+import sys
+import viewer.__main__
+from actors.envs.robot import RobotEnv
+from viewer.human import REAL_TIME, Human
+
+def run(human, stop):
+    env = RobotEnv.of_run(human.config(), REAL_TIME, training=False)
+    env.reset(seed=1)
+    env.step(0)
+    env.close()
+    sys.exit('torch' in sys.modules)
+
+Human.run = run
+sys.argv[1:] = ["human"]
+viewer.__main__.main()
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
 def test_what_is_no_command_is_told_with_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match=r"no command 'wach': did you mean watch\?"):
         run(monkeypatch, "wach")
@@ -150,6 +173,21 @@ def test_the_shipped_policies_are_listed(
     said = capsys.readouterr().out
     scores = r"20\.70 +15\.23 +8\.50"
     assert re.search(rf"robot_pong +pong \(robot\) +frames, vector +{scores}", said)
+
+
+def test_a_card_without_an_evaluation_or_with_one_of_a_former_version_is_listed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    card = json.loads((SHIPPED / "ale_pong.json").read_bytes())
+    del card["evaluation"]  # as a publishing that is stopped leaves it
+    (tmp_path / "stopped.json").write_text(json.dumps(card))
+    card["evaluation"] = {"epsilon": 0.05, "mean": 12.5}
+    (tmp_path / "former.json").write_text(json.dumps(card))
+    monkeypatch.setattr("viewer.policies.SHIPPED", tmp_path)
+    assert not run(monkeypatch, "policies")
+    said = capsys.readouterr().out
+    assert re.search(r"former +pong \(ale\) +frames +12\.50", said)
+    assert re.search(r"stopped +pong \(ale\) +frames *\n", said)
 
 
 @pytest.mark.parametrize(
