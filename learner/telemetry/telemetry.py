@@ -15,13 +15,12 @@ from common.run.epochs import EpochRow, EpochTable
 from common.run.presets import PRESETS
 from common.schedule import Every, Now
 from learner.algorithm.interface import DeviceBatch, Update
-from learner.phases import Phases
+from learner.phases import Phases, epochs_per_day
 from learner.telemetry.actor_registry import ActorRegistry
 from learner.telemetry.health_checks import judge
 from learner.telemetry.recent_latency import RecentLatency
 from learner.telemetry.running_means import RunningMeans
 from learner.telemetry.sinks.sink import Sink
-from learner.telemetry.sinks.summary import epochs_per_day
 from learner.telemetry.snapshot import Histogram, Snapshot
 from replay.chunk_statistics import Progress
 

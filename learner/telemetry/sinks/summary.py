@@ -17,24 +17,6 @@ from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import ActorView, Snapshot
 
 
-def epochs_per_day(
-    epoch_steps: int, test_steps: int, train_rate: float | None, test_rate: float | None
-) -> float | None:
-    """Epochs of training, then testing, that fit in a day at these rates in steps per second.
-
-    One after the other, as in 2017, so that the figure compares with that experiment's 40 (ALE-
-    Only) and 2 to 4 (ALE-Robot) a day. Here evaluators play while training goes on, so a run does
-    no fewer than this when both rates were measured side by side. None where a needed rate is
-    unknown or 0.
-    """
-    seconds = 0.0
-    for steps, rate in ((epoch_steps, train_rate), (test_steps, test_rate)):
-        if steps and not rate:
-            return None
-        seconds += steps / rate if rate else 0.0
-    return 86_400 / seconds if seconds else None
-
-
 class SummarySink(Sink):
     """Replaces the file at ``path`` atomically, once a minute and at the end."""
 

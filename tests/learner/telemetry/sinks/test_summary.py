@@ -17,7 +17,7 @@ from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
 from common.run.presets import PRESETS
 from learner.telemetry.provenance import git_state, package_versions, provenance
-from learner.telemetry.sinks.summary import SummarySink, epochs_per_day
+from learner.telemetry.sinks.summary import SummarySink
 from learner.telemetry.snapshot import ActorView, Snapshot
 from tests.learner.telemetry.snapshots import changed, snapshot
 from tests.paths import ROOT
@@ -249,20 +249,6 @@ def test_an_older_summary_is_replaced_whole(tmp_path: Path) -> None:
     path.write_text("x" * 100_000)
     assert written(path)["run"] == "pong-1"
     assert [entry.name for entry in tmp_path.iterdir()] == ["summary.json"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        ((250_000, 125_000, 126.0, 352.0), 36.94),  # the rates of ALE-Only in 2017
-        ((250_000, 0, 250.0, None), 86.4),
-        ((250_000, 125_000, 250.0, None), None),
-        ((250_000, 125_000, 0.0, 500.0), None),
-        ((250_000, 125_000, None, 500.0), None),
-    ],
-)
-def test_epochs_per_day(arguments: Any, expected: float | None) -> None:
-    assert epochs_per_day(*arguments) == pytest.approx(expected, abs=0.005)
 
 
 def test_versions_of_all_that_pyproject_names() -> None:
