@@ -11,7 +11,7 @@ from typing import Any, cast
 
 from common.checked import NAME
 from common.errors import MessageError
-from common.metrics import Value
+from common.metrics import Value, Values
 from common.protocol.actor_stats import TOTALS, ActorStats, Role
 from common.protocol.run_keys import RunKeys
 from common.transport.interface import Envelope, Transport
@@ -186,25 +186,19 @@ class ActorRegistry:
                 name for (its, name), known in self._names.items() if known.alive and its == role
             }
 
-    def values(self) -> dict[str, Value]:
-        """Returns totals over all processes there ever were."""
+    def totals(self) -> tuple[Values, tuple[int, ...]]:
+        """Returns figures, and how long the hands took (`common.press_latency`), over all processes
+        there ever were."""
         with self._lock:
             self._fold(time.monotonic())
-            total = self._total()
+            total = _total((self._gone, *(process.totals for process in self._processes.values())))
             excess = self._gone_excess + sum(each.excess for each in self._processes.values())
-        return {
+        values: dict[str, Value] = {
             **{key: getattr(total, name) for name, key in TOTALS.items()},
             "stream/chunks_excess": excess,
             "actors/elapsed_per_step": total.decisions / total.steps if total.steps else None,
         }
-
-    def key_times(self) -> tuple[int, ...]:
-        """How long the hands took (`common.press_latency`), over all processes there ever were."""
-        with self._lock:
-            return self._total().key_times
-
-    def _total(self) -> ActorStats:
-        return _total((self._gone, *(process.totals for process in self._processes.values())))
+        return values, total.key_times
 
     def actors(self) -> tuple[ActorView, ...]:
         """All that were here since this learner began, the newest process of each name."""

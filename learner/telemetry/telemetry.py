@@ -146,14 +146,14 @@ class Telemetry:
     def _snapshot(self, loop: Values, replay: Progress) -> Snapshot:
         for text in self._registry.take_notes():
             self.note(text)
-        actors, key_times = self._registry.actors(), self._registry.key_times()
+        actors, (totals, key_times) = self._registry.actors(), self._registry.totals()
         updates, train_steps = number(loop, "learning/updates") or 0, self._phases.train_steps
         values: dict[str, Value] = {
             **self._constants,
             **replay.values(),
             **self._phases.values(finishing=loop["run/phase"] == "finishing"),
             **self._means.values(),
-            **self._registry.values(),
+            **totals,
             **self._latency.values(key_times),
             **self._rewards(),
             **self._rates(int(updates)),

@@ -35,7 +35,7 @@ def _until(condition: Callable[[], bool]) -> None:
 
 def chunks(registry: ActorRegistry) -> tuple[Any, ...]:
     """Made, sent again, and stored in excess."""
-    values = registry.values()
+    values, _ = registry.totals()
     assert values.keys() <= METRICS.keys()
     return tuple(values[f"stream/chunks_{name}"] for name in ("made", "retried", "excess"))
 
@@ -112,8 +112,8 @@ def test_counts_add_up_over_restarts_of_actor_and_learner(
     again = ActorRegistry(client, KEYS)
     again.restore(json.loads(json.dumps(registry.state())))
     assert chunks(again) == (15, 4, 0)
-    assert again.key_times() == registry.key_times() == (2,) * 60 + (10,) * 60
-    values = again.values()
+    values, key_times = again.totals()
+    assert key_times == registry.totals()[1] == (2,) * 60 + (10,) * 60
     assert [values[f"actors/{name}"] for name in ("steps", "elapsed", "missed_deadlines")] == [
         1_280,
         1_400,
@@ -129,13 +129,13 @@ def test_counts_add_up_over_restarts_of_actor_and_learner(
 
 def test_a_checkpoint_from_before_hands_were_timed_is_restored(hub: Transport) -> None:
     registry = ActorRegistry(hub, KEYS)
-    assert registry.key_times() == ()
+    assert registry.totals()[1] == ()
     told = asdict(STATS)
     del told["key_times"], told["valid"]
     told["valid_share"] = 0.75
     registry.restore([told, asdict(replace(STATS, incarnation=8))])
     assert chunks(registry) == (20, 4, 0)
-    assert registry.key_times() == STATS.key_times
+    assert registry.totals()[1] == STATS.key_times
 
 
 def test_noise_is_passed_over(hub: Transport, client: Transport) -> None:
@@ -180,8 +180,8 @@ class Told:
 
     def totals(self) -> tuple[Any, ...]:
         """Those that must not change as processes are folded."""
-        values = self.registry.values()
-        return *chunks(self.registry), values["actors/steps"], self.registry.key_times()
+        values, key_times = self.registry.totals()
+        return *chunks(self.registry), values["actors/steps"], key_times
 
 
 @pytest.fixture
@@ -313,7 +313,7 @@ def test_a_process_started_again_is_not_gone_before_its_first_heartbeat(told: To
     assert chunks(told.registry)[0] == 11
     told.say(incarnation=8, made=5, refused=2)
     assert [actor.stats.incarnation for actor in told.registry.actors()] == [8]
-    assert told.registry.values()["actors/refused"] == 2
+    assert told.registry.totals()[0]["actors/refused"] == 2
     assert chunks(told.registry)[0] == 15
 
 
@@ -395,7 +395,7 @@ def test_only_names_are_known_and_only_so_many(told: Told, monkeypatch: pytest.M
     assert len(told.registry._names) == 8
     assert len(told.registry.take_notes()) == 8
     told.now += 100.0
-    told.registry.values()
+    told.registry.totals()
     told.say(name="good")
     assert [actor.stats.name for actor in told.registry.actors()] == []
     told.registry._on_presence(KEYS.live("actor", "good"), True)

@@ -86,7 +86,7 @@ class Run:
             self.phases,
             registry
             or SimpleNamespace(
-                take_notes=list, actors=lambda: self.actors, values=dict, key_times=tuple
+                take_notes=list, actors=lambda: self.actors, totals=lambda: ({}, ())
             ),
             self.table,
             (self.last, *sinks),
@@ -176,9 +176,7 @@ def test_histograms_are_those_that_are_known(tmp_path: Path) -> None:
     counts[place_of("press", True, 3)] = 7
     counts[place_of("press", False, 5)] = 2  # given up
     counts[place_of("release", True, 1)] = 4
-    registry = SimpleNamespace(
-        take_notes=list, actors=tuple, values=dict, key_times=lambda: tuple(counts)
-    )
+    registry = SimpleNamespace(take_notes=list, actors=tuple, totals=lambda: ({}, tuple(counts)))
     max_q = Histogram([1, 2], [0.0, 0.5, 1.0])
     run = Run(tmp_path, registry, max_q=lambda: max_q)
     run.values()
@@ -195,9 +193,7 @@ def test_an_event_is_told_once_and_kept_for_the_screen(tmp_path: Path) -> None:
     arrivals = [["a1 joined"], [], ["a1 left"]]
     run = Run(
         tmp_path,
-        SimpleNamespace(
-            take_notes=lambda: arrivals.pop(0), actors=tuple, values=dict, key_times=tuple
-        ),
+        SimpleNamespace(take_notes=lambda: arrivals.pop(0), actors=tuple, totals=lambda: ({}, ())),
     )
     run.values()
     run.telemetry.note("actor-1 ended by signal 9, started again")
