@@ -6,6 +6,7 @@ Report``, and ``main(NAME, Options, measure)`` at its end. `benchmarks.registry`
 
 import json
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -27,6 +28,7 @@ from learner.telemetry.provenance import provenance
 Numbers = Annotated[tuple[FromOne, ...], MinLen(1)]
 Seconds = Annotated[float, Gt(0)]
 Row = Mapping[str, Any]
+T = TypeVar("T")
 _MOST_PADDED = 12
 """Columns of a table that fits a terminal with spaces around each cell."""
 
@@ -146,6 +148,39 @@ def resumed(file: Path | None, about: Row, what: str) -> dict[str, Any]:
     if not same:
         raise InputError(f"{file} holds no {what}: name another file.")
     return found
+
+
+def measure_missing(
+    file: Path | None,
+    found: dict[str, Any],
+    parts: str,
+    asked: Sequence[Row],
+    measure: Callable[..., Row],
+) -> list[dict[str, Any]]:
+    """Returns the list ``found[parts]``, with a part for each of ``asked``, the new ones last.
+
+    A part that is missing is what was asked and what ``measure(**asked)`` adds; ``found`` is
+    written to ``file`` after each, so that the same command goes on after an interruption.
+    """
+    done: list[dict[str, Any]] = found.setdefault(parts, [])
+    missing: list[Row] = []
+    for each in asked:
+        if not any(each.items() <= part.items() for part in (*done, *missing)):
+            missing.append(each)
+    for each in counted(missing, lambda each: ", ".join(f"{key} {each[key]}" for key in each)):
+        done.append({**each, **measure(**each)})
+        write(file, found)
+    return done
+
+
+def counted(work: Sequence[T], words: Callable[[T], str]) -> Iterator[T]:
+    """Yields the parts of ``work``; prints before each its ``words`` and how much is left."""
+    began = time.monotonic()
+    for done, part in enumerate(work):
+        minutes = (time.monotonic() - began) / max(done, 1) * (len(work) - done) / 60
+        left = f", about {minutes:.0f} min left" if done else ""
+        print(f"{done + 1} of {len(work)}{left}: {words(part)}", flush=True)
+        yield part
 
 
 @contextmanager

@@ -10,9 +10,10 @@ import re
 import subprocess
 import sys
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from benchmarks.report import BenchmarkOptions, Report, main, resumed, write
+from benchmarks.report import BenchmarkOptions, Report, main, measure_missing, resumed
 from common.checked import FromOne
 from common.errors import InputError, choice
 from common.process.extras import extra_for
@@ -36,15 +37,11 @@ def measure(options: Options) -> Report:
         import atheris  # noqa: F401
     about = {"title": "changed messages", "messages": options.messages, "seed": options.seed}
     found = resumed(options.json, about, "fuzzing with these flags")
-    rows: list[dict[str, Any]] = found.setdefault("rows", [])
     known = _kinds()
     if unknown := sorted({*options.kinds} - {*known}):
         raise InputError(f"there is no kind {unknown[0]}: {choice(unknown[0], known)}")
-    for kind in options.kinds or known:
-        if kind in {row["kind"] for row in rows}:
-            continue
-        rows.append(_fuzz(kind, options.messages, options.seed))
-        write(options.json, found)
+    asked = [{"kind": kind} for kind in options.kinds or known]
+    rows = measure_missing(options.json, found, "rows", asked, partial(_fuzz, options))
     return Report.of(found["title"], rows, about)
 
 
@@ -52,19 +49,18 @@ def _kinds() -> list[str]:
     return _run().stdout.split()
 
 
-def _fuzz(kind: str, messages: int, seed: int) -> dict[str, Any]:
-    """Returns the row of a kind; ``kept`` are the messages that reached edges of their own.
+def _fuzz(options: Options, kind: str) -> dict[str, Any]:
+    """Returns the figures of a kind; ``kept`` are the messages that reached edges of their own.
 
     Raises:
         InputError: a message did harm.
     """
-    said = _run(kind, "--messages", f"{messages}", "--seed", f"{seed}").stderr
+    said = _run(kind, "--messages", f"{options.messages}", "--seed", f"{options.seed}").stderr
     last = re.findall(r"^#\d+\s+DONE\s+cov: (\d+) .*? corp: (\d+)/", said, re.MULTILINE)
     numbers = dict(re.findall(r"^stat::(\w+):\s+(\d+)$", said, re.MULTILINE))
     if not last:
         raise InputError(f"the fuzzer of {kind} told no end: {said[-400:]}.")
     return {
-        "kind": kind,
         "messages": int(numbers["number_of_executed_units"]),
         "edges reached": int(last[0][0]),
         "kept": int(last[0][1]),

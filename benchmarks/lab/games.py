@@ -10,6 +10,7 @@ the robot has. The same command goes on with what was interrupted or is missing.
 
 import shlex
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, NamedTuple
 
 from annotated_types import MinLen
@@ -22,7 +23,7 @@ from benchmarks.lab.policy import (
     summary_of_all,
     train,
 )
-from benchmarks.report import Report, main, resumed, write
+from benchmarks.report import Report, main, measure_missing, resumed
 from common.checked import FromOne
 from common.games import check_game
 from common.run.config import PresetName
@@ -86,19 +87,12 @@ def measure(options: Options) -> Report:
     about = {name: getattr(options, name) for name in _SAME}
     found = resumed(options.json, about, "games of this budget, seed and these flags")
     title = f"after {options.steps:,} agent steps, preset {options.preset} {options.learner}"
-    runs: list[dict[str, Any]] = found.setdefault("runs", [])
-    known = {(run["game"], run["env"]) for run in runs}
-    asked = [(game, env) for game in options.game for env in BODIES]
-    missing = [each for each in asked if each not in known]
-    for done, (game, env) in enumerate(missing, 1):
-        print(f"run {done} of {len(missing)}: {game}, {BODIES[env]}", flush=True)
-        runs.append({"game": game, "env": env, **_trained(options, game, env)})
-        write(options.json, found)
-    rows = _rows(runs)
-    return Report.of(title.strip(), rows, found)
+    asked = [{"game": game, "env": env} for game in options.game for env in BODIES]
+    runs = measure_missing(options.json, found, "runs", asked, partial(_train, options))
+    return Report.of(title.strip(), _rows(runs), found)
 
 
-def _trained(options: Options, game: str, env: str) -> dict[str, Any]:
+def _train(options: Options, game: str, env: str) -> dict[str, Any]:
     folder = options.folder(game, env)
     train(folder, options.steps, options.flags(game, env))
     summary = summary_of_all(folder, options.steps)

@@ -13,16 +13,16 @@ import csv
 import hashlib
 import re
 import shlex
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any
 
 from benchmarks.lab.ladder import MILESTONES
 from benchmarks.lab.policy import EPSILON, TrainingOptions, evaluate, summary_of_all, train
 from benchmarks.peer_dqn import Point, peer_curve
 from benchmarks.peers import is_installed
-from benchmarks.report import Report, Table, main, resumed, write
+from benchmarks.report import Report, Table, counted, main, measure_missing, resumed, write
 from common.checked import FromOne
 from common.errors import InputError
 from common.run.config import PresetName, ProtocolConfig, RunConfig
@@ -38,7 +38,6 @@ _SAME = ("env", "game", "preset", "learner", "steps", "every", "games")
 """Options in which all results of a file are alike."""
 _TOLD = ("preset", "agent_steps", "updates", "wall_seconds", "git_commit", "git_dirty", "machine")
 """What is told of a run's ``summary.json``."""
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -87,16 +86,12 @@ class Options(TrainingOptions):
 def measure(options: Options) -> Report:
     about = {name: getattr(options, name) for name in _SAME} | {"epsilon": _TEST_EPSILON}
     found = resumed(options.json, about, "race of this budget and these flags")
-    runs: list[dict[str, Any]] = found.setdefault("runs", [])
     notes: list[str] = []
 
-    known = {run["seed"] for run in runs}
-    seeds = range(options.seed, options.seed + options.seeds)
-    for seed in _told("training", [seed for seed in seeds if seed not in known]):
-        runs.append(_train(options, seed))
-        words = options.label or f"preset {runs[0]['preset']} {options.learner}".strip()
-        found["title"] = f"{words} ({options.env})"
-        write(options.json, found)
+    asked = [{"seed": seed} for seed in range(options.seed, options.seed + options.seeds)]
+    runs = measure_missing(options.json, found, "runs", asked, partial(_train, options))
+    words = options.label or f"preset {runs[0]['preset']} {options.learner}".strip()
+    found["title"] = f"{words} ({options.env})"
     if options.peer and not is_installed("stable_baselines3"):
         notes.append(f"{_PEER} is not installed, so not raced: pip install 'ale-robot[bench]'.")
     elif options.peer and "peer" not in found:
@@ -104,20 +99,10 @@ def measure(options: Options) -> Report:
         write(options.json, found)
     tests = [(run, test) for run in runs for test in run["tests"] if "mean" not in test]
     last = [(run, None) for run in runs if "headline" not in run]
-    for run, test in _told("test", [*tests, *last]):
+    for run, test in counted([*tests, *last], lambda work: f"test of seed {work[0]['seed']}"):
         _test(options, run, test)
         write(options.json, found)
     return Report(_tables(found), found, notes)
-
-
-def _told(what: str, work: Sequence[T]) -> Iterator[T]:
-    """Yields the parts of ``work``, and says of each how much is left."""
-    began = time.monotonic()
-    for done, part in enumerate(work):
-        minutes = (time.monotonic() - began) / max(done, 1) * (len(work) - done) / 60
-        left = f", about {minutes:.0f} min left" if done else ""
-        print(f"{what} {done + 1} of {len(work)}{left}", flush=True)
-        yield part
 
 
 def _train(options: Options, seed: int) -> dict[str, Any]:
@@ -134,7 +119,6 @@ def _train(options: Options, seed: int) -> dict[str, Any]:
             if float(row["games"]) >= RECENT_GAMES
         ]
     return {
-        "seed": seed,
         "command": shlex.join(command),
         "interrupted": interrupted,
         **{name: summary[name] for name in _TOLD},

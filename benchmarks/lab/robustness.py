@@ -11,13 +11,14 @@ map, or as a curve where there is one optics only, as with
 
 import hashlib
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import tyro
 from annotated_types import Ge, Le, MinLen
 
 from benchmarks.lab.policy import EPSILON, evaluate
-from benchmarks.report import BenchmarkOptions, Report, Table, main, resumed, write
+from benchmarks.report import BenchmarkOptions, Report, Table, main, measure_missing, resumed
 from common.checked import Fraction, FromOne
 from common.press_latency import ms_of
 from common.process.command_line import WeightsFile
@@ -96,14 +97,10 @@ def measure(options: Options) -> Report:
         "seed": options.seed,
     }
     found = resumed(options.json, about, "grid of this network, games, ε, sticky and seed")
-    cells: list[dict[str, Any]] = found.setdefault("cells", [])
-    grid = {(cell["optics"], cell["latency"]): cell for cell in cells}
     asked = [(optics, late) for optics in options.optics for late in options.latencies]
-    for place in asked:
-        if place not in grid:
-            grid[place] = _play(options, *place)
-            cells.append(grid[place])
-            write(options.json, found)
+    places = [{"optics": optics, "latency": late} for optics, late in asked]
+    cells = measure_missing(options.json, found, "cells", places, partial(_play, options))
+    grid = {(cell["optics"], cell["latency"]): cell for cell in cells}
     rows = [
         {
             "optics": optics,
@@ -126,10 +123,8 @@ def measure(options: Options) -> Report:
 
 def _play(options: Options, optics: Optics, latency: int) -> dict[str, Any]:
     flags = [*cell_flags(latency, optics, options.sticky), "--seed", f"{options.seed}"]
-    print(f"{optics}, +{ms_of(latency):.0f} ms", flush=True)
     told = evaluate(options.network, options.games, options.epsilon, flags)
-    cell = {"optics": optics, "latency": latency, "added_ms": ms_of(latency)}
-    return cell | {name: told[name] for name in _KEPT}
+    return {"added_ms": ms_of(latency)} | {name: told[name] for name in _KEPT}
 
 
 def _score(cell: dict[str, Any]) -> str:

@@ -137,7 +137,7 @@ def test_a_race_tells_when_each_score_was_first_reached(
     assert (first["machine"], first["git_commit"]) == (MACHINE, "c0ffee")
     assert first["command"].startswith("python -m learner --local --steps 2000 --env ale")
     said = " ".join(capsys.readouterr().out.split())
-    for words in ("training 2 of 2, about 0 min left", "0.6 min, 1,600", "20.0 ± 1.0"):
+    for words in ("2 of 2, about 0 min left: seed 4", "0.6 min, 1,600", "20.0 ± 1.0"):
         assert words in said
 
 
