@@ -9,6 +9,7 @@ import contextlib
 import fcntl
 import math
 import os
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,7 @@ class Columns:
         self.capacity = capacity
         self.folder = folder
         self._files: dict[str, int] = {}
+        self._closing = threading.Lock()
         sizes_of = {"T": capacity, "P": vector_width}
         layout: dict[str, tuple[Any, tuple[int, ...]]] = {
             name: (field.dtype, field.array.shape_for(sizes_of))
@@ -127,17 +129,24 @@ class Columns:
                 rest, offset = rest[done:], offset + done
 
     def sync(self) -> None:
-        """Have all rows on the disk when this returns; others may write meanwhile."""
-        for name, file in self._files.items():
-            if name != "priorities":
+        """Have all rows on the disk when this returns; others may write, or close, meanwhile."""
+        with self._closing:
+            files = [os.dup(file) for name, file in self._files.items() if name != "priorities"]
+        try:
+            for file in files:
                 os.fdatasync(file)
+        finally:
+            for file in files:
+                os.close(file)
 
     @property
     def file_bytes(self) -> int:
-        """Bytes on disk that the files really take."""
-        return sum(os.fstat(file).st_blocks * 512 for file in self._files.values())
+        """Bytes on disk that the files really take; 0 once they are closed."""
+        with self._closing:
+            return sum(os.fstat(file).st_blocks * 512 for file in self._files.values())
 
     def close(self) -> None:
         """Close the files; the views stay readable."""
-        while self._files:
-            os.close(self._files.popitem()[1])
+        with self._closing:
+            while self._files:
+                os.close(self._files.popitem()[1])

@@ -1,0 +1,44 @@
+"""A replay's server and its threads end one after the other, where its disk is slow."""
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+from replay.columns import Columns
+
+
+def test_files_may_be_closed_while_they_are_synced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    columns, synced, fdatasync = Columns(tmp_path, 40, 0), list[str](), os.fdatasync
+
+    def close_and_sync(file: int) -> None:
+        columns.close()
+        synced.append(Path(f"/proc/self/fd/{file}").readlink().name)
+        fdatasync(file)
+
+    monkeypatch.setattr(os, "fdatasync", close_and_sync)
+    columns.sync()
+    assert {*synced, "priorities.bin"} == {each.name for each in tmp_path.iterdir()}
+    Columns(tmp_path, 40, 0, existing=True).close()  # nothing holds the ring's lock any more
+
+
+def test_files_may_be_closed_while_their_bytes_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    columns, fstat = Columns(tmp_path, 40, 0), os.fstat
+    expected = sum(each.stat().st_blocks * 512 for each in tmp_path.iterdir())
+    closing = threading.Thread(target=columns.close)
+
+    def close_and_stat(file: int) -> os.stat_result:
+        if closing.ident is None:
+            closing.start()
+            closing.join(0.1)
+        return fstat(file)
+
+    monkeypatch.setattr(os, "fstat", close_and_stat)
+    assert columns.file_bytes == expected > 0
+    closing.join()
+    assert columns.file_bytes == 0
