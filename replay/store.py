@@ -329,6 +329,5 @@ class Store:
         """Let ``after``, if it goes on with the episode at the end of ``place``, complete it."""
         if after is None or not self.ring.is_open(place):
             return
-        # States of one frame need no context, so its absence says nothing.
-        if after.context or after.previous >= 0 or self._config.play.frame_stack == 1:
+        if after.context or after.previous >= 0:
             self.ring.join(place.last, after.first)

@@ -98,7 +98,7 @@ class Actor:
 
     def live(self, endings: list[int], rng: np.random.Generator) -> Chunk:
         """The next chunk, one step for each of ``endings``."""
-        context = self._episode[-(self.frame_stack - 1) :] if self.frame_stack > 1 else []
+        context = self._episode[-(self.frame_stack - 1) :]
         new: list[Moment] = []
         for ending in endings:
             self.first_number += 1
@@ -288,7 +288,7 @@ class ListReplay:
             step += 1
             if step == len(stored.chunk):
                 after = self._find(stored.chunk.actor, stored.chunk.sequence + 1)
-                if after is None or (self._frame_stack > 1 and len(after.chunk.context) == 0):
+                if after is None or len(after.chunk.context) == 0:
                     return False
                 stored, step = after, 0
         return self._alive(stored.sources[step])
