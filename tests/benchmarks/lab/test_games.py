@@ -122,7 +122,7 @@ def test_what_is_missing_is_trained_and_nothing_twice(lab: Lab, tmp_path: Path) 
         played(tmp_path, "--game", "pong")
     lab.left = 10
     played(tmp_path, "--game", "pong")
-    content = played(tmp_path, "--game", "pong", "seaquest")
+    content = played(tmp_path, "--game", "pong", "seaquest", "seaquest")
     assert lab.trained == [(g, e) for g in ("pong", "seaquest") for e in ("ale", "robot")]
     assert len(content["runs"]) == 4
     with pytest.raises(InputError, match="holds no games of this budget"):
