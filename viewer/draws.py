@@ -12,7 +12,7 @@ import tyro
 from numpy.typing import NDArray
 
 from actors.envs import make_env
-from actors.envs.ale import AtariEnv
+from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import frames_and_vector
 from actors.vision.layout import border_of
@@ -76,7 +76,7 @@ def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[
     """
     tiles: list[NDArray[np.uint8]] = []
     with closing(make_env(config, training=False)) as env:
-        if not isinstance(env, RobotEnv | AtariEnv):
+        if not isinstance(env, GameEnv):
             known = " or ".join(ENVIRONMENTS.names)
             raise InputError(f"{config.env} has no conditions to draw: choose --env {known}.")
         for number in range(count):
@@ -90,7 +90,7 @@ def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[
     return tiles
 
 
-def tile(env: RobotEnv | AtariEnv, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def tile(env: GameEnv, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Returns what is seen in a game with its conditions below, ``uint8 [rows, columns, 3]``."""
     small = cv2.cvtColor(frame, cv2.COLOR_GRAY2RGB)
     if isinstance(env, RobotEnv):

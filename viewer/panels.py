@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.ale import AtariEnv
+from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import Step
 from actors.robots.nao.own_nao import OwnNao
@@ -44,7 +44,7 @@ class Panels:
 
     def __init__(
         self,
-        env: RobotEnv | AtariEnv,
+        env: GameEnv,
         nao_urdf: Path | None = None,
         *,
         room_every: int = 1,

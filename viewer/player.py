@@ -12,8 +12,7 @@ from annotated_types import Ge, Lt
 from numpy.typing import NDArray
 
 from actors.envs import make_env
-from actors.envs.ale import AtariEnv
-from actors.envs.robot import RobotEnv
+from actors.envs.game_env import GameEnv
 from actors.policy import Policy
 from common.errors import InputError
 from common.registry import ENVIRONMENTS
@@ -26,14 +25,14 @@ File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 
 
 @contextmanager
-def shown_env(config: RunConfig, clock: ClockConfig | None = None) -> Iterator[RobotEnv | AtariEnv]:
+def shown_env(config: RunConfig, clock: ClockConfig | None = None) -> Iterator[GameEnv]:
     """Makes the environment of ``config``, of which there is something to show, and closes it.
 
     Raises:
         InputError: it is an environment of another kind.
     """
     with closing(make_env(config, clock, training=False)) as env:
-        if not isinstance(env, RobotEnv | AtariEnv):
+        if not isinstance(env, GameEnv):
             raise InputError("only robots and emulators are shown: choose another --env.")
         yield env
 

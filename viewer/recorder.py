@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.ale import AtariEnv
+from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import Step
 from actors.stream.chunker import STEP_VALUES
@@ -50,7 +50,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         inner = env.unwrapped
         features = step_features(config.vector_width)
-        if isinstance(inner, RobotEnv | AtariEnv):
+        if isinstance(inner, GameEnv):
             keys = Feature("bool", (len(KEYS),), [str(key.name).lower() for key in KEYS])
             features |= {"observation.keys": keys, "command": keys}
             picture = _picture(inner)
@@ -90,7 +90,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         row[COLUMNS["frames"]] = step.s_tm1[-1].copy()
         row[COLUMNS["vectors"]] = step.x_tm1.copy()
         inner = self.unwrapped
-        if isinstance(inner, RobotEnv | AtariEnv):
+        if isinstance(inner, GameEnv):
             row["command"] = _flags(inner.wanted)
         columns, picture = self._seen
         if picture is not None:
@@ -154,7 +154,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     def _look(self) -> _Seen:
         inner = self.unwrapped
         columns: dict[str, NDArray[Any]] = {}
-        if not isinstance(inner, RobotEnv | AtariEnv):
+        if not isinstance(inner, GameEnv):
             return columns, None
         columns["observation.keys"] = _flags(inner.pressed)
         if isinstance(inner, RobotEnv):
@@ -167,5 +167,5 @@ def _flags(keys: Keys) -> NDArray[np.bool_]:
     return np.array([bool(keys & key) for key in KEYS])
 
 
-def _picture(env: RobotEnv | AtariEnv) -> NDArray[np.uint8]:
+def _picture(env: GameEnv) -> NDArray[np.uint8]:
     return env.seen if isinstance(env, RobotEnv) else env.emulator.screen_rgb()

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.ale import AtariEnv
+from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import Step
 from actors.robots.room.furniture import PICTURE_CORNERS
@@ -56,9 +56,7 @@ class RerunStream:
             be written.
     """
 
-    def __init__(
-        self, env: RobotEnv | AtariEnv, play: PlayConfig, *, live: bool, save: Path | None
-    ) -> None:
+    def __init__(self, env: GameEnv, play: PlayConfig, *, live: bool, save: Path | None) -> None:
         if save is not None and save.suffix != ".rrd":
             raise InputError(f"the name {save} does not end in .rrd: choose one that does.")
         if save is not None:

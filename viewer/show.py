@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 import tyro
 
-from actors.envs.ale import AtariEnv
-from actors.envs.robot import RobotEnv
+from actors.envs.game_env import GameEnv
 from actors.loop import play
 from common.checked import Amount, Fraction, FromOne
 from common.errors import InputError
@@ -120,9 +119,7 @@ class Play(Played):
             if file is not None:
                 print(f"wrote {file}")
 
-    def _stream(
-        self, env: RobotEnv | AtariEnv, play: PlayConfig
-    ) -> AbstractContextManager[RerunStream | None]:
+    def _stream(self, env: GameEnv, play: PlayConfig) -> AbstractContextManager[RerunStream | None]:
         if self.viewer is None and self.save is None:
             return nullcontext()
         return closing(RerunStream(env, play, live=self.viewer is not None, save=self.save))

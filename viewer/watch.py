@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.ale import AtariEnv
+from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
 from actors.vision.layout import border_of
@@ -103,7 +103,7 @@ class Watch(Played):
 class WatchScreen:
     """Lays out what is watched for a terminal of any size from `LEAST_SIZE` on."""
 
-    def __init__(self, env: RobotEnv | AtariEnv, config: RunConfig, name: str) -> None:
+    def __init__(self, env: GameEnv, config: RunConfig, name: str) -> None:
         self._env = env
         self._name = name
         self._title = f"{config.game.replace('_', ' ')} ({config.env})"

@@ -2,15 +2,14 @@
 
 from typing import Any, Self
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.emulator import Emulator
 from actors.envs.frame_camera import FrameCamera
 from actors.envs.game import DEFAULT_PLAY, AtariGame
+from actors.envs.game_env import GameEnv
 from actors.envs.late_commands import are_prompt, hands_of
-from actors.envs.observation import FrameStack, Observation, observation_space, shrink
+from actors.envs.observation import Observation, shrink
 from actors.envs.proprioception import Proprioception
 from actors.envs.step_info import StepInfo
 from actors.robots.latency_model.model import LatencyModel
@@ -20,14 +19,13 @@ from common.run.conditions import (
     NOTHING_DRAWN,
     PERFECT_CAMERA,
     CameraConfig,
-    Conditions,
     PlayConfig,
     RandomiseConfig,
 )
 from common.run.config import RunConfig
 
 
-class AtariEnv(gymnasium.Env[Observation, np.int64]):
+class AtariEnv(GameEnv):
     """One step is one agent step of ``play.frame_skip`` emulator frames.
 
     Observation: ``uint8 [frame_stack, 84, 84]``, newest frame last; with ``play.vector`` in a
@@ -42,7 +40,7 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
     ``info`` is a `StepInfo`.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012
+    wanted = pressed = Keys.NONE
 
     def __init__(
         self,
@@ -62,22 +60,15 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         Raises:
             InputError: ale-py does not bundle the game, or a file holds no latency model.
         """
-        self.metadata = {**self.metadata, "render_fps": 60 / play.frame_skip}
-        self.render_mode = render_mode
         # An action that is held through all frames of an agent step the emulator can repeat itself.
         self._prompt = are_prompt(play) and randomise.latency == randomise.jitter == 0
         skip = play.frame_skip if self._prompt else 1
-        self._game = AtariGame(game, play, camera, randomise, training=training, emulator_skip=skip)
-        self._play = play
+        console = AtariGame(game, play, camera, randomise, training=training, emulator_skip=skip)
+        super().__init__(console, play, render_mode)
         self._model = LatencyModel.of_file(play.latency_model) if play.latency_model else None
         self._hands = hands_of(play, self._model, np.random.default_rng(0))
         self._camera: FrameCamera | None = None
-        self._frames = FrameStack(play.frame_stack)
-        self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
-        self.observation_space = observation_space(play)
         self._sense = Proprioception(play) if play.vector else None
-        self.wanted = self.pressed = Keys.NONE
-        """The keys of the last action; and those that the game was given last."""
 
     @classmethod
     def of_run(cls, config: RunConfig, clock: ClockConfig, *, training: bool) -> Self:
@@ -90,21 +81,6 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
             training=training,
         )
 
-    @property
-    def conditions(self) -> Conditions:
-        """Those of the present game."""
-        return self._game.conditions
-
-    @property
-    def emulator(self) -> Emulator:
-        """The console; another one after a reset with a seed."""
-        return self._game.emulator
-
-    @property
-    def actions(self) -> tuple[int, ...]:
-        """ALE's numbers of the actions on offer."""
-        return self._game.actions
-
     def ram(self) -> NDArray[np.uint8]:
         """Returns the console's memory, ``uint8 [128]``."""
         return self._game.emulator.ram()
@@ -113,9 +89,7 @@ class AtariEnv(gymnasium.Env[Observation, np.int64]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; its first state is its first frame, repeated."""
-        super().reset(seed=seed)
-        seeded = seed is not None
-        if self._game.begin_episode(self.np_random, seeded=seeded, options=options or {}):
+        if self._begin_episode(seed, options):
             play, camera = self.conditions
             self._hands = hands_of(play, self._model, self.np_random)
             self._hands.rest()

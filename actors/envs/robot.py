@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import Any, Self
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.envs.clock import Lockstep, RealTime
-from actors.envs.emulator import Emulator
 from actors.envs.game import DEFAULT_PLAY, AtariGame
-from actors.envs.observation import FrameStack, Observation, observation_space, shrink
+from actors.envs.game_env import GameEnv
+from actors.envs.observation import Observation, shrink
 from actors.envs.step_info import StepInfo
 from actors.envs.world import AgentStep, World
 from actors.robots.interface import Robot, ViewName
@@ -27,7 +26,6 @@ from common.run.conditions import (
     NOTHING_DRAWN,
     PERFECT_CAMERA,
     CameraConfig,
-    Conditions,
     PlayConfig,
     RandomiseConfig,
 )
@@ -37,7 +35,7 @@ _UNSEEN = Detection(np.zeros(FRAME_SHAPE, np.uint8), False, None)
 LOCKSTEP = ClockConfig()
 
 
-class RobotEnv(gymnasium.Env[Observation, np.int64]):
+class RobotEnv(GameEnv):
     """One step is one agent step of ``play.frame_skip`` emulator frames, 1/60 s each.
 
     An action sends the hands to its keys; before every emulator frame the physics goes on and
@@ -49,8 +47,6 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
     slow; its reward is then their points discounted by the time that had passed, so that
     ``reward + discount ** info["elapsed"] * value`` is the return.
     """
-
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012
 
     def __init__(
         self,
@@ -75,13 +71,12 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         Raises:
             InputError: there is no such robot, or ale-py does not bundle the game.
         """
-        self.metadata = {**self.metadata, "render_fps": 60 / play.frame_skip}
-        self.render_mode = render_mode
         self.clock = clock
-        self._play = play
         # The random start is not the emulator's here: it goes through the hands, see `reset`.
-        self._game = AtariGame(game, play, camera, randomise, training=training, random_start=False)
-        self.robot: Robot = ROBOTS.make(play.robot, self._game.emulator.screen_shape, camera, play)
+        console = AtariGame(game, play, camera, randomise, training=training, random_start=False)
+        joints = ROBOTS.find(play.robot).joints
+        super().__init__(console, play, render_mode, joints)
+        self.robot: Robot = ROBOTS.make(play.robot, self.emulator.screen_shape, camera, play)
         """The robot and all around it."""
         self.detector = ScreenDetector(camera.distortion)
         """Replaced at each new game: do not keep it."""
@@ -94,16 +89,12 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         """The game as detected in the last picture."""
         self._follows = True
         """Whether its frame changed since the last look, or the game's own picture did not."""
-        joints = ROBOTS.find(play.robot).joints
         self._world = World(self.robot, joints, self._game, play)
         self._clock = Lockstep(self._world) if clock.sync else RealTime(self._world, clock.speed)
         self._most_agent_steps = play.wait_bound if clock.wait_action else 1
         self._discount = discount
         self._clip_rewards = clip_rewards
         self._late_frames = 0
-        self._frames = FrameStack(play.frame_stack)
-        self.action_space = gymnasium.spaces.Discrete(len(self._game.actions))
-        self.observation_space = observation_space(play, joints)
 
     @classmethod
     def of_run(cls, config: RunConfig, clock: ClockConfig, *, training: bool) -> Self:
@@ -118,21 +109,6 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
             discount=config.learning.discount,
             clip_rewards=config.learning.clip_rewards,
         )
-
-    @property
-    def conditions(self) -> Conditions:
-        """Those of the present game."""
-        return self._game.conditions
-
-    @property
-    def emulator(self) -> Emulator:
-        """The console; another one after a reset with a seed."""
-        return self._game.emulator
-
-    @property
-    def actions(self) -> tuple[int, ...]:
-        """ALE's numbers of the actions on offer."""
-        return self._game.actions
 
     def ram(self) -> NDArray[np.uint8]:
         """Returns the console's memory as of now, ``uint8 [128]``."""
@@ -153,12 +129,10 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
 
     @property
     def wanted(self) -> Keys:
-        """The keys of the last command."""
         return self._world.wanted
 
     @property
     def pressed(self) -> Keys:
-        """The keys that the game was given last."""
         return self._world.pressed
 
     def reset(
@@ -171,10 +145,8 @@ class RobotEnv(gymnasium.Env[Observation, np.int64]):
         passes between two episodes, not even in real time, and the random start is played as fast
         as the machine goes.
         """
-        super().reset(seed=seed)
         self._clock.stop()
-        seeded = seed is not None
-        if self._game.begin_episode(self.np_random, seeded=seeded, options=options or {}):
+        if self._begin_episode(seed, options):
             self.robot.begin_game(self.conditions, self.np_random)
             self._world.begin_game(self.conditions.play, self.np_random)
             # Nothing of an earlier game may show in a seeded one, not even where the screen was.

@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.ale import AtariEnv
+from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import Step
 from actors.member import Member
@@ -85,16 +85,16 @@ class LiveViews:
         picture = room = border = game = None
         wanted = pressed = Keys.NONE
         actions: tuple[int, ...] = ()
-        if isinstance(env, RobotEnv | AtariEnv):
+        if isinstance(env, GameEnv):
             wanted, pressed = env.wanted, env.pressed
             actions = env.actions
-        if isinstance(env, AtariEnv):
-            picture = env.emulator.screen_rgb()
-        elif isinstance(env, RobotEnv):
+        if isinstance(env, RobotEnv):
             picture, game = env.seen, env.detection.corners
             border = None if game is None else border_of(game)
             if viewpoint != "none":
                 room = env.view(*_ROOM, viewpoint)
+        elif isinstance(env, GameEnv):
+            picture = env.emulator.screen_rgb()
         values = self._policy.q_values(step.s_tm1[None], step.x_tm1[None])[0]
         return LiveView(
             streams=len(self._envs),
