@@ -118,14 +118,9 @@ def test_a_policy_that_was_not_evaluated_to_the_end_is_told(tmp_path: Path) -> N
     assert "evaluation" not in json.loads(output.with_suffix(".json").read_text())
 
 
-def test_a_card_nested_without_end_is_told(tmp_path: Path) -> None:
-    (tmp_path / "policy.json").write_text("[" * 100_000)
-    with pytest.raises(InputError, match=r"policy\.json is not JSON"):
-        Played().config(tmp_path / "policy.safetensors")
-
-
-def test_a_damaged_card_is_told(tmp_path: Path) -> None:
-    (tmp_path / "policy.json").write_text("{")
+@pytest.mark.parametrize("card", ["{", "[" * 100_000], ids=["damaged", "nested without end"])
+def test_a_card_that_cannot_be_read_is_told(card: str, tmp_path: Path) -> None:
+    (tmp_path / "policy.json").write_text(card)
     with pytest.raises(InputError, match=r"policy\.json is not JSON"):
         Played().config(tmp_path / "policy.safetensors")
 

@@ -24,8 +24,9 @@ from common.run.config import RunConfig
 from common.run.presets import PRESETS
 from common.run.stored_config import to_json
 from tests.actors.robots.latency_model.models import delay, saved
+from tests.viewer.commands import command
 from tests.viewer.rrd import recorded
-from viewer.__main__ import COMMANDS, main
+from viewer.__main__ import COMMANDS
 from viewer.check import CORNERS_IN_PLACE, Check
 from viewer.player import Played, ShownPolicy
 from viewer.show import Play
@@ -44,18 +45,6 @@ def in_run(folder: Path, config: RunConfig, actions: int) -> Path:
     path = snapshots / "best.safetensors"
     path.write_bytes(encode_weights(build_network(config, actions)))
     return path
-
-
-def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    """`python -m viewer ARGUMENTS` in this process; signals stay pytest's.
-
-    It prints for a wide page without colours, wherever the tests run.
-    """
-    monkeypatch.setenv("COLUMNS", "120")
-    monkeypatch.delenv("FORCE_COLOR", raising=False)
-    monkeypatch.setattr("viewer.__main__.on_signals", lambda stop: None)
-    monkeypatch.setattr(sys, "argv", ["viewer", *arguments])
-    return main()
 
 
 def test_commands(tmp_path: Path) -> None:

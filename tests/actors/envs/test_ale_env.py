@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from typing import Any
 
 import cv2
 import gymnasium
@@ -107,7 +108,8 @@ def test_actions_are_the_games_own_or_all() -> None:
         assert np.array_equal(own.step(index)[0], every.step((0, 1, 3, 4)[index])[0])
 
 
-def test_options_force_a_new_game() -> None:
+@pytest.mark.parametrize("asked", [{"options": {"new_game": True}}, {"seed": 2}])
+def test_options_or_a_seed_force_a_new_game(asked: dict[str, Any]) -> None:
     env = AtariEnv("breakout", training=True)
     env.reset(seed=1)
     while not env.step(1)[2]:
@@ -116,7 +118,7 @@ def test_options_force_a_new_game() -> None:
     assert info["game_steps"] > 30
     while not env.step(1)[2]:
         pass
-    _, info = env.reset(options={"new_game": True})
+    _, info = env.reset(**asked)
     assert info["game_steps"] <= 30
 
 

@@ -1,5 +1,7 @@
 """Any game that ale-py bundles starts, resets and plays on the robot, and the robot sees it."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 
@@ -11,10 +13,15 @@ from common.run.conditions import PlayConfig
 UNUSUAL = ("carnival", "asteroids", "yars_revenge", "video_cube")
 
 
-def play(game: str, agent_steps: int) -> tuple[float, int]:
-    """Share of valid frames, and how many different frames there were, at random play."""
-    env = RobotEnv(game, play=PlayConfig(random_starts=5))
-    try:
+@pytest.mark.parametrize(
+    ("game", "agent_steps"),
+    [
+        *((game, 80) for game in UNUSUAL),
+        *(pytest.param(game, 500, marks=pytest.mark.slow) for game in GAMES),
+    ],
+)
+def test_the_game_is_seen_and_goes_on_at_random_play(game: str, agent_steps: int) -> None:
+    with closing(RobotEnv(game, play=PlayConfig(random_starts=5))) as env:
         env.reset(seed=1)
         rng = np.random.default_rng(1)
         valid = 0
@@ -30,22 +37,6 @@ def play(game: str, agent_steps: int) -> tuple[float, int]:
                 _, info = env.reset()
                 assert not info["game_over"]
         _, info = env.reset(options={"new_game": True})
-        assert info["valid_frame"]
-        return valid / agent_steps, len(frames)
-    finally:
-        env.close()
-
-
-@pytest.mark.parametrize("game", UNUSUAL)
-def test_unusual_games(game: str) -> None:
-    valid, frames = play(game, 80)
-    assert valid >= 0.99
-    assert frames > 5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("game", GAMES)
-def test_every_game(game: str) -> None:
-    valid, frames = play(game, 500)
-    assert valid >= 0.99
-    assert frames > 5
+    assert info["valid_frame"]
+    assert valid / agent_steps >= 0.99
+    assert len(frames) > 5

@@ -278,20 +278,14 @@ def test_a_file_that_is_named_gets_its_hash(tmp_path: Path) -> None:
     ],
 )
 def test_epsilon_falls_in_a_line_after_the_warm_up(agent_steps: int, epsilon: float) -> None:
-    config = replace(
-        GOOD,
-        replay=ReplayConfig(learning_starts=100),
-        exploration=ExplorationConfig(start=1.0, end=0.2, steps=200),
-    )
+    schedule = ExplorationConfig(start=1.0, end=0.2, steps=200)
+    config = replace(GOOD, replay=ReplayConfig(learning_starts=100), exploration=schedule)
     assert config.epsilon_at(agent_steps) == pytest.approx(epsilon, abs=1e-12)
 
 
 def test_epsilon_of_a_schedule_without_length_jumps() -> None:
-    config = replace(
-        GOOD,
-        replay=ReplayConfig(learning_starts=100),
-        exploration=ExplorationConfig(start=0.9, end=0.1, steps=0),
-    )
+    schedule = ExplorationConfig(start=0.9, end=0.1, steps=0)
+    config = replace(GOOD, replay=ReplayConfig(learning_starts=100), exploration=schedule)
     assert config.epsilon_at(100) == pytest.approx(0.9)
     assert config.epsilon_at(101) == pytest.approx(0.1)
 

@@ -1,6 +1,5 @@
 """The Robotroller in its environment, in a check, and beside a policy of NAO's."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from common.errors import InputError
 from common.registry import ROBOTS
 from common.run.presets import PRESETS
 from tests.paths import ROOT
-from viewer.__main__ import main
+from tests.viewer.commands import command
 
 
 def test_it_plays_by_its_name() -> None:
@@ -43,14 +42,6 @@ def test_it_plays_by_its_name() -> None:
     assert env.detection.corners is not None
     assert np.abs(env.detection.corners.mean(axis=0) - truth.mean(axis=0)).max() < 1.0
     env.close()
-
-
-def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setenv("COLUMNS", "120")
-    monkeypatch.delenv("FORCE_COLOR", raising=False)
-    monkeypatch.setattr("viewer.__main__.on_signals", lambda stop: None)
-    monkeypatch.setattr(sys, "argv", ["viewer", *arguments])
-    return main()
 
 
 def test_its_check_is_green(

@@ -94,13 +94,18 @@ def test_the_first_film_is_of_random_play(folder: RunFolder) -> None:
     assert told(folder).keys() == {"epoch-0000.mp4", "epoch-0001.mp4"}
 
 
-def test_where_a_network_was_given_the_first_film_is_of_its_warm_up(folder: RunFolder) -> None:
-    folder.initial.write_text("given weights")
+@pytest.mark.parametrize("given", [True, False])
+def test_the_film_of_the_warm_up_is_of_the_network_that_was_given_or_of_random_play(
+    folder: RunFolder, given: bool
+) -> None:
     folder.checkpoint.write_text("weights that have learned")
+    if given:
+        folder.initial.write_text("given weights")
     films = FilmsSink(folder, 1.0, 0.05, FILMER)
     end_epoch(films, 0)
     make_film(films)
-    assert told(folder) == {"epoch-0000.mp4": "film given weights 1 0.05"}
+    words = "given weights 1 0.05" if given else "weights that have learned 1 1"
+    assert told(folder) == {"epoch-0000.mp4": f"film {words}"}
 
 
 def test_a_run_that_is_resumed_in_its_first_epoch_has_the_film_of_random_play(
@@ -128,14 +133,6 @@ def test_a_run_without_snapshots_is_not_filmed_as_if_it_played_at_random(folder:
     films.start(700)
     films.write(snapshot({}))
     assert films._child is None
-
-
-def test_a_checkpoint_plays_at_random_in_the_film_of_the_warm_up(folder: RunFolder) -> None:
-    folder.checkpoint.write_text("weights that have learned")
-    films = FilmsSink(folder, 1.0, 0.1, FILMER)
-    end_epoch(films, 0)
-    make_film(films)
-    assert told(folder) == {"epoch-0000.mp4": "film weights that have learned 1 1"}
 
 
 def test_a_film_that_cannot_be_read_costs_nobody_else_anything(
