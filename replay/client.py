@@ -163,12 +163,13 @@ class RemoteReplay:
     def _insist(self, requester: Requester, request: bytes) -> bytes:
         away = False
         while (answer := _answer(requester.request(request))) is None:
+            if self._closed.is_set():
+                raise InputError("the replay did not answer before this process stopped.")
             if not away:
                 _log.warning("the replay does not answer: training waits for it")
             away = True
             alive()
-            if self._closed.wait(_PAUSE):
-                raise InputError("the replay did not answer before this process stopped.")
+            self._closed.wait(_PAUSE)
         if away:
             _log.warning("the replay answers again: training continues")
         return answer

@@ -554,6 +554,17 @@ def test_a_learner_says_once_that_it_waits_and_once_that_it_goes_on(
     ]
 
 
+def test_a_learner_that_has_stopped_does_not_say_that_it_waits(
+    place: Place, caplog: pytest.LogCaptureFixture
+) -> None:
+    place.remote.close()
+    assert place.remote.progress(0).accepted == 0  # the last figures
+    place.server.close()
+    with pytest.raises(InputError, match="did not answer before this process stopped"):
+        place.remote.progress(0)
+    assert not caplog.messages
+
+
 def test_a_draw_waits_no_longer_than_the_server_lets_it(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
