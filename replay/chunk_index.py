@@ -16,8 +16,9 @@ from replay.ring import Placement
 
 _KEPT_STATISTICS = 4 * MAX_STATISTICS
 _KEPT_GAMES = 16 * _KEPT_STATISTICS
-"""Of those chunks together, some 30 MB. A game of Catch, the shortest, has six steps, so that 64
-steps have eleven; who claims one for each step has fewer chunks remembered."""
+"""Maximum number of games in all of them, about 30 MB. Catch has the shortest games, of six steps,
+so a chunk of 64 steps holds at most eleven. If an actor claims a game for each step, fewer chunks
+are kept."""
 _MOST_GAPS = 64
 _MOST_STREAMS = 65_536
 """Streams that are remembered beyond their chunks in the ring, those that were heard last. Each
@@ -80,8 +81,8 @@ class ChunkIndex:
         self.head = 0
         """Id that the next chunk starts from; never falls, so that no id is used twice."""
         self.statistics: deque[ChunkStatistics] = deque()
-        """Of the newest chunks. Not only what the learner has not counted yet: one that was killed
-        asks again from its checkpoint."""
+        """Of the newest chunks. The learner has counted some of them already: if it is killed, it
+        asks for them again, from its checkpoint on."""
         self._kept_games = 0
         self.chunks: dict[ChunkKey, Placement] = {}
         """Those in the ring, oldest first."""

@@ -50,8 +50,8 @@ class Replay(Protocol):
         """
 
     def drain(self) -> None:
-        """Take every chunk from now until the next draw, even of throttled actors, which leave and
-        hand in their last."""
+        """Accept every chunk until the next draw, so that throttled actors can leave: they send
+        their last chunks first."""
 
     def sync(self) -> None:
         """Have all that was acknowledged before on the replay's disk, if it can be reached."""

@@ -1,7 +1,8 @@
 """`ReplayBuffer`: the thread-safe replay of a run in one process.
 
-It adds the rate limiter, and the waiting for it, to the `Store`. Who draws holds the lock only to
-choose ids; the frames are gathered while other threads draw and insert (see `Ring.read`).
+It adds the rate limiter, and the waiting for it, to the `Store`. Minibatches and held-out states
+need the lock only while their ids are chosen; their frames are gathered while other threads draw
+and insert (see `Ring.read`).
 """
 
 import hashlib
@@ -28,7 +29,6 @@ from replay.turns import Turns
 
 _HURRIED_READS = 3
 _log = logging.getLogger(__name__)
-_Read = TypeVar("_Read", Batch, SharedBatch)
 _Found = TypeVar("_Found")
 
 
@@ -139,8 +139,8 @@ class ReplayBuffer:
         self,
         drawn: int,
         timeout: float,
-        read: Callable[[NDArray[np.int64], NDArray[np.float32]], _Read | None],
-    ) -> _Read | None:
+        read: Callable[[NDArray[np.int64], NDArray[np.float32]], _Found | None],
+    ) -> _Found | None:
         with self._state:
             # What the newest weights were learned from was drawn by the learner, so a smaller count
             # is somebody else's. (A resumed learner first publishes its older weights.)
@@ -159,7 +159,7 @@ class ReplayBuffer:
     def _gather(
         self, choose: Callable[[], tuple[Any, ...]], read: Callable[..., _Found | None]
     ) -> _Found:
-        """Returns what ``read`` has of the ids that ``choose`` chose under the lock."""
+        """Returns what ``read`` finds for what ``choose`` chose under the lock."""
         for _ in range(_HURRIED_READS):
             with self._state:
                 chosen = choose()

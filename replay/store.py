@@ -36,7 +36,7 @@ _READ_FORMATS = (1, FORMAT)
 """Format 1 had no checksums."""
 _log = logging.getLogger(__name__)
 _SPARE_BYTES = 60_000
-"""By which a journal may grow in any case: by some 200 chunks."""
+"""A journal may always grow by this much, about 200 chunks, before it is rewritten."""
 
 
 class Store:

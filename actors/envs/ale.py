@@ -63,8 +63,10 @@ class AtariEnv(GameEnv):
         # An action that is held through all frames of an agent step the emulator can repeat itself.
         self._prompt = are_prompt(play) and randomise.latency == randomise.jitter == 0
         skip = play.frame_skip if self._prompt else 1
-        console = AtariGame(game, play, camera, randomise, training=training, emulator_skip=skip)
-        super().__init__(console, play, render_mode)
+        super().__init__(
+            AtariGame(game, play, camera, randomise, training=training, emulator_skip=skip),
+            *(play, render_mode),
+        )
         self._model = LatencyModel.of_file(play.latency_model) if play.latency_model else None
         self._hands = hands_of(play, self._model, np.random.default_rng(0))
         self._camera: FrameCamera | None = None

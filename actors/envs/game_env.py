@@ -1,4 +1,4 @@
-"""What both environments are to whoever shows or records them: `GameEnv`."""
+"""`GameEnv`: what `AtariEnv` and `RobotEnv` share, and what the viewers know of either."""
 
 from abc import abstractmethod
 from typing import Any
@@ -16,7 +16,7 @@ from common.run.conditions import Conditions, PlayConfig
 class GameEnv(gymnasium.Env[Observation, np.int64]):
     """An environment of an `AtariGame`, with the spaces, episodes and conditions of that game.
 
-    Who presses the keys and who looks is for `AtariEnv` and `RobotEnv` to say.
+    A subclass decides how keys are pressed and how the game is seen.
 
     Args:
         joints: of the robot; 0 without one.
@@ -61,7 +61,7 @@ class GameEnv(gymnasium.Env[Observation, np.int64]):
         """The keys that the game was given last."""
 
     def _begin_episode(self, seed: int | None, options: dict[str, Any] | None) -> bool:
-        """Begins an episode as ``reset`` was asked to; True where a new game begins with it."""
+        """Begins an episode by the arguments of ``reset``; returns whether it is of a new game."""
         super().reset(seed=seed)
         seeded = seed is not None
         return self._game.begin_episode(self.np_random, seeded=seeded, options=options or {})

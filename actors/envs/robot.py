@@ -72,10 +72,12 @@ class RobotEnv(GameEnv):
             InputError: there is no such robot, or ale-py does not bundle the game.
         """
         self.clock = clock
-        # The random start is not the emulator's here: it goes through the hands, see `reset`.
-        console = AtariGame(game, play, camera, randomise, training=training, random_start=False)
         joints = ROBOTS.find(play.robot).joints
-        super().__init__(console, play, render_mode, joints)
+        super().__init__(
+            # The random start is not the emulator's here: it goes through the hands, see `reset`.
+            AtariGame(game, play, camera, randomise, training=training, random_start=False),
+            *(play, render_mode, joints),
+        )
         self.robot: Robot = ROBOTS.make(play.robot, self.emulator.screen_shape, camera, play)
         """The robot and all around it."""
         self.detector = ScreenDetector(camera.distortion)
