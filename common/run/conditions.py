@@ -232,6 +232,8 @@ class RandomiseConfig:
     """Maximum relative change of the screen's distance."""
     screen_tilt: Annotated[Amount, Drawn(_around, 5.0, "camera.screen_tilt")] = 0.0
     """Maximum change of the screen's tilt, degrees."""
+    press_latency: Annotated[Count, Drawn(_plus_whole, 3, "play.press_latency")] = 0
+    """Maximum of further frames until the modelled hand presses new keys; arms have their own."""
 
 
 _FIXED = {"play": PlayConfig, "camera": CameraConfig}

@@ -57,6 +57,7 @@ def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:
     robot = ENVIRONMENTS.find(config.env).robot
     latest = replace(
         config.play,
+        press_latency=config.play.press_latency + config.randomise.press_latency,
         actuation_latency=config.play.actuation_latency + config.randomise.latency,
         actuation_jitter=config.play.actuation_jitter + config.randomise.jitter,
     )

@@ -48,6 +48,7 @@ DRAWN = {
     "head_pose": ("camera.yaw camera.pitch", -5.0, 5.0),
     "screen_distance": ("camera.screen_distance", 0.85, 1.15),
     "screen_tilt": ("camera.screen_tilt", -5.0, 5.0),
+    "press_latency": ("play.press_latency", 0, 3),
 }
 """By range: the settings that it draws, and their least and greatest value by --randomise.all."""
 

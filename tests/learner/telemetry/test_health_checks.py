@@ -40,6 +40,18 @@ def test_healthy_robot_is_all_green() -> None:
     assert [check.passed for check in checks.values()] == [True] * 7
 
 
+def test_keys_that_may_be_drawn_too_late_for_their_step_are_not_judged() -> None:
+    values: dict[str, Value] = {**HEALTHY, "play/press_match_share": 0.1}
+    for most, judged_then in ((3, False), (4, None)):
+        config = replace(
+            PRESETS["robot"],
+            play=PlayConfig(hand="model"),
+            randomise=RandomiseConfig(press_latency=most),
+        )
+        checks = {check.name: check for check in judge(values, config)}
+        assert checks["keys as commanded"].passed is judged_then
+
+
 @pytest.mark.parametrize(
     "ranges", [RandomiseConfig(latency=1), RandomiseConfig(jitter=1), RandomiseConfig(noise=8.0)]
 )
