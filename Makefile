@@ -16,7 +16,7 @@ CPU_TORCH := https://download.pytorch.org/whl/cpu
 WANTS_CPU_TORCH = test -z "$$CI" -a ! -e $(NVIDIA_DEVICE) && ! command -v nvidia-smi >/dev/null && \
 	! $(BIN)/python -m pip config list | grep -qE '^[^=]*(index|url|find-links)[^=]*='
 
-.PHONY: browser help setup train test test-extras test-slow test-lowest check bench figures screens docs wheel lock clean
+.PHONY: browser help setup train test suite test-extras test-slow test-lowest check bench figures screens docs wheel lock clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ —/'
@@ -44,7 +44,10 @@ train: setup  ## train the robot on this machine until Ctrl-C; go on by running 
 	$(BIN)/ale-robot train --run $(NAME) --actors $(ACTORS) \
 		$(if $(wildcard runs/$(NAME)/replay),--resume) $(ARGS)
 
-test: setup check  ## static checks and the whole test suite
+test: setup  ## static checks, and beside them the whole test suite
+	@$(MAKE) --no-print-directory -j2 check suite
+
+suite: setup
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -m "not slow" -n $(TESTS_AT_ONCE) --dist worksteal
 
 browser:  ## install Chromium by apt, in which a test opens the page of a run; without it that test is skipped

@@ -26,7 +26,7 @@ SMALL = (
     "--learning.train-period=4",
     "--learning.checkpoint-period=20",
     "--learning.publish-period=10",
-    "--learning.network=nips",  # its updates take half the time
+    "--learning.network=nips",  # which is `TINY` here
     "--play.max-game-frames=400",  # a test is at least one whole game
 )
 """Settings of a run that is over in seconds."""

@@ -1,24 +1,28 @@
 """`python -m learner --evaluate`: whole games by a network on disk, in several processes."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from common.network import build_network
+from common.network import LAYERS, build_network
 from common.protocol.weights import encode_weights
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
 from tests.end_to_end.conftest import Stage
 from tests.paths import ROOT
+from tests.tiny_network import TINY
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A run's folder with fresh weights in it."""
-    config = PRESETS["fast"]
+    monkeypatch.setitem(LAYERS, "nips", TINY)
+    fast = PRESETS["fast"]
+    config = replace(fast, learning=replace(fast.learning, network="nips"))
     folder = RunFolder(tmp_path, "fresh")
     folder.claim("learner", config, begun=folder.checkpoint, resume=False)
     folder.snapshots.mkdir()
