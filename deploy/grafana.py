@@ -132,7 +132,7 @@ def _placed(panels: Iterable[dict[str, Any]], top: int) -> list[dict[str, Any]]:
 
 def dashboard() -> dict[str, Any]:
     """Returns the dashboard, as Grafana imports it."""
-    of_actors = {metric.key: _of_actor(metric) for metric, _ in PER_ACTOR}
+    of_actors = {metric.key: _of_actor(metric) for metric in PER_ACTOR}
     first = [
         *(_of_run(title, [METRICS[key] for key in keys]) for title, keys in _FIRST.items()),
         _panel("Red health checks", [CHECK], "", "{{check}}"),

@@ -23,7 +23,6 @@ from learner.options import LearnerOptions, clock_figures, join_command
 from learner.phases import Phases
 from learner.prefetch import Prefetcher, to_device
 from learner.telemetry.actor_registry import ActorRegistry
-from learner.telemetry.gpu_figures import gpu_figures
 from learner.telemetry.held_out import HeldOut
 from learner.telemetry.live_feed import LiveFeed
 from learner.telemetry.provenance import provenance
@@ -114,7 +113,7 @@ def build_learner(
     telemetry = Telemetry(
         *(config, constants, phases, registry, epochs, sinks, clock.now),
         max_q=lambda: held_out.histogram,
-        gpu=partial(gpu_figures, device.torch),
+        gpu=device.figures,
     )
     telemetry.start(state)
     learner = Learner(

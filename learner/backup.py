@@ -11,7 +11,6 @@ import shlex
 import shutil
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,11 +20,10 @@ import tyro
 
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
+from common.process.progress import Progress
 from common.run.folder import JOURNAL, RunFolder, check_folder
 
 _BLOCK = 64 * 2**20
-_TELL_EVERY = 5.0
-"""Seconds between lines that tell how far it is."""
 
 
 @dataclass(frozen=True)
@@ -77,21 +75,20 @@ def _files(source: RunFolder) -> Iterator[Path]:
 
 
 def _copy(source: RunFolder, place: Path) -> None:
-    copied, told = 0, time.monotonic()
-    for path in _files(source):
-        try:
-            file = path.open("rb")
-        except FileNotFoundError:  # deleted meanwhile
-            continue
-        fresh = place / path.relative_to(source.path)
-        fresh.parent.mkdir(parents=True, exist_ok=True)
-        with file, fresh.open("xb") as copy:
-            os.fchmod(copy.fileno(), os.fstat(file.fileno()).st_mode & 0o777)
-            while block := file.read(_BLOCK):
-                copied += copy.write(block)
-                if time.monotonic() - told >= _TELL_EVERY:
-                    told = time.monotonic()
-                    print(f"{copied / 1e9:.1f} GB copied", file=sys.stderr, flush=True)
+    copied = 0
+    with Progress("copying", None) as progress:
+        for path in _files(source):
+            try:
+                file = path.open("rb")
+            except FileNotFoundError:  # deleted meanwhile
+                continue
+            fresh = place / path.relative_to(source.path)
+            fresh.parent.mkdir(parents=True, exist_ok=True)
+            with file, fresh.open("xb") as copy:
+                os.fchmod(copy.fileno(), os.fstat(file.fileno()).st_mode & 0o777)
+                while block := file.read(_BLOCK):
+                    copied += copy.write(block)
+                    progress.update(copied, note=f"{copied / 1e9:.1f} GB")
 
 
 def main() -> None:

@@ -1,9 +1,11 @@
 """Which hardware the network runs on, and in which precision."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from common.errors import InputError
+from common.metrics import Value
 
 if TYPE_CHECKING:  # a command line is read without PyTorch
     import torch
@@ -23,6 +25,27 @@ class Device:
     def name(self) -> str:
         """For people: ``cpu (bfloat16)``."""
         return f"{self.torch.type} ({'bfloat16' if self.bfloat16 else 'float32'})"
+
+    def figures(self) -> dict[str, Value]:
+        """Returns memory and utilisation of the GPU, by all programs; nothing unless it is CUDA.
+
+        PyTorch tells the utilisation only where the package nvidia-ml-py is installed, which this
+        program does without.
+        """
+        import torch
+
+        if self.torch.type != "cuda":
+            return {}
+        free, total = torch.cuda.mem_get_info(self.torch)
+        busy = None
+        # Without the package, or with a driver or a part of a GPU (MIG) that does not count it.
+        with suppress(Exception):
+            busy = torch.cuda.utilization(self.torch) / 100
+        return {
+            "run/gpu_memory_bytes": total - free,
+            "run/gpu_capacity_bytes": total,
+            "run/gpu_utilisation": busy,
+        }
 
 
 def choose_device(device: DeviceChoice, precision: PrecisionChoice) -> Device:

@@ -1,5 +1,6 @@
 """The learner's command line: its flags, what they mean together, and the command to continue."""
 
+import argparse
 import os
 import shlex
 from collections.abc import Sequence
@@ -224,18 +225,14 @@ def resume_flags(arguments: Sequence[str], run: str, *, done: bool) -> list[str]
     Args:
         done: whether it has all the steps it was asked for.
     """
-    told: list[str] = []
-    omitted = {"--initial", "--demonstrations", *(["--steps"] if done else [])}
-    added = (
-        started_by("learner").startswith("ale-robot ") or "--no-local" in arguments
-    )  # `train` adds --local
-    without = {"--force", *(["--local"] if added else [])}
-    skip = False
-    for argument in arguments:
-        name, equals, _ = argument.partition("=")
-        if not skip and name not in omitted | without:
-            told.append(argument)
-        skip = name in omitted and not equals
+    known = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    for flag in ("--initial", "--demonstrations", *(["--steps"] if done else [])):
+        known.add_argument(flag)
+    # `train` adds --local.
+    added = started_by("learner").startswith("ale-robot ") or "--no-local" in arguments
+    for flag in ("--force", *(["--local"] if added else [])):
+        known.add_argument(flag, action="store_true")
+    _, told = known.parse_known_args(list(arguments))
     flags = {argument.partition("=")[0] for argument in told}
     more = [] if "--run" in flags else ["--run", run]
     more += [] if "--resume" in flags else ["--resume"]

@@ -34,7 +34,6 @@ from common.errors import InputError, exit_on_input_error
 from common.metrics import Values
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunFlags, parse_run
-from common.process.extras import extra_for
 from common.process.http_endpoints import Page, http_endpoints, verdict
 from common.process.lifeline import on_signals
 from common.process.log_lines import kept_log, line, say_json
@@ -165,8 +164,7 @@ def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
 
 def _pages(buffer: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:
     """What ``--http`` shows: a replay works, and its run can go on, where it answers at all."""
-    with extra_for("--http", "ops"):
-        from common.exposition import families, metrics_page
+    from common.exposition import families, metrics_page
 
     def works() -> Page:
         buffer.progress(sys.maxsize)

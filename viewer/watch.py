@@ -129,24 +129,22 @@ class WatchScreen:
         columns, rows = size
         if self.graphics != self._drawn:
             self._drawn, self._blocks = self.graphics, HalfBlocks()
-        canvas = np.zeros((2 * (rows - 1), columns, 3), np.uint8)
+        # Half blocks are pixels, too: two of them, one over the other, to a cell.
+        wide, high = (1, 2) if self.graphics is None else self.graphics.cell
         room = columns - min(columns // 3, _LEAST_SIDE) - 1
+        left = _fitting(room * wide, (rows - 1) * high)
+        beside = math.ceil(left[0] / wide) + 1
+        right = _fitting((columns - beside) * wide, rows // 2 * high)
+        free = rows - 1 - math.ceil(right[1] / high)
+        seen, hands = self._seen(left), self._hands(right, step)
+        canvas = np.zeros((2 * (rows - 1), columns, 3), np.uint8)
         if self.graphics is None:
-            left = _fitting(room, 2 * (rows - 1))
-            beside = left[0] + 1
-            right = _fitting(columns - beside, rows)
-            canvas[: left[1], : left[0]] = self._seen(left)
-            canvas[: right[1], beside : beside + right[0]] = self._hands(right, step)
-            text = self._blocks.draw(canvas, columns, rows - 1)
-            free = rows - 1 - (right[1] + 1) // 2
-        else:
-            left = _fitting(*self.graphics.size(room, rows - 1))
-            beside = math.ceil(left[0] / self.graphics.cell[0]) + 1
-            right = _fitting(*self.graphics.size(columns - beside, rows // 2))
-            text = self._blocks.draw(canvas, columns, rows - 1)
-            text += self.graphics.draw(self._seen(left), 1, 1, 1)
-            text += self.graphics.draw(self._hands(right, step), beside + 1, 1, 2)
-            free = rows - 1 - math.ceil(right[1] / self.graphics.cell[1])
+            canvas[: left[1], : left[0]] = seen
+            canvas[: right[1], beside : beside + right[0]] = hands
+        text = self._blocks.draw(canvas, columns, rows - 1)
+        if self.graphics is not None:
+            text += self.graphics.draw(seen, 1, 1, 1)
+            text += self.graphics.draw(hands, beside + 1, 1, 2)
         lines = self._lines(step, values, scores, min(columns - beside, _MOST_SIDE), free)
         for number, line in enumerate(lines[:free], rows - free):
             text += f"\x1b[{number};{beside + 1}H{_PLAIN}{line}{_PLAIN}\x1b[K"

@@ -11,7 +11,6 @@ from common.checked import Count, Fraction, FromOne
 from common.errors import InputError
 from common.process.command_line import WeightsFile, check_bounds
 from common.run.config import RunConfig
-from common.run.origin import find_weights
 
 
 @dataclass(frozen=True)
@@ -62,8 +61,6 @@ class EvaluationOptions:
             InputError: an option is out of bounds or has no effect; it names the flag.
         """
         check_bounds(self)
-        if self.evaluate is not None:
-            find_weights(self.evaluate)
         if self.headline and self.evaluate is None:
             raise InputError("--headline is for --evaluate: name a network to evaluate by it.")
         if self.headline and self.epsilon != EvaluationOptions.epsilon:

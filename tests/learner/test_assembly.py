@@ -164,11 +164,11 @@ def test_the_gpu_that_is_told_of_is_the_learners(
 ) -> None:
     asked: list[torch.device] = []
 
-    def figures(device: torch.device) -> dict[str, int]:
-        asked.append(device)
+    def figures(device: Device) -> dict[str, int]:
+        asked.append(device.torch)
         return {"run/gpu_memory_bytes": 7}
 
-    monkeypatch.setattr("learner.assembly.gpu_figures", figures)
+    monkeypatch.setattr(Device, "figures", figures)
     actor = Actor("a", CONFIG.play.frame_stack)
     with place(tmp_path, actor, resume=False, steps_goal=None) as run:
         run.learner.start()

@@ -1,9 +1,13 @@
-"""Which hardware and which precision are chosen, without that hardware."""
+"""Which hardware and which precision are chosen, and what is taken of a GPU, without that
+hardware."""
 
 import pytest
 import torch
 
-from learner.device import PrecisionChoice, choose_device
+from common.metrics import METRICS
+from learner.device import Device, PrecisionChoice, choose_device
+
+GPU = Device(torch.device("cuda"), bfloat16=True)
 
 
 @pytest.mark.parametrize(
@@ -28,3 +32,45 @@ def test_bfloat16_is_chosen_by_itself_where_a_gpu_has_it(
     monkeypatch.setattr(torch.cuda, "is_bf16_supported", supported)
     assert choose_device("auto", precision).bfloat16 is bfloat16
     assert choose_device("auto", precision).torch == torch.device("cuda")
+
+
+@pytest.fixture
+def gpu(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """A GPU of which 3 of 16 GB are in use."""
+
+    def memory(device: torch.device) -> tuple[int, int]:
+        assert device == GPU.torch
+        return 13_000_000_000, 16_000_000_000
+
+    monkeypatch.setattr(torch.cuda, "mem_get_info", memory)
+    monkeypatch.setattr(torch.cuda, "utilization", {GPU.torch: 83}.__getitem__)
+    return monkeypatch
+
+
+@pytest.mark.usefixtures("gpu")
+def test_memory_and_utilisation_of_the_gpu() -> None:
+    found = GPU.figures()
+    assert found == {
+        "run/gpu_memory_bytes": 3_000_000_000,
+        "run/gpu_capacity_bytes": 16_000_000_000,
+        "run/gpu_utilisation": 0.83,
+    }
+    assert found.keys() <= METRICS.keys()
+
+
+@pytest.mark.parametrize("error", [ModuleNotFoundError("nvidia-ml-py"), RuntimeError("no driver")])
+def test_a_utilisation_that_nobody_counts_is_unknown(
+    gpu: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def fails(device: torch.device) -> int:
+        raise error
+
+    gpu.setattr(torch.cuda, "utilization", fails)
+    found = GPU.figures()
+    assert found["run/gpu_utilisation"] is None
+    assert found["run/gpu_memory_bytes"] == 3_000_000_000
+
+
+def test_without_cuda_nothing_is_asked_and_nothing_told(gpu: pytest.MonkeyPatch) -> None:
+    gpu.setattr(torch.cuda, "mem_get_info", lambda device: pytest.fail("a CPU was asked"))
+    assert Device(torch.device("cpu"), bfloat16=False).figures() == {}

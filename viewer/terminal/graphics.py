@@ -52,10 +52,6 @@ class Graphics:
     cell: tuple[int, int]
     """Width and height of a character's cell, pixels."""
 
-    def size(self, columns: int, rows: int) -> tuple[int, int]:
-        """Returns width and height of so many cells, pixels."""
-        return columns * self.cell[0], rows * self.cell[1]
-
     def draw(self, picture: NDArray[np.uint8], column: int, row: int, number: int) -> str:
         """Returns what to write so that ``picture uint8 [height, width, 3]`` is there.
 

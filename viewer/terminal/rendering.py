@@ -5,6 +5,7 @@ The environments themselves know only "rgb_array".
 
 import math
 import pkgutil
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.vision.layout import ASPECT
-from viewer.terminal.window import TerminalWindow, check_terminal
+from common.errors import InputError
+from viewer.terminal.window import TerminalWindow
 
 ROOM_EVERY = 4
 """Steps between renderings of the room, which take as long as an agent step; the game on its screen
@@ -27,9 +29,6 @@ class TerminalRendering(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     Args:
         aspect: width of a picture as a multiple of its height, where its pixels are not square.
-
-    Raises:
-        InputError: standard output is not a terminal.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], aspect: float | None = None) -> None:
@@ -91,8 +90,11 @@ class EntryPoint:
     ) -> gymnasium.Env[Any, Any]:
         """Raises InputError for render_mode "human" where standard output is not a terminal."""
         human = render_mode == "human"
-        if human:
-            check_terminal()
+        if human and (sys.stdout is None or not sys.stdout.isatty()):
+            raise InputError(
+                'render_mode "human" draws into the terminal, but standard output is not one: '
+                'use "rgb_array".'
+            )
         made: gymnasium.Env[Any, Any] = pkgutil.resolve_name(self._env)(
             render_mode="rgb_array" if human else render_mode, **settings
         )

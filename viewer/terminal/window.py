@@ -10,7 +10,6 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import InputError
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.terminal import size_of, write_all
 
@@ -18,24 +17,10 @@ _PRINT_ROWS = 4
 """Rows below the picture, in which scrolls what else is printed."""
 
 
-def check_terminal() -> None:
-    """Raises InputError if standard output is not a terminal."""
-    if sys.stdout is None or not sys.stdout.isatty():
-        raise InputError(
-            'render_mode "human" draws into the terminal, but standard output is not one: '
-            'use "rgb_array".'
-        )
-
-
 class TerminalWindow:
-    """Shows pictures at the terminal's top, ``rate`` a second; as they come if it is infinite.
-
-    Raises:
-        InputError: standard output is no terminal.
-    """
+    """Shows pictures at the terminal's top, ``rate`` a second; as they come if it is infinite."""
 
     def __init__(self, rate: float) -> None:
-        check_terminal()
         self._period = 1 / rate
         self._due = 0.0
         self._size = (0, 0)

@@ -6,36 +6,29 @@ from dataclasses import replace
 from prometheus_client.metrics_core import Metric as Family
 
 from common.exposition import families, family, metrics_page
-from common.metrics import METRICS, Metric, Value
+from common.metrics import METRICS, Metric
 from common.process.http_endpoints import Page, verdict
 from common.protocol.actor_stats import TOTALS
 from learner.telemetry.health_checks import hanging, reasons
 from learner.telemetry.sinks.sink import LatestSink
-from learner.telemetry.snapshot import ActorView, Snapshot
+from learner.telemetry.snapshot import Snapshot
 
 MOST_ACTORS = 256
 """Actors with series of their own; names come from outside, and series stay for months."""
 
 # fmt: off
-PER_ACTOR: tuple[tuple[Metric, Callable[[ActorView], Value]], ...] = (
-    (Metric("actor/alive", "none", "count", "Whether the process is there: 0 or 1"),
-     lambda actor: int(actor.alive)),
-    (Metric("actor/silent_for", "seconds", ".1", "Time since the process was last heard of"),
-     lambda actor: actor.silent_for),
-    (Metric("actor/steps_per_second", "per second", ".1", "Agent steps per second, of late"),
-     lambda actor: actor.stats.steps_per_second),
-    (Metric("actor/epsilon", "ratio", ".3", "Share of random actions"),
-     lambda actor: actor.stats.epsilon),
-    (Metric("actor/weights_version", "updates", "count", "Updates that made its weights"),
-     lambda actor: actor.stats.weights_version),
-    (Metric("actor/held_share", "ratio", ".3",
-            "Share of the last second it paused because the learner was behind"),
-     lambda actor: actor.stats.held_share),
-    *((replace(METRICS[total], key=f"actor/{name}"),
-       lambda actor, name=name: getattr(actor.stats, name)) for name, total in TOTALS.items()),
+PER_ACTOR: tuple[Metric, ...] = (
+    Metric("actor/alive", "none", "count", "Whether the process is there: 0 or 1"),
+    Metric("actor/silent_for", "seconds", ".1", "Time since the process was last heard of"),
+    Metric("actor/steps_per_second", "per second", ".1", "Agent steps per second, of late"),
+    Metric("actor/epsilon", "ratio", ".3", "Share of random actions"),
+    Metric("actor/weights_version", "updates", "count", "Updates that made its weights"),
+    Metric("actor/held_share", "ratio", ".3",
+           "Share of the last second it paused because the learner was behind"),
+    *(replace(METRICS[total], key=f"actor/{name}") for name, total in TOTALS.items()),
 )
 # fmt: on
-"""Figures of one actor or evaluator since the start of its process."""
+"""Figures of one actor or evaluator since the start of its process, called as its fields."""
 OMITTED = Metric("actors/omitted", "processes", "count", "Actors without series of their own")
 CHECK = Metric("gates/red", "none", "count", "Whether a health check is red: 0 or 1")
 
@@ -67,12 +60,10 @@ class PrometheusSink(LatestSink):
         yield family(CHECK, checks, "check", "stops")
         actors = sorted(latest.present, key=lambda actor: (not actor.alive, actor.silent_for))
         yield family(OMITTED, [((), max(len(actors) - MOST_ACTORS, 0))])
-        for metric, value in PER_ACTOR:
-            yield family(
-                metric,
-                [
-                    ((actor.stats.name, actor.stats.role), value(actor))
-                    for actor in actors[:MOST_ACTORS]
-                ],
-                *("actor", "role"),
-            )
+        told = [
+            ((actor.stats.name, actor.stats.role), vars(actor.stats) | vars(actor))
+            for actor in actors[:MOST_ACTORS]
+        ]
+        for metric in PER_ACTOR:
+            name = metric.key.removeprefix("actor/")
+            yield family(metric, [(of, each[name]) for of, each in told], "actor", "role")

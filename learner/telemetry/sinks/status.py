@@ -11,7 +11,7 @@ from common.schedule import Now
 from common.transport.interface import Request, Transport
 from common.version import VERSION
 from learner.telemetry.sinks.sink import LatestSink
-from learner.telemetry.snapshot import Snapshot
+from learner.telemetry.snapshot import ActorView, Snapshot
 
 
 class StatusSink(LatestSink):
@@ -35,22 +35,15 @@ def status_of(snapshot: Snapshot, silent_for: float) -> RunStatus:
         silent_for,
         {key: _brief(value) for key, value in snapshot.values.items()},
         snapshot.checks,
-        tuple(
-            ActorStatus(
-                each.stats.name,
-                each.stats.role,
-                each.alive,
-                each.stats.leaving,
-                each.silent_for,
-                each.stats.version,
-                each.stats.steps_per_second,
-                # Of an evaluator, whose weights are those of a test, it says nothing.
-                max(newest - each.stats.weights_version, 0) if each.stats.role == "actor" else 0,
-                each.stats.held_share,
-            )
-            for each in snapshot.present[:MOST_ACTORS]
-        ),
+        tuple(_of_actor(each, newest) for each in snapshot.present[:MOST_ACTORS]),
     )
+
+
+def _of_actor(actor: ActorView, newest: int) -> ActorStatus:
+    known = vars(actor.stats) | vars(actor)
+    # Of an evaluator, whose weights are those of a test, it says nothing.
+    known["lag"] = max(newest - actor.stats.weights_version, 0) if known["role"] == "actor" else 0
+    return ActorStatus(**{name: known[name] for name in ActorStatus._fields})
 
 
 def _brief(value: Value) -> Value:

@@ -1,5 +1,6 @@
-"""Keeps what the page of a run shows, and has it served."""
+"""Keeps what the page of a run shows, and answers a browser that asks for it."""
 
+import base64
 import logging
 import threading
 import time
@@ -9,6 +10,14 @@ from pathlib import Path
 from stat import S_ISREG
 from typing import Any, get_args
 
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from common.actions import KEYS_OF_ACTION
+from common.process.http_server import HttpServer
 from common.protocol.live_view import LiveView, Viewpoint, ViewRequest
 from common.run.config import RunConfig
 from common.run.epochs import EpochRow, EpochTable
@@ -22,8 +31,8 @@ from learner.telemetry.sinks.tensorboard import written_points
 from learner.telemetry.snapshot import Snapshot
 from learner.telemetry.web.figures import about, figures
 from learner.telemetry.web.history import History
-from learner.telemetry.web.server import PageServer
 
+_PAGE = Path(__file__).parent / "page"
 _MOST_EVENTS = 200
 _MOST_FILMS = 200
 _log = logging.getLogger(__name__)
@@ -49,7 +58,13 @@ class PageSink(Sink):
         self._events: deque[dict[str, Any]] = deque(maxlen=_MOST_EVENTS)
         self._snapshot: Snapshot | None = None
         self._feed: LiveFeed
-        self._server = PageServer(host, port, self.state, self.view, self.film)
+        routes = [
+            Route("/state", self._state),
+            Route("/view/{role}/{name}", self._view),
+            Route("/films/{name}", self._film),
+            Mount("/", StaticFiles(directory=_PAGE, html=True)),
+        ]
+        self._server = HttpServer(Starlette(routes=routes), host, port, "--web")
         self.url = self._server.url
         if not is_loopback(host):
             _log.warning(
@@ -98,35 +113,44 @@ class PageSink(Sink):
     def close(self) -> None:
         self._server.close()
 
-    def state(self, thinned: int, count: int) -> dict[str, Any]:
-        """Returns all that the page shows but pictures, see `server.State`."""
+    # ------------------------------------------------------------------ for browsers
+
+    def _state(self, request: Request) -> Response:
+        """All that the page shows but pictures, with the points of its curves after those that it
+        has."""
+        count = _number(request, "count")
         with self._lock:
             told = {
-                "curves": self._history.since(thinned, count),
+                "curves": self._history.since(_number(request, "thinned"), count),
                 "epochs": list(self._rows),
                 "events": list(self._events),
             }
             snapshot = self._snapshot
         if snapshot is None:
-            return {}
+            return JSONResponse({})
         told["films"] = [path.name for path in self._films()]
         if count <= 0:
             told["about"] = {metric.key: about(metric) for metric in self._curves}
-        return told | figures(snapshot)
+        return JSONResponse(told | figures(snapshot))
 
-    def view(self, role: str, name: str, stream: int, viewpoint: str) -> LiveView | None:
-        """Returns what an actor of the run shows, see `server.View`."""
-        snapshot = self._snapshot
-        known = (
-            {(each.stats.role, each.stats.name) for each in snapshot.present} if snapshot else ()
+    def _view(self, request: Request) -> Response:
+        """What an actor of the run shows; null where it shows nothing."""
+        role, name = request.path_params["role"], request.path_params["name"]
+        viewpoint = request.query_params.get("viewpoint", "none")
+        stream, snapshot = _number(request, "stream", 0), self._snapshot
+        known = snapshot is not None and any(
+            (each.stats.role, each.stats.name) == (role, name) for each in snapshot.present
         )
-        if (role, name) not in known or viewpoint not in get_args(Viewpoint) or stream > 255:
-            raise ValueError
-        return self._feed.look(Asked(role, name, ViewRequest(stream, viewpoint)))  # type: ignore[arg-type]
+        if not known or viewpoint not in get_args(Viewpoint) or stream > 255:
+            return PlainTextResponse("there is no such view", 404)
+        shown = self._feed.look(Asked(role, name, ViewRequest(stream, viewpoint)))  # type: ignore[arg-type]
+        return JSONResponse(None if shown is None else _plain(shown))
 
-    def film(self, name: str) -> Path | None:
-        """Returns the film of that name, see `server.Film`."""
-        return next((path for path in self._films() if path.name == name), None)
+    def _film(self, request: Request) -> Response:
+        for path in self._films():
+            if path.name == request.path_params["name"]:
+                return FileResponse(path)
+        return PlainTextResponse("there is no such film", 404)
 
     def _films(self) -> list[Path]:
         """The newest films in the run's folder, and in a ``films`` folder there; no links."""
@@ -140,3 +164,20 @@ class PageSink(Sink):
                 if S_ISREG(told.st_mode) and path.name.isprintable():
                     films.append((told.st_mtime, path))
         return [path for _, path in sorted(films)[-_MOST_FILMS:]]
+
+
+def _number(request: Request, name: str, default: int = -1) -> int:
+    told = request.query_params.get(name, "")
+    return int(told) if told.isascii() and told.isdigit() and len(told) < 10 else default
+
+
+def _plain(view: LiveView) -> dict[str, Any]:
+    """Returns a view with the keys of its actions, and its pictures as addresses of their own data,
+    which stay encoded."""
+    pictures = {
+        name: f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}" if jpeg else ""
+        for name, jpeg in vars(view).items()
+        if isinstance(jpeg, bytes)
+    }
+    keys = [int(KEYS_OF_ACTION[action]) for action in view.actions]
+    return {**vars(view), **pictures, "keys": keys}

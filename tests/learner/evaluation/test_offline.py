@@ -218,7 +218,6 @@ def test_what_a_headline_would_override_is_refused(program: Path) -> None:
         (EvaluationOptions(test_steps=-1), "--test-steps is -1: choose 0 or more"),
         (EvaluationOptions(processes=-1), "--processes is -1: choose 0 or more"),
         (EvaluationOptions(epsilon=1.5), "--epsilon is 1.5: choose at most 1"),
-        (EvaluationOptions(Path("nowhere")), "nowhere is not a file"),
     ],
 )
 def test_options_out_of_bounds_are_refused(options: EvaluationOptions, words: str) -> None:

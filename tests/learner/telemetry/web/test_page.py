@@ -16,6 +16,7 @@ import pytest
 
 from common.errors import InputError
 from common.metrics import Value
+from common.process import http_server
 from common.process.threads import end_with_any_thread
 from common.protocol.actor_stats import ActorStats
 from common.protocol.live_view import ViewRequest
@@ -30,7 +31,6 @@ from learner.telemetry import live_feed
 from learner.telemetry.live_feed import Asked, LiveFeed
 from learner.telemetry.sinks.tensorboard import TensorBoardSink
 from learner.telemetry.snapshot import ActorView
-from learner.telemetry.web import server
 from learner.telemetry.web.page_sink import PageSink
 from tests.common.protocol.test_live_view import VIEW
 from tests.epoch_rows import epoch_row
@@ -289,8 +289,8 @@ def test_only_films_of_the_run_itself_are_told(place: Place) -> None:
 def test_who_connects_and_asks_nothing_keeps_nobody_out(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server, "_SLOWEST", 0.2)
-    monkeypatch.setattr(server, "_MOST_CONNECTIONS", 4)
+    monkeypatch.setattr(http_server, "_SLOWEST", 0.2)
+    monkeypatch.setattr(http_server, "_MOST_CONNECTIONS", 4)
     place.page.start(None)
     there = ("127.0.0.1", place.port)
     slow = [socket.create_connection(there, PATIENCE) for _ in range(6)]
@@ -312,8 +312,8 @@ def test_who_connects_and_asks_nothing_keeps_nobody_out(
 
 
 def test_connections_are_bounded(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "_SLOWEST", PATIENCE)
-    monkeypatch.setattr(server, "_MOST_CONNECTIONS", 4)
+    monkeypatch.setattr(http_server, "_SLOWEST", PATIENCE)
+    monkeypatch.setattr(http_server, "_MOST_CONNECTIONS", 4)
     place.page.start(None)
     silent = [socket.create_connection(("127.0.0.1", place.port), PATIENCE) for _ in range(6)]
     for each in silent[4:]:

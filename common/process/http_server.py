@@ -1,0 +1,179 @@
+"""An HTTP server in a thread of its own, for monitoring systems and for browsers; nothing can be
+changed through it."""
+
+import asyncio
+import ipaddress
+import logging
+import re
+import socket
+import threading
+from collections.abc import Callable, Mapping, Sequence
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
+
+from common.errors import InputError
+from common.process.http_endpoints import Page
+
+_MOST_CONNECTIONS = 64
+"""One more is closed."""
+_SLOWEST = 5.0
+"""Seconds after which a connection that asks nothing is closed."""
+_SLOWEST_READER = 60.0
+"""Seconds after which one that is closed is cut off, if it has not read its last answer by then."""
+_FAREWELL = 5
+_WRONG_HOST = (
+    "ask for this page by an IP address, localhost, the host's own name, or the one it listens at\n"
+)
+"""What is answered, with status 421, where `may_be_asked_as` says no."""
+_HEADERS = {
+    "content-security-policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; media-src 'self'; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "cache-control": "no-store",
+}
+_log = logging.getLogger(__name__)
+
+
+class HttpServer:
+    """Listens from its making on, and answers from `start` to `close`.
+
+    Args:
+        flag: asked for it, such as ``--web``.
+        any_name: whoever reaches it is answered, by whatever name of the host; see
+            `may_be_asked_as`.
+
+    Raises:
+        InputError: nobody can listen there.
+    """
+
+    def __init__(
+        self, app: ASGIApp, host: str, port: int, flag: str, *, any_name: bool = False
+    ) -> None:
+        name = f"[{host}]" if ":" in host else host
+        try:
+            family, _, _, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            self._socket = socket.create_server(place[:2], family=family)
+        except OSError as error:
+            raise InputError(
+                f"cannot serve at {name}:{port} ({error.strerror}): choose another address with "
+                f"{flag}."
+            ) from None
+        self.url = f"http://{name}:{self._socket.getsockname()[1]}/"
+        self._server = uvicorn.Server(
+            uvicorn.Config(
+                _guarded(app, None if any_name else host),
+                http=_Connection,
+                ws="none",
+                loop="asyncio",
+                lifespan="off",
+                log_config=None,
+                log_level="error",  # what strangers send is no warning to whoever trains
+                access_log=False,
+                server_header=False,
+                proxy_headers=False,
+                timeout_graceful_shutdown=_FAREWELL,
+            )
+        )
+        self._thread = threading.Thread(target=self._serve, name=flag.strip("-"), daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self) -> None:
+        self._server.should_exit = True
+        if self._thread.is_alive():
+            self._thread.join(2 * _FAREWELL)
+        self._socket.close()
+
+    def _serve(self) -> None:
+        self._server.run(sockets=[self._socket])
+        if not self._server.should_exit:
+            raise RuntimeError(f"the server at {self.url} ended")
+
+
+class _Connection(H11Protocol):
+    """A connection that cannot be held for nothing: files that are open end a run when they are
+    too many."""
+
+    _last: RequestResponseCycle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        if len(self.connections) > _MOST_CONNECTIONS:
+            transport.abort()
+        else:
+            self.loop.call_later(_SLOWEST, self._look)
+
+    def _look(self) -> None:
+        """Close, unless something was asked since the last look, or is being answered."""
+        last, self._last = self._last, self.cycle
+        if self.cycle is last and (last is None or last.response_complete):
+            self.transport.close()
+        if not self.transport.is_closing():
+            self.loop.call_later(_SLOWEST, self._look)
+        elif self.transport.get_write_buffer_size():
+            self.loop.call_later(_SLOWEST_READER, self.transport.abort)
+
+
+def _guarded(app: ASGIApp, host: str | None) -> ASGIApp:
+    """Returns ``app``, which turns away whoever asks for another host, where there is one, and adds
+    what a browser must keep to."""
+
+    async def guarded(scope: Scope, receive: Receive, send: Send) -> None:
+        told = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
+        meant = host is None or may_be_asked_as(told, host)
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                added = [(name.encode(), value.encode()) for name, value in _HEADERS.items()]
+                message["headers"] = [*message["headers"], *added]
+            await send(message)
+
+        answer: ASGIApp = app if meant else PlainTextResponse(_WRONG_HOST, 421)
+        await answer(scope, receive, send_with_headers)
+
+    return guarded
+
+
+def may_be_asked_as(told: Sequence[str], host: str) -> bool:
+    """Whether a browser that asks with the Host headers ``told`` meant us, who listen at ``host``.
+
+    A stranger's page may have its own name lead to our address (DNS rebinding), and then read us
+    as itself; a number leads nowhere else.
+    """
+    if len(told) != 1:
+        return False
+    asked = re.sub(r":\d*$", "", told[0].strip()).strip("[]").lower()
+    try:
+        ipaddress.ip_address(asked)
+    except ValueError:
+        return asked in {"localhost", host.lower(), socket.gethostname().lower()}
+    return True
+
+
+def application(pages: Mapping[str, Callable[[], Page]]) -> ASGIApp:
+    """Returns what shows ``pages`` by their paths."""
+
+    def show(request: Request) -> Response:
+        path = request.url.path
+        if path not in pages:
+            return PlainTextResponse(f"not found; there are {', '.join(pages)}\n", 404)
+        try:
+            page = pages[path]()
+        except Exception as error:
+            _log.warning("%s cannot be shown: %r", path, error)
+            page = Page(b"it cannot be shown: see the log\n", status=500)
+        return Response(page.body, page.status, {"content-type": page.kind})
+
+    return Starlette(routes=[Route("/{path:path}", show)])
