@@ -101,20 +101,28 @@ class Job:
     """The script of an engine's job, with programs in the place of others."""
 
     def __init__(
-        self, folder: Path, python: str, *, module: str = "actors", jobs: str = ""
+        self,
+        folder: Path,
+        python: str,
+        *,
+        module: str = "actors",
+        jobs: str = "",
+        others: str = "",
+        queue: str = "",
     ) -> None:
         self.folder, self.said, self.address = folder, folder / "said", folder / "address"
         (folder / "slurm").mkdir()
         self._program("python", f'echo "$@" >>{self.said}\n{python}')
         self._program("sleep", "exec /bin/sleep 0.1")  # not 5 s between looks
-        for name in ("scontrol", "scancel"):
+        self._program("squeue", queue)
+        for name in ("scontrol", "scancel", "sbatch"):
             self._program(name, f'echo {name} "$@" >>{self.said}')
         self._script = folder / "job.sh"
         body = (ROOT / "deploy/slurm/job.sh").read_text()
         self._script.write_text(
             f"run={folder}\npython={folder}/python\nscheme=tcp\nmodule={module} hub=replay\n"
-            "begun=begun kept=kept\nactors=1\nbegin=(--begin)\nresume=(--resume)\nothers=()\n"
-            f"jobs=({jobs})\nfinal=({shlex.join(FINAL)})\n{body}"
+            "begun=begun kept=kept\nactors=1\nbegin=(--begin)\nresume=(--resume)\n"
+            f"others=({others})\njobs=({jobs})\nfinal=({shlex.join(FINAL)})\n{body}"
         )
         self.address.write_text("tcp/old:1\n")
 
@@ -185,6 +193,26 @@ def test_a_job_that_was_killed_is_queued_again_if_it_got_on(
     assert script.address.exists() == goes_on
     ended = [f"scancel --quiet --me --name {job}" for job in ("r-actors", "r")]
     assert then == (["scontrol requeue 7"] if goes_on else ended)
+
+
+@pytest.mark.parametrize(
+    ("queue", "submitted"),
+    [
+        ("", True),
+        ("echo 8", False),  # it is there
+        ("[ -e asked ] || { touch asked; exit 1; }", True),  # the second answer says that it is not
+        ("exit 1", False),  # nobody knows, and a second learner would end the run
+    ],
+)
+def test_a_hub_submits_those_that_are_not_in_the_queue(
+    queue: str, submitted: bool, tmp_path: Path
+) -> None:
+    names = {"others": "learner actors", "jobs": "r-learner r-actors"}
+    script = Job(tmp_path, "exit 0", module="replay", queue=f"cd {tmp_path}; {queue}", **names)
+    script.ends()
+    told = [line for line in script.lines() if line.startswith("sbatch")]
+    wanted = [f"sbatch {tmp_path}/slurm/{part}.sh" for part in ("learner", "actors")]
+    assert told == (wanted if submitted else [])
 
 
 def test_what_joins_a_replay_goes_on_with_its_part_of_the_run(tmp_path: Path) -> None:
