@@ -99,6 +99,20 @@ def test_those_who_connect_and_say_nothing_are_bounded(address: str) -> None:
     wait_until(answers, "there is room again")
 
 
+def test_a_connection_for_which_there_is_no_thread_takes_nobodys_place(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def start(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", start)
+        for _ in range(module._AT_ONCE):
+            with socket.create_connection(check_address(address), PATIENCE) as connection:
+                assert connection.recv(1) == b""
+    assert get(address, "/healthz") == (200, "ok\n")
+
+
 def test_who_asks_a_byte_at_a_time_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_SLOWEST", 0.3)
     address = free_endpoint().removeprefix("tcp/")
