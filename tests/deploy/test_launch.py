@@ -52,6 +52,33 @@ def test_the_jobs_of_slurm_hold_the_description(
     assert "\nactors=3\n" in actors
 
 
+def test_a_run_is_submitted_to_slurm_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A second job of a hub would move the run's address, fail, and cancel the actors."""
+    queue, submitted = tmp_path / "queue", tmp_path / "submitted"
+    for name, text in (
+        ("squeue", f"cat {queue}"),
+        ("sbatch", f"echo $@ >>{submitted}; echo job 7"),
+    ):
+        (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
+        (tmp_path / name).chmod(0o700)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    own = ("slurm", "--submit", "--run=r", f"--runs={tmp_path}", "--no-tls")
+    queue.write_text("")
+    launch(monkeypatch, *own)
+    assert capsys.readouterr().out.startswith("job 7. Follow it:")
+    queue.write_text("7 all r PENDING\n")
+    with pytest.raises(
+        InputError, match=r"^a job called r is there already: end it .*scancel --me"
+    ):
+        launch(monkeypatch, *own)
+    queue.unlink()
+    with pytest.raises(InputError, match=r"^squeue failed: cat: .*queue"):
+        launch(monkeypatch, *own)
+    assert submitted.read_text() == f"{tmp_path}/r/slurm/learner.sh\n"
+
+
 def test_no_flag_is_run_as_shell_text(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     wicked = tmp_path / "a 'b' $(touch pwned) `touch pwned`\n#SBATCH --wrap=x .safetensors"
     shutil.copy(ROOT / "policies" / "ale_pong.safetensors", wicked)
