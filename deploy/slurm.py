@@ -28,6 +28,13 @@ long among them."""
 def launch(run: RunDescription) -> str:
     """Writes the scripts, submits them if asked to, and returns what the user should know."""
     options, place = run.options, run.folder.path / "slurm"
+    cancel = "; ".join(f"scancel --me --name {_job(run, part)}" for part in _parts(run))
+    name = run.folder.name
+    if options.submit and _slurm("squeue", "--noheader", "--me", "--name", name):
+        raise InputError(
+            f"a job called {name} is there already: end it first ({cancel}), "
+            "or choose another --run."
+        )
     with writing(place):
         place.mkdir(parents=True, exist_ok=True)
         run.folder.logs.mkdir(exist_ok=True)
@@ -40,17 +47,27 @@ def launch(run: RunDescription) -> str:
     command = ["sbatch", str(place / f"{run.hub}.sh")]
     if not options.submit:
         return f"The jobs are in {place}. Submit them:\n  {shlex.join(command)}"
-    try:
-        said = subprocess.run(command, capture_output=True, text=True)
-    except FileNotFoundError:
-        raise InputError("there is no sbatch here: submit from a machine of the cluster.") from None
-    if said.returncode:
-        raise InputError(f"sbatch refused the job: {said.stderr.strip()}")
-    cancel = "; ".join(f"scancel --me --name {_job(run, part)}" for part in _parts(run))
     return (
-        f"{said.stdout.strip()}. Follow it:\n  tail -F {run.folder.logs}/learner.log\n"
+        f"{_slurm(*command)}. Follow it:\n  tail -F {run.folder.logs}/learner.log\n"
         f"End it, with a checkpoint:\n  {cancel}"
     )
+
+
+def _slurm(command: str, *arguments: str) -> str:
+    """Returns what a command of Slurm prints.
+
+    Raises:
+        InputError: there is none here, or it fails.
+    """
+    try:
+        said = subprocess.run([command, *arguments], capture_output=True, text=True)
+    except FileNotFoundError:
+        raise InputError(
+            f"there is no {command} here: submit from a machine of the cluster."
+        ) from None
+    if said.returncode:
+        raise InputError(f"{command} failed: {said.stderr.strip()}")
+    return said.stdout.strip()
 
 
 def _parts(run: RunDescription) -> list[str]:

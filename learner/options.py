@@ -16,7 +16,7 @@ from pydantic import AllowInfNan
 from common.checked import Amount, Count, FromOne, Patience
 from common.errors import InputError
 from common.metrics import Value
-from common.process.command_line import RunFlags, WeightsFile, started_by
+from common.process.command_line import RunOptions, WeightsFile, started_by
 from common.process.http_endpoints import check_address
 from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
@@ -26,7 +26,6 @@ from common.run.folder import RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
 from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
-from common.transport.leaky_bucket import STEPS_PER_SECOND
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.options import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
@@ -34,7 +33,7 @@ from learner.telemetry.sinks.tracker import TrackerName
 
 
 @dataclass(frozen=True)
-class LearnerOptions:
+class LearnerOptions(RunOptions):
     """Train a network on the actors' transitions, and send them its weights.
 
     Hosts the run's replay and hub unless --connect names a replay of its own. Actors join from
@@ -42,13 +41,8 @@ class LearnerOptions:
     `python -m learner --status --connect ADDRESS` tells how a run does.
     """
 
-    config: RunFlags
     run: str | None = None
     """Name of the run; by default made of environment, game and preset."""
-    runs: Path = Path("runs")
-    """Folder that holds the runs."""
-    resume: bool = False
-    """Resume the run of that name, under its own settings."""
     initial: WeightsFile | None = None
     """Network to begin with, such as ale_pong or a FILE, instead of a fresh one;
     --exploration.start then says how much of its play is random at first."""
@@ -81,24 +75,10 @@ class LearnerOptions:
     threads: Count = 0
     """Processor threads of an update; 0 for as many cores as local mode's actors leave free, or
     half of them when actors may run in other terminals."""
-    listen: str = DEFAULT_ENDPOINT
-    """Address where actors find this process; name 0.0.0.0 to let other machines in."""
     connect: str | None = None
     """Address of a `python -m replay` to use instead of a replay in this process."""
     patience: Patience = 60.0
     """Seconds to wait for the replay of --connect."""
-    certificates: Path | None = None
-    """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
-    actor_quota: FromOne = STEPS_PER_SECOND
-    """Steps per second that the replay in this process takes of one actor at most; the rest has to
-    wait."""
-    log_json: bool = False
-    """Lines of JSON instead of a screen or lines for people."""
-    restart: Count = 0
-    """Restarts in a row after a crash: a parent process starts this one again, with --resume and
-    growing pauses, unless the exit code says that this is in vain."""
-    http: str | None = None
-    """Address such as 127.0.0.1:9108 of /healthz, /readyz and /metrics; see docs/operations.md."""
     web: str | None = None
     """Address of a page to watch the run in a browser, such as 127.0.0.1:8080; without it there is
     none."""

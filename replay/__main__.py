@@ -25,15 +25,13 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import tyro
 
-from common.checked import Count, FromOne
 from common.errors import InputError, exit_on_input_error
 from common.metrics import Values
 from common.process.allocator import keep_large_blocks
-from common.process.command_line import RunFlags, parse_run
+from common.process.command_line import RunOptions, parse_run
 from common.process.http_endpoints import Page, http_endpoints, verdict
 from common.process.lifeline import on_signals
 from common.process.log_lines import kept_log, line, say_json
@@ -47,7 +45,6 @@ from common.run.join import patiently
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.flood_guard import tolerated
 from common.transport.interface import Transport
-from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.transport.zenoh_transport import connect, open_hub
 from replay.chunk_statistics import Progress
 from replay.replay_buffer import ReplayBuffer
@@ -60,32 +57,17 @@ _DEADLINE = 5.0
 
 
 @dataclass(frozen=True)
-class ReplayOptions:
-    """Store the actors' transitions, and give the learner minibatches of them."""
+class ReplayOptions(RunOptions):
+    """Store the actors' transitions, and give the learner minibatches of them.
 
-    config: RunFlags
+    They lie in <runs>/<run>/replay.
+    """
+
     run: str = tyro.MISSING
     """Name of the run."""
-    runs: Path = Path("runs")
-    """Folder that holds the runs; the replay lies in <runs>/<run>/replay."""
-    listen: str = DEFAULT_ENDPOINT
-    """Address where learner and actors find this process."""
     connect: str | None = None
     """Address of another run's hub, at which learner and actors find this run too, instead of
     --listen."""
-    certificates: Path | None = None
-    """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
-    actor_quota: FromOne = STEPS_PER_SECOND
-    """Steps per second that are taken of one actor at most; the rest has to wait."""
-    log_json: bool = False
-    """Lines of JSON instead of a screen or lines for people."""
-    restart: Count = 0
-    """Restarts in a row after a crash: a parent process starts this one again, with --resume and
-    growing pauses, unless the exit code says that this is in vain."""
-    http: str | None = None
-    """Address such as 127.0.0.1:9108 of /healthz, /readyz and /metrics; see docs/operations.md."""
-    resume: bool = False
-    """Resume the run of that name, under its own settings."""
 
 
 def main() -> int | None:

@@ -34,6 +34,8 @@ MOST_PRIORITY_UPDATES = 64
 """Messages of priorities that may be unanswered."""
 DEADLINE = 5.0
 """Seconds for an answer, before the server counts as away."""
+DISK_DEADLINE = 60.0
+"""Seconds for the answer that what was acknowledged is on the disk."""
 _PAUSE = 0.2
 _log = logging.getLogger(__name__)
 _Answer = TypeVar("_Answer", bound=Message)
@@ -57,6 +59,8 @@ class RemoteReplay:
             transport.requester(key, DEADLINE)
             for key in (keys.sample, keys.priorities, keys.held_out, keys.progress)
         ]
+        self._syncs = transport.requester(keys.progress, DISK_DEADLINE)
+        self._requesters.append(self._syncs)
         self._last = transport.requester(keys.progress, DEADLINE)
         """Closed by the transport alone: a stop closes the others, and a checkpoint comes after."""
         self._draws: deque[Future[Envelope]] = deque()  # oldest first
@@ -151,8 +155,9 @@ class RemoteReplay:
         _answer(self._last.request(ProgressRequest(MAX_COUNT, None, drain=True).encode()))
 
     def sync(self) -> None:
-        """See `Replay.sync`; works after `close` too."""
-        _answer(self._last.request(ProgressRequest(MAX_COUNT, None, durable=True).encode()))
+        """See `Replay.sync`; works after `close` too, but then gives a slow disk no more time."""
+        requester = self._last if self._closed.is_set() else self._syncs
+        _answer(requester.request(ProgressRequest(MAX_COUNT, None, durable=True).encode()))
 
     def close(self) -> None:
         """Stop waiting for the server; the transport stays open."""

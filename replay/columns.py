@@ -9,7 +9,6 @@ import contextlib
 import fcntl
 import math
 import os
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from common.errors import InputError
 from common.protocol.step_fields import STEP_FIELDS, Column
-from replay.journal import damaged
+from replay.journal import damaged, put_on_disk
 
 
 class Columns:
@@ -47,7 +46,6 @@ class Columns:
         self.capacity = capacity
         self.folder = folder
         self._files: dict[str, int] = {}
-        self._closing = threading.Lock()
         sizes_of = {"T": capacity, "P": vector_width}
         layout: dict[str, tuple[Any, tuple[int, ...]]] = {
             name: (field.dtype, field.array.shape_for(sizes_of))
@@ -130,23 +128,15 @@ class Columns:
 
     def sync(self) -> None:
         """Have all rows on the disk when this returns; others may write, or close, meanwhile."""
-        with self._closing:
-            files = [os.dup(file) for name, file in self._files.items() if name != "priorities"]
-        try:
-            for file in files:
-                os.fdatasync(file)
-        finally:
-            for file in files:
-                os.close(file)
+        for name in self.rows:
+            put_on_disk(self._path(name))
 
     @property
     def file_bytes(self) -> int:
-        """Bytes on disk that the files really take; 0 once they are closed."""
-        with self._closing:
-            return sum(os.fstat(file).st_blocks * 512 for file in self._files.values())
+        """Bytes on disk that the files really take."""
+        return sum(self._path(name).stat().st_blocks * 512 for name in (*self.rows, "priorities"))
 
     def close(self) -> None:
         """Close the files; the views stay readable."""
-        with self._closing:
-            while self._files:
-                os.close(self._files.popitem()[1])
+        while self._files:
+            os.close(self._files.popitem()[1])

@@ -55,6 +55,18 @@ def damaged(path: Path, how: str) -> InputError:
     )
 
 
+def put_on_disk(path: Path) -> None:
+    """Has what was written to ``path`` on the disk when this returns.
+
+    By a descriptor of its own, so that who writes or closes the file need not wait for the disk.
+    """
+    file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+    try:
+        os.fdatasync(file)
+    finally:
+        os.close(file)
+
+
 class Journal:
     """The file, open for appending."""
 
@@ -93,8 +105,8 @@ class Journal:
         self.size, self._torn = os.fstat(self._file).st_size, False
 
     def sync(self) -> None:
-        """Have all lines on the disk when this returns."""
-        os.fdatasync(self._file)
+        """Have all lines on the disk when this returns; others may append, or close, meanwhile."""
+        put_on_disk(self._path)
 
     def close(self) -> None:
         if self._file >= 0:

@@ -9,6 +9,7 @@ import hashlib
 import logging
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -96,10 +97,6 @@ class ReplayBuffer:
         """Count a chunk that could not be decoded, or is of another run."""
         self._store.count_refused()
 
-    def ack(self, status: Literal["stored", "duplicate", "refused"]) -> Ack:
-        """Returns what an actor is told now."""
-        return self._ack(status, throttle=self._should_throttle())
-
     def poll(self, actor: str) -> Ack:
         """Returns what the throttled ``actor`` is told when it asks to go on. Each actor that asked
         before the limiter opened may, even if others have closed it again."""
@@ -107,14 +104,13 @@ class ReplayBuffer:
             throttle = self._should_throttle() and not self._turns.has_turn(actor)
             if not throttle:
                 self._turns.let_go(actor)
-            return self._ack("poll", throttle=throttle)
+            return replace(self.ack("poll"), throttle=throttle)
 
-    def _ack(
-        self, status: Literal["stored", "duplicate", "poll", "refused"], *, throttle: bool
-    ) -> Ack:
+    def ack(self, status: Literal["stored", "duplicate", "poll", "refused"]) -> Ack:
+        """Returns what an actor is told now."""
         return Ack(
             status,
-            throttle=throttle,
+            throttle=self._should_throttle(),
             finished=self._finished,
             agent_steps=self._store.index.agent_steps,
             difficulty=self._difficulty(),

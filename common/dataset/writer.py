@@ -3,10 +3,10 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pyarrow as pa
@@ -67,7 +67,7 @@ class DatasetWriter:
             name: feature for name, feature in self._features.items() if feature.dtype != "video"
         }
         self._robot = robot
-        self._statistics = self._new_statistics()
+        self._statistics: dict[str, _Statistics] = {}
         self.episodes = self.steps = 0
         tasks = {"task_index": [0], "task": [self._task]}
         self._write(folder / TASKS, pa.table(tasks), {"pandas": json.dumps(_PANDAS)})
@@ -113,12 +113,6 @@ class DatasetWriter:
             for name, feature in self._columns.items()
         }
         self._write(file_of(self.folder, DATA_PATH, self.episodes), pa.table(table))
-        statistics = self._new_statistics()
-        for name in self._columns:
-            statistics[name].add(columns[name])
-        if pictures:  # each channel by itself
-            pixels = np.concatenate([picture.reshape(-1, 3, 1, 1) for picture in pictures])
-            statistics[CAMERA].add(pixels, samples=len(pictures))
         episode = {
             "episode_index": self.episodes,
             "tasks": [self._task],
@@ -130,9 +124,14 @@ class DatasetWriter:
         if CAMERA in self._features:
             times = {"from_timestamp": 0.0, "to_timestamp": steps / self.rate}
             episode |= {f"videos/{CAMERA}/{key}": at for key, at in {**place, **times}.items()}
-        for name, its in statistics.items():
+        for name, feature in self._features.items():
+            if feature.dtype == "video":  # each channel by itself, as colours from 0 to 1
+                pixels = np.concatenate([picture.reshape(-1, 3, 1, 1) for picture in pictures])
+                its = _Statistics.of(pixels, len(pictures), 255.0)
+            else:
+                its = _Statistics.of(columns[name], steps)
             episode |= {f"stats/{name}/{key}": told for key, told in its.told().items()}
-            self._statistics[name].include(its)
+            self._statistics[name] = self._statistics[name] + its if self.episodes else its
         path = file_of(self.folder, EPISODES_PATH, self.episodes)
         self._write(path, pa.table({name: [value] for name, value in episode.items()}))
         self.episodes += 1
@@ -140,13 +139,6 @@ class DatasetWriter:
         told = {name: its.told() for name, its in self._statistics.items()}
         write_atomically(self.folder / STATISTICS, json.dumps(told).encode())
         write_atomically(self.folder / INFO, json.dumps(self._info(), indent=2).encode())
-
-    def _new_statistics(self) -> dict[str, "_Statistics"]:
-        # Those of pictures are of colours from 0 to 1.
-        return {
-            name: _Statistics(255.0 if feature.dtype == "video" else 1.0)
-            for name, feature in self._features.items()
-        }
 
     def _info(self) -> dict[str, Any]:
         rate = int(self.rate) if self.rate.is_integer() else self.rate
@@ -201,56 +193,50 @@ def _column(values: NDArray[Any], feature: Feature) -> pa.Array:
     return array
 
 
+@dataclass(frozen=True)
 class _Statistics:
     """Least, greatest, mean, deviation and quantiles of a column's rows, number by number.
 
     Quantiles of several episodes are the mean of theirs, weighted by samples, as LeRobot has them.
-
-    Args:
-        unit: value that is told as 1.
     """
 
-    def __init__(self, unit: float) -> None:
-        self._unit = unit
-        self._samples = 0
-        self._count = 0
-        self._quantiles: Any = 0.0
-        self._sum: Any = 0.0
-        self._squares: Any = 0.0
-        self._least: Any = np.inf
-        self._most: Any = -np.inf
+    unit: float
+    """Value that is told as 1."""
+    samples: int
+    rows: int
+    sums: NDArray[np.float64]
+    """Of the rows, of their squares, and of each quantile for all samples, ``[7, *shape]``."""
+    least: NDArray[np.float64]
+    most: NDArray[np.float64]
 
-    def add(self, rows: NDArray[Any], samples: int | None = None) -> None:
-        """Count ``rows [T, *shape]``, which are that many samples: a picture's pixels are one."""
+    @classmethod
+    def of(cls, rows: NDArray[Any], samples: int, unit: float = 1.0) -> Self:
+        """Returns those of ``rows [T, *shape]``, which are that many samples: a picture's pixels
+        are one."""
         numbers = rows.reshape(len(rows), -1).T
         few = max(_SLICE // len(rows), 1)
         parts = [_figures(numbers[first : first + few]) for first in range(0, len(numbers), few)]
         found = np.concatenate(parts, axis=1).reshape(-1, *(rows.shape[1:] or (1,)))
-        self._samples += (samples := len(rows) if samples is None else samples)
-        self._count += len(rows)
-        self._sum = self._sum + found[0]
-        self._squares = self._squares + found[1]
-        self._least = np.minimum(self._least, found[2])
-        self._most = np.maximum(self._most, found[3])
-        self._quantiles = self._quantiles + samples * found[4:]
+        sums = np.concatenate((found[:2], samples * found[4:]))
+        return cls(unit, samples, len(rows), sums, least=found[2], most=found[3])
 
-    def include(self, other: "_Statistics") -> None:
-        """Count what ``other`` has counted."""
-        self._samples += other._samples
-        self._quantiles = self._quantiles + other._quantiles
-        self._count += other._count
-        self._sum = self._sum + other._sum
-        self._squares = self._squares + other._squares
-        self._least = np.minimum(self._least, other._least)
-        self._most = np.maximum(self._most, other._most)
+    def __add__(self, other: Self) -> Self:
+        return replace(
+            self,
+            samples=self.samples + other.samples,
+            rows=self.rows + other.rows,
+            sums=self.sums + other.sums,
+            least=np.minimum(self.least, other.least),
+            most=np.maximum(self.most, other.most),
+        )
 
     def told(self) -> dict[str, Any]:
-        mean = self._sum / self._count
-        variance = np.maximum(self._squares / self._count - np.square(mean), 0.0)
-        told = {"min": self._least, "max": self._most, "mean": mean, "std": np.sqrt(variance)}
-        told |= zip(_QUANTILES, self._quantiles / self._samples, strict=True)
-        scaled = {key: (value / self._unit).tolist() for key, value in told.items()}
-        return {**scaled, "count": [self._samples]}
+        mean, square = self.sums[:2] / self.rows
+        deviation = np.sqrt(np.maximum(square - np.square(mean), 0.0))
+        told = {"min": self.least, "max": self.most, "mean": mean, "std": deviation}
+        told |= zip(_QUANTILES, self.sums[2:] / self.samples, strict=True)
+        scaled = {key: (value / self.unit).tolist() for key, value in told.items()}
+        return {**scaled, "count": [self.samples]}
 
 
 def _figures(numbers: NDArray[Any]) -> NDArray[np.float64]:

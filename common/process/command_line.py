@@ -16,12 +16,12 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import dropwhile, takewhile
 from pathlib import Path
-from typing import Annotated, Any, Protocol, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 from tyro import _strings
 
-from common.checked import Invalid, build
+from common.checked import Count, FromOne, Invalid, build
 from common.errors import InputError, choice
 from common.process.exit_codes import table
 from common.registry import ENVIRONMENTS
@@ -30,6 +30,8 @@ from common.run.config import RunConfig, all_ranges
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
 from common.run.stored_config import REMOVED, RENAMED, flag_of, from_mapping
+from common.transport.endpoint import DEFAULT_ENDPOINT
+from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.version import VERSION
 
 RunFlags = Annotated[RunConfig, tyro.conf.arg(name="")]
@@ -74,11 +76,30 @@ def preset_of(arguments: Sequence[str]) -> RunConfig:
     return PRESETS[name]
 
 
-class RunOptions(Protocol):
+@dataclasses.dataclass(frozen=True)
+class RunOptions:
     """What the command lines of learner and replay have in common."""
 
-    @property
-    def config(self) -> RunConfig: ...
+    config: RunFlags
+    runs: Path = Path("runs")
+    """Folder that holds the runs."""
+    resume: bool = False
+    """Resume the run of that name, under its own settings."""
+    listen: str = DEFAULT_ENDPOINT
+    """Address where the run's other processes find this one; name 0.0.0.0 to let other machines
+    in."""
+    certificates: Path | None = None
+    """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
+    actor_quota: FromOne = STEPS_PER_SECOND
+    """Steps per second that the replay in this process takes of one actor at most; the rest has to
+    wait."""
+    log_json: bool = False
+    """Lines of JSON instead of a screen or lines for people."""
+    restart: Count = 0
+    """Restarts in a row after a crash: a parent process starts this one again, with --resume and
+    growing pauses, unless the exit code says that this is in vain."""
+    http: str | None = None
+    """Address such as 127.0.0.1:9108 of /healthz, /readyz and /metrics; see docs/operations.md."""
 
 
 R = TypeVar("R", bound=RunOptions)
@@ -112,7 +133,7 @@ def parse_run(
         drawn = dataclasses.replace(found or preset, randomise=all_ranges(options.config.env))
         options = parse(kind, program, flags, config=drawn)
     options.config.check()
-    pinned = dataclasses.replace(options, config=options.config.pinned())  # type: ignore[type-var]
+    pinned = dataclasses.replace(options, config=options.config.pinned())
     return pinned, found
 
 

@@ -20,8 +20,11 @@ def leave_at_interrupt() -> None:
     """End the process at once, with status 130 and no traceback, at a Ctrl-C before `on_signals`.
 
     Programs call it before they import all else, which takes seconds. A module that is interrupted
-    may also fail in ways of its own.
+    may also fail in ways of its own. The first process of a container ends at SIGTERM too, which
+    Linux keeps from one that has no handler of it.
     """
+    if os.getpid() == 1:
+        signal.signal(signal.SIGTERM, lambda number, _: os._exit(128 + number))
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored, as by nohup
         signal.signal(signal.SIGINT, lambda number, _: os._exit(128 + number))
 

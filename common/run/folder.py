@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -102,6 +103,8 @@ def kept_networks(snapshots: Path) -> dict[int, Path]:
 JOURNAL = "journal.jsonl"
 """Name of the file, in a replay's folder, of what was accepted and evicted."""
 Part = Literal["learner", "replay"]
+_GLANCE = 0.5
+"""Seconds for which a lock is tried: `RunFolder.is_at_work` has it for a moment too."""
 
 
 class RunFolder:
@@ -192,7 +195,7 @@ class RunFolder:
             self._made |= not self.path.exists()
             self.path.mkdir(parents=True, exist_ok=True)
             lock = os.fdopen(no_links(str(self._lock(part)), os.O_WRONLY | os.O_CREAT), "w")
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _take(lock)
         except BlockingIOError:
             raise InputError(f"another {part} is at work in {self.path}.") from None
         except OSError as error:
@@ -233,3 +236,16 @@ class RunFolder:
             except BlockingIOError:
                 return True
         return False
+
+
+def _take(lock: IO[str]) -> None:
+    """Locks a file for this process; raises BlockingIOError where another one holds it."""
+    ends = time.monotonic() + _GLANCE
+    while True:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if time.monotonic() >= ends:
+                raise
+        time.sleep(_GLANCE / 50)

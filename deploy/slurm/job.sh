@@ -16,9 +16,15 @@ if [ "$module" = "$hub" ]; then
     echo "$scheme/$host:$((20000 + SLURM_JOB_ID % 10000))" >"$run/address.new"
     mv "$run/address.new" "$run/address"
     for n in "${!others[@]}"; do
+        # A second one would end the run: where Slurm does not say that there is none, it is not submitted.
+        for _ in 1 2 3; do
+            queued=$(squeue --noheader --me --name "${jobs[n]}") && break
+            queued=unknown
+            sleep 5
+        done
         script=$run/slurm/${others[n]}.sh
-        if [ -z "$(squeue --noheader --me --name "${jobs[n]}")" ]; then
-            sbatch "$script" || echo "submit the ${others[n]} by hand: sbatch $script"
+        if [ "$queued" = unknown ] || { [ -z "$queued" ] && ! sbatch "$script"; }; then
+            echo "unless it is in the queue, submit the ${others[n]} by hand: sbatch $script"
         fi
     done
 elif [ "$module" = actors ]; then

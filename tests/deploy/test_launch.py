@@ -52,6 +52,33 @@ def test_the_jobs_of_slurm_hold_the_description(
     assert "\nactors=3\n" in actors
 
 
+def test_a_run_is_submitted_to_slurm_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A second job of a hub would move the run's address, fail, and cancel the actors."""
+    queue, submitted = tmp_path / "queue", tmp_path / "submitted"
+    for name, text in (
+        ("squeue", f"cat {queue}"),
+        ("sbatch", f"echo $@ >>{submitted}; echo job 7"),
+    ):
+        (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
+        (tmp_path / name).chmod(0o700)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    own = ("slurm", "--submit", "--run=r", f"--runs={tmp_path}", "--no-tls")
+    queue.write_text("")
+    launch(monkeypatch, *own)
+    assert capsys.readouterr().out.startswith("job 7. Follow it:")
+    queue.write_text("7 all r PENDING\n")
+    with pytest.raises(
+        InputError, match=r"^a job called r is there already: end it .*scancel --me"
+    ):
+        launch(monkeypatch, *own)
+    queue.unlink()
+    with pytest.raises(InputError, match=r"^squeue failed: cat: .*queue"):
+        launch(monkeypatch, *own)
+    assert submitted.read_text() == f"{tmp_path}/r/slurm/learner.sh\n"
+
+
 def test_no_flag_is_run_as_shell_text(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     wicked = tmp_path / "a 'b' $(touch pwned) `touch pwned`\n#SBATCH --wrap=x .safetensors"
     shutil.copy(ROOT / "policies" / "ale_pong.safetensors", wicked)
@@ -101,20 +128,28 @@ class Job:
     """The script of an engine's job, with programs in the place of others."""
 
     def __init__(
-        self, folder: Path, python: str, *, module: str = "actors", jobs: str = ""
+        self,
+        folder: Path,
+        python: str,
+        *,
+        module: str = "actors",
+        jobs: str = "",
+        others: str = "",
+        queue: str = "",
     ) -> None:
         self.folder, self.said, self.address = folder, folder / "said", folder / "address"
         (folder / "slurm").mkdir()
         self._program("python", f'echo "$@" >>{self.said}\n{python}')
         self._program("sleep", "exec /bin/sleep 0.1")  # not 5 s between looks
-        for name in ("scontrol", "scancel"):
+        self._program("squeue", queue)
+        for name in ("scontrol", "scancel", "sbatch"):
             self._program(name, f'echo {name} "$@" >>{self.said}')
         self._script = folder / "job.sh"
         body = (ROOT / "deploy/slurm/job.sh").read_text()
         self._script.write_text(
             f"run={folder}\npython={folder}/python\nscheme=tcp\nmodule={module} hub=replay\n"
-            "begun=begun kept=kept\nactors=1\nbegin=(--begin)\nresume=(--resume)\nothers=()\n"
-            f"jobs=({jobs})\nfinal=({shlex.join(FINAL)})\n{body}"
+            "begun=begun kept=kept\nactors=1\nbegin=(--begin)\nresume=(--resume)\n"
+            f"others=({others})\njobs=({jobs})\nfinal=({shlex.join(FINAL)})\n{body}"
         )
         self.address.write_text("tcp/old:1\n")
 
@@ -185,6 +220,26 @@ def test_a_job_that_was_killed_is_queued_again_if_it_got_on(
     assert script.address.exists() == goes_on
     ended = [f"scancel --quiet --me --name {job}" for job in ("r-actors", "r")]
     assert then == (["scontrol requeue 7"] if goes_on else ended)
+
+
+@pytest.mark.parametrize(
+    ("queue", "submitted"),
+    [
+        ("", True),
+        ("echo 8", False),  # it is there
+        ("[ -e asked ] || { touch asked; exit 1; }", True),  # the second answer says that it is not
+        ("exit 1", False),  # nobody knows, and a second learner would end the run
+    ],
+)
+def test_a_hub_submits_those_that_are_not_in_the_queue(
+    queue: str, submitted: bool, tmp_path: Path
+) -> None:
+    names = {"others": "learner actors", "jobs": "r-learner r-actors"}
+    script = Job(tmp_path, "exit 0", module="replay", queue=f"cd {tmp_path}; {queue}", **names)
+    script.ends()
+    told = [line for line in script.lines() if line.startswith("sbatch")]
+    wanted = [f"sbatch {tmp_path}/slurm/{part}.sh" for part in ("learner", "actors")]
+    assert told == (wanted if submitted else [])
 
 
 def test_what_joins_a_replay_goes_on_with_its_part_of_the_run(tmp_path: Path) -> None:

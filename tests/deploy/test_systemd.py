@@ -29,6 +29,13 @@ def test_a_unit_is_not_started_again_where_that_is_in_vain(unit: Path) -> None:
     assert "Type=notify" in text
 
 
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
+def test_a_start_has_time_to_read_a_ring_or_to_find_a_hub(unit: Path) -> None:
+    told = re.search(r"(?m)^TimeoutStartSec=(.+)$", unit.read_text())
+    assert told is not None
+    assert told[1] == ("infinity" if "actor" in unit.name else "10min")
+
+
 def flags_of(unit: Path, folder: Path, arguments: str) -> list[str]:
     """What the unit's command gives to Python in ``folder``, where ARGS is ``arguments``."""
     found = re.search(r"(?m)^ExecStart=(.+)$", unit.read_text())

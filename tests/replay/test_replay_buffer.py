@@ -1,6 +1,7 @@
 import copy
 import dataclasses
 import json
+import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -412,6 +413,26 @@ def test_the_journal_stays_short_and_forgets_nothing(tmp_path: Path) -> None:
     progress = buffer.progress(0)
     assert (progress.accepted, progress.duplicates, progress.agent_steps) == (40, 1_200, 40)
     assert buffer.insert(chunks[3]).status == "duplicate"
+
+
+def test_an_insert_does_not_wait_for_the_disk_to_have_what_came_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    buffer = ReplayBuffer(make_config(), tmp_path)
+    actor, rng = Actor("0", 4), np.random.default_rng(0)
+    waited: dict[str, bool] = {}
+
+    def insert_meanwhile(file: int) -> None:
+        insert = threading.Thread(target=buffer.insert, args=(actor.live([GOES_ON], rng),))
+        insert.start()
+        insert.join(PATIENCE)
+        waited[Path(f"/proc/self/fd/{file}").readlink().name] = insert.is_alive()
+
+    monkeypatch.setattr(os, "fdatasync", insert_meanwhile)
+    buffer.sync()
+    assert not any(waited.values())
+    assert {"frames.bin", "journal.jsonl"} <= waited.keys()
+    buffer.close()
 
 
 def test_a_torn_journal_loses_only_what_was_not_acknowledged(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from common.transport.interface import Envelope, Request, Transport, Unanswered
 from common.transport.leaky_bucket import NEW_NAMES_PER_SECOND, LeakyBucket
 from replay import server as replay_server
 from replay.client import AHEAD, MOST_PRIORITY_UPDATES, RemoteReplay
-from replay.messages import NO_BATCH, Priorities, SampleRequest
+from replay.messages import NO_BATCH, Priorities, ProgressRequest, SampleRequest
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 from tests.hub_stubs import PendingRequests
@@ -460,6 +460,39 @@ def test_what_is_stored_is_made_durable_also_after_a_stop(
     place.remote.close()
     place.remote.sync()
     assert synced == [True]
+
+
+def test_a_slow_disk_has_more_time_than_other_answers_until_a_stop(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("replay.client.DEADLINE", 0.1)
+    monkeypatch.setattr("replay.client.DISK_DEADLINE", 10 * PATIENCE)
+    remote = RemoteReplay(place.client, KEYS, make_config())
+    place.server.close()
+    asked = PendingRequests(place.client, KEYS.progress)
+    other = place.client.requester(KEYS.progress, 0.1)
+
+    def begin_to_sync() -> tuple[threading.Thread, Request]:
+        thread = threading.Thread(target=remote.sync, daemon=True)
+        thread.start()
+        request = asked.next()
+        with pytest.raises(Unanswered):  # who asked later gives up
+            other.request(b"").result()
+        asked.next().drop()
+        assert thread.is_alive()
+        return thread, request
+
+    syncing, request = begin_to_sync()
+    assert ProgressRequest.decode(request.payload).durable
+    request.reply(b"")
+    syncing.join(PATIENCE)
+    assert not syncing.is_alive()
+    syncing, request = begin_to_sync()
+    remote.close()
+    syncing.join(PATIENCE)
+    assert not syncing.is_alive()
+    request.drop()
+    asked.close()
 
 
 def test_priorities_are_told_in_order_and_only_so_many_without_an_answer(

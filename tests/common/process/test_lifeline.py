@@ -1,10 +1,12 @@
 """How processes learn that they should end: real ones, with a real parent and real signals."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -245,11 +247,11 @@ signal.pause()
 """
 
 
-def importing(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
+def importing(folder: Path, *arguments: str, within: Sequence[str] = ()) -> "subprocess.Popen[str]":
     """A program that is still at its imports."""
     (folder / "numpy.py").write_text(SLOW_IMPORT)
     process = subprocess.Popen(
-        [sys.executable, "-m", *arguments],
+        [*within, sys.executable, "-m", *arguments],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(folder)},
         stdin=subprocess.PIPE,
@@ -279,6 +281,20 @@ def test_ctrl_c_during_the_imports_ends_a_program_quietly(program: str, tmp_path
     process.send_signal(signal.SIGINT)
     assert process.communicate(timeout=PATIENCE) == ("", "")
     assert process.returncode == 130
+
+
+@pytest.mark.parametrize("program", ["actors", "learner", "replay"])
+def test_the_first_process_of_a_container_ends_at_sigterm_during_its_imports_too(
+    program: str, tmp_path: Path
+) -> None:
+    container = ("unshare", "--user", "--map-root-user", "--pid", "--fork", "--kill-child")
+    if shutil.which("unshare") is None or subprocess.run([*container, "true"]).returncode:
+        pytest.skip("there are no namespaces here")
+    process = importing(tmp_path, program, within=container)
+    (first,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    os.kill(int(first), signal.SIGTERM)
+    assert process.communicate(timeout=PATIENCE) == ("", "")
+    assert process.returncode == 128 + signal.SIGTERM
 
 
 def test_an_ignored_ctrl_c_stays_ignored() -> None:

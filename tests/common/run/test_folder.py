@@ -1,6 +1,7 @@
 """Whose a run's folder is, and what a claim refuses."""
 
 import errno
+import fcntl
 import json
 import os
 import signal
@@ -132,6 +133,16 @@ def test_learner_and_replay_share_a_run(tmp_path: Path) -> None:
     folder.claim("replay", FAST, begun=folder.replay, resume=False)
     with pytest.raises(InputError, match=r"^another replay is at work in"):
         claim(tmp_path, "replay")
+
+
+def test_who_only_looks_whether_a_part_is_at_work_does_not_keep_it_from_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    claim(tmp_path, "replay")
+    lock = (tmp_path / "r/.learner.lock").open("x")
+    fcntl.flock(lock, fcntl.LOCK_SH)  # as `is_at_work` does, in the middle of which the claim comes
+    monkeypatch.setattr("common.run.folder.time.sleep", lambda _: lock.close())
+    claim(tmp_path)
 
 
 HOLDER = """

@@ -162,3 +162,19 @@ def test_who_is_trusted_is_not_watched(links: Links) -> None:
 def test_a_quota_bounds_what_is_received_too() -> None:
     assert tolerated(STEPS_PER_SECOND) == tolerated(1) == 15_000 * 84 * 84
     assert tolerated(2 * STEPS_PER_SECOND) == 30_000 * 84 * 84
+
+
+def test_nothing_is_asked_of_connections_that_nobody_watches(
+    links: Links, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks: list[int] = []
+    monkeypatch.setattr(flood_guard, "bytes_received", lambda port: looks.append(port) or {})
+    links.join("learner", 1)
+    links.guard.look()
+    assert looks == []
+    links.join("a", 2)
+    links.guard.look()
+    assert looks == [7]
+    links.join("a", 2, leaves=True)
+    links.guard.look()
+    assert looks == [7]
