@@ -4,21 +4,14 @@ import hashlib
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import gymnasium
-import numpy as np
-from numpy.typing import NDArray
 
 from actors.loop import frames_and_vector
 
 _BYTES = 8
 """Size of a hash: of 30 games two different ones have the same with a chance of 2e-17."""
-
-
-@runtime_checkable
-class _Console(Protocol):
-    def ram(self) -> NDArray[np.uint8]: ...
 
 
 class GameRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -55,9 +48,7 @@ class GameRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         observation, *rest = self.env.step(action)
         self.seconds = self._now() - self._began
         inner = self.env.unwrapped
-        memory = (
-            inner.ram() if isinstance(inner, _Console) else frames_and_vector(observation)[0][-1]
-        )
+        memory = inner.ram() if hasattr(inner, "ram") else frames_and_vector(observation)[0][-1]
         self._whole.update(memory.tobytes())
         self._steps.append(hashlib.blake2b(memory.tobytes(), digest_size=_BYTES).digest())
         return observation, *rest

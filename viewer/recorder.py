@@ -53,7 +53,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         if isinstance(inner, GameEnv):
             keys = Feature("bool", (len(KEYS),), [str(key.name).lower() for key in KEYS])
             features |= {"observation.keys": keys, "command": keys}
-            picture = _picture(inner)
+            picture = inner.seen
             features[CAMERA] = Feature("video", picture.shape, ["height", "width", "channels"])
         if isinstance(inner, RobotEnv):
             joints = ROBOTS.find(config.play.robot).joints
@@ -160,12 +160,8 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         if isinstance(inner, RobotEnv):
             with inner.still():
                 columns["observation.state"] = inner.robot.proprioception()[0].astype(np.float32)
-        return columns, _picture(inner)
+        return columns, inner.seen
 
 
 def _flags(keys: Keys) -> NDArray[np.bool_]:
     return np.array([bool(keys & key) for key in KEYS])
-
-
-def _picture(env: GameEnv) -> NDArray[np.uint8]:
-    return env.seen if isinstance(env, RobotEnv) else env.emulator.screen_rgb()

@@ -154,9 +154,7 @@ class WatchScreen:
     def _seen(self, size: tuple[int, int]) -> NDArray[np.uint8]:
         """What the camera sees with what was found in it; of an emulator alone its screen."""
         env = self._env
-        if not isinstance(env, RobotEnv):
-            return _scaled(env.emulator.screen_rgb(), size)
-        found = env.detection.corners
+        found = env.detection.corners if isinstance(env, RobotEnv) else None
         if found is None:
             return _scaled(env.seen, size)
         border = border_of(found)

@@ -32,14 +32,13 @@ class Emulator:
     on. Nothing else asks it: without sticky actions the same actions always give the same game.
     """
 
-    def __init__(self, game: str, seed: int, *, frame_skip: int = 1, sticky: float = 0.0) -> None:
+    def __init__(self, game: str, seed: int, *, sticky: float = 0.0) -> None:
         """Raises InputError for a game that ale-py does not bundle."""
         # For the whole process, and before ALEInterface exists: its constructor prints a banner.
         ALEInterface.setLoggerMode(LoggerMode.Error)
         self.game = check_game(game)
         self._ale = ALEInterface()
         self._ale.setInt("random_seed", seed % 2**31)
-        self._frame_skip = frame_skip
         self.sticky = sticky
         self._ale.setFloat("repeat_action_probability", sticky)
         self._ale.loadROM(_ROMS / f"{game}.bin")
@@ -60,14 +59,14 @@ class Emulator:
         self._first_frame = self._ale.getEpisodeFrameNumber()
 
     def act(self, action: int) -> float:
-        """Hold one of the 18 actions for ``frame_skip`` emulator frames; the points it made."""
-        points = 0.0
-        for _ in range(self._frame_skip):
-            if self._ale.game_over():  # the screen stands still then
-                break
-            self._remember()
-            points += self._ale.act(action)
-        return points
+        """Hold one of the 18 actions for an emulator frame; the points it made.
+
+        After game over it does nothing and makes 0 points.
+        """
+        if self._ale.game_over():
+            return 0.0
+        self._remember()
+        return float(self._ale.act(action))
 
     def _remember(self) -> None:
         """Keep the present field: it is the one before from now on."""

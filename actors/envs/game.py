@@ -31,8 +31,8 @@ class AtariGame:
 
     A *game* lasts from reset to game over, or until ``play.max_game_frames`` cut it. When
     training, a lost life ends the *episode* only: the next one carries the same game on. Time is
-    counted in *agent steps* of ``play.frame_skip`` emulator frames; an agent step is one or more
-    `hold` (``frame_skip / emulator_skip`` of them) and then `end_agent_step`.
+    counted in *agent steps* of ``play.frame_skip`` emulator frames; an agent step is a `hold` for
+    each of them, and then `end_agent_step`.
     """
 
     def __init__(
@@ -43,10 +43,9 @@ class AtariGame:
         randomise: RandomiseConfig = NOTHING_DRAWN,
         *,
         training: bool,
-        emulator_skip: int = 1,
         random_start: bool = True,
     ) -> None:
-        """Power the console on; each `hold` will last ``emulator_skip`` frames.
+        """Power the console on.
 
         Args:
             randomise: ranges of the conditions that are drawn for each game.
@@ -55,7 +54,7 @@ class AtariGame:
         Raises:
             InputError: ale-py does not bundle the game.
         """
-        self.emulator = Emulator(game, 0, frame_skip=emulator_skip, sticky=play.sticky)
+        self.emulator = Emulator(game, 0, sticky=play.sticky)
         """Replaced at the first game, and when an episode begins with a seed: do not keep it."""
         self.actions: tuple[int, ...] = (
             self.emulator.minimal_actions if play.minimal_actions else tuple(range(18))
@@ -72,7 +71,6 @@ class AtariGame:
         self._randomise = randomise
         self._play = play
         self._training = training
-        self._emulator_skip = emulator_skip
         self._random_starts = play.random_starts if random_start else 0
         self._lives = self.emulator.lives
         self._life_lost = False
@@ -106,16 +104,13 @@ class AtariGame:
         if power_on or not self._used or sticky != self.emulator.sticky:
             # Nothing is drawn where nothing is repeated, so that such games stay as they were.
             seed = int(rng.integers(2**31)) if sticky > 0 else 0
-            self.emulator = Emulator(
-                self.emulator.game, seed, frame_skip=self._emulator_skip, sticky=sticky
-            )
+            self.emulator = Emulator(self.emulator.game, seed, sticky=sticky)
         else:
             self.emulator.reset()
         self._used = True
         self.score, self.steps = 0.0, 0
-        holds = self._play.frame_skip // self._emulator_skip
         for action in rng.choice(self.actions, rng.integers(self._random_starts + 1)):
-            for _ in range(holds):
+            for _ in range(self._play.frame_skip):
                 self.score += self.emulator.act(int(action))
             self.steps += 1
             if self.emulator.game_over:  # an unlucky start: play from the very beginning instead
@@ -130,12 +125,10 @@ class AtariGame:
         self._lives = self.emulator.lives
 
     def hold(self, action: int) -> float:
-        """Hold one of the 18 actions for ``emulator_skip`` frames; the points it made.
+        """Hold one of the 18 actions for an emulator frame; the points it made.
 
         After game over it does nothing and makes 0 points.
         """
-        if self.emulator.game_over:
-            return 0.0
         points = self.emulator.act(action)
         lives = self.emulator.lives
         self._life_lost |= lives < self._lives

@@ -5,18 +5,20 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from actors.envs.emulator import Emulator
 from actors.envs.game import AtariGame
 from actors.envs.observation import FrameStack, Observation, observation_space
+from actors.envs.world import World
 from common.actions import Keys
 from common.run.conditions import Conditions, PlayConfig
 
 
 class GameEnv(gymnasium.Env[Observation, np.int64]):
-    """An environment of an `AtariGame`, with the spaces, episodes and conditions of that game.
+    """An environment of an `AtariGame` in a `World`: its spaces, episodes and conditions.
 
-    A subclass decides how keys are pressed and how the game is seen.
+    A subclass decides whose hands play the game, how its time passes and how it is seen.
 
     Args:
         joints: of the robot; 0 without one.
@@ -25,11 +27,17 @@ class GameEnv(gymnasium.Env[Observation, np.int64]):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012
 
     def __init__(
-        self, game: AtariGame, play: PlayConfig, render_mode: str | None, joints: int = 0
+        self,
+        game: AtariGame,
+        world: World,
+        play: PlayConfig,
+        render_mode: str | None,
+        joints: int = 0,
     ) -> None:
         self.metadata = {**self.metadata, "render_fps": 60 / play.frame_skip}
         self.render_mode = render_mode
         self._game = game
+        self._world = world
         self._play = play
         self._frames = FrameStack(play.frame_stack)
         self.action_space = gymnasium.spaces.Discrete(len(game.actions))
@@ -51,17 +59,26 @@ class GameEnv(gymnasium.Env[Observation, np.int64]):
         return self._game.actions
 
     @property
-    @abstractmethod
     def wanted(self) -> Keys:
         """The keys of the last action."""
+        return self._world.wanted
+
+    @property
+    def pressed(self) -> Keys:
+        """The keys that the game was given last."""
+        return self._world.pressed
 
     @property
     @abstractmethod
-    def pressed(self) -> Keys:
-        """The keys that the game was given last."""
+    def seen(self) -> NDArray[np.uint8]:
+        """The last picture of which a frame was made, ``uint8 [rows, columns, 3]``."""
 
     def _begin_episode(self, seed: int | None, options: dict[str, Any] | None) -> bool:
         """Begins an episode by the arguments of ``reset``; returns whether it is of a new game."""
         super().reset(seed=seed)
         seeded = seed is not None
         return self._game.begin_episode(self.np_random, seeded=seeded, options=options or {})
+
+    def _observation(self) -> Observation:
+        frames, vector = self._frames.state, self._world.vector()
+        return frames if vector is None else {"frames": frames, "vector": vector}

@@ -56,16 +56,6 @@ class LateCommands:
         self._frame = 0
 
 
-def are_prompt(play: PlayConfig) -> bool:
-    """Whether the modelled hand holds the keys of each command at once and until the next one."""
-    return not (
-        play.latency_model is not None
-        or play.press_latency
-        or play.actuation_latency
-        or play.actuation_jitter
-    )
-
-
 def hands_of(play: PlayConfig, arms: Hands | None, rng: Generator) -> Hands:
     """Returns the hands that ``play`` asks for, with its latencies.
 

@@ -18,7 +18,6 @@ from actors.envs.step_info import StepInfo
 from actors.envs.world import AgentStep, World
 from actors.robots.interface import Robot, ViewName
 from actors.vision.screen_detector import Detection, ScreenDetector, is_blank
-from common.actions import Keys
 from common.protocol.step_fields import FRAME_SHAPE
 from common.registry import ROBOTS
 from common.run.clock import ClockConfig
@@ -73,13 +72,12 @@ class RobotEnv(GameEnv):
         """
         self.clock = clock
         joints = ROBOTS.find(play.robot).joints
-        super().__init__(
-            # The random start is not the emulator's here: it goes through the hands, see `reset`.
-            AtariGame(game, play, camera, randomise, training=training, random_start=False),
-            *(play, render_mode, joints),
-        )
-        self.robot: Robot = ROBOTS.make(play.robot, self.emulator.screen_shape, camera, play)
+        # The random start is not the emulator's here: it goes through the hands, see `reset`.
+        console = AtariGame(game, play, camera, randomise, training=training, random_start=False)
+        self.robot: Robot = ROBOTS.make(play.robot, console.emulator.screen_shape, camera, play)
         """The robot and all around it."""
+        world = World(self.robot, console, play, joints, self.robot.proprioception)
+        super().__init__(console, world, play, render_mode, joints)
         self.detector = ScreenDetector(camera.distortion)
         """Replaced at each new game: do not keep it."""
         self._seen: NDArray[np.uint8] | None = None
@@ -91,7 +89,6 @@ class RobotEnv(GameEnv):
         """The game as detected in the last picture."""
         self._follows = True
         """Whether its frame changed since the last look, or the game's own picture did not."""
-        self._world = World(self.robot, joints, self._game, play)
         self._clock = Lockstep(self._world) if clock.sync else RealTime(self._world, clock.speed)
         self._most_agent_steps = play.wait_bound if clock.wait_action else 1
         self._discount = discount
@@ -128,14 +125,6 @@ class RobotEnv(GameEnv):
             with self._clock.still():
                 self._seen = self._picture()
         return self._seen
-
-    @property
-    def wanted(self) -> Keys:
-        return self._world.wanted
-
-    @property
-    def pressed(self) -> Keys:
-        return self._world.pressed
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -273,11 +262,6 @@ class RobotEnv(GameEnv):
 
     def _own_frame(self) -> NDArray[np.uint8]:
         return shrink(self._game.emulator.screen_grey())
-
-    def _observation(self) -> Observation:
-        vector = self._world.vector()
-        frames = self._frames.state
-        return frames if vector is None else {"frames": frames, "vector": vector}
 
     def _play_random_start(self) -> None:
         count = self.np_random.integers(self._play.random_starts + 1)

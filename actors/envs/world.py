@@ -1,8 +1,9 @@
-"""The robot at its console: robot and game, moved on together, one emulator frame at a time.
+"""Hands at their console: they and the game move on together, one emulator frame at a time.
 
-Who moves it on, and when, is the clock's business (`actors.envs.clock`).
+Who moves them on, and when, is the clock's business (`actors.envs.clock`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from actors.envs.game import AtariGame
 from actors.envs.key_watch import KeyWatch
 from actors.envs.late_commands import hands_of
 from actors.envs.proprioception import Proprioception
-from actors.robots.interface import Hands, Robot
+from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.proprioception import KEYS
 from common.run.conditions import PlayConfig
@@ -46,15 +47,30 @@ class World:
     whole agent step (as in 2017: read, act on the emulator, and only then simulate).
     """
 
-    def __init__(self, robot: Robot, joints: int, game: AtariGame, play: PlayConfig) -> None:
+    def __init__(
+        self,
+        arms: Hands | None,
+        game: AtariGame,
+        play: PlayConfig,
+        joints: int = 0,
+        posture: Callable[[], tuple[NDArray[np.float64], ...]] = tuple,
+    ) -> None:
+        """The hands of ``play``, at rest.
+
+        Args:
+            arms: the robot's, or a latency model; None where there is neither.
+            joints: number of the robot's; 0 without one.
+            posture: tells their angles and speeds, as `Robot.proprioception`.
+        """
         self.wanted = Keys.NONE
         """The keys of the last command."""
         self.pressed = Keys.NONE
         """The keys that the game was given at the last frame."""
         self.key_watch = KeyWatch()
         """Times the hands, whenever the controller is read."""
-        self._robot = robot
-        self._hands: Hands = hands_of(play, robot, np.random.default_rng(0))
+        self._arms = arms
+        self._posture = posture
+        self._hands = hands_of(play, arms, np.random.default_rng(0))
         self._game = game
         self._play = play
         self._sense = Proprioception(play, joints) if play.vector else None
@@ -65,11 +81,11 @@ class World:
         """The vector observation as of now, if ``play.vector`` asks for one."""
         if self._sense is None:
             return None
-        return self._sense.vector(*self._robot.proprioception())
+        return self._sense.vector(*self._posture())
 
     def begin_game(self, play: PlayConfig, rng: Generator) -> None:
         """Take the hands of ``play``, and let a new game begin as `restart` does."""
-        self._hands = hands_of(play, self._robot, rng)
+        self._hands = hands_of(play, self._arms, rng)
         self.restart()
 
     def restart(self) -> None:

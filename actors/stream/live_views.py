@@ -86,15 +86,13 @@ class LiveViews:
         wanted = pressed = Keys.NONE
         actions: tuple[int, ...] = ()
         if isinstance(env, GameEnv):
-            wanted, pressed = env.wanted, env.pressed
-            actions = env.actions
+            wanted, pressed, actions = env.wanted, env.pressed, env.actions
+            picture = env.seen
         if isinstance(env, RobotEnv):
-            picture, game = env.seen, env.detection.corners
+            game = env.detection.corners
             border = None if game is None else border_of(game)
             if viewpoint != "none":
                 room = env.view(*_ROOM, viewpoint)
-        elif isinstance(env, GameEnv):
-            picture = env.emulator.screen_rgb()
         values = self._policy.q_values(step.s_tm1[None], step.x_tm1[None])[0]
         return LiveView(
             streams=len(self._envs),

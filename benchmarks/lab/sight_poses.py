@@ -134,7 +134,7 @@ def measure(
 ) -> dict[str, Tally]:
     """Look from so many poses at each game; ``keep`` gets every look."""
     room = Nao()
-    emulators = {game: Emulator(game, int(rng.integers(2**31)), frame_skip=4) for game in games}
+    emulators = {game: Emulator(game, int(rng.integers(2**31))) for game in games}
     tallies = {game: Tally() for game in games}
     for _ in range(poses):
         begin_game(room, case.eye, POSES, rng)
@@ -193,7 +193,7 @@ def _hidden_share(room: Nao) -> float:
 
 def _play_on(emulator: Emulator, rng: Generator) -> None:
     """Some random play, so that each picture is another one."""
-    for action in rng.integers(18, size=rng.integers(5, 30)):
+    for action in rng.integers(18, size=rng.integers(5, 30)).repeat(4):
         emulator.act(int(action))
     if emulator.game_over:
         emulator.reset()

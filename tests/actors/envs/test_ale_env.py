@@ -168,7 +168,7 @@ def test_make_env_follows_the_configuration() -> None:
 
 
 def test_no_key_of_the_game_before_is_pressed_in_a_new_one() -> None:
-    env = AtariEnv(play=PlayConfig(random_starts=0))
+    env = AtariEnv(play=PlayConfig(random_starts=0, read_keys="decision"))  # that of a robot only
     env.reset(seed=1)
     env.step(2)
     assert env.wanted == env.pressed == Keys.UP

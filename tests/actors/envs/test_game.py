@@ -16,8 +16,8 @@ def _begin(game: AtariGame, seed: int = 0, *, seeded: bool = False, **options: b
     return game.begin_episode(np.random.default_rng(seed), seeded=seeded, options=options)
 
 
-def _decide(game: AtariGame, action: int, holds: int = 1) -> tuple[float, bool, bool]:
-    points = sum(game.hold(action) for _ in range(holds))
+def _decide(game: AtariGame, action: int) -> tuple[float, bool, bool]:
+    points = sum(game.hold(action) for _ in range(4))
     return points, *game.end_agent_step()
 
 
@@ -28,29 +28,8 @@ def _until_end(game: AtariGame, action: int = 1) -> tuple[bool, bool]:
             return terminated, truncated
 
 
-def test_frame_by_frame_and_by_agent_step_are_the_same_game() -> None:
-    play = PlayConfig(random_starts=10)
-    by_frame = AtariGame("breakout", play, training=True, emulator_skip=1)
-    by_agent_step = AtariGame("breakout", play, training=True, emulator_skip=4)
-    for game in (by_frame, by_agent_step):
-        _begin(game, seed=3, seeded=True)
-    episodes = 0
-    for action in np.random.default_rng(1).integers(18, size=600).tolist():
-        ended = _decide(by_agent_step, action)
-        assert _decide(by_frame, action, holds=4) == ended
-        assert (by_frame.score, by_frame.steps, by_frame.over) == (
-            by_agent_step.score,
-            by_agent_step.steps,
-            by_agent_step.over,
-        )
-        if any(ended[1:]):
-            assert _begin(by_frame, 5) == _begin(by_agent_step, 5)
-            episodes += 1
-    assert episodes > 5
-
-
 def test_a_lost_life_ends_the_episode_in_training_and_the_game_goes_on() -> None:
-    game = AtariGame("breakout", _NO_START, training=True, emulator_skip=4)
+    game = AtariGame("breakout", _NO_START, training=True)
     assert _begin(game)
     for lives_left in (4, 3, 2, 1):
         assert _until_end(game) == (True, False)
@@ -67,7 +46,7 @@ def test_a_lost_life_ends_the_episode_in_training_and_the_game_goes_on() -> None
 
 
 def test_in_evaluation_only_game_over_ends_the_episode() -> None:
-    game = AtariGame("breakout", _NO_START, training=False, emulator_skip=4)
+    game = AtariGame("breakout", _NO_START, training=False)
     _begin(game)
     assert _until_end(game) == (True, False)
     assert game.emulator.game_over
@@ -76,7 +55,7 @@ def test_in_evaluation_only_game_over_ends_the_episode() -> None:
 
 def test_a_new_game_is_forced_by_seed_option_or_a_reset_in_between() -> None:
     for how in ({"seeded": True}, {"new_game": True}):
-        game = AtariGame("breakout", _NO_START, training=True, emulator_skip=4)
+        game = AtariGame("breakout", _NO_START, training=True)
         _begin(game)
         _until_end(game)
         assert _begin(game, **how)
@@ -92,7 +71,7 @@ def test_a_long_game_is_cut_and_then_starts_anew() -> None:
     game = AtariGame("pong", PlayConfig(random_starts=0, max_game_frames=100), training=True)
     _begin(game)
     for agent_step in range(1, 26):
-        _, terminated, truncated = _decide(game, 0, holds=4)
+        _, terminated, truncated = _decide(game, 0)
         assert (terminated, truncated, game.over) == (False, agent_step == 25, agent_step == 25)
     assert _begin(game)
     assert game.steps == game.emulator.frames == 0
@@ -102,22 +81,22 @@ def test_a_long_game_is_cut_and_then_starts_anew() -> None:
 
 
 def test_a_life_lost_as_the_game_is_cut_is_terminated_and_over() -> None:
-    probe = AtariGame("breakout", _NO_START, training=True, emulator_skip=4)
+    probe = AtariGame("breakout", _NO_START, training=True)
     _begin(probe)
     _until_end(probe)
     play = PlayConfig(random_starts=0, max_game_frames=probe.emulator.frames)
-    training = AtariGame("breakout", play, training=True, emulator_skip=4)
+    training = AtariGame("breakout", play, training=True)
     _begin(training)
     assert _until_end(training) == (True, False)
     assert training.over
     assert _begin(training)
-    evaluation = AtariGame("breakout", play, training=False, emulator_skip=4)
+    evaluation = AtariGame("breakout", play, training=False)
     _begin(evaluation)
     assert _until_end(evaluation) == (False, True)
 
 
 def test_random_starts_are_uniform_from_none_to_the_most() -> None:
-    game = AtariGame("breakout", PlayConfig(random_starts=3), training=True, emulator_skip=4)
+    game = AtariGame("breakout", PlayConfig(random_starts=3), training=True)
     rng = np.random.default_rng(0)
     lengths = Counter()
     for _ in range(200):
@@ -131,22 +110,22 @@ def test_random_starts_are_uniform_from_none_to_the_most() -> None:
 def test_points_of_the_random_start_count() -> None:
     # Long enough for Pong's computer to score; the same draws by hand on another emulator.
     play = PlayConfig(random_starts=200, minimal_actions=True)
-    game = AtariGame("pong", play, training=True, emulator_skip=4)
+    game = AtariGame("pong", play, training=True)
     scored = 0
     for seed in range(4):
         _begin(game, seed, seeded=True)
         rng = np.random.default_rng(seed)
         actions = rng.choice((0, 1, 3, 4, 11, 12), rng.integers(201))
-        emulator = Emulator("pong", 0, frame_skip=4)
+        emulator = Emulator("pong", 0)
         assert game.steps == len(actions)
-        assert game.score == sum(emulator.act(int(action)) for action in actions)
+        assert game.score == sum(emulator.act(int(action)) for action in actions.repeat(4))
         scored += game.score != 0
     assert scored
 
 
 def test_a_random_start_that_ends_the_game_begins_again_from_the_beginning() -> None:
     play = PlayConfig(random_starts=2_000, minimal_actions=True)
-    game = AtariGame("breakout", play, training=True, emulator_skip=4)
+    game = AtariGame("breakout", play, training=True)
     _begin(game)
     assert (game.steps, game.score, game.emulator.frames, game.emulator.lives) == (0, 0, 0, 5)
     assert not game.emulator.game_over
@@ -173,24 +152,24 @@ def _trace(game: AtariGame, seed: int) -> list[bytes]:
 @pytest.mark.parametrize("name", ["freeway", "kaboom"])
 def test_a_seed_starts_the_same_game_whatever_was_played_before(name: str) -> None:
     # These games keep memory across ALE's reset; only power-on clears it.
-    game = AtariGame(name, PlayConfig(), training=True, emulator_skip=4)
+    game = AtariGame(name, PlayConfig(), training=True)
     assert _trace(game, 7) == _trace(game, 7)
 
 
 def test_a_seed_decides_which_actions_stick() -> None:
     play = PlayConfig(random_starts=0, sticky=0.25)
-    game = AtariGame("pong", play, training=True, emulator_skip=4)
+    game = AtariGame("pong", play, training=True)
     first = _trace(game, 7)
     assert _trace(game, 8) != first
     assert _trace(game, 7) == first
-    assert _trace(AtariGame("pong", play, training=True, emulator_skip=4), 7) == first
+    assert _trace(AtariGame("pong", play, training=True), 7) == first
 
 
 def test_without_a_seed_other_actions_stick_in_each_game() -> None:
     play = PlayConfig(random_starts=0, sticky=0.25)
     traces = []
     for seed in (1, 2):
-        game = AtariGame("pong", play, training=True, emulator_skip=4)
+        game = AtariGame("pong", play, training=True)
         rng = np.random.default_rng(seed)
         for _ in range(2):
             game.start_anew(rng)
@@ -202,7 +181,7 @@ def test_without_a_seed_other_actions_stick_in_each_game() -> None:
 
 def test_where_nothing_sticks_games_are_what_they_were() -> None:
     """Their generator draws the random start first, as it did before there was --play.sticky."""
-    game = AtariGame("pong", PlayConfig(random_starts=30), training=True, emulator_skip=4)
+    game = AtariGame("pong", PlayConfig(random_starts=30), training=True)
     _begin(game, 3, seeded=True)
     rng = np.random.default_rng(3)
     actions = rng.choice(range(18), rng.integers(31))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.envs.ale import AtariEnv
-from actors.envs.late_commands import LateCommands, are_prompt, hands_of
+from actors.envs.late_commands import LateCommands, hands_of
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
 from actors.robots.nao.robot import Nao
@@ -155,12 +155,6 @@ def test_without_latency_the_hands_are_the_arms_themselves(room: Nao) -> None:
     rng = np.random.default_rng(1)
     assert hands_of(PlayConfig(press_latency=3), room, rng) is room  # that of the model only
     assert rng.random() == np.random.default_rng(1).random()
-
-
-@pytest.mark.parametrize("field", ["press_latency", "actuation_latency", "actuation_jitter"])
-def test_any_latency_keeps_the_modelled_hand_from_being_prompt(field: str) -> None:
-    assert are_prompt(PlayConfig())
-    assert not are_prompt(replace(PlayConfig(), **{field: 1}))
 
 
 def test_the_emulator_hears_of_a_late_command_when_its_time_has_come() -> None:

@@ -172,14 +172,14 @@ def test_the_emulator_draws_conditions_for_each_game_too() -> None:
     assert len(stickiness) == 5
 
 
-def test_the_emulators_keys_have_the_drawn_latency() -> None:
-    env = AtariEnv("pong", play=PLAY, randomise=RandomiseConfig(latency=8))
+@pytest.mark.parametrize("ranges", [RandomiseConfig(latency=8), RandomiseConfig(press_latency=8)])
+def test_the_emulators_keys_have_the_drawn_latency(ranges: RandomiseConfig) -> None:
+    env = AtariEnv("pong", play=PLAY, randomise=ranges)
     for seed in range(8):
         env.reset(seed=seed)
         rng = np.random.default_rng(seed)
-        latency = draw(PLAY, CameraConfig(), RandomiseConfig(latency=8), rng.random)[
-            0
-        ].actuation_latency
+        drawn = draw(PLAY, CameraConfig(), ranges, rng.random).play
+        latency = drawn.actuation_latency + drawn.press_latency
         felt: list[float] = []
         for _ in range(3):
             _, vector = frames_and_vector(env.step(2)[0])

@@ -48,7 +48,7 @@ SCRIPT = [Keys.NONE, FIRE, FIRE, FIRE, FIRE, Keys.NONE, UP, UP]
 
 
 def world(play: PlayConfig, diary: list[str], script: list[Keys] = SCRIPT) -> World:
-    return World(ScriptedRoom(script, diary), 0, DiaryGame(diary), play)  # type: ignore[arg-type]
+    return World(ScriptedRoom(script, diary), DiaryGame(diary), play)  # type: ignore[arg-type]
 
 
 def test_by_default_each_frame_plays_what_is_pressed_at_the_end_of_its_physics() -> None:

@@ -90,9 +90,9 @@ def _digital(
 def screens() -> dict[str, NDArray[np.uint8]]:
     found = {"white": np.full((210, 160, 3), 255, np.uint8), "black": np.zeros((210, 160, 3), "u1")}
     for game in ("pong", "space_invaders", "asteroids", "breakout"):
-        emulator = Emulator(game, 0, frame_skip=4)
-        for step in range(60):
-            emulator.act(step % 18)
+        emulator = Emulator(game, 0)
+        for frame in range(240):
+            emulator.act(frame // 4 % 18)
         found[game] = emulator.screen_rgb()
     return found
 

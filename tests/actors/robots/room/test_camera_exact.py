@@ -101,11 +101,13 @@ def move_arms(room: Nao, rng: np.random.Generator) -> None:
 
 def pictures(rng: np.random.Generator) -> Iterator[NDArray[np.uint8]]:
     """Yields frames of games, noise and plain colours."""
-    emulators = [Emulator(game, 0, frame_skip=4) for game in ("pong", "breakout", "asteroids")]
+    emulators = [Emulator(game, 0) for game in ("pong", "breakout", "asteroids")]
     while True:
         emulator = emulators[rng.integers(3)]
         for _ in range(5):
-            emulator.act(int(rng.integers(18)))
+            action = int(rng.integers(18))
+            for _ in range(4):
+                emulator.act(action)
         yield emulator.screen_rgb()
         yield rng.integers(256, size=(ROWS, COLUMNS, 3), dtype=np.uint8)
         yield np.full((ROWS, COLUMNS, 3), rng.integers(256, size=3), np.uint8)
