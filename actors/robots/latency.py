@@ -82,7 +82,7 @@ def _hold(hands: Hands, keys: Keys, frames: int) -> list[Keys]:
 class Latency:
     """Statistics of many changes; times are in ms and exclude changes that were not reached."""
 
-    count: int
+    changes: int
     p50_ms: float
     p99_ms: float
     unreached: int
@@ -96,7 +96,7 @@ class Latency:
         if times.size:
             p50, p99 = np.percentile(times, (50, 99), method="inverted_cdf")
         return cls(
-            count=len(found),
+            changes=len(found),
             p50_ms=float(p50),
             p99_ms=float(p99),
             unreached=sum(change.frames is None for change in found),

@@ -6,9 +6,9 @@ old command, as in play. Times are whole emulator frames of 16.7 ms.
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -29,6 +29,7 @@ from common.actions import KEYS_OF_ACTION
 from common.checked import FromOne
 from common.registry import ROBOTS
 from common.run.conditions import CameraConfig, PlayConfig
+from common.strict_json import strict
 from learner.figures.plot_style import check_picture, save
 
 _SCREEN = (210, 160)
@@ -56,10 +57,6 @@ class Options(BenchmarkOptions):
             check_picture(self.output)
 
 
-def _or_null(ms: float) -> float | None:
-    return None if np.isnan(ms) else ms
-
-
 def tables(found: Sequence[Change]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns median and maximum in ms, ``[18, 18]`` each, from an old action (row) to a new one
     (column); NaN where nothing was reached, and on the diagonal."""
@@ -71,39 +68,6 @@ def tables(found: Sequence[Change]) -> tuple[NDArray[np.float64], NDArray[np.flo
     for pair, each in by_pair.items():
         median[pair], worst[pair] = np.median(each), max(each)
     return median, worst
-
-
-def content(
-    latency: Latency,
-    settled: Latency,
-    unsettled: Latency,
-    median: NDArray[np.float64],
-    worst: NDArray[np.float64],
-) -> dict[str, Any]:
-    """The measurement as JSON; a time that does not exist is null."""
-
-    def figures(found: Latency) -> dict[str, Any]:
-        return {
-            "changes": found.count,
-            "p50_ms": _or_null(found.p50_ms),
-            "p99_ms": _or_null(found.p99_ms),
-            "unreached": found.unreached,
-            "stray_share": found.stray_share,
-        }
-
-    def rows(table: Any) -> list[list[float | None]]:
-        return [[_or_null(ms) for ms in row] for row in table.tolist()]
-
-    return {
-        "title": "Command to keys",
-        **figures(latency),
-        "frame_ms": FRAME_MS,
-        "from_held_keys": figures(settled),
-        "in_play": figures(unsettled),
-        "actions": _NAMES,
-        "table_ms": rows(median),
-        "worst_ms": rows(worst),
-    }
 
 
 def table(median: NDArray[np.float64]) -> Table:
@@ -127,8 +91,9 @@ def sentences(latency: Latency, settled: Latency, unsettled: Latency) -> list[st
     )
     return [
         *(
-            f"{title}: {found.count} changes, p50 {found.p50_ms:.1f} ms, p99 {found.p99_ms:.1f} ms,"
-            f" {found.unreached} not reached, {found.stray_share:.1%} over a key of neither"
+            f"{title}: {found.changes} changes, p50 {found.p50_ms:.1f} ms, "
+            f"p99 {found.p99_ms:.1f} ms, {found.unreached} not reached, "
+            f"{found.stray_share:.1%} over a key of neither"
             for title, found in (
                 ("all", latency),
                 ("from held keys", settled),
@@ -145,16 +110,26 @@ def measure(options: Options) -> Report:
     robot = ROBOTS.make(options.robot, _SCREEN, CameraConfig(), play)
     found = list(changes(robot, options.repetitions, options.seed))
     robot.close()
-    parts = (
-        Latency.of(found),
-        Latency.of([change for change in found if change.settled]),
-        Latency.of([change for change in found if not change.settled]),
-    )
+    latency = Latency.of(found)
+    settled = Latency.of([change for change in found if change.settled])
+    unsettled = Latency.of([change for change in found if not change.settled])
     median, worst = tables(found)
-    named = {"robot": options.robot, **content(*parts, median, worst)}
+    content = strict(  # a time that does not exist is null
+        {
+            "robot": options.robot,
+            "title": "Command to keys",
+            **asdict(latency),
+            "frame_ms": FRAME_MS,
+            "from_held_keys": asdict(settled),
+            "in_play": asdict(unsettled),
+            "actions": _NAMES,
+            "table_ms": median.tolist(),
+            "worst_ms": worst.tolist(),
+        }
+    )
     if options.output is not None:
-        save(press_figure(named), options.output)
-    return Report([table(median)], named, sentences(*parts))
+        save(press_figure(content), options.output)
+    return Report([table(median)], content, sentences(latency, settled, unsettled))
 
 
 if __name__ == "__main__":

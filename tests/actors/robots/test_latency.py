@@ -63,7 +63,7 @@ def test_keys_that_are_never_pressed_count_as_not_reached() -> None:
 def test_hands_that_never_reach_anything_have_no_times() -> None:
     latency = Latency.of([Change(0, 1, True, None, False), Change(1, 2, False, None, True)])
     assert np.isnan([latency.p50_ms, latency.p99_ms]).all()
-    assert (latency.count, latency.unreached, latency.stray_share) == (2, 2, 0.5)
+    assert (latency.changes, latency.unreached, latency.stray_share) == (2, 2, 0.5)
 
 
 def test_a_stray_key_is_one_of_neither_command() -> None:
@@ -77,7 +77,7 @@ def test_figures_by_hand() -> None:
     found = [Change(0, 1, True, frames, False) for frames in (1, 2, 2, 9)]
     found += [Change(1, 0, False, 3, True), Change(2, 0, False, None, True)]
     latency = Latency.of(found)
-    assert latency.count == 6
+    assert latency.changes == 6
     assert latency.unreached == 1
     assert latency.stray_share == pytest.approx(2 / 6)
     # The changes took 1, 2, 2, 3 and 9 frames.
