@@ -13,7 +13,7 @@ import pytest
 import viewer.check
 from actors.envs.robot import RobotEnv
 from actors.robots.latency import Change
-from actors.robots.nao.urdf import write_urdf
+from actors.robots.nao.assembly import write_urdf
 from common.errors import InputError
 from common.network import build_network
 from common.process.command_line import parse

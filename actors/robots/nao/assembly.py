@@ -5,16 +5,19 @@ a line per link. This module joins masses, centres and inertias by the parallel 
 that the moving arms have exactly the mass and inertia of the published parts.
 """
 
+import shutil
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+import pybullet_data
 from numpy.typing import NDArray
 
 from actors.robots.nao.anatomy import JOINT_NAMED, JOINTS, LINK_NAMED, Link
 from actors.robots.nao.posture import HELD_ANGLES
 from actors.robots.nao.shapes import SHAPES
 from actors.robots.room.rotation import about, from_roll_pitch_yaw, to_roll_pitch_yaw
-from actors.robots.room.urdf import Joint, Part
+from actors.robots.room.urdf import BALL_MESH, Joint, Part, urdf
 
 
 @dataclass
@@ -60,3 +63,16 @@ def assemble() -> tuple[dict[str, Piece], list[Joint]]:
     # Each joint must be attached to the first link of its piece; NAO's all are.
     assert all(joint.parent in pieces for joint in moving)
     return pieces, moving
+
+
+def write_urdf(folder: Path) -> Path:
+    """Write the robot's URDF, whose base is the torso, and the mesh of its eggs into ``folder``;
+    returns the URDF's path.
+
+    It has moving joints only: a physics step then costs a fortieth of the whole robot's.
+    """
+    shutil.copy(Path(pybullet_data.getDataPath()) / "sphere_smooth.obj", folder / BALL_MESH)
+    pieces, joints = assemble()
+    path = folder / "nao.urdf"
+    path.write_text(urdf("nao", pieces.values(), joints))
+    return path

@@ -2,29 +2,50 @@
 
 from pathlib import Path
 
+import numpy as np
+
+from actors.robots.nao.anatomy import TOP_CAMERA_ORIGIN, TOP_CAMERA_PITCH
 from actors.robots.nao.arms import Arms
-from actors.robots.nao.chair import CHAIR
+from actors.robots.nao.assembly import place_in_piece, write_urdf
 from actors.robots.nao.controller import Controller
-from actors.robots.nao.eye import TOP_CAMERA
-from actors.robots.nao.posture import TORSO_ORIGIN
-from actors.robots.nao.urdf import write_urdf
+from actors.robots.nao.posture import HIP_HEIGHT, TORSO_ORIGIN
+from actors.robots.room.camera import Mount
 from actors.robots.room.engine import angles_of
-from actors.robots.room.furniture import DESK_TOP
+from actors.robots.room.furniture import DESK_TOP, METAL, Box, Colour
 from actors.robots.room.room import Room
 from actors.robots.room.viewpoint import VISITOR, Viewpoint
+
+_, _POSTURE, _NECK = place_in_piece("head")
+
+_BLUE: Colour = (0.20, 0.38, 0.52, 1.0)
+_SEAT = HIP_HEIGHT - 0.037
+_LEG = _SEAT - 0.024
+
+_CHAIR: list[Box] = [
+    ((-0.015, 0.0, _SEAT - 0.012), (0.170, 0.200, 0.024), _BLUE),
+    ((-0.095, 0.0, _SEAT + 0.135), (0.018, 0.180, 0.130), _BLUE),
+    *(((-0.095, y, _SEAT + 0.035), (0.012, 0.014, 0.090), METAL) for y in (-0.07, 0.07)),
+    *(
+        ((x, y, _LEG / 2), (0.014, 0.014, _LEG), METAL)
+        for x in (-0.090, 0.060)
+        for y in (-0.090, 0.090)
+    ),
+]
 
 
 class Nao(Room):
     """NAO presses the controller's keys with its fingertips and sees by the camera in its
     forehead."""
 
-    mount = TOP_CAMERA
+    mount = Mount(
+        np.array(TORSO_ORIGIN) + _NECK, _POSTURE, TOP_CAMERA_ORIGIN, pitch=TOP_CAMERA_PITCH
+    )
     viewpoints = {  # noqa: RUF012
         "room": VISITOR,
         "hands": Viewpoint((0.46, -0.12, 0.46), (0.185, 0.0, 0.222), 30.0),
         "front": Viewpoint((0.66, -0.32, 0.72), (0.075, 0.0, 0.272), 34.0),
     }
-    own_furniture = CHAIR
+    own_furniture = _CHAIR
     arms: Arms
     controller: Controller
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from actors.robots.interface import ViewName
+from actors.robots.nao.assembly import write_urdf
 from actors.robots.nao.own_nao import OwnNao
 from actors.robots.nao.robot import Nao
-from actors.robots.nao.urdf import write_urdf
 from common.actions import Keys
 from common.errors import InputError
 from common.run.conditions import PERFECT_CAMERA, CameraConfig

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.robots.nao.eye import TOP_CAMERA
 from actors.robots.nao.robot import Nao
 from actors.robots.room.camera import Camera
 from actors.robots.room.furniture import PICTURE_CORNERS, PICTURE_HEIGHT
@@ -321,7 +320,7 @@ def test_a_new_game_shows_nothing_of_the_last() -> None:
 
 
 def test_the_eye_turns_and_the_screen_moves_as_told(room: Nao) -> None:
-    usual = TOP_CAMERA.camera(room._engine)
+    usual = Nao.mount.camera(room._engine)
 
     def gaze(camera: Camera) -> NDArray[np.float64]:
         forward: NDArray[np.float64] = camera._to_clip[3, :3]
@@ -350,7 +349,7 @@ def test_the_eye_turns_and_the_screen_moves_as_told(room: Nao) -> None:
 def test_a_tilted_screen_leans_back_about_its_middle(room: Nao) -> None:
     room.set_eye(CameraConfig(screen_tilt=30.0, screen_distance=1.1))
     corners = room.furniture.picture_corners
-    usual = float(PICTURE_CORNERS[0, 0] - TOP_CAMERA.camera(room._engine).position[0])
+    usual = float(PICTURE_CORNERS[0, 0] - Nao.mount.camera(room._engine).position[0])
     middle = PICTURE_CORNERS.mean(axis=0) + np.array([0.1 * usual, 0.0, 0.0])
     assert corners.mean(axis=0) == pytest.approx(middle)
     half = PICTURE_HEIGHT / 2
