@@ -17,6 +17,7 @@ from actors.robots.nao.assembly import assemble
 from actors.robots.nao.controller import CROSS_MIDDLE, Controller, place_of
 from actors.robots.nao.kinematics import ArmChain
 from actors.robots.nao.posture import FINGERTIP_RADIUS
+from actors.robots.room.body import Limbs
 from actors.robots.room.engine import joints_of
 from actors.robots.room.rotation import Vector
 from common.actions import KEYS_OF_ACTION, Keys
@@ -191,8 +192,8 @@ class Arm:
         self._still = SETTLED
 
 
-class Arms:
-    """Implements `Limbs` by both arms, which follow planned paths."""
+class Arms(Limbs):
+    """Both arms, left first, which follow planned paths."""
 
     def __init__(self, engine: Any, body: int, controller: Controller) -> None:
         directions = {
@@ -201,28 +202,12 @@ class Arms:
         self.left = Arm(engine, body, "L", controller, {**directions, Keys.NONE: CROSS_MIDDLE})
         fire = place_of(Keys.FIRE)
         self.right = Arm(engine, body, "R", controller, {Keys.NONE: fire, Keys.FIRE: fire})
-        self._states = engine.getJointStates
-        self.body = body
-        self._joints = [*self.left.joints, *self.right.joints]
-        joints = [*self.left.chain.joints, *self.right.chain.joints]
-        self._middles = np.array([(joint.lower + joint.upper) / 2 for joint in joints])
-        self._ranges = np.array([(joint.upper - joint.lower) / 2 for joint in joints])
-        self._top_speeds = np.array([joint.max_speed for joint in joints])
-        pieces = assemble()[0]
-        self.movables = [
-            (link, pieces[joint.child].extent)
-            for link, joint in zip(self._joints, joints, strict=True)
-        ]
-        """Links that move, each with the radius that holds what is drawn of it, m."""
-
-    def posture(self) -> tuple[Angles, Angles]:
-        """Returns angles and speeds of both arms' joints, left first, ``float64 [8]`` each.
-
-        Angles are scaled from the joint's limits to -1 to 1, speeds by the joint's maximum.
-        """
-        states = self._states(self.body, self._joints)
-        angles, speeds = np.array([state[:2] for state in states]).T
-        return (angles - self._middles) / self._ranges, speeds / self._top_speeds
+        joints = {
+            number: joint
+            for arm in (self.left, self.right)
+            for number, joint in zip(arm.joints, arm.chain.joints, strict=True)
+        }
+        super().__init__(engine, body, joints, assemble()[0])
 
     def limit_speed(self, share: float) -> None:
         self.left.limit_speed(share)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.robots.room.body import Pressed
 from actors.robots.room.engine import joints_of
 from actors.robots.room.rotation import Vector
 from common.actions import Keys
@@ -55,10 +56,6 @@ KEY_PLACES: dict[Keys, tuple[float, float]] = {
 }
 """Centre of each key in the box's frame (x away from the robot, y to its left), m."""
 
-_KEY_BITS = tuple(int(key) for key in KEY_PLACES)
-_KEY_SETS = tuple(map(Keys, range(2 ** len(KEY_PLACES))))
-"""Every set of keys by its bits: making a `Keys` costs more than reading the controller."""
-
 CAP_RADIUS = math.hypot(_FIRE_RADIUS, CAP_HEIGHT / 2)
 """Radius around a key's centre that holds all of it, m."""
 
@@ -78,26 +75,23 @@ CROSS_MIDDLE: tuple[float, float] = (0.0, _CROSS_Y)
 """Point where the direction keys meet."""
 
 
-class Controller:
-    """Implements `Pressed` in a physics client; ``desk_top`` is the height of the desk, m."""
+class Controller(Pressed):
+    """The keys in a physics client; ``desk_top`` is the height of the desk, m."""
+
+    press_depths = (PRESS_DEPTH,) * len(KEY_PLACES)
+    release_depths = (RELEASE_DEPTH,) * len(KEY_PLACES)
 
     def __init__(self, engine: Any, folder: Path, desk_top: float) -> None:
         path = folder / "controller.urdf"
         path.write_text(_urdf())
-        self._engine = engine
-        self._joint_states = engine.getJointStates
         self._key_top = desk_top + KEY_TOP
-        self.body: int = engine.loadURDF(
+        body: int = engine.loadURDF(
             str(path), (CENTRE[0], CENTRE[1], desk_top + BOX[2] / 2), useFixedBase=True
         )
-        numbers = joints_of(engine, self.body)
-        self._joints = [numbers[str(key.name)] for key in KEY_PLACES]
+        numbers = joints_of(engine, body)
+        super().__init__(engine, body, {numbers[str(key.name)]: SPRING_FORCE for key in KEY_PLACES})
+        self.movables = [(joint, CAP_RADIUS) for joint in self._joints]
         for joint in self._joints:
-            # A position motor with this little force acts as a spring.
-            engine.setJointMotorControl2(
-                self.body, joint, engine.POSITION_CONTROL, targetPosition=0.0,
-                positionGain=0.5, velocityGain=0.5, force=SPRING_FORCE,
-            )  # fmt: skip
             engine.changeDynamics(
                 self.body, joint, restitution=0.0, jointDamping=0.0,
                 contactProcessingThreshold=_CONTACT_DISTANCE,
@@ -106,50 +100,26 @@ class Controller:
             # Friction on smooth plastic is small, and computing it would cost more than all else
             # about the keys.
             engine.changeDynamics(self.body, link, lateralFriction=0.0)
-        self._held = Keys.NONE
-        self._shown = Keys.NONE
-        self.set_threshold(1.0)
-
-    @property
-    def held(self) -> Keys:
-        return self._held
-
-    @property
-    def movables(self) -> list[tuple[int, float]]:
-        """The keys' links, in `KEY_PLACES`' order, and the radius that holds a key, m."""
-        return [(joint, CAP_RADIUS) for joint in self._joints]
-
-    def set_threshold(self, share: float) -> None:
-        self._press_depth, self._release_depth = share * PRESS_DEPTH, share * RELEASE_DEPTH
 
     def depths(self) -> NDArray[np.float64]:
         """Returns how far each key is down, m, ``float64 [5]`` in `KEY_PLACES`' order."""
-        states = self._joint_states(self.body, self._joints)
+        states = self._states(self.body, self._joints)
         return np.array([state[0] for state in states])
 
-    def pressed(self) -> Keys:
-        """Returns the keys held down now and enforces their stops; call it once per frame."""
-        before, held = int(self._held), 0
-        states = self._joint_states(self.body, self._joints)
-        for bit, joint, state in zip(_KEY_BITS, self._joints, states, strict=True):
-            if state[0] > (self._release_depth if bit & before else self._press_depth):
-                held |= bit
-            if state[0] > TRAVEL + _GIVE:
+    def _depths(self) -> list[float]:
+        """As `depths`, and enforces the keys' stops."""
+        depths = [state[0] for state in self._states(self.body, self._joints)]
+        for joint, depth in zip(self._joints, depths, strict=True):
+            if depth > TRAVEL + _GIVE:
                 # The engine enforces a joint limit only after it is passed. The box stops a
                 # fingertip from above, but a fingertip can push a neighbour down from the side.
                 self._engine.resetJointState(self.body, joint, TRAVEL, 0.0)
-        self._held = _KEY_SETS[held]
-        return self._held
+        return depths
 
-    def show(self) -> None:
-        for key, joint in zip(KEY_PLACES, self._joints, strict=True):
-            if key & (self._held ^ self._shown):
-                colour = _PRESSED if key & self._held else _RELEASED[key]
-                self._engine.changeVisualShape(self.body, joint, rgbaColor=colour)
-        self._shown = self._held
-
-    def forget(self) -> None:
-        self._held = Keys.NONE
+    def _paint(self, key: Keys, *, pressed: bool) -> None:
+        joint = self._joints[list(KEY_PLACES).index(key)]
+        colour = _PRESSED if pressed else _RELEASED[key]
+        self._engine.changeVisualShape(self.body, joint, rgbaColor=colour)
 
     def mimic(self, other: "Controller") -> None:
         """Put the keys where ``other`` has them, to render the same state in another room."""

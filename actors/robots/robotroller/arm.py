@@ -10,9 +10,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from actors.robots.robotroller import published
 from actors.robots.robotroller.joystick import (
     BUTTON,
@@ -26,6 +23,7 @@ from actors.robots.robotroller.joystick import (
     UP_DOWN,
 )
 from actors.robots.robotroller.published import NO_LOAD_SPEED, STALL_TORQUE, turned
+from actors.robots.room.body import Limbs
 from actors.robots.room.engine import fixed_body
 from actors.robots.room.rotation import Vector
 from actors.robots.room.shapes import ALONG_X, ALONG_Y, Colour, Shape, ball, rod
@@ -65,39 +63,32 @@ _ORANGE: Colour = (0.98, 0.45, 0.08)
 _SERVO: Colour = (0.13, 0.13, 0.15)
 _METAL: Colour = (0.62, 0.64, 0.68)
 
-Angles = NDArray[np.float64]
 
-
-class Arm:
-    """Implements `Limbs` by three servos in a physics client."""
+class Arm(Limbs):
+    """Three servos in a physics client."""
 
     def __init__(self, engine: Any, folder: Path, desk_top: float) -> None:
-        self._engine = engine
-        self._states = engine.getJointStates
-        self.body, numbers = fixed_body(
+        body, numbers = fixed_body(
             engine,
             folder / "robotroller.urdf",
             urdf("robotroller", _PARTS, _JOINTS),
             (CENTRE[0], CENTRE[1], desk_top),
         )
-        self.joints = [numbers[joint.name] for joint in _JOINTS]
+        joints = {numbers[joint.name]: joint for joint in _JOINTS}
+        super().__init__(engine, body, joints, {part.name: part for part in _PARTS})
         for link in range(-1, len(numbers)):
             engine.changeDynamics(
-                self.body, link, lateralFriction=0.0, jointDamping=0.0,
+                body, link, lateralFriction=0.0, jointDamping=0.0,
                 linearDamping=0.0, angularDamping=0.0,
             )  # fmt: skip
-        for link, axis in zip(self.joints, (0, 1, 0), strict=True):
+        for link, axis in zip(joints, (0, 1, 0), strict=True):
             # The engine refuses it in a file, where no body has so much about one axis alone.
-            inertia = list(engine.getDynamicsInfo(self.body, link)[2])
+            inertia = list(engine.getDynamicsInfo(body, link)[2])
             inertia[axis] += ROTOR_INERTIA * published.GEAR_RATIO**2
-            engine.changeDynamics(self.body, link, localInertiaDiagonal=inertia)
+            engine.changeDynamics(body, link, localInertiaDiagonal=inertia)
         self._goals = (0.0, 0.0, 0.0)
         self._given: tuple[float, float, float] | None = None
         self.limit_speed(1.0)
-
-    @property
-    def movables(self) -> list[tuple[int, float]]:
-        return [(link, part.extent) for link, part in zip(self.joints, _PARTS[1:], strict=True)]
 
     def limit_speed(self, share: float) -> None:
         self._speed = share * NO_LOAD_SPEED
@@ -116,13 +107,6 @@ class Arm:
                 force=STALL_TORQUE, maxVelocity=self._speed, positionGain=_POSITION_GAIN,
                 velocityGain=1.0,
             )  # fmt: skip
-
-    def posture(self) -> tuple[Angles, Angles]:
-        """Returns the servos' angles, -1 to 1 between their limits, and their speeds as shares of
-        that without load, ``float64 [3]`` each."""
-        states = self._states(self.body, self.joints)
-        angles, speeds = np.array([state[:2] for state in states]).T
-        return angles / MOST_TURN, speeds / NO_LOAD_SPEED
 
     def settle(self) -> None:
         for joint in self.joints:

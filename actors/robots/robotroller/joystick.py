@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from actors.robots.room.body import Pressed
 from actors.robots.room.engine import fixed_body
 from actors.robots.room.rotation import Vector
 from actors.robots.room.shapes import Colour, Shape, ball, rod
@@ -69,73 +70,43 @@ LEFT_RIGHT: Vector = (-1.0, 0.0, 0.0)
 UP_DOWN: Vector = (0.0, 1.0, 0.0)
 """Axes about which a positive angle leans to the left, and away from the robot."""
 
-_KEY_SETS = tuple(map(Keys, range(32)))
 
+class Joystick(Pressed):
+    """The joystick in a physics client; ``desk_top`` is the height of the desk, m."""
 
-class Joystick:
-    """Implements `Pressed` in a physics client; ``desk_top`` is the height of the desk, m."""
+    press_depths = (PRESS_LEAN,) * len(SIDES) + (PRESS_DEPTH,)
+    release_depths = (RELEASE_LEAN,) * len(SIDES) + (RELEASE_DEPTH,)
 
     def __init__(self, engine: Any, folder: Path, desk_top: float) -> None:
-        self._engine = engine
-        self._states = engine.getJointStates
-        self.body, numbers = fixed_body(
+        body, numbers = fixed_body(
             engine,
             folder / "joystick.urdf",
             urdf("joystick", _PARTS, _JOINTS),
             (CENTRE[0], CENTRE[1], desk_top),
         )
-        self._joints = [numbers[joint.name] for joint in _JOINTS]
-        for joint, spring in zip(_JOINTS, self._joints, strict=True):
-            # A position motor with this little force acts as a spring.
-            engine.setJointMotorControl2(
-                self.body, spring, engine.POSITION_CONTROL, targetPosition=0.0,
-                positionGain=0.5, velocityGain=0.5, force=joint.max_torque,
-            )  # fmt: skip
+        super().__init__(engine, body, {numbers[joint.name]: joint.max_torque for joint in _JOINTS})
         for link in range(-1, len(numbers)):
             engine.changeDynamics(
                 self.body, link, lateralFriction=0.0, restitution=0.0, jointDamping=0.0,
                 linearDamping=0.0, angularDamping=0.0,
                 contactProcessingThreshold=_CONTACT_DISTANCE,
             )  # fmt: skip
-        self._held = self._shown = Keys.NONE
-        self.set_threshold(1.0)
+        moving = zip(self._joints[1:], (_STICK, _CAP), strict=True)
+        self.movables = [(link, part.extent) for link, part in moving]
 
-    @property
-    def held(self) -> Keys:
-        return self._held
-
-    @property
-    def movables(self) -> list[tuple[int, float]]:
-        return [(link, part.extent) for link, part in zip(self._joints[1:], _MOVING, strict=True)]
-
-    def set_threshold(self, share: float) -> None:
-        """Let a switch close and open at ``share`` of the usual leans, the button likewise."""
-        self._closes = [share * PRESS_LEAN] * 4 + [share * PRESS_DEPTH]
-        self._opens = [share * RELEASE_LEAN] * 4 + [share * RELEASE_DEPTH]
-
-    def pressed(self) -> Keys:
+    def _depths(self) -> tuple[float, ...]:
         left, away, down = (state[0] for state in self._states(self.body, self._joints))
-        before, held = int(self._held), 0
-        for index, depth in enumerate((away, -away, left, -left, down)):
-            bit = 1 << index
-            if depth > (self._opens if bit & before else self._closes)[index]:
-                held |= bit
-        self._held = _KEY_SETS[held]
-        return self._held
+        return away, -away, left, -left, down
 
-    def show(self) -> None:
-        """Light the lamps of closed switches and colour the button; call it before rendering."""
-        for lamp, key in enumerate(SIDES, start=len(_BASE.shapes) - len(SIDES)):
-            if key & (self._held ^ self._shown):
-                colour = _LIT if key & self._held else _DARK
-                self._engine.changeVisualShape(self.body, -1, shapeIndex=lamp, rgbaColor=colour)
-        if Keys.FIRE & (self._held ^ self._shown):
-            colour = _LIT if Keys.FIRE & self._held else _RELEASED
+    def _paint(self, key: Keys, *, pressed: bool) -> None:
+        """Light the lamp of a switch, or colour the button."""
+        if key is Keys.FIRE:
+            colour = _LIT if pressed else _RELEASED
             self._engine.changeVisualShape(self.body, self._joints[2], rgbaColor=colour)
-        self._shown = self._held
-
-    def forget(self) -> None:
-        self._held = Keys.NONE
+        else:
+            lamp = len(_BASE.shapes) - len(SIDES) + list(SIDES).index(key)
+            colour = _LIT if pressed else _DARK
+            self._engine.changeVisualShape(self.body, -1, shapeIndex=lamp, rgbaColor=colour)
 
 
 _BASE = weighed(
@@ -164,7 +135,6 @@ _CAP = weighed(
     (Shape("box", (0.012, 0.012, BUTTON_CAP), (0.0, 0.0, 0.0), _RED, solid=True), 0.001),
 )
 _PARTS: tuple[Part, ...] = (_BASE, _CROSS, _STICK, _CAP)
-_MOVING = (_STICK, _CAP)
 _JOINTS = (
     Joint("left_right", "base", "cross", (0.0, 0.0, FOOT), LEFT_RIGHT,
           -MOST_LEAN, MOST_LEAN, 50.0, SPRING_TORQUE),

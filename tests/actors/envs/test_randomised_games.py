@@ -43,7 +43,7 @@ def settings_of(env: RobotEnv) -> tuple[Any, ...]:
     arms, controller = env.robot.arms, env.robot.controller  # type: ignore[attr-defined]
     return (
         arms.left._speeds[0] / 8.26797,
-        controller._press_depth,
+        controller._closes[0],
         env.robot.camera,  # type: ignore[attr-defined]
         env._world._hands._latency,  # type: ignore[attr-defined]
         env.emulator.sticky,
