@@ -23,7 +23,7 @@ from actors.robots.room.projector import Projection
 from actors.robots.room.scene import Scene
 from actors.robots.room.sensor import Sensor
 from actors.robots.room.silence import silenced
-from actors.robots.room.still_view import Movable, StillView
+from actors.robots.room.still_view import StillView
 from actors.robots.room.viewpoint import Viewpoint, Views
 from common.actions import Keys
 from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
@@ -86,11 +86,7 @@ class Room(ABC):
         self._build(folder)
         self._limit_contacts(self.arms.body)
         self._set_hands(play)
-        self._moves = [
-            Movable(each.body, link, radius)
-            for each in (self.arms, self.controller)
-            for link, radius in each.movables
-        ]
+        self._moves = {each.body: each.movables for each in (self.arms, self.controller)}
         self.set_eye(camera)
         self._settle()
         # Keys sink a little under their own weight: let them come to rest.

@@ -5,38 +5,33 @@ twenty times as long as the rest of an agent step. The robot's camera therefore 
 if a movable body is or was in view. The reused picture equals a new rendering, bit for bit.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from actors.robots.room.camera import Camera, Rendering
 
 
-@dataclass(frozen=True)
-class Movable:
-    """A link that moves, with the ball in which it is drawn."""
-
-    body: int
-    link: int
-    radius: float
-    """Radius around its centre of mass that holds everything drawn of it, m."""
-
-
 class StillView:
-    """A camera that renders again only when the rendering would differ from the last one."""
+    """A camera that renders again only when the rendering would differ from the last one.
+
+    Args:
+        movables: links that move, by body, as `Limbs.movables`.
+        appearance: returns what changes the movables' rendering beside their positions; it is
+            called only while one of them may be in view.
+    """
 
     def __init__(
-        self, engine: Any, camera: Camera, movables: list[Movable], appearance: Callable[[], object]
+        self,
+        engine: Any,
+        camera: Camera,
+        movables: Mapping[int, Sequence[tuple[int, float]]],
+        appearance: Callable[[], object],
     ) -> None:
-        """``appearance`` returns what changes the movables' rendering beside their positions; it is
-        called only while one of them may be in view."""
         self.camera = camera
         self._engine = engine
         self._appearance = appearance
-        self._links: dict[int, list[int]] = {}
-        for movable in movables:
-            self._links.setdefault(movable.body, []).append(movable.link)
-        self._radii = [m.radius for body in self._links for m in movables if m.body == body]
+        self._links = {body: [link for link, _ in moving] for body, moving in movables.items()}
+        self._radii = [radius for moving in movables.values() for _, radius in moving]
         self._drawn: object = None
         self._last: Rendering | None = None
 

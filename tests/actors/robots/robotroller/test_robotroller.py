@@ -244,7 +244,8 @@ def test_its_camera_sees_the_whole_picture_and_nothing_of_the_arm(robot: Robotro
 def test_a_camera_that_looks_down_sees_the_arm_move(robot: Robotroller, keys: Keys) -> None:
     robot.rest()
     engine = robot._engine
-    parts = {engine.getJointInfo(each.body, each.link)[12] for each in robot._moves}
+    moves = [(body, link) for body, moving in robot._moves.items() for link, _ in moving]
+    parts = {engine.getJointInfo(*each)[12] for each in moves}
     assert parts == {b"ring", b"arch", b"finger", b"stick", b"cap"}
     robot.set_eye(CameraConfig(pitch=30.0))
     still = robot.view_of_robot.rendering()
