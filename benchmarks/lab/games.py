@@ -86,6 +86,7 @@ class Options(TrainingOptions):
 def measure(options: Options) -> Report:
     about = {name: getattr(options, name) for name in _SAME}
     found = resumed(options.json, about, "games of this budget, seed and these flags")
+    found.pop("rows", None)  # they are of fewer games
     title = f"after {options.steps:,} agent steps, preset {options.preset} {options.learner}"
     asked = [{"game": game, "env": env} for game in options.game for env in BODIES]
     runs = measure_missing(options.json, found, "runs", asked, partial(_train, options))

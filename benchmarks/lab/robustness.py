@@ -97,6 +97,7 @@ def measure(options: Options) -> Report:
         "seed": options.seed,
     }
     found = resumed(options.json, about, "grid of this network, games, ε, sticky and seed")
+    found.pop("rows", None)  # they are of fewer cells
     asked = [(optics, late) for optics in options.optics for late in options.latencies]
     places = [{"optics": optics, "latency": late} for optics, late in asked]
     cells = measure_missing(options.json, found, "cells", places, partial(_play, options))

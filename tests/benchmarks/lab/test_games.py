@@ -127,6 +127,11 @@ def test_what_is_missing_is_trained_and_nothing_twice(lab: Lab, tmp_path: Path) 
     assert len(content["runs"]) == 4
     with pytest.raises(InputError, match="holds no games of this budget"):
         played(tmp_path, "--learner=--play.sticky 0.25")
+    lab.left = 1
+    with pytest.raises(KeyboardInterrupt):
+        played(tmp_path, "--game", "breakout")
+    left = json.loads((tmp_path / "games.json").read_bytes())
+    assert (len(left["runs"]), "rows" in left) == (5, False)  # none has the new run yet
 
 
 def test_a_training_that_was_stopped_is_not_compared(lab: Lab, tmp_path: Path) -> None:

@@ -108,6 +108,11 @@ def test_an_interrupted_grid_goes_on(games: Games, tmp_path: Path) -> None:
     assert len(content["cells"]) == 25
     assert len(games.flags) == 25
     assert len({json.dumps(each, sort_keys=True) for each in games.flags}) == 25
+    games.left = 1
+    with pytest.raises(KeyboardInterrupt):
+        grid(file, "--latencies", "1", "3")
+    left = json.loads(file.read_bytes())
+    assert (len(left["cells"]), "rows" in left) == (26, False)  # those before have no +17 ms
 
 
 @pytest.mark.parametrize("other", [("--sticky", "0.5"), ("--seed", "2")])
