@@ -76,10 +76,6 @@ class Deadlines:
         return late
 
 
-def _wait(changed: threading.Condition, seconds: float | None) -> None:
-    changed.wait(seconds)
-
-
 class RealTime(Lockstep):
     """Time passes by itself, frame by frame, in a thread of its own.
 
@@ -100,7 +96,7 @@ class RealTime(Lockstep):
         speed: float = 1.0,
         *,
         now: Callable[[], float] = time.monotonic,
-        wait: Callable[[threading.Condition, float | None], None] = _wait,
+        wait: Callable[[threading.Condition, float | None], object] = threading.Condition.wait,
     ) -> None:
         super().__init__(world)
         self._wait = wait
