@@ -10,7 +10,7 @@ import numpy as np
 from ale_py import ALEInterface, LoggerMode, roms
 from numpy.typing import NDArray
 
-from actors.envs.phosphor import glow, glow_grey, glow_rgb, luminance
+from actors.envs.phosphor import glow, glow_of_fields, luminance
 from common.games import check_game
 
 _ROMS = Path(roms.__file__).parent
@@ -79,13 +79,14 @@ class Emulator:
         picture = self._ale.getScreenRGB()
         if self._european:
             return glow(picture, self._before_rgb)
-        return glow_rgb(picture, self._ale.getScreen(), self._before)
+        return glow_of_fields(picture, self._ale.getScreen(), self._before)
 
     def screen_grey(self) -> NDArray[np.uint8]:
         """The picture's luminance, ``uint8 [rows, columns]``, the caller's to keep."""
         if self._european:
             return luminance(self.screen_rgb())  # what a camera sees of it
-        return glow_grey(self._ale.getScreenGrayscale(), self._ale.getScreen(), self._before)
+        grey = self._ale.getScreenGrayscale()
+        return glow_of_fields(grey, self._ale.getScreen(), self._before)
 
     def ram(self) -> NDArray[np.uint8]:
         """The console's memory, ``uint8 [128]``."""

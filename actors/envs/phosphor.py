@@ -60,25 +60,21 @@ _RGB = _PALETTE.astype(np.uint8)
 _GREY = np.rint(_PALETTE @ np.array(_GREY_WEIGHTS)).astype(np.uint8)
 
 
-def glow_rgb(
+def glow_of_fields(
     picture: NDArray[np.uint8], now: NDArray[np.uint8], before: NDArray[np.uint8]
 ) -> NDArray[np.uint8]:
-    """``picture uint8 [rows, columns, 3]`` of the field ``now``, after the field ``before``.
+    """``picture`` of the field ``now``, after the field ``before``.
 
-    Fields are in the console's own numbers of colours, ``uint8 [rows, columns]``. ``picture`` is
-    changed and given back.
+    Fields are in the console's own numbers of colours, ``uint8 [rows, columns]``. ``picture`` has
+    the colours of ``now``, ``uint8 [rows, columns, 3]``, or its luminance, ``uint8 [rows,
+    columns]``; it is changed and given back.
     """
-    places, blends = _changes(now, before)
-    picture.reshape(-1, 3)[places] = _RGB[blends]
-    return picture
-
-
-def glow_grey(
-    picture: NDArray[np.uint8], now: NDArray[np.uint8], before: NDArray[np.uint8]
-) -> NDArray[np.uint8]:
-    """The same for luminance, ``uint8 [rows, columns]``."""
-    places, blends = _changes(now, before)
-    picture.reshape(-1)[places] = _GREY[blends]
+    places = np.flatnonzero(now != before)
+    blends = _BLENDS[now.take(places) >> 1, before.take(places) >> 1]
+    if picture.ndim == 3:
+        picture.reshape(-1, 3)[places] = _RGB[blends]
+    else:
+        picture.reshape(-1)[places] = _GREY[blends]
     return picture
 
 
@@ -92,11 +88,3 @@ def glow(now: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.uint8]
 def luminance(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Returns the luminance of ``picture uint8 [rows, columns, 3]``, ``uint8 [rows, columns]``."""
     return np.asarray(np.rint(picture @ np.array(_GREY_WEIGHTS)), np.uint8)
-
-
-def _changes(
-    now: NDArray[np.uint8], before: NDArray[np.uint8]
-) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-    """Indices of the pixels that differ, and their blends as numbers from 0 to 127."""
-    places = np.flatnonzero(now != before)
-    return places, _BLENDS[now.take(places) >> 1, before.take(places) >> 1]
