@@ -3,13 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from actors.envs import make_env
 from actors.loop import play
 from actors.policy import Policy
 from actors.stream.chunker import Chunker
-from common.network import build_network
 from common.run.config import RunConfig
 from replay.replay_buffer import ReplayBuffer
 
@@ -21,9 +18,7 @@ def random_play(config: RunConfig, steps: int, folder: Path) -> ReplayBuffer:
         replay=replace(config.replay, capacity=2 * steps, learning_starts=1, ratio_tolerance=10**9),
     )
     env = make_env(config, training=True)
-    actions = int(env.action_space.n)  # type: ignore[attr-defined]
-    rng = np.random.default_rng(config.seed)
-    policy = Policy(build_network(config, actions), actions, rng)
+    policy = Policy.of_file(config, None, 1.0, config.seed)
     chunker = Chunker("random-play", "actor-1", 1, 0, config.stream.chunk_steps)
     buffer = ReplayBuffer(config, folder)
     for number, step in enumerate(play([env], policy, [config.seed])):

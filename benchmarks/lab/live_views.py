@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 import cv2
-import numpy as np
 import torch
 
 from actors.envs import make_env
@@ -18,7 +17,6 @@ from actors.stream.live_views import LiveViews
 from benchmarks.child import free_endpoint
 from benchmarks.report import BenchmarkOptions, Report, main
 from common.checked import FromOne
-from common.network import build_network
 from common.protocol.live_view import Viewpoint, ViewRequest
 from common.protocol.run_keys import RunKeys
 from common.run.presets import PRESETS
@@ -50,8 +48,7 @@ def _looks(env_name: str, looks: int) -> list[dict[str, object]]:
     env, endpoint, keys = make_env(config, training=True), free_endpoint(), RunKeys("r")
     with open_hub(endpoint) as hub, connect(endpoint, 10.0) as client:
         member = Member("a", client, keys, config, 10.0, threading.Event())
-        actions = config.action_count
-        policy = Policy(build_network(config, actions), actions, np.random.default_rng(0))
+        policy = Policy.of_file(config, None, 1.0, 0)
         views = LiveViews(member, "actor", [env], policy)
         requester = hub.requester(keys.view("actor", "a"), 60.0)
         steps = play([env], policy, [1])
