@@ -60,12 +60,7 @@ class Flooder:
             threading.Thread(target=work, daemon=True)
             for work in (self._send_chunks, self._send_heartbeats, self._ask_for_weights)
         ]
-        self._chunks = Streams(
-            keys.run_id,
-            actors=(name,),
-            steps=config.stream.chunk_steps,
-            frame_stack=config.play.frame_stack,
-        )
+        self._chunks = Streams(keys.run_id, (name,), config)
         self._inserts = transport.requester(keys.insert(name), _DEADLINE)
         self._questions = transport.requester(keys.latest_weights, _QUESTION_DEADLINE)
         self._heartbeats = transport.publisher(keys.stats("actor", name))

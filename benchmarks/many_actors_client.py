@@ -39,9 +39,7 @@ class Crowd:
             member = Member(name, transport, keys, config, _PATIENCE, threading.Event())
             self._clients.append(InsertClient(member))
         self._steps = config.stream.chunk_steps
-        self._streams = Streams(
-            keys.run_id, actors=names, steps=self._steps, frame_stack=config.play.frame_stack
-        )
+        self._streams = Streams(keys.run_id, names, config)
         self._join_seconds = time.monotonic() - began
 
     def join_seconds(self) -> float:

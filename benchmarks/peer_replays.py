@@ -21,7 +21,6 @@ from benchmarks.replay import BATCH, draw, draw_and_rate, fill, prioritised, unl
 from benchmarks.synthetic import Streams
 from replay.replay_buffer import ReplayBuffer
 
-_CHUNK = 64
 _POOL = 64
 _ALPHA, _BETA = 0.6, 0.4
 Who = Literal["ours", "cpprb", "cpprb-stacks", "cpprb-states", "stable-baselines3"]
@@ -51,13 +50,13 @@ def ours(wanted: Wanted) -> Filled:
     """`ReplayBuffer`, in files."""
     config = unlimited(wanted.size)
     buffer = ReplayBuffer(prioritised(config) if wanted.prioritised else config, wanted.folder)
-    streams = Streams("bench", actors=("actor-1",), steps=_CHUNK, frame_stack=4)
+    streams = Streams("bench", ("actor-1",), config)
     fill(buffer, streams, wanted.size)
     rated = draw_and_rate(buffer, np.random.default_rng(1))
     return Filled(
         lambda: buffer.insert(streams.next()),
         rated if wanted.prioritised else lambda: draw(buffer),
-        _CHUNK,
+        config.stream.chunk_steps,
     )
 
 

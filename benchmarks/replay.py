@@ -21,7 +21,7 @@ from benchmarks.synthetic import Streams
 from common.checked import FromOne
 from common.errors import InputError
 from common.process.footprint import footprint
-from common.run.config import ReplayConfig, RunConfig
+from common.run.config import ReplayConfig, RunConfig, StreamConfig
 from common.run.folder import check_folder
 from common.run.presets import PRESETS
 from replay.batch import Batch
@@ -94,11 +94,9 @@ def draw_and_rate(buffer: ReplayBuffer, rng: np.random.Generator) -> Callable[[]
 
 
 def measure_size(capacity: int, options: Options, folder: Path) -> dict[str, Any]:
-    config = unlimited(capacity)
+    config = replace(unlimited(capacity), stream=StreamConfig(chunk_steps=options.chunk_steps))
     names = tuple(f"actor-{number}" for number in range(1, options.actors + 1))
-    streams = Streams(
-        "bench", actors=names, steps=options.chunk_steps, frame_stack=config.play.frame_stack
-    )
+    streams = Streams("bench", names, config)
     before = footprint().private
     buffer = ReplayBuffer(config, folder)
     began = time.perf_counter()

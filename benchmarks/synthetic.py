@@ -6,6 +6,7 @@ import numpy as np
 
 from common.protocol.chunk import Chunk
 from common.protocol.step_fields import FRAME_SHAPE, zero_steps
+from common.run.config import RunConfig
 
 _GAME_STEPS = 500
 _POOL = 16
@@ -18,7 +19,9 @@ class Streams:
     A step field that matters to nothing measured is 0.
     """
 
-    def __init__(self, run: str, *, actors: tuple[str, ...], steps: int, frame_stack: int) -> None:
+    def __init__(self, run: str, actors: tuple[str, ...], config: RunConfig) -> None:
+        """Chunks of the run with this id, as long and with as much context as ``config`` says."""
+        steps, older = config.stream.chunk_steps, config.play.frame_stack - 1
         rng = np.random.default_rng(1)
         self._actors = actors
         self._made = 0
@@ -32,20 +35,20 @@ class Streams:
                 sequence=0,
                 weights_version=0,
                 epsilon=0.1,
-                context=frames[: frame_stack - 1],
+                context=frames[:older],
                 final_frames=np.zeros((0, *FRAME_SHAPE), np.uint8),
                 final_vectors=np.zeros((0, 0), np.float32),
                 **blank
                 | {name: np.ones_like(blank[name]) for name in ("elapsed", "valid", "matched")}
                 | {
-                    "frames": frames[frame_stack - 1 :],
+                    "frames": frames[older:],
                     "actions": rng.integers(6, size=steps, dtype=np.uint8),
                     "rewards": rng.integers(-1, 2, size=steps).astype(np.float32),
                     "terminated": rng.random(steps) < 1 / _GAME_STEPS,
                 },
             )
             for frames in rng.integers(
-                256, size=(_POOL, frame_stack - 1 + steps, *FRAME_SHAPE), dtype=np.uint8
+                256, size=(_POOL, older + steps, *FRAME_SHAPE), dtype=np.uint8
             )
         ]
 

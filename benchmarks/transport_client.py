@@ -83,20 +83,14 @@ class Client:
                 *(_PATIENCE, threading.Event()),
             )
         )
-        steps = self._config.stream.chunk_steps
-        streams = Streams(
-            self._keys.run_id,
-            actors=(self._name,),
-            steps=steps,
-            frame_stack=self._config.play.frame_stack,
-        )
+        streams = Streams(self._keys.run_id, (self._name,), self._config)
 
         def action() -> int:
             payload = streams.next().encode()
             outbox.send(payload)
             return len(payload)
 
-        found = _figures(action, steps, latencies, seconds)
+        found = _figures(action, self._config.stream.chunk_steps, latencies, seconds)
         outbox.flush(_FLUSH)
         counted = ("retried", "refused", "unacknowledged")
         return found | {name: getattr(outbox, name) for name in counted}

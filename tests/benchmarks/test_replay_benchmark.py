@@ -10,6 +10,7 @@ from benchmarks import replay, report
 from benchmarks.synthetic import Streams
 from common.errors import InputError
 from common.protocol.chunk import Chunk
+from common.run.config import RunConfig, StreamConfig
 
 
 def run(*flags: str) -> None:
@@ -55,7 +56,7 @@ def test_settings_that_cannot_work(flags: list[str], complaint: str) -> None:
 
 
 def test_chunks_of_noise_are_chunks() -> None:
-    streams = Streams("r", actors=("a", "b"), steps=8, frame_stack=4)
+    streams = Streams("r", ("a", "b"), RunConfig(stream=StreamConfig(chunk_steps=8)))
     chunks = [Chunk.decode(streams.next().encode()) for _ in range(5)]
     assert [(each.actor, each.sequence) for each in chunks] == [
         ("a", 0),
