@@ -92,21 +92,13 @@ class Training(HostedRun):
         self._folder = certificates
         self._actor, self._heartbeats = (0, 0.0), 0  # grow meanwhile, in a thread of Zenoh's
 
-    def __enter__(self) -> "Training":
-        super().__enter__()
-        with ExitStack() as stack:
-            stack.callback(self._stack.close)
-            self.transport.subscribe(self.keys.stats("actor", "*"), self._hear)
-            self._status = self.transport.requester(self.keys.status, _DEADLINE)
-            place = ("--connect", self.endpoint, "--certificates", str(self._folder))
-            actor = Child(
-                *("actors", *place, "--name", _ACTOR),
-                log=self.folder / "actor.log",
-            )
-            stack.callback(actor.end)
-            self.children["actor"] = actor
-            self._stack = stack.pop_all()
-        return self
+    def _watch(self, stack: ExitStack) -> None:
+        self.transport.subscribe(self.keys.stats("actor", "*"), self._hear)
+        self._status = self.transport.requester(self.keys.status, _DEADLINE)
+        place = ("--connect", self.endpoint, "--certificates", str(self._folder))
+        actor = Child("actors", *place, "--name", _ACTOR, log=self.folder / "actor.log")
+        stack.callback(actor.end)
+        self.children["actor"] = actor
 
     def _hear(self, message: Envelope) -> None:
         stats = ActorStats.decode(message.payload)

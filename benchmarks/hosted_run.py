@@ -68,11 +68,15 @@ class HostedRun:
                 self.check()  # the wait may have been broken off because the process ended
                 raise
             self._replay = RemoteReplay(self.transport, self.keys, self.config)
+            self._watch(stack)
             self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
+
+    def _watch(self, stack: ExitStack) -> None:
+        """Begins what else a subclass needs, as soon as the run is there; ``stack`` ends it."""
 
     def check(self) -> None:
         """Refuse processes that ended by themselves.

@@ -9,9 +9,10 @@ import os
 import shlex
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 import tyro
@@ -133,11 +134,9 @@ class LocalRun(HostedRun):
         self._heard: list[Beat] = []  # grows meanwhile, in a thread of Zenoh's
         self._chunks: list[ChunkStatistics] = []
 
-    def __enter__(self) -> Self:
-        super().__enter__()
+    def _watch(self, stack: ExitStack) -> None:
         self._limiter = RateLimiter.of(self.config)
         self.transport.subscribe(self.keys.stats("*", "*"), self._hear)
-        return self
 
     def _hear(self, message: Envelope) -> None:
         stats = ActorStats.decode(message.payload)
