@@ -64,6 +64,20 @@ def run_module(module: str, *arguments: str, quiet: bool = False) -> None:
         )
 
 
+def refusal(*command: str | Path, **how: Any) -> str | None:
+    """Runs ``command``; returns why it did not do its work, None if it did.
+
+    Args:
+        how: as of `subprocess.run`.
+    """
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, **how)
+    except OSError as error:
+        return f"{command[0]} cannot be run ({error.strerror})"
+    said = " ".join(done.stderr.split())
+    return f"{command[0]} failed: {said}" if done.returncode else None
+
+
 def stat_of(process: int) -> list[str]:
     """Returns what Linux tells of a process after its name: its state, its parent and so on."""
     # The name, in brackets, may hold anything; what follows it are numbers.

@@ -2,10 +2,10 @@
 
 import os
 import shutil
-import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
+from benchmarks.child import refusal
 from common.process.supervisor import ROOT
 from common.transport.credentials import Role
 
@@ -32,13 +32,8 @@ class Certificates:
                 self.renew(name)
 
     def _make(self, folder: Path, **environment: str) -> str | None:
-        done = subprocess.run(
-            [ROOT / "deploy/certificates.sh", folder, "localhost"],
-            env={**os.environ, **environment},
-            capture_output=True,
-            text=True,
-        )
-        return f"no certificates: {done.stderr.strip()}" if done.returncode else None
+        script = ROOT / "deploy/certificates.sh"
+        return refusal(script, folder, "localhost", env={**os.environ, **environment})
 
     def of(self, name: str) -> Path:
         """Returns the folder that a process has."""

@@ -8,9 +8,10 @@ kernel lets them jump.
 """
 
 import os
-import subprocess
 import sys
 from pathlib import Path
+
+from benchmarks.child import refusal
 
 _SOURCE = r"""
 #define _GNU_SOURCE
@@ -65,12 +66,8 @@ class Clocks:
 
     def _build(self) -> str | None:
         library = str(self._library)
-        command = ["cc", "-shared", "-fPIC", "-O1", "-x", "c", "-", "-o", library, "-ldl"]
-        try:
-            done = subprocess.run(command, input=_SOURCE, capture_output=True, text=True)
-        except OSError as error:
-            return f"there is no C compiler ({error.strerror})"
-        return f"cc failed: {done.stderr.strip()}" if done.returncode else None
+        command = ("cc", "-shared", "-fPIC", "-O1", "-x", "c", "-", "-o", library, "-ldl")
+        return refusal(*command, input=_SOURCE)
 
     def command(self, name: str) -> tuple[str, ...]:
         """Returns the module, and its arguments, before a process' own that has a clock."""

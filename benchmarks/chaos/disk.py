@@ -4,9 +4,13 @@ import os
 import shutil
 import subprocess
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Self
 
+from benchmarks.child import refusal
+
+_mount = partial(refusal, "mount")
 _LEAST = 4096
 """Bytes that a file system gives out at once."""
 
@@ -61,12 +65,3 @@ class Disk:
 
     def _unmount(self) -> None:
         subprocess.run(["umount", "--lazy", self.folder], check=True)
-
-
-def _mount(*arguments: str) -> str | None:
-    """Mounts something; returns why that cannot be, if it cannot."""
-    try:
-        done = subprocess.run(["mount", *arguments], capture_output=True, text=True)
-    except OSError as error:
-        return f"mount cannot be run ({error.strerror})"
-    return done.stderr.strip().replace("\n", " ") or "mount failed" if done.returncode else None

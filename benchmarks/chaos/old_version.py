@@ -1,12 +1,12 @@
 """A former version of the program, out of the repository's history."""
 
-import io
 import os
 import subprocess
 import sys
 import tarfile
 from pathlib import Path
 
+from benchmarks.child import refusal
 from common.process.supervisor import ROOT
 
 COMMIT = "8f65181"
@@ -22,16 +22,13 @@ class OldVersion:
         """Why it is not there, where that is so."""
 
     def _unpack(self) -> str | None:
-        command = ["git", "-C", str(ROOT), "archive", COMMIT, "actors", "common"]
-        try:
-            done = subprocess.run(command, capture_output=True)
-        except OSError as error:
-            return f"git cannot be run ({error.strerror})"
-        if done.returncode:
-            return f"this is no clone with {COMMIT} in its history"
-        with tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
-            archive.extractall(self._folder, filter="data")
-        return None
+        archive = self._folder.with_suffix(".tar")
+        command = ("git", "-C", ROOT, "archive", "-o", archive, COMMIT, "actors", "common")
+        missing = refusal(*command)
+        if missing is None:
+            with tarfile.open(archive) as packed:
+                packed.extractall(self._folder, filter="data")
+        return missing
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         """Start one of its actors; what it says is on its standard output."""
