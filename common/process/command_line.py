@@ -180,7 +180,8 @@ def _sentence(box: str, command: str) -> str:
     if "Unrecognized" not in box:
         return f"{_plainly(first)} `{command} --help` explains the flags."
     unknown = first.removeprefix("Unrecognized options: ").partition(",")[0]
-    alike = [line.split()[0].strip(",") for line in lines if line.startswith("--")]
+    flags = [line for line in lines if line.startswith("--") and not _is_rule(line)]
+    alike = [line.split()[0].strip(",") for line in flags]
     hint = f"did you mean {alike[0]}?" if alike else f"`{command} --help` lists the flags."
     return f"there is no {'flag ' if unknown.startswith('-') else ''}{unknown}: {hint}"
 
