@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
-import tyro
 from annotated_types import Gt, MinLen
 from rich.console import Console
 from rich.table import Table as RichTable
@@ -21,7 +20,7 @@ from rich.table import Table as RichTable
 from benchmarks.child import end_as_by_ctrl_c
 from common.checked import FromOne
 from common.errors import InputError, exit_on_input_error
-from common.process.command_line import check_bounds
+from common.process.command_line import parse
 from common.run.folder import check_new_file
 from learner.telemetry.provenance import provenance
 
@@ -41,12 +40,11 @@ class BenchmarkOptions:
     """File for the results, as JSON."""
 
     def check(self) -> None:
-        """Refuses values out of the bounds beside their fields, and a folder that is not there.
+        """Refuses what the bounds beside the fields do not, such as a folder that is not there.
 
         Raises:
             InputError: naming the flag.
         """
-        check_bounds(self)
         if self.json is not None:
             check_new_file(self.json)
 
@@ -100,7 +98,7 @@ def run(
     Raises:
         InputError: the arguments are refused, or something that was measured failed.
     """
-    given = tyro.cli(options, prog=f"python -m benchmarks.{name}", args=list(arguments))
+    given = parse(options, f"benchmarks.{name}", arguments)
     given.check()
     measure(given).publish(given.json)
 

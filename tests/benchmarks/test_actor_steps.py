@@ -10,6 +10,7 @@ import pytest
 from benchmarks import actor_steps, hosted_run
 from benchmarks.report import run
 from common.errors import InputError
+from common.process.command_line import check_bounds
 from common.process.supervisor import Child
 
 
@@ -99,4 +100,4 @@ def test_table_and_json(
 def test_settings_that_cannot_work() -> None:
     for name, value in (("envs", ()), ("envs", (0,)), ("turns", 0), ("seconds", 0.0)):
         with pytest.raises(InputError, match=name):
-            actor_steps.Options(**{name: value}).check()  # type: ignore[arg-type]
+            check_bounds(actor_steps.Options(**{name: value}))  # type: ignore[arg-type]

@@ -15,6 +15,7 @@ from benchmarks.epochs_per_day import Paces
 from benchmarks.local_run import LocalRun, Pace, Setting
 from benchmarks.report import run
 from common.errors import InputError
+from common.process.command_line import check_bounds
 
 
 def test_medians_of_turns_after_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,9 +118,9 @@ def test_a_row_for_each_number_of_actors(
 
 def test_settings_that_cannot_work() -> None:
     with pytest.raises(InputError, match="numbers"):
-        scaling.Options(numbers=(0,)).check()
+        check_bounds(scaling.Options(numbers=(0,)))
     with pytest.raises(InputError, match="only"):
-        peers.Options(only=()).check()
+        check_bounds(peers.Options(only=()))
 
 
 @pytest.mark.slow

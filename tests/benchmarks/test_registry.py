@@ -18,6 +18,7 @@ from benchmarks import scaling
 from benchmarks.registry import BENCHMARKS, RESULTS
 from benchmarks.report import BenchmarkOptions, Report, run
 from common.errors import InputError
+from common.process.command_line import check_bounds
 from tests.paths import ROOT
 
 
@@ -36,8 +37,8 @@ def test_a_benchmark_is_a_module_that_takes_its_published_flags(name: str) -> No
 def test_numbers_out_of_bounds_are_refused_with_their_flag() -> None:
     for name, value in (("seconds", 0.0), ("actors", 0), ("numbers", ())):
         with pytest.raises(InputError, match=name):
-            scaling.Options(**{name: value}).check()  # type: ignore[arg-type]
-    scaling.Options(learner="--threads 1 " * 100, numbers=(3,)).check()
+            check_bounds(scaling.Options(**{name: value}))  # type: ignore[arg-type]
+    check_bounds(scaling.Options(learner="--threads 1 " * 100, numbers=(3,)))
 
 
 def test_every_module_that_measures_is_registered() -> None:
@@ -96,3 +97,5 @@ def test_a_benchmark_from_outside_has_the_same_table_and_json(
     assert found["machine"]["cores"] > 0
     with pytest.raises(InputError, match="no folder"):
         run("new", BenchmarkOptions, measure, ["--json", str(tmp_path / "none" / "new.json")])
+    with pytest.raises(InputError, match="there is no flag --jsn: did you mean --json"):
+        run("new", BenchmarkOptions, measure, ["--jsn", str(file)])

@@ -9,6 +9,7 @@ import pytest
 from benchmarks import transport
 from benchmarks.report import run
 from common.errors import InputError
+from common.process.command_line import check_bounds
 
 
 @pytest.mark.usefixtures("forks")
@@ -88,4 +89,4 @@ def test_table_and_json(
 
 def test_settings_that_cannot_work() -> None:
     with pytest.raises(InputError, match="senders"):
-        transport.Options(senders=0).check()
+        check_bounds(transport.Options(senders=0))
