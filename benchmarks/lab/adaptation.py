@@ -11,10 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import tyro
-
 from benchmarks.lab.policy import (
-    EPSILON,
+    PlayingOptions,
     TrainingOptions,
     evaluate,
     first_at,
@@ -23,8 +21,7 @@ from benchmarks.lab.policy import (
     train,
 )
 from benchmarks.report import Report, Table, main
-from common.checked import Fraction, FromOne
-from common.process.command_line import WeightsFile
+from common.checked import FromOne
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
 from common.run.epochs import EpochRow, EpochTable
@@ -55,19 +52,13 @@ _NEAR = 2.0
 
 
 @dataclass(frozen=True)
-class Options(TrainingOptions):
+class Options(TrainingOptions, PlayingOptions):
     """Train a policy for a while in another world than its own, and play it before and after."""
 
-    network: tyro.conf.Positional[WeightsFile]
-    """A published policy, or a checkpoint in its run's folder."""
     to: str
     """Settings of the other world, as in --to="--camera.noise 8 --play.sticky 0.25"."""
     steps: FromOne = 20_000
     """Agent steps of the training."""
-    games: FromOne = 10
-    """Games of each of the three evaluations."""
-    epsilon: Fraction = EPSILON
-    """Share of random actions in the evaluations."""
     run: str = "adaptation"
     """Name of the training's run."""
 

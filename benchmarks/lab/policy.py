@@ -10,11 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import tyro
+
 from benchmarks.child import free_endpoint, run_module, scratch
 from benchmarks.report import BenchmarkOptions
-from common.checked import FromOne
+from common.checked import Fraction, FromOne
 from common.errors import InputError
-from common.process.command_line import PRESENT_FLAGS
+from common.process.command_line import PRESENT_FLAGS, WeightsFile
 from common.run.config import RunConfig
 from common.run.epochs import EpochPhase, EpochRow
 from common.run.folder import RunFolder
@@ -34,6 +36,18 @@ class TrainingOptions(BenchmarkOptions):
     """Seed of the first run; those of further ones follow it."""
     runs: Path = Path("runs")
     """Folder that holds the runs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayingOptions(BenchmarkOptions):
+    """The flags of every experiment that plays whole games by a network."""
+
+    network: tyro.conf.Positional[WeightsFile]
+    """A published policy, or a checkpoint in its run's folder."""
+    games: FromOne = 10
+    """Games of each evaluation."""
+    epsilon: Fraction = EPSILON
+    """Share of random actions."""
 
 
 def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> None:

@@ -14,14 +14,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, Literal
 
-import tyro
 from annotated_types import Ge, Le, MinLen
 
-from benchmarks.lab.policy import EPSILON, evaluate
-from benchmarks.report import BenchmarkOptions, Report, Table, main, measure_missing, resumed
+from benchmarks.lab.policy import PlayingOptions, evaluate
+from benchmarks.report import Report, Table, main, measure_missing, resumed
 from common.checked import Fraction, FromOne
 from common.press_latency import ms_of
-from common.process.command_line import WeightsFile
 from common.run.conditions import MAX_ADDED
 
 Optics = Literal["nominal", "grain", "pose", "light", "late"]
@@ -53,11 +51,9 @@ _KEPT = (
 
 
 @dataclass(frozen=True)
-class Options(BenchmarkOptions):
+class Options(PlayingOptions):
     """Play whole games by a trained network under added latencies and faults of the eye."""
 
-    network: tyro.conf.Positional[WeightsFile]
-    """A published policy, or a checkpoint in its run's folder."""
     latencies: Annotated[tuple[Annotated[int, Ge(0), Le(MAX_ADDED)], ...], MinLen(1)] = (
         *(0, 2, 4, 8, 12),
     )
@@ -65,10 +61,6 @@ class Options(BenchmarkOptions):
     optics: Annotated[tuple[Optics, ...], MinLen(1)] = tuple(OPTICS)
     """Optics: nominal; grain, noise and blur; pose, of head and screen; light, gamma, ambient light
     and glare; late, lost and late pictures."""
-    games: FromOne = 10
-    """Games of each cell."""
-    epsilon: Fraction = EPSILON
-    """Share of random actions."""
     sticky: Fraction = 0.0
     """Repeat probability of the console."""
     seed: FromOne = 1

@@ -6,14 +6,10 @@ actuation latency.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
-
-import tyro
 
 from benchmarks.lab.ladder import FLAGS, Rung
-from benchmarks.lab.policy import EPSILON, evaluate
-from benchmarks.report import BenchmarkOptions, Report, main
-from common.checked import FromOne
+from benchmarks.lab.policy import PlayingOptions, evaluate
+from benchmarks.report import Report, main
 
 _TITLES: dict[Rung, str] = {
     "R1": "the emulator alone",
@@ -27,16 +23,9 @@ _WITHOUT = ("--play.hand", "arm", "--play.eye", "camera", "--play.press-latency"
 
 
 @dataclass(frozen=True)
-class Options(BenchmarkOptions):
-    """Play games by a trained network on each rung of the ladder."""
-
-    network: tyro.conf.Positional[Path]
-    """A published policy, or a checkpoint in its run's folder; without the body's feedback, which
-    is not the same on all rungs."""
-    games: FromOne = 10
-    """Games on each rung."""
-    epsilon: float = EPSILON
-    """Share of random agent steps."""
+class Options(PlayingOptions):
+    """Play games by a trained network on each rung of the ladder. It must be one without the body's
+    feedback, which is not the same on all rungs."""
 
 
 def rung_flags(rung: Rung) -> list[str]:
