@@ -6,7 +6,6 @@ Each row says which of its numbers were measured, by the file, and which are com
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,46 +32,6 @@ SOURCES = ("actor_steps", "many_actors", "peers", "transport")
 """Names of the results that it is made of."""
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """What the results say."""
-
-    actor: float
-    """Agent steps per second of a robot's actor on one core."""
-    updates: float
-    """Updates per second of a learner on two cores."""
-    inserts: float
-    """Steps per second that a replay takes while it gives minibatches over Zenoh."""
-    step_bytes: float
-    """Bytes that a step takes in a chunk."""
-    batch_bytes: float
-    """Bytes of a minibatch that is sent over Zenoh."""
-    hub: list[Mapping[str, Any]]
-    """By number of actors."""
-
-    def nearest(self, robots: int) -> Mapping[str, Any]:
-        """The number of actors next to ``robots`` at which the hub was measured."""
-        return min(self.hub, key=lambda found: abs(math.log(found["actors"] / robots)))
-
-
-def _read(folder: Path) -> _Measured:
-    found = {name: json.loads((folder / f"{name}.json").read_bytes()) for name in SOURCES}
-    transport = found["transport"]
-    insert, sample = transport["insert"], transport["sample"]
-    return _Measured(
-        actor=found["actor_steps"]["robot"]["1"],
-        updates=max(
-            each["ours/s"]
-            for each in found["peers"]["rows"]
-            if each["work"].startswith(f"updates of {_PAPER.batch_size},")
-        ),
-        inserts=transport["insert_at_once"]["transitions_per_second"],
-        step_bytes=insert["megabytes_per_second"] * 1e6 / insert["transitions_per_second"],
-        batch_bytes=sample["megabytes_per_second"] * 1e6 / sample["calls_per_second"],
-        hub=found["many_actors"]["many_actors"],
-    )
-
-
 def needs(folder: Path) -> Iterator[list[str]]:
     """Yields a row for each thing that robots need, under `NAMES`.
 
@@ -80,18 +39,37 @@ def needs(folder: Path) -> Iterator[list[str]]:
         InputError: a result is not there, or lacks what it should have.
     """
     try:
-        yield from _rows(_read(folder))
+        texts = {name: (folder / f"{name}.json").read_bytes() for name in SOURCES}
+        yield from _rows({name: json.loads(text) for name, text in texts.items()})
     except (OSError, ValueError, KeyError) as error:
         names = ", ".join(f"{name}.json" for name in SOURCES)
         raise InputError(f"{folder} needs {names} ({error!r}): run `make bench`.") from None
 
 
-def _rows(of: _Measured) -> Iterator[list[str]]:
+def _rows(found: Mapping[str, Any]) -> Iterator[list[str]]:
+    # Agent steps per second of a robot's actor on one core, updates per second of a learner on two.
+    actor: float = found["actor_steps"]["robot"]["1"]
+    updates: float = max(
+        each["ours/s"]
+        for each in found["peers"]["rows"]
+        if each["work"].startswith(f"updates of {_PAPER.batch_size},")
+    )
+    insert, sample = found["transport"]["insert"], found["transport"]["sample"]
+    # Steps per second that a replay takes while it gives minibatches over Zenoh.
+    inserts: float = found["transport"]["insert_at_once"]["transitions_per_second"]
+    step_bytes = insert["megabytes_per_second"] * 1e6 / insert["transitions_per_second"]
+    batch_bytes = sample["megabytes_per_second"] * 1e6 / sample["calls_per_second"]
+
+    def nearest(robots: int) -> Mapping[str, Any]:
+        """Returns the hub with the number of actors next to ``robots`` at which it was measured."""
+        hubs: list[Mapping[str, Any]] = found["many_actors"]["many_actors"]
+        return min(hubs, key=lambda each: abs(math.log(each["actors"] / robots)))
+
     def row(what: str, value: Callable[[int], float], how: str, limit: str = "") -> list[str]:
         return [what, *(cell(float(value(robots))) for robots in ROBOTS), how, limit]
 
     def hub(name: str, robots: int) -> float:
-        near = of.nearest(robots)
+        near = nearest(robots)
         return float(near[name] / near["actors"] * robots)
 
     def steps(robots: int) -> float:
@@ -101,7 +79,7 @@ def _rows(of: _Measured) -> Iterator[list[str]]:
         return steps(robots) / _PAPER.train_period
 
     def made(robots: int) -> float:
-        return min(due(robots), of.updates)
+        return min(due(robots), updates)
 
     def weights(robots: int) -> float:
         return made(robots) / _PAPER.publish_period * WEIGHTS_BYTES * robots
@@ -111,17 +89,15 @@ def _rows(of: _Measured) -> Iterator[list[str]]:
 
     # More robots make more updates due, up to what a learner makes, and all take the weights.
     pace = _GIGABIT * _PAPER.publish_period / WEIGHTS_BYTES
-    full = max(math.sqrt(pace * _PAPER.train_period / STEPS_PER_SECOND), pace / of.updates)
-    measured = (
-        "measured with " + ", ".join(f"{of.nearest(n)['actors']:,}" for n in ROBOTS) + " actors"
-    )
-    most, gigabit = of.nearest(max(ROBOTS)), "1 Gbit/s"
+    full = max(math.sqrt(pace * _PAPER.train_period / STEPS_PER_SECOND), pace / updates)
+    measured = "measured with " + ", ".join(f"{nearest(n)['actors']:,}" for n in ROBOTS) + " actors"
+    most, gigabit = nearest(max(ROBOTS)), "1 Gbit/s"
     yield row("agent steps/s", steps, f"{STEPS_PER_SECOND} of each")
     yield row(
         "cores for actors",
-        lambda robots: steps(robots) / of.actor,
-        f"computed: one core plays {of.actor:.0f} steps/s",
-        f"a core {at(of.actor / STEPS_PER_SECOND)}",
+        lambda robots: steps(robots) / actor,
+        f"computed: one core plays {actor:.0f} steps/s",
+        f"a core {at(actor / STEPS_PER_SECOND)}",
     )
     yield row(
         "cores for the hub",
@@ -131,47 +107,47 @@ def _rows(of: _Measured) -> Iterator[list[str]]:
     )
     yield row(
         "MB of the hub for connections",
-        lambda robots: of.nearest(robots)["hub_bytes_per_actor"] * robots / 1e6,
+        lambda robots: nearest(robots)["hub_bytes_per_actor"] * robots / 1e6,
         f"{measured}; scaled to the number",
     )
     yield row(
         "p99 ms until a chunk is acknowledged",
-        lambda robots: of.nearest(robots)["p99_ms"],
+        lambda robots: nearest(robots)["p99_ms"],
         measured,
     )
     yield row(
         "share of what the replay takes",
-        lambda robots: steps(robots) / of.inserts,
-        f"computed: it took {of.inserts:,.0f} steps/s beside draws over Zenoh",
-        at(of.inserts / STEPS_PER_SECOND),
+        lambda robots: steps(robots) / inserts,
+        f"computed: it took {inserts:,.0f} steps/s beside draws over Zenoh",
+        at(inserts / STEPS_PER_SECOND),
     )
     yield row(
         "MB/s of chunks",
-        lambda robots: steps(robots) * of.step_bytes / 1e6,
-        f"computed: {of.step_bytes / 1e3:.1f} kB a step",
-        f"{gigabit} {at(_GIGABIT / of.step_bytes / STEPS_PER_SECOND)}",
+        lambda robots: steps(robots) * step_bytes / 1e6,
+        f"computed: {step_bytes / 1e3:.1f} kB a step",
+        f"{gigabit} {at(_GIGABIT / step_bytes / STEPS_PER_SECOND)}",
     )
     yield row(
         f"updates/s, one per {_PAPER.train_period} steps",
         due,
         "computed",
-        f"two cores {at(of.updates * _PAPER.train_period / STEPS_PER_SECOND)}",
+        f"two cores {at(updates * _PAPER.train_period / STEPS_PER_SECOND)}",
     )
     yield row(
         "learners of two cores that it would take",
-        lambda robots: due(robots) / of.updates,
-        f"computed: two cores make {of.updates:.0f} updates/s; there is one learner",
+        lambda robots: due(robots) / updates,
+        f"computed: two cores make {updates:.0f} updates/s; there is one learner",
     )
     yield row(
         "`--learning.train-period` that one such learner keeps up with",
-        lambda robots: max(_PAPER.train_period, math.ceil(steps(robots) / of.updates)),
+        lambda robots: max(_PAPER.train_period, math.ceil(steps(robots) / updates)),
         "computed",
     )
     yield row(
         "MB/s of minibatches, if replay and learner are on two machines",
-        lambda robots: made(robots) * of.batch_bytes / 1e6,
-        f"computed: {of.batch_bytes / 1e6:.1f} MB each, at most {of.updates:.0f}/s",
-        f"{gigabit} at {_GIGABIT / of.batch_bytes:.0f} updates/s",
+        lambda robots: made(robots) * batch_bytes / 1e6,
+        f"computed: {batch_bytes / 1e6:.1f} MB each, at most {updates:.0f}/s",
+        f"{gigabit} at {_GIGABIT / batch_bytes:.0f} updates/s",
     )
     yield row(
         f"MB/s of weights, each {_PAPER.publish_period} updates",
