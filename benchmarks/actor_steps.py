@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 from benchmarks.hosted_run import HostedRun
 from benchmarks.pace import Spread, in_turns
@@ -38,13 +37,6 @@ class Options(BenchmarkOptions):
     """Seconds of each turn; starting takes as long again."""
     turns: FromOne = 3
     """Turns of each kind of actor."""
-
-
-class Mark(NamedTuple):
-    """The moment at which a chunk was accepted."""
-
-    at: float
-    agent_steps: int
 
 
 class Hub(HostedRun):
@@ -80,20 +72,21 @@ class Hub(HostedRun):
         self.children["actor"] = actor
         try:
             for _ in range(_FIRST * envs):
-                begin = self._next_chunk(name)
+                began, before = self._next_chunk(name)
             time.sleep(seconds)
             self._next_chunk(name)  # one that may have come long since
-            finish = self._next_chunk(name)
+            ended, steps = self._next_chunk(name)
         finally:
             del self.children["actor"]
             actor.end()
-        return (finish.agent_steps - begin.agent_steps) / (finish.at - begin.at)
+        return (steps - before) / (ended - began)
 
-    def _next_chunk(self, name: str) -> Mark:
+    def _next_chunk(self, name: str) -> tuple[float, int]:
+        """Returns when an actor's next chunk was accepted, and the agent steps with it."""
         while True:
             now, chunks = self.next_chunks()
             if chunks[-1].actor == name:
-                return Mark(now, chunks[-1].agent_steps)
+                return now, chunks[-1].agent_steps
 
 
 def measure(options: Options) -> Report:

@@ -15,6 +15,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.envs.step_info import StepInfo
 from common.registry import ENVIRONMENTS, Environment
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
@@ -64,14 +65,7 @@ class Catch(gymnasium.Env[NDArray[np.uint8], int]):
         return frame
 
     def _info(self, score: float, over: bool = False) -> dict[str, Any]:
-        return {
-            "game_over": over,
-            "game_score": score,
-            "game_steps": self._height,
-            "valid_frame": True,
-            "keys_match": True,
-            "elapsed": 1,
-        }
+        return StepInfo(over, score, self._height)._asdict()
 
 
 CATCH = Environment("catch", "benchmarks.catch:Catch.of_run", lambda config: len(MOVES))

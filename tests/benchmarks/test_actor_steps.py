@@ -51,7 +51,7 @@ def test_a_rate_is_steps_between_two_chunks(monkeypatch: pytest.MonkeyPatch) -> 
     marks = iter([(1.0, 64), (2.0, 128), (2.5, 192), (6.0, 448), (7.0, 512)])
     hub = object.__new__(actor_steps.Hub)
     hub._actors, hub.endpoint, hub._core, hub.children = 0, "", 0, {}
-    monkeypatch.setattr(hub, "_next_chunk", lambda *_: actor_steps.Mark(*next(marks)))
+    monkeypatch.setattr(hub, "_next_chunk", lambda *_: next(marks))
     monkeypatch.setattr(actor_steps, "_FIRST", 3)
     monkeypatch.setattr(actor_steps, "Child", lambda *_, **__: Process())
     monkeypatch.setattr(os, "sched_setaffinity", lambda *_: None)
