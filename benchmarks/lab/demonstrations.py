@@ -69,8 +69,7 @@ def _train(options: Options, seed: int, how: str) -> dict[str, Any]:
     flags = [*shlex.split(options.learner), "--seed", f"{seed}", *given]
     summary = json.loads(folder.summary.read_text()) if folder.summary.exists() else {}
     if summary.get("agent_steps", 0) < options.steps:
-        train(folder, options.steps, flags)
-        summary = json.loads(folder.summary.read_text())
+        summary = train(folder, options.steps, flags)
     recorded = summary["demonstrations"]
     own = summary["config"]["replay"]["learning_starts"] - recorded
     tests = scores_of(EpochTable(folder.epochs).rows(), "test")

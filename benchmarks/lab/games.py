@@ -15,14 +15,7 @@ from typing import Annotated, Any, NamedTuple
 
 from annotated_types import MinLen
 
-from benchmarks.lab.policy import (
-    EPSILON,
-    TrainingOptions,
-    evaluate,
-    scores_of,
-    summary_of_all,
-    train,
-)
+from benchmarks.lab.policy import EPSILON, TrainingOptions, evaluate, scores_of, train
 from benchmarks.report import Report, main, measure_missing, resumed
 from common.checked import FromOne
 from common.games import check_game
@@ -95,8 +88,7 @@ def measure(options: Options) -> Report:
 
 def _train(options: Options, game: str, env: str) -> dict[str, Any]:
     folder = options.folder(game, env)
-    train(folder, options.steps, options.flags(game, env))
-    summary = summary_of_all(folder, options.steps)
+    summary = train(folder, options.steps, options.flags(game, env))
     scores = scores_of(EpochTable(folder.epochs).rows())
     games = EvaluationOptions.games
     played = evaluate(folder.checkpoint, games, EPSILON, ["--headline"], quiet=True)

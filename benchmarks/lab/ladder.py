@@ -100,7 +100,7 @@ class Options:
 def climb(options: Options, seed: int) -> dict[str, Any]:
     """Train and evaluate one run; its row."""
     folder = RunFolder(options.runs, options.run_name(seed))
-    train(folder, options.steps, options.flags(seed))
+    summary = train(folder, options.steps, options.flags(seed))
     results = options.output.parent
     results.mkdir(parents=True, exist_ok=True)
     evaluation = results / f"{folder.name}.json"
@@ -110,7 +110,7 @@ def climb(options: Options, seed: int) -> dict[str, Any]:
     return row_of(
         options,
         seed,
-        json.loads(folder.summary.read_text()),
+        summary,
         told,
         EpochTable(folder.epochs).rows(),
     )

@@ -50,16 +50,20 @@ class PlayingOptions(BenchmarkOptions):
     """Share of random actions."""
 
 
-def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
+def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
     """Trains the run in ``folder`` until it has so many agent steps; resumes it if it has begun.
 
+    Returns:
+        its ``summary.json``.
+
     Raises:
-        InputError: the run ended otherwise; why is on the terminal.
+        InputError: the run failed, why is on the terminal; or it was stopped before.
     """
     resumed = ["--resume"] if folder.checkpoint.exists() else []
     place = ["--run", folder.name, "--runs", str(folder.path.parent)]
     address = ["--listen", free_endpoint()]
     run_module("learner", "--local", *place, "--steps", f"{steps}", *resumed, *address, *flags)
+    return summary_of_all(folder, steps)
 
 
 def summary_of_all(folder: RunFolder, steps: int) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from functools import partial
 from typing import Any
 
 from benchmarks.lab.ladder import MILESTONES
-from benchmarks.lab.policy import EPSILON, TrainingOptions, evaluate, summary_of_all, train
+from benchmarks.lab.policy import EPSILON, TrainingOptions, evaluate, train
 from benchmarks.peer_dqn import Point, peer_curve
 from benchmarks.peers import is_installed
 from benchmarks.report import Report, Table, counted, main, measure_missing, resumed, write
@@ -108,8 +108,7 @@ def measure(options: Options) -> Report:
 def _train(options: Options, seed: int) -> dict[str, Any]:
     folder, flags = options.folder(seed), options.flags(seed)
     interrupted = folder.checkpoint.exists()
-    train(folder, options.steps, flags)
-    summary = summary_of_all(folder, options.steps)
+    summary = train(folder, options.steps, flags)
     command = ["python", "-m", "learner", "--local", "--steps", f"{options.steps}", *flags]
     warm_up = summary["config"]["replay"]["learning_starts"]
     with folder.gates.open() as file:

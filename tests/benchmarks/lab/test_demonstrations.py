@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,7 +16,7 @@ from tests.epoch_rows import epoch_row
 SCORES = {"without": (-20.0, 3.0, 18.0), "with": (-3.0, 19.0, 17.0)}
 
 
-def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
+def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
     """A training that only leaves its tables; the recorded steps are 300 of the warm-up's 1,000."""
     how = "with" if "--demonstrations" in flags else "without"
     assert f"-{how}-" in folder.name
@@ -25,12 +26,13 @@ def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
     for epoch, score in enumerate(SCORES[how], 1):
         row = epoch_row([score], epoch=epoch, phase="test", total_train_steps=epoch * 500)
         table.append(replace(row, total_time=60.0 * epoch))
-    summary = {
+    summary: dict[str, Any] = {
         "agent_steps": steps,
         "demonstrations": 300 if how == "with" else 0,
         "config": {"replay": {"learning_starts": 1_000}},
     }
     folder.summary.write_text(json.dumps(summary))
+    return summary
 
 
 def test_steps_of_their_own_are_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.figures.plot import FIGURES
 from benchmarks.lab import games
+from benchmarks.lab.policy import summary_of_all
 from benchmarks.report import run
 from common.errors import InputError
 from common.process.command_line import parse_run
@@ -31,7 +32,7 @@ class Lab:
         self.steps = 2_000
         self.random: float | None = -21.0
 
-    def train(self, folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
+    def train(self, folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
         if not self.left:
             raise KeyboardInterrupt
         self.left -= 1
@@ -52,6 +53,7 @@ class Lab:
             table.append(
                 epoch_row([score], epoch=epoch, phase="train", total_train_steps=800 * epoch)
             )
+        return summary_of_all(folder, steps)
 
     def evaluate(
         self, network: Path, number: int, epsilon: float, flags: Sequence[str], *, quiet: bool

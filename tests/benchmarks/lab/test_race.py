@@ -16,6 +16,7 @@ from actors.games import GamesOptions, games
 from benchmarks import catch, report
 from benchmarks.figures.plot import FIGURES
 from benchmarks.lab import race
+from benchmarks.lab.policy import summary_of_all
 from benchmarks.report import run
 from common.errors import InputError
 from common.process.command_line import parse_run
@@ -52,7 +53,7 @@ class Lab:
         self.left = 10**6
         self.steps = 2_100
 
-    def train(self, folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
+    def train(self, folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
         self.trained.append(folder.name)
         assert steps == 2_000
         options = parse_run(LearnerOptions, "learner", flags, lambda _: None)[0]
@@ -75,6 +76,7 @@ class Lab:
         for epoch in TESTS:
             times = {"total_train_steps": 500 * epoch, "total_time": 12.0 * epoch}
             table.append(epoch_row([1.0], epoch=epoch, phase="train", **times))
+        return summary_of_all(folder, steps)
 
     def evaluate(
         self, network: Path, games: int, epsilon: float, flags: Sequence[str] = (), *, quiet: bool
@@ -212,10 +214,11 @@ def test_a_whole_race_in_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     def parsed(*flags: str) -> LearnerOptions:
         return parse_run(LearnerOptions, "learner", flags, lambda _: None)[0]
 
-    def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> None:
+    def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]:
         given = parsed(*flags)
         named = {"run": folder.name, "keep_snapshots": given.keep_snapshots}
-        learned(given.config, tmp_path, steps, **named)
+        summary, _ = learned(given.config, tmp_path, steps, **named)
+        return summary
 
     def play(
         given: EvaluationOptions, config: RunConfig, flags: Sequence[str], stop: threading.Event

@@ -64,13 +64,15 @@ def test_corners_and_frames_from_random_poses(case: Case) -> None:
         assert tallies["pong"].figures()["difference"] <= sight.MOST_DIFFERENCE
 
 
-@pytest.mark.parametrize("eye", [PERFECT, FAULTS], ids=["perfect", "all faults"])
-def test_a_screen_behind_an_arm_is_where_it_was(eye: Eye) -> None:
+@pytest.mark.parametrize(
+    ("eye", "poses", "least"), [(PERFECT, 3, 1.0), (FAULTS, 12, 0.9)], ids=["perfect", "all faults"]
+)
+def test_a_screen_behind_an_arm_is_where_it_was(eye: Eye, poses: int, least: float) -> None:
     case = Case("an arm rises", eye, "later")
-    tallies = measure(case, ("pong", "breakout"), 3, np.random.default_rng(4))
+    tallies = measure(case, ("pong", "breakout"), poses, np.random.default_rng(4))
     figures = sum(tallies.values(), Tally()).figures()
-    assert figures["found"] == 1.0
-    assert figures["max_px"] <= sight.MOST_PIXELS
+    assert figures["found"] >= least
+    assert figures["p95_px"] <= sight.MOST_PIXELS
 
 
 def test_corners_of_the_room_are_where_a_white_game_ends() -> None:

@@ -1,0 +1,29 @@
+"""How experiments train: what a training leaves, and what it leaves when it was stopped."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks.lab import policy
+from common.errors import InputError
+from common.run.folder import RunFolder
+
+
+@pytest.mark.parametrize("done", [300, 299])
+def test_a_training_that_was_stopped_is_not_evaluated(
+    done: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = RunFolder(tmp_path, "r")
+    folder.path.mkdir()
+
+    def learner(module: str, *arguments: str) -> None:
+        assert (module, arguments[arguments.index("--steps") + 1]) == ("learner", "300")
+        folder.summary.write_text(json.dumps({"agent_steps": done}))
+
+    monkeypatch.setattr(policy, "run_module", learner)
+    if done == 300:
+        assert policy.train(folder, 300, ["--env", "ale"]) == {"agent_steps": 300}
+    else:
+        with pytest.raises(InputError, match="r was stopped after 299 of 300 agent steps"):
+            policy.train(folder, 300, ["--env", "ale"])
