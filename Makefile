@@ -14,7 +14,7 @@ NVIDIA_DEVICE ?= /dev/nvidiactl
 # CPU builds too: 2.13.0+cpu meets ==2.13.0, and wins as the higher version (PEP 440). `pip config list` has PIP_* too.
 CPU_TORCH := https://download.pytorch.org/whl/cpu
 WANTS_CPU_TORCH = test -z "$$CI" -a ! -e $(NVIDIA_DEVICE) && ! command -v nvidia-smi >/dev/null && \
-	! $(BIN)/python -m pip config list | grep -qE '^[^=]*(index|url|find-links)[^=]*='
+	! $(BIN)/python -m pip config list | grep -E '^[^=]*(index|url|find-links)[^=]*=' >/dev/null
 
 .PHONY: browser help setup train test suite test-extras test-slow test-lowest check bench figures screens docs wheel lock clean
 

@@ -141,7 +141,7 @@ def test_a_person_sees_the_robots_play_and_the_curves_grow(stage: Stage, browser
     browser.page.screenshot(path=picture)
     assert picture.stat().st_size > 20_000
     wide = "document.documentElement.scrollWidth - innerWidth"
-    for width in (1280, 420):
+    for width in (1280, 901, 900, 600, 420):
         browser.page.set_viewport_size({"width": width, "height": 800})
         assert browser.page.evaluate(wide) <= 0, "nothing sticks out"
     assert {url[: len(address)] for url in browser.asked if not url.startswith("data:")} == {
