@@ -29,7 +29,7 @@ def launch(run: RunDescription) -> str:
     """Writes the scripts, submits them if asked to, and returns what the user should know."""
     options, place = run.options, run.folder.path / "slurm"
     cancel = "; ".join(f"scancel --me --name {_job(run, part)}" for part in _parts(run))
-    name = run.folder.name
+    name = _job(run, run.hub)
     if options.submit and _slurm("squeue", "--noheader", "--me", "--name", name):
         raise InputError(
             f"a job called {name} is there already: end it first ({cancel}), "

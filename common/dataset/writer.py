@@ -205,7 +205,8 @@ class _Statistics:
     samples: int
     rows: int
     sums: NDArray[np.float64]
-    """Of the rows, of their squares, and of each quantile for all samples, ``[7, *shape]``."""
+    """Sum of the rows, sum of their squares, and each quantile times its samples,
+    ``[7, *shape]``."""
     least: NDArray[np.float64]
     most: NDArray[np.float64]
 

@@ -8,6 +8,7 @@ import re
 import socket
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import uvicorn
 from starlette.applications import Starlette
@@ -18,7 +19,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from common.errors import InputError
-from common.process.http_endpoints import Page
+
+if TYPE_CHECKING:  # it loads this module where it serves
+    from common.process.http_endpoints import Page
 
 _MOST_CONNECTIONS = 64
 """One more is closed."""
@@ -162,7 +165,7 @@ def may_be_asked_as(told: Sequence[str], host: str) -> bool:
     return True
 
 
-def application(pages: Mapping[str, Callable[[], Page]]) -> ASGIApp:
+def application(pages: Mapping[str, Callable[[], "Page"]]) -> ASGIApp:
     """Returns what shows ``pages`` by their paths."""
 
     def show(request: Request) -> Response:
@@ -173,7 +176,7 @@ def application(pages: Mapping[str, Callable[[], Page]]) -> ASGIApp:
             page = pages[path]()
         except Exception as error:
             _log.warning("%s cannot be shown: %r", path, error)
-            page = Page(b"it cannot be shown: see the log\n", status=500)
+            return PlainTextResponse("it cannot be shown: see the log\n", 500)
         return Response(page.body, page.status, {"content-type": page.kind})
 
     return Starlette(routes=[Route("/{path:path}", show)])
