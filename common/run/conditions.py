@@ -90,6 +90,9 @@ class PlayConfig:
     actuation_jitter: AddedLatency = 0
     """Maximum of further emulator frames by which a command is late, drawn for each one; commands
     keep their order."""
+    equal_latency: AddedLatency = 0
+    """Emulator frames after which all hands begin to follow a command: quicker ones, found by
+    timing their keys, get it later; 0 for at once."""
     arm_speed: Annotated[float, Ge(0.25), Le(1.1), OF_A_ROBOT] = 1.0
     """Maximum speed of the arms' joints, relative to the usual one, which is 0.9 of the published
     speed."""

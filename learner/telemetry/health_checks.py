@@ -48,7 +48,7 @@ def keys_can_follow(play: PlayConfig) -> bool:
 def _is_late(play: PlayConfig) -> bool:
     """Whether commands come late on purpose, or by the robot's nature."""
     prompt = ROBOTS.find(play.robot).prompt
-    return not prompt or play.actuation_latency > 0 or play.actuation_jitter > 0
+    return not prompt or max(play.actuation_latency, play.actuation_jitter, play.equal_latency) > 0
 
 
 def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:
