@@ -10,7 +10,6 @@ import numpy as np
 from numpy.random import Generator
 
 from actors.envs.actuation_delay import ActuationDelay
-from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.robots.interface import Hands
 from common.actions import Keys
 from common.run.conditions import PlayConfig
@@ -58,7 +57,7 @@ class LateCommands:
 
 
 def hands_of(play: PlayConfig, arms: Hands | None, rng: Generator) -> Hands:
-    """Returns the hands that ``play`` asks for, with its latencies, made equal if it says so.
+    """Returns the hands that ``play`` asks for, with its latencies.
 
     Args:
         arms: the robot's, or a latency model; None where there is neither, and the hand is always
@@ -69,7 +68,7 @@ def hands_of(play: PlayConfig, arms: Hands | None, rng: Generator) -> Hands:
     hands = arms
     if hands is None or play.hand == "model":
         hands = ActuationDelay(play)
-    if latency or jitter:
-        own = np.random.default_rng(rng.integers(2**63) if jitter else 0)
-        hands = LateCommands(hands, latency, jitter, own)
-    return LatencyEqualiser(hands, play.equal_latency) if play.equal_latency else hands
+    if latency == jitter == 0:
+        return hands
+    own = np.random.default_rng(rng.integers(2**63) if jitter else 0)
+    return LateCommands(hands, latency, jitter, own)

@@ -15,13 +15,15 @@ from common.actions import Keys
 
 class LatencyEqualiser:
     """Implements `Hands` by others, which begin to follow a command ``latency`` emulator frames
-    after the frame that begins with it; later where they need longer by themselves.
+    after what was seen when it was given; later where they need longer by themselves.
 
     How long they take from their first change of keys to the last one remains their own. Until they
     changed a key nothing is known of them, and commands go on at once.
     """
 
     def __init__(self, hands: Hands, latency: int) -> None:
+        self.seen_late = 0
+        """Emulator frames by which the eye's pictures are late."""
         self._hands = hands
         self._latency = latency
         self._timing = KeyTiming()
@@ -56,7 +58,7 @@ class LatencyEqualiser:
         """Emulator frames by which the hands are too quick; none or less where they are slow."""
         own = (self._timing.release.frames, self._timing.press.frames)
         known = [frames for frames in own if frames is not None]
-        return self._latency - min(known) if known else 0
+        return self._latency - self.seen_late - min(known) if known else 0
 
     def _forget(self) -> None:
         self._waiting: deque[tuple[int, Keys]] = deque()

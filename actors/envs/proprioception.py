@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from actors.envs.key_forecast import FLAGS, KeyForecast
 from common.actions import KEYS_OF_ACTION, Keys
 from common.proprioception import ACTIONS, KEYS, vector_widths
-from common.run.conditions import PlayConfig
+from common.run.conditions import MAX_PICTURE_LATENCY, PlayConfig
 
 
 class Proprioception:
@@ -19,16 +19,23 @@ class Proprioception:
     def __init__(self, play: PlayConfig, joints: int = 0) -> None:
         """``play`` says how much is remembered; ``joints`` is the number J of the robot's joints, 0
         without a robot."""
+        self._play = play
+        self.seen_late = 0
+        """Emulator frames by which the eye's pictures are late: keys are told as of the picture."""
         widths = vector_widths(play, joints)
         self._now = np.zeros(sum(widths), np.float32)
         self._commands, self._keys, self._joints, self._coming = np.split(
             self._now, np.cumsum(widths)[:-1]
         )
+        remembered = play.vector_key_frames + MAX_PICTURE_LATENCY * play.frame_skip
+        self._felt = np.zeros((remembered, len(KEYS)), np.float32)
+        """The keys pressed at the end of each of the last frames, newest last."""
         self._forecast = KeyForecast(play.vector_forecast) if play.vector_forecast else None
 
     def forget(self) -> None:
         """As before the first command, with no key pressed."""
         self._now[:] = 0.0
+        self._felt[:] = 0.0
         if self._forecast is not None:
             self._forecast.restart()
 
@@ -42,8 +49,8 @@ class Proprioception:
 
     def feel(self, pressed: Keys) -> None:
         """Remember the keys pressed at the end of one emulator frame."""
-        self._keys[: -len(KEYS)] = self._keys[len(KEYS) :].copy()
-        self._keys[-len(KEYS) :] = FLAGS[pressed]
+        self._felt[:-1] = self._felt[1:]
+        self._felt[-1] = FLAGS[pressed]
         if self._forecast is not None:
             self._forecast.feel(pressed)
 
@@ -57,6 +64,11 @@ class Proprioception:
         if joints and self._joints.size:
             # The engine keeps a joint's greatest speed only nearly, and not against a push.
             np.concatenate(joints).clip(-1.0, 1.0, out=self._joints, casting="same_kind")
+        seen = len(self._felt) - self.seen_late
+        self._keys[:] = self._felt[seen - self._play.vector_key_frames : seen].ravel()
         if self._forecast is not None:
-            self._coming[:] = self._forecast.rows().ravel()
+            # Of the frames since the picture nothing is left to forecast, nor to change.
+            passed = np.insert(self._felt[seen:], (0, 0), 1.0, axis=1)
+            rows = np.concatenate([passed, self._forecast.rows()])
+            self._coming[:] = rows[: self._play.vector_forecast].ravel()
         return self._now.copy()

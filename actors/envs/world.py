@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from actors.envs.game import AtariGame
 from actors.envs.key_watch import KeyWatch
 from actors.envs.late_commands import hands_of
+from actors.envs.latency_equaliser import LatencyEqualiser
 from actors.envs.proprioception import Proprioception
 from actors.robots.interface import Hands
 from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
@@ -70,7 +71,7 @@ class World:
         """Times the hands, whenever the controller is read."""
         self._arms = arms
         self._posture = posture
-        self._hands = hands_of(play, arms, np.random.default_rng(0))
+        self._take_hands(play, np.random.default_rng(0))
         self._game = game
         self._play = play
         self._sense = Proprioception(play, joints) if play.vector else None
@@ -85,8 +86,17 @@ class World:
 
     def begin_game(self, play: PlayConfig, rng: Generator) -> None:
         """Take the hands of ``play``, and let a new game begin as `restart` does."""
-        self._hands = hands_of(play, self._arms, rng)
+        self._take_hands(play, rng)
+        self.see_late(0)
         self.restart()
+
+    def see_late(self, frames: int) -> None:
+        """The eye's pictures are late by so many emulator frames: what is felt is told as late, so
+        that both are of one moment."""
+        if self._equaliser is not None:
+            self._equaliser.seen_late = frames
+        if self._sense is not None:
+            self._sense.seen_late = frames
 
     def restart(self) -> None:
         """Hands at rest and nothing remembered: the game begins anew."""
@@ -130,3 +140,9 @@ class World:
         while (agent_step := self.frame()) is None:
             pass
         return agent_step
+
+    def _take_hands(self, play: PlayConfig, rng: Generator) -> None:
+        self._hands: Hands = hands_of(play, self._arms, rng)
+        self._equaliser: LatencyEqualiser | None = None
+        if play.equal_latency:
+            self._hands = self._equaliser = LatencyEqualiser(self._hands, play.equal_latency)

@@ -25,6 +25,8 @@ MAX_WAIT = 50
 MAX_DELAY = 60
 MAX_ADDED = 36
 """Emulator frames of added latency, 600 ms."""
+MAX_PICTURE_LATENCY = 3
+"""Agent steps."""
 MAX_HISTORY = 60
 """Commands in the vector observation, 4 s."""
 
@@ -91,8 +93,8 @@ class PlayConfig:
     """Maximum of further emulator frames by which a command is late, drawn for each one; commands
     keep their order."""
     equal_latency: AddedLatency = 0
-    """Emulator frames after which all hands begin to follow a command: quicker ones, found by
-    timing their keys, get it later; 0 for at once."""
+    """Emulator frames from what is seen until all hands begin to follow: quicker ones, found by
+    timing keys and eye, get their commands later; 0 for at once."""
     arm_speed: Annotated[float, Ge(0.25), Le(1.1), OF_A_ROBOT] = 1.0
     """Maximum speed of the arms' joints, relative to the usual one, which is 0.9 of the published
     speed."""
@@ -116,7 +118,7 @@ class CameraConfig:
     """Standard deviation of the blur, pixels."""
     distortion: Annotated[float, Ge(0), Le(0.3), OF_A_ROBOT] = 0.0
     """Radial lens distortion k₁, at half the picture's width."""
-    latency: Annotated[int, Ge(0), Le(3)] = 0
+    latency: Annotated[int, Ge(0), Le(MAX_PICTURE_LATENCY)] = 0
     """Latency of the picture, agent steps."""
     ambient: Annotated[float, Ge(0), Le(0.9)] = 0.0
     """Ambient light on the screen, as a share of white."""

@@ -1,0 +1,107 @@
+"""The eye is timed before a game, and what is felt is told as late as what is seen."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from actors.envs.ale import AtariEnv
+from actors.envs.eye_timing import eye_latency
+from actors.envs.game_env import GameEnv
+from actors.envs.robot import RobotEnv
+from actors.robots.room.sensor import Sensor
+from common.run.conditions import CameraConfig, PlayConfig
+
+SCREEN = np.arange(60, dtype=np.uint8).reshape(6, 10)
+EQUAL = 12
+FORECAST = 20
+KEYS = 20
+
+
+@given(
+    st.integers(0, 3),
+    st.sampled_from([0.0, 0.1, 0.3]),
+    st.sampled_from([0.0, 8.0, 20.0]),
+    st.integers(0, 1000),
+)
+def test_it_is_found_through_lost_and_noisy_pictures(
+    latency: int, dropped: float, noise: float, seed: int
+) -> None:
+    sensor = Sensor(CameraConfig(latency=latency, dropped=dropped, noise=noise), SCREEN.shape)
+    sensor.begin_game(np.random.default_rng(seed))
+    late = eye_latency(lambda shown: sensor.take(shown, 1), SCREEN)
+    if dropped == 0:
+        assert late == latency
+    else:
+        # All five changes are lost in few games; then it is found too late, never too early.
+        assert late >= latency
+
+
+def test_three_in_ten_lost_pictures_mislead_it_in_few_games() -> None:
+    wrong = 0
+    for seed in range(100):
+        sensor = Sensor(CameraConfig(latency=1, dropped=0.3), SCREEN.shape)
+        sensor.begin_game(np.random.default_rng(seed))
+        wrong += eye_latency(lambda shown, see=sensor: see.take(shown, 1), SCREEN) != 1
+    assert wrong <= 3  # 0.3 to the fifth power is 0.24 %
+
+
+def test_a_blind_eye_is_not_late() -> None:
+    black = np.zeros((4, 4), np.uint8)
+    assert eye_latency(lambda shown: black, SCREEN) == 0
+
+
+def test_the_screen_is_seen_again_afterwards() -> None:
+    sensor = Sensor(CameraConfig(latency=3), SCREEN.shape)
+    sensor.begin_game(np.random.default_rng(0))
+    eye_latency(lambda shown: sensor.take(shown, 1), SCREEN)
+    assert (sensor.take(SCREEN, 0) == SCREEN).all()
+
+
+def robot(play: PlayConfig, camera: CameraConfig) -> GameEnv:
+    return RobotEnv(play=play, camera=camera)
+
+
+def emulator(play: PlayConfig, camera: CameraConfig) -> GameEnv:
+    return AtariEnv(play=play, camera=camera)
+
+
+def states(make: Any, latency: int, late: int, actions: list[int]) -> list[dict[str, Any]]:
+    """What an agent is told at each step."""
+    play = PlayConfig(
+        vector=True,
+        vector_key_frames=KEYS,
+        vector_forecast=FORECAST,
+        vector_joints=False,
+        random_starts=0,
+        actuation_latency=latency,
+        equal_latency=EQUAL,
+    )
+    env = make(play, CameraConfig(latency=late, brightness=0.9))
+    told = [env.reset(seed=1)[0]]
+    told += [env.step(action)[0] for action in actions]
+    env.close()
+    return told
+
+
+@pytest.mark.parametrize(
+    ("make", "latency", "late"),
+    [(emulator, 0, 1), (emulator, 3, 2), (emulator, 6, 1), (robot, 1, 1)],
+)
+def test_late_pictures_and_quick_hands_are_told_as_one_world(
+    make: Any, latency: int, late: int
+) -> None:
+    rng = np.random.default_rng(5)
+    actions = [2, 2, 2, 2, 2, 2, 0, 0, 0, 0, 0, 0] * 3 + list(rng.integers(18, size=20).repeat(2))
+    prompt = states(make, EQUAL, 0, actions)
+    # Whoever sees a moment later decides on it later.
+    other = states(make, latency, late, [0] * late + actions)
+    keys, forecast = slice(6 * 18, 6 * 18 + 5 * KEYS), slice(-7 * FORECAST, None)
+    told = [(other[step + late]["vector"], prompt[step]["vector"]) for step in range(40, 76)]
+    for part in (keys, forecast):
+        assert np.mean([(mine[part] == theirs[part]).mean() for mine, theirs in told]) > 0.98
+        unequal = [(mine[part] == theirs[part]).mean() for (mine, _), (_, theirs) in pairwise(told)]
+        assert np.mean(unequal) < 0.95
