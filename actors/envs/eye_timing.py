@@ -30,7 +30,8 @@ def eye_latency(
     light = np.array([[look(test).mean() for _ in range(_LOOKS)] for test in tests])
     for _ in range(_LOOKS):
         look(screen)
-    bright = light > (light.min() + light.max()) / 2
-    # The first change begins with whatever was seen before.
-    seen = [np.flatnonzero(row == (switch % 2 == 0)) for switch, row in enumerate(bright)][1:]
-    return int(min((looks[0] for looks in seen if looks.size), default=0))
+    bright = (light > (light.min() + light.max()) / 2).ravel()
+    changes = np.flatnonzero(bright[1:] != bright[:-1]) + 1
+    # Where a whole test was lost, the change after it is not to be seen either.
+    seen = [each % _LOOKS for each in changes if bright[each] == (each // _LOOKS % 2 == 0)]
+    return int(min(seen, default=0))

@@ -23,7 +23,7 @@ KEYS = 20
 
 @given(
     st.integers(0, 3),
-    st.sampled_from([0.0, 0.1, 0.3]),
+    st.sampled_from([0.0, 0.1, 0.3, 0.7]),
     st.sampled_from([0.0, 8.0, 20.0]),
     st.integers(0, 1000),
 )
@@ -36,8 +36,8 @@ def test_it_is_found_through_lost_and_noisy_pictures(
     if dropped == 0:
         assert late == latency
     else:
-        # All five changes are lost in few games; then it is found too late, never too early.
-        assert late >= latency
+        # In few games each change is lost; then it is found too late, never too early.
+        assert late >= latency or (dropped == 0.7 and late == 0)  # nothing was seen to change
 
 
 def test_three_in_ten_lost_pictures_mislead_it_in_few_games() -> None:
