@@ -9,7 +9,6 @@ import hashlib
 import logging
 import threading
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -87,11 +86,11 @@ class ReplayBuffer:
         """
         begun = self._drawn // self._batch_size
         new = self._store.insert(chunk, staleness=max(begun - chunk.weights_version, 0))
-        if new:
-            with self._state:
-                still_open = not self._should_throttle()
-                self._turns.charge(chunk.actor, len(chunk), still_open=still_open)
-        return self.ack("stored" if new else "duplicate")
+        with self._state:
+            throttle = self._should_throttle()
+            if new:
+                self._turns.charge(chunk.actor, len(chunk), still_open=not throttle)
+            return self.ack("stored" if new else "duplicate", throttle)
 
     def refuse(self) -> None:
         """Count a chunk that could not be decoded, or is of another run."""
@@ -104,13 +103,17 @@ class ReplayBuffer:
             throttle = self._should_throttle() and not self._turns.has_turn(actor)
             if not throttle:
                 self._turns.let_go(actor)
-            return replace(self.ack("poll"), throttle=throttle)
+            return self.ack("poll", throttle)
 
-    def ack(self, status: Literal["stored", "duplicate", "poll", "refused"]) -> Ack:
-        """Returns what an actor is told now."""
+    def ack(
+        self,
+        status: Literal["stored", "duplicate", "poll", "refused"],
+        throttle: bool | None = None,
+    ) -> Ack:
+        """Returns what an actor is told now; None for ``throttle`` asks the limiter."""
         return Ack(
             status,
-            throttle=self._should_throttle(),
+            throttle=self._should_throttle() if throttle is None else throttle,
             finished=self._finished,
             agent_steps=self._store.index.agent_steps,
             difficulty=self._difficulty(),

@@ -190,6 +190,21 @@ def test_the_limiter_holds_actors_and_the_learner(tmp_path: Path) -> None:
     assert buffer.sample((25 - 16) * 8 + 33, 0.0) is None
 
 
+def test_who_sends_while_there_is_room_is_ahead_by_no_more_than_a_window(tmp_path: Path) -> None:
+    config = make_config(
+        learning_starts=16, ratio_tolerance=8, batch_size=32, chunk_steps=2, window=2
+    )
+    buffer, rng = ReplayBuffer(config, tmp_path), np.random.default_rng(0)
+    assert not buffer.insert(Actor("early", 4).live([GOES_ON] * 20, rng)).throttle
+    assert buffer.insert(Actor("late", 4).live([GOES_ON] * 8, rng)).throttle  # 4 more than it may
+    assert not buffer.admits("early")
+    assert not buffer.admits("late")
+    buffer.sample(40, 0.0)  # opens the limiter, until the third closes it
+    assert buffer.insert(Actor("third", 4).live([GOES_ON] * 4, rng)).throttle
+    assert buffer.admits("early")
+    assert not buffer.admits("late")
+
+
 def test_the_count_of_draws_is_the_learners_own(tmp_path: Path) -> None:
     config = make_config(learning_starts=16, ratio_tolerance=8, batch_size=32, train_period=4)
     buffer, actor, rng = ReplayBuffer(config, tmp_path), Actor("a", 4), np.random.default_rng(0)
