@@ -40,6 +40,7 @@ _FROM_SUMMARY = (
     "git_commit",
     "config",
 )
+_WRITTEN_ANEW = "let the run go on, by --resume, until it is written anew"
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,8 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
         stop: ends the evaluation early once it is set.
 
     Raises:
-        InputError: the run has no such weights, or they were not evaluated to the end.
+        InputError: the run has no such weights, or too little is told of it, or they were not
+            evaluated to the end.
     """
     if not options.run.is_dir():
         raise InputError(f"{options.run} is not there: name the folder of a run.")
@@ -80,11 +82,16 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     actions = count_actions_of(config, published_weights(load(payload)))
     network = build_network(config, actions)
     load_weights(network, payload)
-    summary = json.loads(folder.summary.read_bytes())
+    summary = _read(folder.summary)
+    if missing := [name for name in _FROM_SUMMARY if name not in summary]:
+        raise InputError(
+            f"{folder.summary} is of an earlier version, without {', '.join(missing)}: "
+            f"{_WRITTEN_ANEW}."
+        )
     card = {name: summary[name] for name in _FROM_SUMMARY}
     card["initial"] = summary.get("initial", False)
     if not options.last:
-        card["snapshot"] = json.loads(best.read_bytes())
+        card["snapshot"] = _read(best)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     weights = options.output.with_name(f"{options.output.name}.safetensors")
     published = encode_weights(network, config, torch.float16)
@@ -94,6 +101,17 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     card["evaluation"] = _evaluation(weights, config.fixed, options.games, stop)
     _write(options.output, card)
     return card
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """Returns a table that a learner wrote. Raises InputError if there is none in ``file``."""
+    try:
+        found = json.loads(file.read_bytes())
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise InputError(f"{file} is damaged: {_WRITTEN_ANEW}.")
+    return found
 
 
 def _evaluation(

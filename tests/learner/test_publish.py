@@ -109,6 +109,25 @@ def test_best_weights_without_their_card_are_told(tmp_path: Path) -> None:
         publish(Options(run=tmp_path / "small", output=tmp_path / "policy"), threading.Event())
 
 
+@pytest.mark.parametrize(
+    ("file", "content", "told"),
+    [
+        ("summary.json", '{"run": "r", "agent_steps": 1}', "earlier version, without updates"),
+        ("summary.json", '{"run": "r"', "damaged"),
+        ("summary.json", "[]", "damaged"),
+        ("snapshots/best.json", "[" * 100_000, "damaged"),
+    ],
+)
+def test_a_run_that_tells_too_little_of_itself_is_refused_before_anything_is_written(
+    tmp_path: Path, file: str, content: str, told: str
+) -> None:
+    run, output = _run(tmp_path / "small"), tmp_path / "policy"
+    (run / file).write_text(content)
+    with pytest.raises(InputError, match=rf"{file} is .*{told}.*: let the run go on, by --resume"):
+        publish(Options(run=run, output=output), threading.Event())
+    assert not list(tmp_path.glob("policy.*"))
+
+
 def test_a_policy_that_was_not_evaluated_to_the_end_is_told(tmp_path: Path) -> None:
     stop = threading.Event()
     stop.set()
