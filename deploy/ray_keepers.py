@@ -7,7 +7,6 @@ is known to Ray alone, by their names in a namespace of the run's own.
 
 import os
 import random
-import socket
 import threading
 import time
 import traceback
@@ -25,6 +24,7 @@ from common.process.supervisor import Child
 from common.run.folder import Part, RunFolder, append_whole
 from deploy.certificates import make_certificates
 from deploy.description import Program
+from deploy.hub_port import PORTS, free_port
 
 LEARNER: Final = "learner"
 REPLAY: Final = "replay"
@@ -36,8 +36,6 @@ _LOOK = 2.0
 _PAUSE = 5.0
 """Seconds between the end of a process and that of its keeper: time to ask for the exit code, and
 a pause between restarts."""
-_PORTS = range(20_000, 30_000)
-"""Ports of learners; neither Ray nor Linux chooses one of them by itself."""
 
 
 class _ProgramKeeper:
@@ -115,7 +113,8 @@ class HubKeeper(_ProgramKeeper):
         self._await_former()  # before a port is chosen, which might be taken meanwhile
         node: str = ray.util.get_node_ip_address()  # type: ignore[no-untyped-call, unused-ignore]
         host = f"[{node}]" if ":" in node else node
-        address = f"{'tls' if tls else 'tcp'}/{host}:{_free_port(node)}"
+        port = free_port(node, random.randrange(len(PORTS)))
+        address = f"{'tls' if tls else 'tcp'}/{host}:{port}"
         secure: tuple[str, ...] = ()
         if tls:
             # The authority stays; the hub's certificate is of the node that it has now.
@@ -248,12 +247,3 @@ def _in_thread(work: Callable[[], None]) -> None:
             os._exit(1)
 
     threading.Thread(target=run, daemon=True).start()
-
-
-def _free_port(host: str) -> int:
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    for port in random.sample(_PORTS, 100):
-        with socket.socket(family) as probe, suppress(OSError):
-            probe.bind((host, port))
-            return port
-    raise OSError(f"{host} has no free port between {_PORTS.start} and {_PORTS.stop}")

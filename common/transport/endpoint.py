@@ -2,6 +2,7 @@
 
 import ipaddress
 import re
+import socket
 
 from common.errors import InputError
 
@@ -28,6 +29,14 @@ def host_and_port(address: str, least_port: int = 1) -> tuple[str, int] | None:
     if found is None or not least_port <= int(found[2]) < 65_536:
         return None
     return found[1].strip("[]"), int(found[2])
+
+
+def check_free(host: str, port: int) -> None:
+    """Refuses a port at which nobody can listen now. Raises OSError, which says why."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind((host, port))
 
 
 def is_loopback(host: str) -> bool:

@@ -8,7 +8,6 @@ that begin with ``tls/`` everybody shows a certificate, and may do what its role
 
 import json
 import logging
-import socket
 import time
 from collections.abc import Callable, Set
 from pathlib import Path
@@ -31,7 +30,7 @@ from common.transport.credentials import (
     check_certificates,
     common_name,
 )
-from common.transport.endpoint import check_endpoint, is_loopback
+from common.transport.endpoint import check_endpoint, check_free, is_loopback
 from common.transport.flood_guard import FloodGuard, tolerated
 from common.transport.hub_sockets import Address, forget_the_silent
 from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
@@ -191,11 +190,8 @@ def open_hub(
             "(deploy/README.md), or a network whose machines you trust",
             endpoint,
         )
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        with socket.socket(family, socket.SOCK_STREAM) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((host, port))
+        check_free(host, port)
     except OSError as error:
         another = f"{endpoint.rpartition(':')[0]}:{port + (1 if port < 65_535 else -1)}"
         raise InputError(

@@ -13,7 +13,8 @@ if [ "$module" = "$hub" ]; then
         # The authority and the actors' stay; the hub's certificate is of the node that it has now.
         sh "$run/slurm/certificates.sh" "$run/certificates" "$host" || exit 1
     fi
-    echo "$scheme/$host:$((20000 + SLURM_JOB_ID % 10000))" >"$run/address.new"
+    port=$("$python" -m deploy.hub_port "$SLURM_JOB_ID") || exit 1
+    echo "$scheme/$host:$port" >"$run/address.new"
     mv "$run/address.new" "$run/address"
     for n in "${!others[@]}"; do
         # A second one would end the run: where Slurm does not say that there is none, it is not submitted.

@@ -1,9 +1,11 @@
 """What is written for an engine, and what is refused before anything is."""
 
 import os
+import random
 import shlex
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,6 +18,7 @@ from common.errors import InputError
 from common.process.exit_codes import EXIT_CODES, UNREACHABLE
 from deploy.__main__ import main
 from deploy.certificates import certify_actors
+from deploy.hub_port import PORTS, free_port
 from deploy.slurm import FINAL
 from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
@@ -136,10 +139,13 @@ class Job:
         jobs: str = "",
         others: str = "",
         queue: str = "",
+        number: int = 7,
     ) -> None:
+        self._number = str(number)
         self.folder, self.said, self.address = folder, folder / "said", folder / "address"
         (folder / "slurm").mkdir()
-        self._program("python", f'echo "$@" >>{self.said}\n{python}')
+        port = f'[ "$2" = deploy.hub_port ] && exec {sys.executable} "$@"'
+        self._program("python", f'{port}\necho "$@" >>{self.said}\n{python}')
         self._program("sleep", "exec /bin/sleep 0.1")  # not 5 s between looks
         self._program("squeue", queue)
         for name in ("scontrol", "scancel", "sbatch"):
@@ -161,7 +167,7 @@ class Job:
     @contextmanager
     def runs(self) -> Iterator[subprocess.Popen[bytes]]:
         environment = {"PATH": f"{self.folder}:/usr/bin:/bin"}
-        environment |= {"SLURM_ARRAY_TASK_ID": "1", "SLURM_JOB_ID": "7"}
+        environment |= {"SLURM_ARRAY_TASK_ID": "1", "SLURM_JOB_ID": self._number}
         job = subprocess.Popen(["bash", self._script], env=environment, start_new_session=True)
         try:
             yield job
@@ -240,6 +246,16 @@ def test_a_hub_submits_those_that_are_not_in_the_queue(
     told = [line for line in script.lines() if line.startswith("sbatch")]
     wanted = [f"sbatch {tmp_path}/slurm/{part}.sh" for part in ("learner", "actors")]
     assert told == (wanted if submitted else [])
+
+
+def test_a_hub_whose_port_is_taken_listens_at_another_one(tmp_path: Path) -> None:
+    number = PORTS.index(free_port("0.0.0.0", random.randrange(len(PORTS))))
+    script = Job(tmp_path, f"cd {tmp_path}; cp address told", module="replay", number=number)
+    with socket.create_server(("0.0.0.0", PORTS[number])):
+        assert script.ends() == 0
+    port = (tmp_path / "told").read_text().strip().rpartition(":")[2]
+    assert int(port) in set(PORTS) - {PORTS[number]}
+    assert f"-m replay --listen tcp/0.0.0.0:{port} --begin" in script.lines()
 
 
 def test_what_joins_a_replay_goes_on_with_its_part_of_the_run(tmp_path: Path) -> None:
