@@ -309,9 +309,10 @@ class RunConfig:
             value = getattr(getattr(self, group), field)
             usual = getattr(type(getattr(self, group))(), field)
             if value != usual:
+                shown = f"{usual:g}" if isinstance(usual, float) else usual
                 raise InputError(
                     f"{name} is {value}, which means nothing in --env {self.env}: leave it at "
-                    f"{usual:g}."
+                    f"{shown}."
                 )
 
 

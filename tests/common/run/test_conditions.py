@@ -25,6 +25,7 @@ from common.run.conditions import (
 from common.run.config import RunConfig, all_ranges
 from common.run.presets import PRESETS
 from common.run.stored_config import from_mapping
+from tests.extending.whole_run import added
 from tests.paths import ROOT
 
 ALL = all_ranges("robot")
@@ -266,6 +267,20 @@ def test_the_emulator_alone_refuses_what_it_has_not(
         match=f"^{group}.{name} is {value}, which means nothing in --env ale: leave it at {usual}",
     ):
         config("ale").check()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "usual"),
+    [("hand", "model", "arm"), ("minimal_actions", True, False), ("press_latency", 3, 0)],
+)
+def test_an_environment_may_refuse_settings_that_are_no_fractions(
+    name: str, value: Any, usual: Any
+) -> None:
+    other = replace(ENVIRONMENTS.find("robot"), name="other", ignores=(f"play.{name}",))
+    config = RunConfig(env="other", play=replace(PlayConfig(), **{name: value}))
+    told = f"^play.{name} is {value}, .*: leave it at {usual}\\.$"
+    with added(ENVIRONMENTS, other), pytest.raises(InputError, match=told):
+        config.check()
 
 
 def test_all_ranges_of_the_emulator_are_those_that_it_has() -> None:
