@@ -17,6 +17,8 @@ from common.run.config import NetworkName, RunConfig
 
 
 class Layers(NamedTuple):
+    """Sizes of a network's layers, between its states and its actions."""
+
     convolutions: tuple[tuple[int, int, int], ...]
     """Channels, kernel and stride of each; kernels and strides are square."""
     hidden: int

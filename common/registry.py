@@ -114,6 +114,7 @@ class Registry(Generic[T]):
 
     @property
     def names(self) -> list[str]:
+        """All of them, sorted; installed packages are not loaded for it."""
         return sorted({*self._entries, *entry_points(group=self._group).names})
 
     def add(self, entry: T) -> None:
@@ -138,6 +139,11 @@ class Registry(Generic[T]):
         return self._entries[key]
 
     def make(self, name: str, *arguments: Any, **named: Any) -> Any:
+        """Returns what the factory of ``name`` makes of the rest.
+
+        Raises:
+            InputError: there is no such entry.
+        """
         return resolve(self.find(name).factory)(*arguments, **named)
 
 

@@ -79,6 +79,7 @@ class Begun:
             ) from None
 
     def encode(self) -> bytes:
+        """Returns it as `of` reads it: JSON."""
         return json.dumps(asdict(self)).encode()
 
 

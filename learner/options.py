@@ -156,6 +156,7 @@ def going_on(options: LearnerOptions) -> LearnerOptions:
 
 
 def run_name(options: LearnerOptions) -> str:
+    """Returns the name of the run that was given, or else made of what is played."""
     config = options.config
     return options.run or f"{config.env}-{config.game}-{config.preset}".replace("_", "-")
 

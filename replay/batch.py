@@ -24,6 +24,7 @@ class Batch(NamedTuple):
     s_tm1: NDArray[np.uint8]
     """``[B, H, 84, 84]``, oldest frame first."""
     a_tm1: NDArray[np.uint8]
+    """Actions there, ``[B]``."""
     r_t: NDArray[np.float32]
     """Discounted sum of the rewards on the way, ``[B]``."""
     discount_t: NDArray[np.float32]
@@ -35,6 +36,7 @@ class Batch(NamedTuple):
     x_tm1: NDArray[np.float32]
     """Vector observation beside s_tm1, ``[B, P]``."""
     x_t: NDArray[np.float32]
+    """The same beside s_t."""
     drawn: Mapping[str, NDArray[Any]] = MappingProxyType({})
     """The steps' values of each field of `STEP_FIELDS` that is declared as drawn, ``[B, ...]``."""
 

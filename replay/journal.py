@@ -109,6 +109,7 @@ class Journal:
         put_on_disk(self._path)
 
     def close(self) -> None:
+        """Append no more; a second time does nothing."""
         if self._file >= 0:
             os.close(self._file)
             self._file = -1

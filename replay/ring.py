@@ -43,6 +43,7 @@ class Placement(NamedTuple):
     """Context frames that are stored."""
     steps: int
     finals: int
+    """True final frames, of its truncated steps."""
     previous: int
     """Id of the step before, whose frames it shares; -1 if it shares none."""
     crc: int = -1
@@ -60,6 +61,7 @@ class Placement(NamedTuple):
 
     @property
     def end(self) -> int:
+        """Id of the first frame after it."""
         return self.first + self.steps + self.finals
 
 

@@ -224,6 +224,7 @@ class Store:
 
     @property
     def file_bytes(self) -> int:
+        """Bytes of disk that the ring takes, without the journal."""
         return self._columns.file_bytes
 
     def close(self) -> None:

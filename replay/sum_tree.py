@@ -38,6 +38,7 @@ class SumTree:
 
     @property
     def total(self) -> float:
+        """Sum of all values."""
         return float(self._rows[-1].sum())
 
     def get(self, slots: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 
 class ExitCode(NamedTuple):
+    """How a program may end."""
+
     number: int
     meaning: str
     again: bool

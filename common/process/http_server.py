@@ -91,9 +91,11 @@ class HttpServer:
         self._thread = threading.Thread(target=self._serve, name=flag.strip("-"), daemon=True)
 
     def start(self) -> None:
+        """Begin to answer, in a thread."""
         self._thread.start()
 
     def close(self) -> None:
+        """Answer no more, and listen no more; answers under way have some seconds."""
         self._server.should_exit = True
         if self._thread.is_alive():
             self._thread.join(2 * _FAREWELL)

@@ -69,8 +69,11 @@ class StepFields:
 
 
 class StepField(NamedTuple):
+    """What is declared of an array with a row for each step."""
+
     dtype: np.dtype[Any]
     array: Array
+    """Its shape, and where the ring keeps it."""
 
     def step_bytes(self, vector_width: int) -> int:
         """Returns the size of one step's values."""

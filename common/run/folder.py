@@ -241,7 +241,7 @@ class RunFolder:
 def _take(lock: IO[str]) -> None:
     """Locks a file for this process; raises BlockingIOError where another one holds it."""
     ends = time.monotonic() + _GLANCE
-    while True:
+    while True:  # flock itself waits for ever or not at all
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return

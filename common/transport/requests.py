@@ -22,8 +22,6 @@ LONGEST_ANSWER = 10.0
 LONGEST_REASON = 500
 """Characters of a refusal, which may repeat some of what is refused."""
 _log = logging.getLogger(__name__)
-
-
 _log.addFilter(Seldom())
 
 

@@ -2,9 +2,9 @@
 
 The network tells, for each action, N atoms θ_i, where the return's distribution has the share
 τ̂_i = (2i + 1) / 2N below it (lemma 2); nothing but the loss keeps one below the next. Values are
-means over the atoms; by them the next action
-is chosen, by the online network with ``target`` double (as in Double DQN), or else by the target
-network (algorithm 1). The loss is the quantile Huber loss with κ = 1 (equation 10).
+means over the atoms. By them the next action is chosen: with ``target`` double by the online
+network (as in Double DQN), or else by the target network (algorithm 1). The loss is the quantile
+Huber loss with κ = 1 (equation 10).
 """
 
 import torch

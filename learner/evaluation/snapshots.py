@@ -24,6 +24,7 @@ class Snapshots:
         write_atomically(self.file(epoch), weights)
 
     def read(self, epoch: int) -> bytes:
+        """Returns the weights of an epoch. Raises OSError if they are not there."""
         return self.file(epoch).read_bytes()
 
     def remove(self, epoch: int) -> None:
@@ -44,4 +45,5 @@ class Snapshots:
             return None
 
     def file(self, epoch: int) -> Path:
+        """Returns where the weights of an epoch are, or would be."""
         return self._folder / f"{epoch_name(epoch)}.safetensors"

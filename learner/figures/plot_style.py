@@ -119,6 +119,7 @@ def dress(axes: Axes) -> None:
 
 
 def label(axes: Axes, x: str, y: str) -> None:
+    """Write what is on either axis, with its unit."""
     axes.set_xlabel(x, color=INK, fontsize=10)
     axes.set_ylabel(y, color=INK, fontsize=10)
 
