@@ -18,6 +18,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from common.run.conditions import FRAMES_PER_SECOND
+
 MOST_FRAMES = 30
 """Frames for which a command is watched at most: half a second."""
 COUNTS = 2 * 2 * MOST_FRAMES
@@ -33,7 +35,7 @@ def place_of(goal: Goal, reached: bool, frames: int) -> int:
 
 def ms_of(frames: int) -> float:
     """Milliseconds of game time."""
-    return frames * 1000 / 60
+    return frames * 1000 / FRAMES_PER_SECOND
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ class Film(Played):
         chapters = chapters_of(folder)
         video = self.video or folder / "films" / "learning.mp4"
         config = self.config(chapters[-1].weights)
-        rate = 60 / config.play.frame_skip
+        rate = config.play.steps_per_second
         steps = round((self.seconds or _CHAPTER) * rate)
         with (
             shown_env(config) as env,

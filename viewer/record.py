@@ -53,7 +53,7 @@ class Record(Played):
         self.clock.check(config.env)
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
         policy = Policy.of_file(config, self.weights, self.epsilon, policy_seed)
-        minute = 60 * 60 / config.play.frame_skip
+        minute = 60 * config.play.steps_per_second
         total = self.minutes * minute or self.games or 1
         # Episodes as the actors of a run have them: they end at a lost life.
         env = make_env(config, self.clock, training=True)

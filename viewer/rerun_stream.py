@@ -65,7 +65,7 @@ class RerunStream:
             import rerun
         self._rerun: ModuleType = rerun
         self._env = env
-        self._seconds = play.frame_skip / 60
+        self._seconds = 1 / play.steps_per_second
         """Seconds of game time per agent step."""
         self._agent_steps = 0
         self._sent: dict[str, NDArray[np.float64]] = {}

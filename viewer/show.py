@@ -71,7 +71,7 @@ class Play(Played):
             raise InputError("--nao-urdf shows another NAO in a film: add --video FILE.")
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
         policy = ShownPolicy.of_file(config, self.weights, self.epsilon, policy_seed)
-        rate = 60 / config.play.frame_skip
+        rate = config.play.steps_per_second
         with (
             shown_env(config, self.clock) as env,
             nullcontext() if self.video is None else open_movie(self.video, rate) as film,

@@ -82,7 +82,7 @@ class Watch(Played):
             screen = WatchScreen(env, config, weights.stem)
             answers = GraphicsAnswers()
             terminal.write(QUESTIONS)
-            period, due = config.play.frame_skip / 60, time.monotonic()
+            period, due = 1 / config.play.steps_per_second, time.monotonic()
             for step in play([env], policy, [config.seed]):
                 terminal.write(screen.draw(terminal.size, step, policy.values, scores))
                 # A picture that is late is not made up for.

@@ -11,8 +11,9 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
 from actors.envs.world import AgentStep, World
+from common.run.conditions import FRAMES_PER_SECOND
 
-FRAME = 1 / 60
+FRAME = 1 / FRAMES_PER_SECOND
 """Seconds of game time per emulator frame."""
 MOST_MISSED = 100
 """Agent steps after which a world that nobody attends to stops, as on a console put on pause. A

@@ -34,7 +34,7 @@ class GameEnv(gymnasium.Env[Observation, np.int64]):
         render_mode: str | None,
         joints: int = 0,
     ) -> None:
-        self.metadata = {**self.metadata, "render_fps": 60 / play.frame_skip}
+        self.metadata = {**self.metadata, "render_fps": play.steps_per_second}
         self.render_mode = render_mode
         self._game = game
         self._world = world

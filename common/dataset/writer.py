@@ -75,7 +75,7 @@ class DatasetWriter:
     @property
     def rate(self) -> float:
         """Rows per second of game time."""
-        return 60 / self._config.play.frame_skip
+        return self._config.play.steps_per_second
 
     @property
     def video(self) -> Path:

@@ -20,6 +20,8 @@ from common.pinned_file import path_of
 from common.proprioception import COMMANDS, KEY_FRAMES
 from common.run.stored_config import from_mapping
 
+FRAMES_PER_SECOND = 60
+"""Emulator frames in a second of game time."""
 MAX_FRAME_STACK = 16
 MAX_WAIT = 50
 MAX_DELAY = 60
@@ -100,6 +102,11 @@ class PlayConfig:
     speed."""
     key_threshold: Annotated[float, Ge(0.5), Le(1.4), OF_A_ROBOT] = 1.0
     """Depths at which a key counts as pressed and as released, relative to the usual ones."""
+
+    @property
+    def steps_per_second(self) -> float:
+        """Agent steps in a second of game time."""
+        return FRAMES_PER_SECOND / self.frame_skip
 
     @property
     def latency_model(self) -> str | None:

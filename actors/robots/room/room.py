@@ -26,12 +26,18 @@ from actors.robots.room.silence import silenced
 from actors.robots.room.still_view import StillView
 from actors.robots.room.viewpoint import Viewpoint, Views
 from common.actions import Keys
-from common.run.conditions import PERFECT_CAMERA, CameraConfig, Conditions, PlayConfig
+from common.run.conditions import (
+    FRAMES_PER_SECOND,
+    PERFECT_CAMERA,
+    CameraConfig,
+    Conditions,
+    PlayConfig,
+)
 
 PHYSICS_RATE = 240
 """Physics steps per second."""
-FRAME_SUBSTEPS = 4
-"""Physics steps per emulator frame (60 Hz)."""
+FRAME_SUBSTEPS = PHYSICS_RATE // FRAMES_PER_SECOND
+"""Physics steps per emulator frame."""
 # With predicted contacts even 1 iteration lets NAO press all 18 actions from anywhere; without, it
 # took 10.
 _SOLVER_ITERATIONS = 4
