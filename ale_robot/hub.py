@@ -21,7 +21,7 @@ from ale_robot.model_card import model_card
 from common.checked import NAME
 from common.errors import InputError
 from common.process.command_line import parse
-from common.process.extras import extra_for
+from common.process.extras import check_extra, extra_for
 from common.regular_file import read_file
 from common.run.folder import write_atomically
 from common.run.origin import find_weights
@@ -49,6 +49,7 @@ class Push:
         Raises:
             InputError: the policy has no card, or the hub does not take it.
         """
+        check_extra("a model hub", "hub")
         from ale_robot.policy import load_policy  # PyTorch, which the list does without
 
         weights = find_weights(self.policy)
@@ -84,6 +85,7 @@ class Pull:
         Raises:
             InputError: there is no policy, it is not what its card says, or a file is in the way.
         """
+        check_extra("a model hub", "hub")
         from ale_robot.policy import load_policy
 
         with tempfile.TemporaryDirectory() as temporary:

@@ -41,6 +41,7 @@ def main() -> int | None:
         on_signals(stop)
         found = evaluate(options.evaluation, options.config, stored, options.clock, stop)
         return INTERRUPTED if found is None else 0
+    options.check_installed()
     if options.log_json:
         say_json("learner")
     from learner.process import train

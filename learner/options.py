@@ -17,6 +17,7 @@ from common.checked import Amount, Count, FromOne, Patience
 from common.errors import InputError
 from common.metrics import Value
 from common.process.command_line import RunOptions, WeightsFile, started_by
+from common.process.extras import check_extra
 from common.process.http_endpoints import check_address
 from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
@@ -129,6 +130,23 @@ class LearnerOptions(RunOptions):
             )
         if not self.resume:  # whose settings are as they are
             self._check_algorithm()
+
+    def check_installed(self) -> None:
+        """Refuse flags whose packages this machine lacks; where a run is launched from, they may.
+
+        Raises:
+            InputError: naming the flag.
+        """
+        # A run that goes on has its recording already, or reads it again.
+        demonstrations = None if self.resume else self.demonstrations
+        for flag, given, extra in (
+            ("--demonstrations", demonstrations, "record"),
+            ("--http", self.http, "ops"),
+            ("--web", self.web, "web"),
+            (f"--track {self.track}", self.track, self.track),
+        ):
+            if given is not None and extra is not None:
+                check_extra(flag, extra)
 
     def _check_algorithm(self) -> None:
         """Refuse settings that the algorithm ignores, unless it is the preset that has them."""

@@ -27,6 +27,7 @@ from viewer.check import Check
 from viewer.draws import Draws
 from viewer.film import Film
 from viewer.human import Human
+from viewer.player import Played
 from viewer.policies import Policies
 from viewer.record import Record
 from viewer.show import Play
@@ -42,6 +43,8 @@ def main() -> int:
         command = parse(EVERY, "viewer", [name, *arguments])
     else:
         command = parse(kind, f"viewer {name}", arguments)
+    if isinstance(command, Played):
+        command.check()
     stop = threading.Event()
     on_signals(stop)
     if not isinstance(command, Human | Draws | Policies):  # where no network plays

@@ -63,6 +63,12 @@ class Film(Played):
     nao_urdf: File = None
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
 
+    def check(self) -> None:
+        if self.folder is None:
+            self._play().check()
+        elif self.weights is not None:
+            raise InputError("the networks of a run are its snapshots: omit --weights.")
+
     def run(self, stop: threading.Event) -> None:
         """Film until the end, or until ``stop``.
 
@@ -71,19 +77,20 @@ class Film(Played):
         """
         if self.folder is not None:
             self._time_lapse(self.folder, stop)
-            return
-        Play(
+        else:
+            self._play().run(stop)
+
+    def _play(self) -> Play:
+        return Play(
             *(self.env, self.game, self.robot, self.seed, self.minimal_actions),
             weights=self.weights or shown_weights(self.env),
             epsilon=self.epsilon,
             seconds=self.seconds,
             video=self.video or Path("film.mp4"),
             nao_urdf=self.nao_urdf,
-        ).run(stop)
+        )
 
     def _time_lapse(self, folder: Path, stop: threading.Event) -> None:
-        if self.weights is not None:
-            raise InputError("the networks of a run are its snapshots: omit --weights.")
         chapters = chapters_of(folder)
         video = self.video or folder / "films" / "learning.mp4"
         config = self.config(chapters[-1].weights)

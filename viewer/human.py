@@ -27,6 +27,7 @@ from common.actions import KEYS_OF_ACTION, Keys, action_of_keys
 from common.errors import InputError
 from common.games import MINIMAL_ACTIONS
 from common.press_latency import COUNTS, KeyLatency
+from common.process.extras import check_extra
 from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from viewer.player import Played
@@ -62,6 +63,10 @@ class Human(Played):
     """Folder of a recording of what is played, as of `record`; it must not exist yet."""
     vector: Annotated[bool, tyro.conf.arg(name="play.vector")] = False
     """Proprioception in the recording, for runs that have --play.vector."""
+
+    def check(self) -> None:
+        if self.record is not None:
+            check_extra("a recording", "record")
 
     def run(self, stop: threading.Event) -> None:
         """Play until the person leaves.

@@ -55,6 +55,13 @@ class Played:
     ] = False
     """Action set: the game's own actions (Pong: 6) instead of all 18."""
 
+    def check(self) -> None:
+        """Refuse what cannot work, before PyTorch is loaded, which takes seconds.
+
+        Raises:
+            InputError: naming the flag.
+        """
+
     def config(self, weights: Path | None = None) -> RunConfig:
         """Returns the settings: those of the run of ``weights``, changed by what else is given.
 

@@ -15,6 +15,7 @@ from actors.policy import Policy
 from common.checked import Amount, Count, Fraction
 from common.errors import InputError
 from common.process.command_line import WeightsFile
+from common.process.extras import check_extra
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from viewer.player import Played
@@ -41,14 +42,17 @@ class Record(Played):
     """Share of random actions."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
 
+    def check(self) -> None:
+        check_extra("a recording", "record")
+        if self.games and self.minutes:
+            raise InputError("a recording has --games or --minutes: omit one of them.")
+
     def run(self, stop: threading.Event) -> None:
         """Record the games, or for the minutes, or until ``stop``.
 
         Raises:
             InputError: clock, weights or folder cannot be used.
         """
-        if self.games and self.minutes:
-            raise InputError("a recording has --games or --minutes: omit one of them.")
         config = self.config(self.weights)
         self.clock.check(config.env)
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))

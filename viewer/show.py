@@ -13,6 +13,7 @@ from actors.loop import play
 from common.checked import Amount, Fraction, FromOne
 from common.errors import InputError
 from common.process.command_line import WeightsFile
+from common.process.extras import check_extra
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from common.run.conditions import PlayConfig
@@ -53,14 +54,9 @@ class Play(Played):
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
 
-    def run(self, stop: threading.Event) -> None:
-        """Play the games, or for the seconds, or until ``stop``.
-
-        Raises:
-            InputError: clock, weights, film, viewer or the user's robot cannot be used.
-        """
-        config = self.config(self.weights)
-        self.clock.check(config.env)
+    def check(self) -> None:
+        if self.viewer is not None or self.save is not None:
+            check_extra("--viewer rerun or --save", "viz")
         gif = self.video is not None and self.video.suffix.lower() == ".gif"
         if gif and not 0 < self.seconds <= LONGEST_GIF:
             raise InputError(
@@ -69,6 +65,15 @@ class Play(Played):
             )
         if self.nao_urdf is not None and self.video is None:
             raise InputError("--nao-urdf shows another NAO in a film: add --video FILE.")
+
+    def run(self, stop: threading.Event) -> None:
+        """Play the games, or for the seconds, or until ``stop``.
+
+        Raises:
+            InputError: clock, weights, film, viewer or the user's robot cannot be used.
+        """
+        config = self.config(self.weights)
+        self.clock.check(config.env)
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
         policy = ShownPolicy.of_file(config, self.weights, self.epsilon, policy_seed)
         rate = config.play.steps_per_second

@@ -2,8 +2,33 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 
 from common.errors import InputError
+
+_PACKAGES = {
+    "hub": ("huggingface_hub",),
+    "mlflow": ("mlflow",),
+    "ops": ("prometheus_client", "starlette", "uvicorn"),
+    "record": ("pyarrow",),
+    "trackio": ("trackio",),
+    "viz": ("rerun",),
+    "wandb": ("wandb",),
+    "web": ("starlette", "uvicorn"),
+}
+"""By the extra, the packages that are imported for it."""
+
+
+def check_extra(flag: str, extra: str) -> None:
+    """Looks whether the packages of ``extra`` are there, before anything is loaded or built.
+
+    Raises:
+        InputError: as of `extra_for`, which tells also of what these packages lack.
+    """
+    with extra_for(flag, extra):
+        for package in _PACKAGES[extra]:
+            if find_spec(package) is None:
+                raise ModuleNotFoundError(name=package)
 
 
 @contextmanager

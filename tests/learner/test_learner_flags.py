@@ -1,6 +1,7 @@
 """How time passes: what the learner's command line takes, refuses, and tells its actors."""
 
 import shlex
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from common.run.conditions import RandomiseConfig
 from common.run.config import RunConfig, all_ranges
 from common.run.folder import RunFolder
 from common.run.presets import PRESETS
+from learner.__main__ import main
 from learner.first_network import first_network
 from learner.options import (
     LearnerOptions,
@@ -227,6 +229,35 @@ def test_a_restart_takes_what_the_run_has_kept_of_the_network_it_was_given(tmp_p
     assert going_on(options) == replace(options, resume=True)
     folder.initial.touch()
     assert going_on(options) == replace(options, resume=True, initial=None)
+
+
+@pytest.mark.parametrize(
+    ("flag", "value", "package", "extra"),
+    [
+        ("--demonstrations", "recording", "pyarrow", "record"),
+        ("--http", "127.0.0.1:0", "uvicorn", "ops"),
+        ("--web", "127.0.0.1:0", "starlette", "web"),
+        ("--track", "wandb", "wandb", "wandb"),
+        ("--track", "mlflow", "mlflow", "mlflow"),
+        ("--track", "trackio", "trackio", "trackio"),
+    ],
+)
+def test_a_package_that_is_not_installed_is_told_before_pytorch_is_loaded(
+    monkeypatch: pytest.MonkeyPatch, flag: str, value: str, package: str, extra: str
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.setitem(sys.modules, "learner.process", None)
+    monkeypatch.setattr(sys, "argv", ["learner", flag, value])
+    with pytest.raises(InputError, match=rf"{flag}.* {package}, .*'ale-robot\[{extra}\]'"):
+        main()
+    learner(flag, value)  # where a run is launched from, nothing needs it
+
+
+def test_a_run_that_has_its_demonstrations_goes_on_without_their_package(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    replace(learner("--demonstrations", "recording"), resume=True).check_installed()
 
 
 @pytest.mark.parametrize(

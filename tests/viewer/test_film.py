@@ -95,7 +95,7 @@ def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is no run's folder"):
         Film(folder=tmp_path).run(threading.Event())
     with pytest.raises(InputError, match="omit --weights"):
-        Film(folder=run, weights=run / "x").run(threading.Event())
+        Film(folder=run, weights=run / "x").check()
     (run / "epochs.csv").write_text(",".join(COLUMNS) + "\n1,train,soon\n")
     with pytest.raises(InputError, match=r"epochs\.csv is damaged"):
         chapters_of(run)

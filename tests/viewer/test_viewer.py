@@ -63,6 +63,8 @@ def test_commands(tmp_path: Path) -> None:
         (["play", "--video", "v.gif"], "--seconds up to 120, or an .mp4"),
         (["play", "--video", "V.GIF"], "--seconds up to 120, or an .mp4"),
         (["play", "--video", "v.gif", "--seconds", "121"], "--seconds up to 120, or an .mp4"),
+        (["film", "--video", "v.gif"], "--seconds up to 120, or an .mp4"),
+        (["record", "ale_pong", "-o", "r", "--games", "3", "--minutes", "1"], "omit one of them"),
         (["play", "--games", "0"], "--games is 0"),
         (["play", "--seconds", "-1"], "--seconds is -1"),
         (["play", "--speed", "2"], "--speed is for --no-sync"),
@@ -329,12 +331,22 @@ def test_play_on_the_emulator_alone_is_the_same_game_again(
     assert capsys.readouterr().out == f"{first}wrote {video}\n"
 
 
-def test_a_viewer_that_is_not_installed_is_refused(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("arguments", "package", "extra"),
+    [
+        (["play", "--viewer", "rerun"], "rerun", "viz"),
+        (["play", "--save", "game.rrd"], "rerun", "viz"),
+        (["record", "ale_pong", "-o", "recording"], "pyarrow", "record"),
+        (["human", "--record", "recording"], "pyarrow", "record"),
+    ],
+)
+def test_a_package_that_is_not_installed_is_told_before_pytorch_is_loaded(
+    monkeypatch: pytest.MonkeyPatch, arguments: list[str], package: str, extra: str
 ) -> None:
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"pip install 'ale-robot\[viz\]'"):
-        command(monkeypatch, "play", "--viewer", "rerun")
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(InputError, match=rf"{package}, .*: pip install 'ale-robot\[{extra}\]'"):
+        command(monkeypatch, *arguments)
 
 
 def test_another_nao_is_for_films(monkeypatch: pytest.MonkeyPatch) -> None:
