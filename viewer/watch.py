@@ -1,7 +1,7 @@
 """`ale-robot watch`: a trained network at play, in the terminal.
 
-On the left what the camera sees, with the screen and the game found in it; on the right the hands
-at the controller, the score, the keys and the value of each action.
+On the left what the camera sees around the screen, with the screen and the game found in it; on the
+right the hands at the controller, the score, the keys and the value of each action.
 """
 
 import math
@@ -41,10 +41,9 @@ _LEAST_SIDE, _MOST_SIDE = 30, 66
 more leave the bars no easier to read."""
 _MOST_BEFORE = 5
 """Games whose scores are shown beside that of the present one."""
-_WHOLE = 120
-"""Width from which the whole camera picture is shown; in a smaller one the game's ball would
-vanish, so it is cut to `_MARGIN` times the height of the screen."""
 _MARGIN = 1.4
+"""Height of what is shown of the camera's picture, in heights of the screen: the rest is wall, and
+the ball is small enough."""
 _WIDEST = 800
 """Pixels: a larger picture shows no more, and not every terminal takes it."""
 _BOLD, _DIM, _GOOD, _BAD, _CHOSEN = (f"\x1b[{code}m" for code in ("1", "2", "32", "1;31", "33"))
@@ -159,11 +158,9 @@ class WatchScreen:
             return _scaled(env.seen, size)
         border = border_of(found)
         height, width = env.seen.shape[:2]
-        corner, high = np.zeros(2, np.float32), float(height)
-        if size[0] < _WHOLE:
-            high = min(_MARGIN * float(np.ptp(border[:, 1])), height)
-            corner = border.mean(axis=0) - np.array([width / height, 1]) * high / 2
-            corner = corner.round().clip(0, (width, height) - high * np.array([width / height, 1]))
+        high = min(_MARGIN * float(np.ptp(border[:, 1])), height)
+        shown = np.array([width / height, 1]) * high
+        corner = (border.mean(axis=0) - shown / 2).round().clip(0, (width, height) - shown)
         left, top = corner.astype(int)
         part = env.seen[top : top + round(high), left : left + round(high * width / height)]
         picture = _scaled(part, size)

@@ -89,6 +89,22 @@ def test_the_picture_is_as_large_as_can_be_and_nothing_is_far_from_it(
     assert size[1] * 2 - 2 - picture[1] <= 1 or size[0] - picture[0] - 1 <= 30
 
 
+def test_a_larger_terminal_shows_a_larger_game(robot: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn_corners = []
+    monkeypatch.setattr(
+        "viewer.watch.overlay.outline",
+        lambda picture, corners, scale, *_: drawn_corners.append(corners * scale),
+    )
+    heights = []
+    for size in (LEAST_SIZE, (80, 24), (120, 40), (200, 50), (300, 80)):
+        drawn(robot, size)
+        border, _ = drawn_corners[-2:]  # the screen and, in it, the game
+        heights.append(np.ptp(border[:, 1]))
+        # Nearly all of what the terminal has room for.
+        assert heights[-1] > 0.9 * min(2 * (size[1] - 1), (size[0] - 31) * 0.75) / 1.4
+    assert heights == sorted(heights)
+
+
 @pytest.mark.parametrize(
     ("size", "line"),
     [
