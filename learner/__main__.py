@@ -21,10 +21,10 @@ from common.errors import exit_on_input_error
 from common.process.command_line import parse_run
 from common.process.exit_codes import INTERRUPTED
 from common.process.lifeline import on_signals
-from common.process.log_lines import say_json
+from common.process.log_lines import say, say_json
 from common.process.restarts import with_restarts
 from learner import status
-from learner.options import LearnerOptions, stored_config
+from learner.options import LearnerOptions, opening, stored_config
 
 # PyTorch is loaded by what computes with it: help, a wrong flag and a status come at once.
 
@@ -44,6 +44,8 @@ def main() -> int | None:
     options.check_installed()
     if options.log_json:
         say_json("learner")
+    if (opened := opening(options)) is not None:
+        say(opened)
     from learner.process import train
 
     return with_restarts("the learner", partial(train, options), options.restart)

@@ -173,6 +173,20 @@ def going_on(options: LearnerOptions) -> LearnerOptions:
     return replace(options, resume=True, initial=initial)
 
 
+def opening(options: LearnerOptions) -> str | None:
+    """Returns what is to be opened of the run that goes on, which may take a minute; None of
+    another."""
+    folder = RunFolder(options.runs, run_name(options))
+    if not (options.resume and folder.has_begun):
+        return None
+    replay = f"the replay at {options.connect}"
+    if options.connect is None:
+        size = sum(file.stat().st_size for file in folder.replay.glob("*"))
+        steps = options.config.replay.capacity
+        replay = f"its replay, a ring of {steps:,} steps ({size / 1e9:.2f} GB)"
+    return f"going on with run {folder.name}: opening its checkpoint, and {replay} ..."
+
+
 def run_name(options: LearnerOptions) -> str:
     """Returns the name of the run that was given, or else made of what is played."""
     config = options.config

@@ -29,13 +29,11 @@ from functools import partial
 import tyro
 
 from common.errors import InputError, exit_on_input_error
-from common.metrics import Values
 from common.process.allocator import keep_large_blocks
 from common.process.command_line import RunOptions, parse_run
 from common.process.http_endpoints import Page, http_endpoints, verdict
 from common.process.lifeline import on_signals
-from common.process.log_lines import kept_log, line, say_json
-from common.process.output import silence
+from common.process.log_lines import kept_log, say, say_json
 from common.process.restarts import with_restarts
 from common.process.service_manager import tell
 from common.process.threads import end_with_any_thread
@@ -106,15 +104,15 @@ def serve(options: ReplayOptions, again: bool) -> None:
             http_endpoints(options.http, lambda: _pages(buffer, folder.name)),
         ):
             place = options.connect or options.listen
-            _say(f"replay of run {folder.name} in {folder.replay}, at {place}.")
-            _say(_line(buffer.progress(sys.maxsize)))
+            say(f"replay of run {folder.name} in {folder.replay}, at {place}.")
+            say(_line(buffer.progress(sys.maxsize)))
             tell("READY=1")
             while not stop.wait(_REPORT_EVERY):
                 progress = buffer.progress(sys.maxsize)
-                _say(_line(progress), progress.values())
+                say(_line(progress), progress.values())
                 tell(f"STATUS={_line(progress)}", "WATCHDOG=1")
             tell("STOPPING=1")
-        _say(_line(buffer.progress(sys.maxsize)))
+        say(_line(buffer.progress(sys.maxsize)))
 
 
 def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
@@ -156,14 +154,6 @@ def _pages(buffer: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:
         lambda: families({**buffer.progress(sys.maxsize).values(), "run/run": run})
     )
     return {"/healthz": works, "/readyz": works, "/metrics": figures}
-
-
-def _say(text: str, values: Values | None = None) -> None:
-    """Print a line; that nobody can read it is no reason to end a run's hub."""
-    try:
-        print(line(text, values=values), flush=True)
-    except OSError:
-        silence(sys.stdout)
 
 
 def _line(progress: Progress) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import InputError, MessageError
+from common.process.progress import Progress
 from common.protocol.chunk import Chunk
 from common.run.config import RunConfig
 from common.run.folder import JOURNAL
@@ -138,13 +139,19 @@ class Store:
     def _rebuild(self) -> None:
         """Links and sampleable steps from the index and the files, as far as these are whole."""
         ring, index = self.ring, self.index
-        kept = len(index.chunks)
-        for key in [key for key, place in index.chunks.items() if not ring.is_whole(place)]:
+        kept, lost = len(index.chunks), []
+        # All that is stored is read, from a disk that may be slow.
+        with Progress("checking the replay", kept) as progress:
+            for number, (key, place) in enumerate(index.chunks.items(), 1):
+                if not ring.is_whole(place):
+                    lost.append(key)
+                progress.update(number, note=f"{number:,} of {kept:,} chunks")
+        for key in lost:
             index.drop(key)
-        if lost := kept - len(index.chunks):
+        if lost:
             _log.warning(
                 "%d of %d chunks in %s are damaged: they are not drawn, the rest is used",
-                *(lost, kept, self._columns.folder),
+                *(len(lost), kept, self._columns.folder),
             )
         ring.tail, ring.head = index.tail, index.head
         for key, place in index.chunks.items():

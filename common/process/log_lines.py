@@ -4,6 +4,7 @@ and into a file of its run."""
 import json
 import logging
 import math
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -12,6 +13,7 @@ from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from typing import Any
 
+from common.process.output import silence
 from common.regular_file import no_links
 from common.strict_json import strict
 
@@ -33,13 +35,30 @@ def say_json(role: str) -> None:
     logging.basicConfig(handlers=[handler], force=True)
 
 
-def line(text: str, level: str = "info", values: Mapping[str, Any] | None = None) -> str:
+def line(
+    text: str,
+    level: str = "info",
+    values: Mapping[str, Any] | None = None,
+    *,
+    stamped: bool = False,
+) -> str:
     """Returns ``text`` as this process should write it: as it is, or as an object of JSON.
 
     Args:
         values: figures by their keys, which a line of JSON has too.
+        stamped: whether the time of day, which a line of JSON always has, is before a plain one.
     """
-    return as_json(_role, text, level, values) if _role else text
+    if _role:
+        return as_json(_role, text, level, values)
+    return f"{time.strftime('%H:%M:%S')} {text}" if stamped else text
+
+
+def say(text: str, values: Mapping[str, Any] | None = None) -> None:
+    """Print `line` at once; that nobody can read it is no reason to end."""
+    try:
+        print(line(text, values=values), flush=True)
+    except OSError:
+        silence(sys.stdout)
 
 
 def as_json(role: str, text: str, level: str, values: Mapping[str, Any] | None = None) -> str:

@@ -9,6 +9,7 @@ from typing import Self, TextIO
 from rich import progress
 from rich.console import Console
 
+from common.process.log_lines import line
 from common.process.output import silence
 from common.schedule import Every, Now
 
@@ -80,7 +81,7 @@ class Progress(AbstractContextManager["Progress"]):
             parts.append(f"{timedelta(seconds=left)} left")
         told = f"{task.description}: {', '.join(filter(None, parts))}"
         try:
-            print(f"{time.strftime('%H:%M:%S')} {told}", file=self._stream, flush=True)
+            print(line(told, stamped=True), file=self._stream, flush=True)
         except OSError:  # nobody reads it any more
             silence(self._stream)
 

@@ -24,6 +24,7 @@ from learner.options import (
     clock_figures,
     going_on,
     join_command,
+    opening,
     resume_command,
     stored_config,
 )
@@ -168,6 +169,31 @@ def test_an_evaluation_draws_only_what_it_is_told_to(tmp_path: Path) -> None:
     assert found(*network, "--randomise.gamma", "1.5").randomise == RandomiseConfig(gamma=1.5)
     assert found(*network, "--randomise.all").randomise == all_ranges("robot")
     assert found("--runs", str(tmp_path), "--run", "r", "--resume") == trained
+
+
+def test_a_run_that_goes_on_says_first_what_is_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, flags = RunFolder(tmp_path, "r"), ("--runs", str(tmp_path), "--run", "r")
+    config = learner(*flags).config
+    folder.claim("learner", config, begun=folder.checkpoint, resume=False)
+    assert opening(learner(*flags, "--resume")) is None  # it has nothing yet
+    folder.checkpoint.touch()
+    assert opening(learner(*flags)) is None
+    folder.replay.mkdir()
+    (folder.replay / "frames.bin").write_bytes(bytes(20_000_000))
+    begins = "going on with run r: opening its checkpoint, and "
+    told = opening(learner(*flags, "--resume"))
+    assert told == f"{begins}its replay, a ring of 300,000 steps (0.02 GB) ..."
+    elsewhere = opening(learner(*flags, "--resume", "--connect", "tcp/h:1"))
+    assert elsewhere == f"{begins}the replay at tcp/h:1 ..."
+
+    # Before PyTorch is loaded.
+    monkeypatch.setitem(sys.modules, "learner.process", None)
+    monkeypatch.setattr(sys, "argv", ["learner", *flags, "--resume"])
+    with pytest.raises(ImportError):
+        main()
+    assert capsys.readouterr().out == f"{told}\n"
 
 
 @pytest.mark.parametrize(

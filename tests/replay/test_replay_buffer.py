@@ -561,6 +561,24 @@ def test_damaged_rows_are_reported_and_the_rest_is_used(
     buffer.close()
 
 
+def test_a_ring_that_is_read_anew_tells_how_far_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("common.process.progress.PLAIN_SECONDS", 0.0)
+    buffer, actor = ReplayBuffer(make_config(), tmp_path), Actor("a", 4)
+    assert capsys.readouterr().err == ""
+    rng = np.random.default_rng(0)
+    for _ in range(2):
+        buffer.insert(actor.live([GOES_ON] * 15 + [TERMINATES], rng))
+    buffer.close()
+    ReplayBuffer(make_config(), tmp_path).close()
+    told = [line.split(" ", 1)[1] for line in capsys.readouterr().err.splitlines()]
+    assert [line.split(", 0:00")[0] for line in told] == [
+        "checking the replay: 50 %, 1 of 2 chunks",
+        "checking the replay: 100 %, 2 of 2 chunks",
+    ]
+
+
 @pytest.mark.parametrize("whole", [0, 1, 3])
 def test_ids_of_damaged_chunks_are_not_used_again(tmp_path: Path, whole: int) -> None:
     config = make_config(capacity=40, batch_size=500, sampler="prioritised")

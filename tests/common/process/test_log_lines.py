@@ -3,6 +3,7 @@
 import json
 import logging
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -18,7 +19,8 @@ import logging, math, sys
 from common.errors import InputError, exit_on_input_error
 from common.process.log_lines import line, say_json
 say_json("replay")
-print(line("ε is\\n1", values={"a/b": 1, "c/d": math.nan, "e/f": None}), file=sys.stderr)
+values = {"a/b": 1, "c/d": math.nan, "e/f": None}
+print(line("ε is\\n1", values=values, stamped=True), file=sys.stderr)
 logging.getLogger("x").warning("%d chunks", 3)
 def fail():
     raise InputError("there is none: make one.")
@@ -28,6 +30,7 @@ exit_on_input_error(fail)
 
 def test_lines_are_as_they_are_by_default() -> None:
     assert line("ε is 1", "warning", {"a/b": math.inf}) == "ε is 1"
+    assert re.fullmatch(r"\d\d:\d\d:\d\d ε is 1", line("ε is 1", stamped=True))
 
 
 def test_lines_logs_and_errors_as_json() -> None:
