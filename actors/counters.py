@@ -26,8 +26,7 @@ class ActorCounters:
         self.key_times = [0] * COUNTS
         """How long the hands took, see `common.press_latency`."""
         self._began = time.monotonic()
-        self._looks = deque([(self._began, 0, 0.0)])
-        self._worked = (self._began, time.process_time())
+        self._looks = deque([(self._began, 0, 0.0, time.process_time())])
 
     def count(self, step: Step) -> None:
         stats, info = self.stats, step.info
@@ -47,12 +46,12 @@ class ActorCounters:
         Args:
             chunks: counters of the insert client, by their fields.
         """
-        rate, held = self.rates()
+        rate, held, busy = self.rates()
         return replace(
             self.stats,
             leaving=leaving,
             seconds=time.monotonic() - self._began,
-            busy_cores=self._busy_cores(),
+            busy_cores=busy,
             memory_bytes=footprint().private,
             steps_per_second=rate,
             held_share=held,
@@ -62,19 +61,14 @@ class ActorCounters:
             **chunks,
         )
 
-    def rates(self) -> tuple[float, float]:
-        """Steps per second, and the share of time held, of late."""
-        now = time.monotonic()
-        self._looks.append((now, self.stats.steps, self.held_seconds))
+    def rates(self) -> tuple[float, float, float]:
+        """Steps per second, the share of time held, and seconds of processor time per second, of
+        late."""
+        now, worked = time.monotonic(), time.process_time()
+        self._looks.append((now, self.stats.steps, self.held_seconds, worked))
         while now - self._looks[0][0] > WINDOW:
             self._looks.popleft()
-        then, steps, held = self._looks[0]
+        then, steps, held, idle = self._looks[0]
         seconds = max(now - then, 1e-6)
         share = min((self.held_seconds - held) / seconds, 1.0)
-        return (self.stats.steps - steps) / seconds, share
-
-    def _busy_cores(self) -> float:
-        """Seconds of processor time per second since the last call."""
-        (then, before), (now, busy) = self._worked, (time.monotonic(), time.process_time())
-        self._worked = (now, busy)
-        return (busy - before) / max(now - then, 1e-6)
+        return (self.stats.steps - steps) / seconds, share, (worked - idle) / seconds

@@ -43,7 +43,7 @@ def test_before_the_first_step_there_is_nothing(clock: Clock) -> None:
     found = ActorCounters()
     assert (found.stats.steps, found.stats.valid_share, found.stats.match_share) == (0, 0.0, 0.0)
     clock.now += 1
-    assert found.rates() == (0.0, 0.0)
+    assert found.rates() == (0.0, 0.0, 0.0)
 
 
 def test_shares_are_over_all_steps() -> None:
@@ -82,10 +82,10 @@ def test_what_the_process_takes_of_its_machine_is_told(clock: Clock) -> None:
     policy = SimpleNamespace(epsilon=0.5, weights_version=3)
     clock.now, clock.worked = 102.0, 10.0
     first = found.told(policy, False)  # type: ignore[arg-type]
-    clock.now, clock.worked = 106.0, 11.0
+    clock.now, clock.worked = 106.0, 11.5
     second = found.told(policy, False)  # type: ignore[arg-type]
     assert (first.seconds, first.busy_cores) == (2.0, 1.5)
-    assert (second.seconds, second.busy_cores) == (6.0, 0.25)
+    assert (second.seconds, second.busy_cores) == (6.0, 0.75)
     assert second.memory_bytes > 10_000_000
     assert second.machine == socket.gethostname()
 
@@ -96,34 +96,40 @@ def test_rates_are_of_late(clock: Clock) -> None:
         found.count(step())
     found.held_seconds += 0.5
     clock.now += 2.0
-    assert found.rates() == (15.0, 0.25)
+    clock.worked += 1.0
+    assert found.rates() == (15.0, 0.25, 0.5)
     for _ in range(3):
         found.count(step())
     clock.now += 1.0
-    assert found.rates() == (11.0, 0.5 / 3)
+    assert found.rates() == (11.0, 0.5 / 3, 1.0 / 3)
     clock.now += WINDOW - 1.0  # the first two seconds are long ago
-    assert found.rates() == (0.3, 0.0)
+    assert found.rates() == (0.3, 0.0, 0.0)
 
 
 def test_an_actor_that_is_held_for_a_second_still_plays(clock: Clock) -> None:
     found = ActorCounters()
-    rates = []
+    rates, busy = [], []
     for second in range(20):
         clock.now += 1.0
-        for _ in range(0 if second % 2 else 30):
-            found.count(step())
-        rates.append(found.rates()[0])
+        if not second % 2:
+            clock.worked += 0.5
+            for _ in range(30):
+                found.count(step())
+        rate, _, cores = found.rates()
+        rates.append(rate)
+        busy.append(cores)
     assert min(rates) >= 15.0
+    assert min(busy) >= 0.25
 
 
 def test_a_pause_that_began_before_the_last_look_fills_the_time_at_most(clock: Clock) -> None:
     found = ActorCounters()
     clock.now += 1.0
     found.held_seconds += 5.0
-    assert found.rates() == (0.0, 1.0)
+    assert found.rates() == (0.0, 1.0, 0.0)
 
 
 def test_two_looks_at_the_same_moment_do_not_divide_by_zero(clock: Clock) -> None:
     found = ActorCounters()
     found.rates()
-    assert found.rates() == (0.0, 0.0)
+    assert found.rates() == (0.0, 0.0, 0.0)
