@@ -170,10 +170,13 @@ Record a network's games as a LeRobot dataset.
     "check": """\
 Check a robot's sight and touch, and write a picture.
 
-  ale-robot check -o check.png                     exit code 1 if a check is red
+  ale-robot check
+  ale-robot check --robot robotroller -o arm.png
 
   --env, --game, --robot, --seed    what is checked
-  -o FILE.png          picture
+  -o FILE.png          picture; check.png by default
+
+  exit code: 0 healthy, 1 a health check is red
 """,
     "film": """\
 Film a game, or how a run learned: room, camera, hands and network.

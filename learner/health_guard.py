@@ -77,8 +77,9 @@ class HealthGuard:
                 value = formats.written("significant", check.value)
                 yield (
                     check.name,
-                    f"gate {check.name!r} has been red for {self.red_minutes:g} minutes and "
-                    f"{self._red_steps:,} steps: it is {value}, not {check.bound}, so {check.why}",
+                    f"health check {check.name!r} has been red for {self.red_minutes:g} minutes "
+                    f"and {self._red_steps:,} steps: it is {value}, not {check.bound}, so "
+                    f"{check.why}",
                 )
 
     def _stall(self, agent_steps: int, updates: int) -> Iterator[tuple[str, str]]:

@@ -87,12 +87,12 @@ class LearnerOptions(RunOptions):
     """Program that compares runs and gets curves, histograms and films too: 'wandb', 'mlflow' or
     'trackio'; where it keeps them is its own setting, such as WANDB_MODE=offline."""
     gate_minutes: Annotated[float, Gt(0)] = RED_MINUTES
-    """Minutes that a gate may be red before the run ends by itself, with exit code 3."""
+    """Minutes that a health check may be red before the run ends by itself, with exit code 3."""
     stall_minutes: Annotated[float, Gt(0), AllowInfNan(True)] = STALL_MINUTES
     """Minutes without any agent step or update after which the run ends by itself, with exit code
     3; inf to wait for ever."""
     force: bool = False
-    """Only warn, and train on, where a gate stays red or no progress is made."""
+    """Only warn, and train on, where a health check stays red or no progress is made."""
     evaluation: tyro.conf.OmitArgPrefixes[EvaluationOptions] = field(
         default_factory=EvaluationOptions
     )

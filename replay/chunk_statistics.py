@@ -1,7 +1,7 @@
 """What the replay tells about itself: a line for each accepted chunk, and its own counters.
 
-The learner counts games, staleness and the gates from these statistics. They are journaled with the
-chunks, so a restart of either side loses none.
+The learner counts games, staleness and the health checks from these statistics. They are journaled
+with the chunks, so a restart of either side loses none.
 """
 
 from dataclasses import dataclass

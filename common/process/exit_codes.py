@@ -23,7 +23,9 @@ INTERRUPTED = 130
 
 EXIT_CODES = (
     ExitCode(DONE, "done, or ended by Ctrl-C or SIGTERM with everything saved", False),
-    ExitCode(FAILED, "failed inside, and said how; of check and status: a check is red", True),
+    ExitCode(
+        FAILED, "failed inside, and said how; of check and status: a health check is red", True
+    ),
     ExitCode(BAD_INPUT, "cannot work as asked: flags, settings, files", False),
     ExitCode(RED, "the run ended itself: a health check stayed red, or nothing moved", False),
     ExitCode(UNREACHABLE, "nobody answers at the address, or the run there has gone", True),

@@ -10,7 +10,7 @@ from tests.end_to_end.conftest import SMALL, Stage
 BLIND = ("--camera.noise=255", "--camera.blur=3")
 """Of a camera in whose pictures no screen can be found."""
 SOON = ("--stream.chunk-steps=2", "--replay.learning-starts=100")
-"""With 0.1 minutes, a gate may be red for 6 seconds and 320 steps."""
+"""With 0.1 minutes, a health check may be red for 6 seconds and 320 steps."""
 
 
 @pytest.mark.slow
@@ -22,7 +22,9 @@ def test_a_blind_robot_stops_and_goes_on_only_by_force(stage: Stage) -> None:
     output = stage.learner(*given).ends(3)
 
     (last,) = (line for line in output.splitlines() if line.startswith("stopped: "))
-    assert "gate 'valid frames' has been red for 0.1 minutes and 320 steps: it is 0, " in last
+    assert (
+        "health check 'valid frames' has been red for 0.1 minutes and 320 steps: it is 0, " in last
+    )
     assert "the screen is not found in the camera's picture" in last
     assert last.endswith(f"--run r --threads=1 {shlex.join(given)} --resume --force")
     assert not stage.strays()
@@ -30,11 +32,11 @@ def test_a_blind_robot_stops_and_goes_on_only_by_force(stage: Stage) -> None:
     assert stopped["agent_steps"] >= 100 + 320
     assert load_file(stage.run / "checkpoint.safetensors")
 
-    assert "stopped: gate 'valid frames'" in stage.learner(*alone, "--resume").ends(3)
+    assert "stopped: health check 'valid frames'" in stage.learner(*alone, "--resume").ends(3)
     resumed = stage.summary()
     assert resumed["agent_steps"] >= stopped["agent_steps"] + 320
 
     goal = resumed["agent_steps"] + 400
     forced = stage.learner(*alone, "--resume", "--force", f"--steps={goal}").ends()
-    assert "WARNING: gate 'valid frames' has been red" in forced
+    assert "WARNING: health check 'valid frames' has been red" in forced
     assert stage.summary()["agent_steps"] >= goal

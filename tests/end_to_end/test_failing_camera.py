@@ -14,7 +14,7 @@ from tests.end_to_end.conftest import SMALL, Stage
 FAILS_AT = 700
 """Pictures that a camera takes before."""
 SOON = ("--gate-minutes=0.1", "--stream.chunk-steps=2", "--replay.learning-starts=100")
-"""A gate may be red for 6 seconds and 320 steps."""
+"""A health check may be red for 6 seconds and 320 steps."""
 
 
 class _Camera:
@@ -58,9 +58,9 @@ FREEZING, DARKENING = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("env", "gate"), [(FREEZING, "following frames"), (DARKENING, "valid frames")]
+    ("env", "check"), [(FREEZING, "following frames"), (DARKENING, "valid frames")]
 )
-def test_a_camera_that_fails_ends_the_run(stage: Stage, env: Environment, gate: str) -> None:
+def test_a_camera_that_fails_ends_the_run(stage: Stage, env: Environment, check: str) -> None:
     installed = stage.folder / "failing_cameras-1.0.dist-info"
     installed.mkdir()
     (installed / "METADATA").write_text("Name: failing-cameras\nVersion: 1.0\n")
@@ -73,5 +73,5 @@ def test_a_camera_that_fails_ends_the_run(stage: Stage, env: Environment, gate: 
     output = stage.learner(*given).ends(3)
 
     (last,) = (line for line in output.splitlines() if line.startswith("stopped: "))
-    assert f"gate '{gate}' has been red for 0.1 minutes and 320 steps: " in last
+    assert f"health check '{check}' has been red for 0.1 minutes and 320 steps: " in last
     assert stage.summary()["agent_steps"] >= FAILS_AT + 320

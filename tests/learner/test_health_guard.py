@@ -104,7 +104,7 @@ def test_the_verdict_names_check_value_bound_and_reason() -> None:
     run = Run()
     run.until_ended(check(False), patience=300)
     assert run.second(check(False)) == (
-        "gate 'valid frames' has been red for 5 minutes and 10,240 steps: it is 0.2500, "
+        "health check 'valid frames' has been red for 5 minutes and 10,240 steps: it is 0.2500, "
         "not ≥ 0.99, so the screen is not found"
     )
 
@@ -114,8 +114,8 @@ def test_with_force_each_reason_is_warned_of_once() -> None:
     assert run.until_ended(check(False, name="a"), check(False, name="b")) is None
     assert run.until_ended(check(True), steps=0) is None
     assert [warning.split(" has been")[0] for warning in run.warnings[:2]] == [
-        "WARNING: gate 'a'",
-        "WARNING: gate 'b'",
+        "WARNING: health check 'a'",
+        "WARNING: health check 'b'",
     ]
     (stalled,) = run.warnings[2:]
     assert stalled.startswith("WARNING: no agent step came and no update was made for 10 minutes")

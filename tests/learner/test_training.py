@@ -563,7 +563,9 @@ def test_a_gate_that_stays_red_ends_the_run() -> None:
     world = World(update_seconds=0.25, checks=(RED,))
     learner = run(world)
     assert learner.failed is not None
-    assert re.match(r"gate 'valid frames' has been red for 5 minutes and 640 steps", learner.failed)
+    assert re.match(
+        r"health check 'valid frames' has been red for 5 minutes and 640 steps", learner.failed
+    )
     # Judged from the end of the warm-up on, which the first 25 updates are.
     assert world.now == pytest.approx(1_000 + 25 * 0.25 + 300, abs=2.0)
     assert world.checkpoints[-1]["updates"] == world.updates
@@ -575,7 +577,7 @@ def test_force_only_warns_of_a_red_gate_once() -> None:
     learner = run(world, force=True)
     assert learner.failed is None
     warning, stopping = world.said
-    assert warning.startswith("WARNING: gate 'valid frames' has been red")
+    assert warning.startswith("WARNING: health check 'valid frames' has been red")
     assert stopping == "stopping: writing a checkpoint ..."
 
 

@@ -209,7 +209,7 @@ def status_line(snapshot: Snapshot) -> str:
             where,
             *(fill(each.line, values) for each in metrics if each.line),
             actors + troubles(values),
-            f"checks {snapshot.verdict}",
+            f"health checks {snapshot.verdict}",
         )
     )
 

@@ -209,14 +209,15 @@ def _history(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableTy
 
 def _actors_and_checks(snapshot: Snapshot, width: int, rows: int) -> Table:
     alive, present = (number(snapshot.values, f"stream/actors_{n}") for n in ("alive", "present"))
-    grid = _grid(Column(ratio=1), Column(width=38), gap=3)
+    grid = _grid(Column(ratio=1), Column(width=40), gap=3)
     wrong = troubles(snapshot.values)
     title = f"Actors {alive}/{present}{wrong}" if wrong else f"Actors, {alive} of {present} alive"
     actors = _actors(snapshot.present, rows, width, values=snapshot.values)
     for _ in range(rows - actors.row_count):
         actors.add_row("")
+    heading = _title(f"Health checks, {snapshot.verdict}")
     checks = _checks(snapshot.checks, rows)
-    grid.add_row(Group(_title(title), actors), Group(_title(f"Checks, {snapshot.verdict}"), checks))
+    grid.add_row(Group(_title(title), actors), Group(heading, checks))
     return grid
 
 

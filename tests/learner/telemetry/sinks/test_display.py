@@ -225,7 +225,7 @@ def test_every_figure_is_there_at_80_by_24() -> None:
         r"release p50/99 +17/∞ ms +updates/s +46\.6 +retried +12",
         r"press p50/99 +50/67 ms +exploration ε +0\.100 +duplicate +0",
         r"test −20\.1 … 18\.4 +▁",
-        r"Actors, 3 of 4 alive .* Checks, 1 open, 6 green",
+        r"Actors, 3 of 4 alive .* Health checks, 1 open, 6 green",
         r"○ actor-3 +312,459 +lost +✓ valid frames +0\.9994 +≥ 0\.99",
         r"● actor-0 +312,456 46\.6/s +✓ pixel deviation +28\.40 +> 1",
         r"· relative TD error +– +< 1",
@@ -239,7 +239,7 @@ def test_every_figure_is_there_at_80_by_24() -> None:
 
 def test_red_check_is_told_with_its_reason() -> None:
     text = "\n".join(drawn(replace(STATUS, checks=checks(0.31))))
-    assert "Checks, 1 red, 1 open, 5 green" in text
+    assert "Health checks, 1 red, 1 open, 5 green" in text
     assert re.search(r"✗ valid frames +0\.3100 +≥ 0\.99", text)
     assert "✗ valid frames: the screen is not found in the camera's picture" in text
     assert "actor-3 was lost, restarted" in text
@@ -339,7 +339,7 @@ def test_resized_terminal_is_cleared_once(terminal: Terminal) -> None:
         display.write(EMPTY)
         display.write(EMPTY)
     before, after = terminal.text().split("\x1b[2J")
-    assert "Checks, none yet" in before
+    assert "Health checks, none yet" in before
     assert "Checks" not in after  # no room for so many lines
     assert after.count("run pong-1") == 3  # two drawn here and one as it is left
 
@@ -426,7 +426,7 @@ def test_plain_line_has_the_figures() -> None:
         " | reward train 17.03 test 18.42 random -20.09 | max-Q 1.393 | loss 0.0008290"
         " | 46.6 updates/s | epsilon 0.100 | press 50/67 ms | release 17/inf ms | 186.3 steps/s"
         " | 8.00 samples/insert, target 8 | staleness 38/74 updates | 3 of 4 actors"
-        " | checks 1 open, 6 green"
+        " | health checks 1 open, 6 green"
     ]
 
 
