@@ -5,9 +5,13 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from common.minus import minus_signed
 
-def q_bars(values: NDArray[np.floating], rows: int, width: int) -> Iterator[tuple[int, float, str]]:
+
+def q_bars(values: NDArray[np.floating], rows: int, width: int) -> Iterator[tuple[int, str, str]]:
     """Yields index, Q-value and bar of the ``rows`` best actions, in the order of the actions.
+
+    A value is written with three decimals, in at least eight characters.
 
     Args:
         values: of all actions, finite; the least of them has no bar.
@@ -16,4 +20,5 @@ def q_bars(values: NDArray[np.floating], rows: int, width: int) -> Iterator[tupl
     least, span = float(values.min()), float(np.ptp(values)) or 1.0
     for index in sorted(np.argsort(-values, kind="stable")[:rows].tolist()):
         value = float(values[index])
-        yield index, value, "█" * round((value - least) / span * width)
+        told = minus_signed(f"{value:,.3f}")
+        yield index, f"{told:>8}", "█" * round((value - least) / span * width)

@@ -20,6 +20,7 @@ from actors.loop import Step, play
 from actors.vision.layout import border_of
 from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
+from common.minus import minus_signed
 from common.process.command_line import WeightsFile
 from common.q_bars import q_bars
 from common.run.config import RunConfig
@@ -189,7 +190,7 @@ class WatchScreen:
     ) -> list[str]:
         """The texts beside the picture, in at most ``width`` columns each."""
         env = self._env
-        score = f"score {step.info.game_score:g}"
+        score = f"score {minus_signed(f'{step.info.game_score:g}')}"
         lines = [f"{_BOLD}{score}{_PLAIN}{_beside_score(step, scores, width - len(score))}"]
         if isinstance(env, RobotEnv):
             seen = (_GOOD, "screen found") if env.detection.valid else (_BAD, "screen NOT found")
@@ -203,15 +204,13 @@ class WatchScreen:
         # Where there is no room for all, those of the best.
         for index, value, bar in q_bars(values, max(rows - len(lines), 1), width - 16):
             colour = _CHOSEN if index == step.a_tm1 else ""
-            lines.append(
-                f"{colour}{keys_text(KEYS_OF_ACTION[env.actions[index]])} {value:7.3f} {bar}"
-            )
+            lines.append(f"{colour}{keys_text(KEYS_OF_ACTION[env.actions[index]])}{value} {bar}")
         return lines
 
 
 def _beside_score(step: Step, scores: Sequence[float], width: int) -> str:
     """The game's step and the latest games before it, as far as there is room."""
-    latest, told = [f"{score:g}" for score in scores[-_MOST_BEFORE:]], ""
+    latest, told = [minus_signed(f"{score:g}") for score in scores[-_MOST_BEFORE:]], ""
     before = [f"   games before {' '.join(latest[at:])}" for at in range(len(latest))]
     for choices in ([f"   step {step.info.game_steps}"], before):
         told += next((each for each in choices if len(told + each) <= width), "")

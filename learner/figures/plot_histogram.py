@@ -12,6 +12,7 @@ from matplotlib.pyplot import subplots
 from numpy.typing import NDArray
 
 from common.errors import InputError
+from common.minus import minus_signed
 from learner.figures.plot_style import INK, dress, label
 
 _MOST_SINGLE = 60
@@ -115,5 +116,5 @@ def _mark(axes: Axes, scores: NDArray[np.float64], places: NDArray[np.float64]) 
     """Name the scores, and where the axis leaves some out."""
     shortened = np.flatnonzero(np.diff(scores) > _GAP)
     gaps = (places[shortened] + places[shortened + 1]) / 2
-    names = [f"{score:g}".replace("-", "−") for score in scores]
+    names = [minus_signed(f"{score:g}") for score in scores]
     axes.set_xticks([*places, *gaps], [*names, *("…" for _ in gaps)])

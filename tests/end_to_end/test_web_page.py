@@ -122,7 +122,7 @@ def test_a_person_sees_the_robots_play_and_the_curves_grow(stage: Stage, browser
     assert browser.text("#who") == "actor-1"
     values = "#values li"
     assert browser.page.locator(values).count() == 6  # Pong's own actions
-    assert re.fullmatch(r"score -?\d+step \d+", browser.text("#score"))
+    assert re.fullmatch(r"score −?\d+step \d+", browser.text("#score"))
 
     # Loss, steps per second and updates per second are there once it learns.
     browser.until(lambda: all(browser.points(chart) >= 3 for chart in (3, 4, 5)), "curves grow")
@@ -133,9 +133,13 @@ def test_a_person_sees_the_robots_play_and_the_curves_grow(stage: Stage, browser
     browser.page.reload()
     browser.until(lambda: browser.points(4) >= drawn, "a reload has the curves as they were")
 
-    scales = browser.page.evaluate(SCALES, [[], [[0, 0.0]] * 2, [[0, 0.0], [9, 0.0]]])
+    curves = [[], [[0, 0.0]] * 2, [[0, 0.0], [9, 0.0]], [[0, -21.0], [9, -20.0]]]
+    scales = browser.page.evaluate(SCALES, curves)
     assert scales[:2] == [["no curve yet"]] * 2
-    assert scales[2] == ["0", "0.5", "1", "0", "9 steps"]
+    assert scales[2:] == [
+        ["0", "0.5", "1", "0", "9 steps"],
+        ["−21", "−20.5", "−20", "0", "9 steps"],
+    ]
 
     picture = stage.folder / "page.png"
     browser.page.screenshot(path=picture)

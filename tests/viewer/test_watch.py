@@ -126,6 +126,16 @@ def test_long_numbers_do_not_run_over_the_edge(
     assert all(column + len(text) <= size[0] + 1 for (_, column), text in found.items())
 
 
+def test_numbers_below_zero_have_a_minus_sign(robot: Any) -> None:
+    step: Any = Step()
+    step.info = Step.info._replace(game_score=-7.0)
+    screen = WatchScreen(robot, replace(PRESETS["robot"], play=PLAY), "robot_pong")
+    found = "\n".join(texts(screen.draw((200, 50), step, VALUES - 1, [-21.0])).values())
+    assert "score −7   step 41   games before −21" in found
+    assert re.search(r"^····· +−1\.000 ?$", found, re.MULTILINE)
+    assert "-" not in found.replace("Q-values", "")
+
+
 def test_texts_are_on_the_black_of_the_pictures_ground(robot: Any) -> None:
     written, _ = drawn(robot, (80, 24))
     starts = re.findall(r"\x1b\[\d+;\d+H(?=[^▀]*?\x1b\[K)(\x1b\[[0-9;]*m)?", written)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from common.metrics import METRICS, Metric, Values, number
+from common.minus import minus_signed
 from common.registry import ENVIRONMENTS
 
 UNKNOWN = "–"
@@ -22,7 +23,7 @@ def ended(leaving: bool) -> str:
 
 def decimal(value: float, places: int) -> str:
     """A number with ``places`` decimals and a minus sign as wide as a digit."""
-    return f"{value:,.{places}f}".replace("-", "−") if math.isfinite(value) else str(value)
+    return minus_signed(f"{value:,.{places}f}") if math.isfinite(value) else str(value)
 
 
 def significant(value: float) -> str:
@@ -31,7 +32,7 @@ def significant(value: float) -> str:
         return f"{value:g}"
     if 1e-4 <= abs(value) < 1e6:
         return decimal(value, max(3 - math.floor(math.log10(abs(value))), 0))
-    return f"{value:.1e}".replace("-", "−", int(value < 0))
+    return minus_signed(f"{value:.1e}")
 
 
 def share(done: float, total: float) -> str:

@@ -82,11 +82,10 @@ class LivePicture:
             return
         yield "", Style()
         yield "Q-values", Style(dim=True)
-        for index, value, bar in q_bars(np.array(view.values), rows, width - _BEFORE_BARS):
+        for index, told, bar in q_bars(np.array(view.values), rows, width - _BEFORE_BARS):
             keys = KEYS_OF_ACTION[view.actions[index]] if view.actions else None
             name = str(index) if keys is None else _names(keys)
-            told = formats.decimal(value, 3)
-            yield f"{name:<15} {told:>8} {bar}", _CHOSEN if index == view.chosen else Style()
+            yield f"{name:<15} {told} {bar}", _CHOSEN if index == view.chosen else Style()
 
 
 def _pixels(view: LiveView, width: int, height: int) -> NDArray[np.uint8]:

@@ -2,8 +2,14 @@
 
 const NS = "http://www.w3.org/2000/svg";
 
+// A minus sign for the hyphen before a written number, as on the terminal's screen.
+export const minus = number => number.replace(/^-/, "−");
+
 export function written(value, form) {
-  if (value === null || value === undefined) return "–";
+  return value === null || value === undefined ? "–" : minus(digits(value, form));
+}
+
+function digits(value, form) {
   if (form === "count" || form === "plain") return value.toLocaleString("en");
   if (form === "ms") return value.toFixed(0);
   if (/^\.\d$/.test(form)) return value.toFixed(+form[1]);
@@ -89,7 +95,7 @@ export class Chart {
     const y = value => bottom - (value - low) / (high - low) * (bottom - top);
     for (const tick of ticks(low, high)) {
       draw(svg, "line", {class: "tick", x1: left, x2: right, y1: y(tick), y2: y(tick)});
-      draw(svg, "text", {x: left - 6, y: y(tick) + 3, "text-anchor": "end"}, String(+tick.toPrecision(6)));
+      draw(svg, "text", {x: left - 6, y: y(tick) + 3, "text-anchor": "end"}, minus(String(+tick.toPrecision(6))));
     }
     draw(svg, "text", {x: left, y: height - 3}, shortened(begin));
     draw(svg, "text", {x: right, y: height - 3, "text-anchor": "end"}, `${shortened(end)} steps`);

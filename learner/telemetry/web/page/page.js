@@ -1,6 +1,6 @@
 // The page of a run. It only asks, and all that it is told it shows as text.
 
-import {Chart} from "/charts.js";
+import {Chart, minus} from "/charts.js";
 
 const SCORE = "play/train_reward";
 const FIRST = [
@@ -159,7 +159,7 @@ function takePoints({curves: news, about, epochs, random}) {
   const tests = epochs.filter(each => each.phase === "test" && each.score !== null);
   const dots = tests.map(each => [
     each.agent_steps, each.score,
-    `test of epoch ${each.epoch}: ${each.score.toFixed(2)} (${each.least} to ${each.most}, ${each.games} games)`,
+    `test of epoch ${each.epoch}: ${minus(each.score.toFixed(2))} (${minus(String(each.least))} to ${minus(String(each.most))}, ${each.games} games)`,
   ]);
   for (const [key, chart] of charts) {
     const line = curves.steps.map((step, i) => [step, curves.values[key][i]]).filter(point => point[1] !== null);
@@ -231,7 +231,7 @@ function showView(view, asked) {
     $(id).setAttribute("points", outside ? "" : corners.map(each => each.toFixed(4)).join(" "));
   }
   if (!view.found) silent("The screen is not found in this picture.");
-  $("score").replaceChildren(`score ${view.score}`, element("small", `step ${view.steps}`));
+  $("score").replaceChildren(`score ${minus(String(view.score))}`, element("small", `step ${view.steps}`));
   for (const key of $("keys").children) {
     const bit = +key.dataset.key;
     key.classList.toggle("pressed", (view.pressed & bit) > 0);
@@ -261,7 +261,7 @@ function showValues({values, keys, chosen, explored}) {
   $("values").replaceChildren(...values.map((value, i) => {
     const row = element("li", undefined, {className: i === chosen ? "chosen" : ""}), bar = element("i");
     bar.style.width = `${(value - least) / span * 100}%`;
-    row.append(element("span", keys.length ? sign(keys[i]) : String(i)), bar, element("span", value.toFixed(2)));
+    row.append(element("span", keys.length ? sign(keys[i]) : String(i)), bar, element("span", minus(value.toFixed(2))));
     return row;
   }));
   text("choice", explored ? "Q-values; this action was random" : "Q-values; the best was chosen");
