@@ -170,6 +170,11 @@ def main() -> None:
     """Lists what is shipped, or pushes or pulls."""
     if not sys.argv[1:]:
         Policies().run(threading.Event())
-    else:
-        commands: Any = Push | Pull
-        parse(commands, "policies", sys.argv[1:]).run()
+        return
+    if (name := sys.argv[1]) not in ("push", "pull") and not name.startswith("-"):
+        raise InputError(
+            f"`ale-robot policies` has no command {name!r}: give none for the list of shipped "
+            "policies, or push or pull."
+        )
+    commands: Any = Push | Pull
+    parse(commands, "policies", sys.argv[1:]).run()

@@ -8,9 +8,16 @@ from typing import Any
 
 from rich import box
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from common.run.origin import SHIPPED
+
+_LEGEND = """\
+ ε: mean score where that share of the actions is random
+ sticky: where the console repeats the action before with that probability
+ vector: commands, keys and joints, beside the frames of camera or emulator
+
+ Watch one: ale-robot watch --weights NAME"""
 
 
 @dataclass(frozen=True)
@@ -27,8 +34,7 @@ class Policies:
         }
         chances = list(dict.fromkeys(chance for row in scores.values() for chance in row))
         table = Table(
-            *("policy", "plays", "input", *chances),
-            caption="mean scores; ε: share of random actions; sticky: of repeated ones",
+            *("policy", "plays", "input", *(Column(each, justify="right") for each in chances)),
             box=box.SIMPLE,
             padding=(0, 1, 0, 0),
         )
@@ -40,7 +46,9 @@ class Policies:
                 "frames, vector" if config["play"]["vector"] else "frames",
                 *(scores[name].get(chance, "") for chance in chances),
             )
-        Console().print(table)
+        console = Console(highlight=False)
+        console.print(table)
+        console.print(_LEGEND, markup=False)
 
 
 def evaluation_rows(card: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -159,7 +159,9 @@ def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any
     command = started_by(program)
     with contextlib.redirect_stderr(io.StringIO()) as told:
         try:
-            about = f"{_joined_lines(kind.__doc__ or '')}\n\nExit codes:\n\n{table()}"
+            # The docstring of a union of commands is Python's own.
+            does = _joined_lines(kind.__doc__ or "") if isinstance(kind, type) else ""
+            about = f"{does}\n\nExit codes:\n\n{table()}"
             parsed: T = tyro.cli(
                 kind, prog=command, description=about, args=list(arguments), **given
             )

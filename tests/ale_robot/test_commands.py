@@ -173,6 +173,20 @@ def test_the_shipped_policies_are_listed(
     said = capsys.readouterr().out
     scores = r"20\.70 +15\.23 +8\.50"
     assert re.search(rf"robot_pong +pong \(robot\) +frames, vector +{scores}", said)
+    assert "Watch one: ale-robot watch --weights NAME\n" in said
+    assert max(map(len, said.splitlines())) <= 80
+    with pytest.raises(InputError, match=r"no command 'show': give none for the list"):
+        run(monkeypatch, "policies", "show")
+
+
+def test_the_help_of_several_commands_has_no_words_of_pythons(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        run(monkeypatch, "policies", "--help-all")
+    said = capsys.readouterr().out
+    assert "PEP 604" not in said
+    assert "Exit codes:" in said
 
 
 def test_a_card_without_an_evaluation_or_with_one_of_a_former_version_is_listed(
