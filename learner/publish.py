@@ -16,6 +16,7 @@ from typing import Annotated, Any
 
 import torch
 import tyro
+from safetensors import SafetensorError
 from safetensors.torch import load
 
 from common.checked import FromOne
@@ -79,9 +80,12 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     if config is None:
         raise InputError(f"{folder.config_file} is not there: name the folder of a run.")
     payload = source.read_bytes()
-    actions = count_actions_of(config, published_weights(load(payload)))
-    network = build_network(config, actions)
-    load_weights(network, payload)
+    try:
+        actions = count_actions_of(config, published_weights(load(payload)))
+        network = build_network(config, actions)
+        load_weights(network, payload)
+    except (SafetensorError, ValueError, KeyError) as error:
+        raise InputError(f"{source} is damaged ({error}): {_WRITTEN_ANEW}.") from None
     summary = _read(folder.summary)
     if missing := [name for name in _FROM_SUMMARY if name not in summary]:
         raise InputError(

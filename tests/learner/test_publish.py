@@ -116,6 +116,7 @@ def test_best_weights_without_their_card_are_told(tmp_path: Path) -> None:
         ("summary.json", '{"run": "r"', "damaged"),
         ("summary.json", "[]", "damaged"),
         ("snapshots/best.json", "[" * 100_000, "damaged"),
+        ("snapshots/best.safetensors", "no weights", "damaged"),
     ],
 )
 def test_a_run_that_tells_too_little_of_itself_is_refused_before_anything_is_written(
