@@ -12,7 +12,7 @@ from tests.end_to_end.conftest import SMALL, Stage
 
 def _sentence(output: str) -> str:
     *before, line = output.strip().splitlines()
-    assert all(each.startswith("waiting for a run at ") for each in before)
+    assert all(each.startswith(("waiting for a run at ", "going on with run ")) for each in before)
     assert line.startswith("error: ")
     assert line[-1] in ".?"
     return line
