@@ -33,11 +33,8 @@ class Policies:
             for name, card in cards.items()
         }
         chances = list(dict.fromkeys(chance for row in scores.values() for chance in row))
-        table = Table(
-            *("policy", "plays", "input", *(Column(each, justify="right") for each in chances)),
-            box=box.SIMPLE,
-            padding=(0, 1, 0, 0),
-        )
+        told = [Column(each, justify="right") for each in chances]
+        table = Table("policy", "plays", "input", *told, box=box.SIMPLE, padding=(0, 1, 0, 0))
         for name, card in cards.items():
             config = card["config"]
             table.add_row(
