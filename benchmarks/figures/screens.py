@@ -44,7 +44,7 @@ _ERASED = re.compile(r"\r?\x1b\[2K(?:\x1b\[1A\x1b\[2K)+")
 """What Rich's live display writes before it draws anew."""
 _PAGE = """<style>
   body {{ margin: 0; }}
-  pre {{ margin: 0; width: max-content; font: 15px/18px "DejaVu Sans Mono", monospace;
+  pre {{ margin: 0; width: max-content; font: 15.5px/18px "DejaVu Sans Mono", monospace;
         letter-spacing: calc(9px - 1ch); color: {foreground}; background: {background}; }}
 </style><pre>{code}</pre>"""
 """Cells of whole pixels: between blocks of others there are seams."""
