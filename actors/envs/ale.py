@@ -7,7 +7,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.eye_timing import eye_latency
 from actors.envs.frame_camera import FrameCamera
 from actors.envs.game import DEFAULT_PLAY, AtariGame
 from actors.envs.game_env import GameEnv
@@ -95,10 +94,9 @@ class AtariEnv(GameEnv):
             self._world.begin_game(play, self.np_random)
             perfect = camera == PERFECT_CAMERA
             self._camera = None if perfect else FrameCamera(camera, self.np_random)
-            if self._camera is not None and play.equal_latency:
+            if self._camera is not None:
                 look = partial(self._camera.take, agent_steps=1)
-                late = eye_latency(look, self._game.emulator.screen_grey())
-                self._world.see_late(late * play.frame_skip)
+                self._time_eye(look, self._game.emulator.screen_grey())
         self._frames.restart(self._frame(0))
         return self._observation(), StepInfo(*self._game.standing, elapsed=0)._asdict()
 

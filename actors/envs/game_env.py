@@ -1,6 +1,7 @@
 """`GameEnv`: what `AtariEnv` and `RobotEnv` share, and what the viewers know of either."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.envs.emulator import Emulator
+from actors.envs.eye_timing import eye_latency
 from actors.envs.game import AtariGame
 from actors.envs.observation import FrameStack, Observation, observation_space
 from actors.envs.world import World
@@ -78,6 +80,13 @@ class GameEnv(gymnasium.Env[Observation, np.int64]):
         super().reset(seed=seed)
         seeded = seed is not None
         return self._game.begin_episode(self.np_random, seeded=seeded, options=options or {})
+
+    def _time_eye(
+        self, look: Callable[[NDArray[np.uint8]], NDArray[np.uint8]], screen: NDArray[np.uint8]
+    ) -> None:
+        """Let hands and eye be equally late from now on, if they are to be: as `eye_latency`."""
+        if self._play.equal_latency:
+            self._world.see_late(eye_latency(look, screen) * self._play.frame_skip)
 
     def _observation(self) -> Observation:
         frames, vector = self._frames.state, self._world.vector()

@@ -67,8 +67,9 @@ class Proprioception:
         seen = len(self._felt) - self.seen_late
         self._keys[:] = self._felt[seen - self._play.vector_key_frames : seen].ravel()
         if self._forecast is not None:
+            rows = self._coming.reshape(self._play.vector_forecast, -1)
+            late = min(self.seen_late, len(rows))
             # Of the frames since the picture nothing is left to forecast, nor to change.
-            passed = np.insert(self._felt[seen:], (0, 0), 1.0, axis=1)
-            rows = np.concatenate([passed, self._forecast.rows()])
-            self._coming[:] = rows[: self._play.vector_forecast].ravel()
+            rows[:late, :2], rows[:late, 2:] = 1.0, self._felt[seen : seen + late]
+            rows[late:] = self._forecast.rows()[: len(rows) - late]
         return self._now.copy()

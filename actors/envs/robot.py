@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.envs.clock import Lockstep, RealTime
-from actors.envs.eye_timing import eye_latency
 from actors.envs.game import DEFAULT_PLAY, AtariGame
 from actors.envs.game_env import GameEnv
 from actors.envs.observation import Observation, shrink
@@ -145,10 +144,9 @@ class RobotEnv(GameEnv):
             # Nothing of an earlier game may show in a seeded one, not even where the screen was.
             self.detector = ScreenDetector(self.conditions.camera.distortion)
             self._play_random_start()
-            if self._play.equal_latency and self._play.eye == "camera":
+            if self._play.eye == "camera":
                 look = partial(self.robot.camera_picture, agent_steps=1)
-                late = eye_latency(look, self._game.emulator.screen_rgb())
-                self._world.see_late(late * self._play.frame_skip)
+                self._time_eye(look, self._game.emulator.screen_rgb())
         self._photograph(0)
         self._look()
         self._frames.restart(self.detection.frame)
