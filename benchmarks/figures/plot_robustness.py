@@ -50,7 +50,8 @@ def read_grid(path: Path) -> Grid:
         name = f"{found['network']}, ε = {found['epsilon']:g}, sticky {found['sticky']:g}"
         if not means:
             raise ValueError("none of its cells was played")
-    optics = list(dict.fromkeys(each for each, _ in means))
+        # Cells are in the order in which they were played.
+        optics = sorted({each for each, _ in means}, key=[*_WORDS].index)
     return Grid(name, optics, sorted({added for _, added in means}), means)
 
 
@@ -83,7 +84,7 @@ def _heat_map(axes: Axes, grid: Grid, low: float, high: float) -> Any:
             text = f"{value:.1f}".replace("-", "−")
             axes.text(column, row, text, ha="center", va="center", color=INK if light else "white")
     axes.set_xticks(range(len(grid.added_ms)), [f"{added:.0f}" for added in grid.added_ms])
-    axes.set_yticks(range(len(grid.optics)), [_WORDS.get(each, each) for each in grid.optics])
+    axes.set_yticks(range(len(grid.optics)), [_WORDS[each] for each in grid.optics])
     axes.tick_params(length=0, labelcolor=INK)
     axes.set_title(grid.name, loc="left", fontsize=9, color=INK)
     axes.set_xlabel("added actuation latency, ms", color=INK)

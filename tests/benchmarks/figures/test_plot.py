@@ -358,7 +358,8 @@ def robustness(path: Path, optics: Sequence[str], means: Sequence[float]) -> Pat
 
 
 def test_a_grid_is_a_heat_map(tmp_path: Path) -> None:
-    path = robustness(tmp_path / "a.json", ["nominal", "late"], [20.0, 3.5, -1.0, -21.0])
+    # The worst cells were played first, as by --optics late before all of them.
+    path = robustness(tmp_path / "a.json", ["late", "nominal"], [-1.0, -21.0, 20.0, 3.5])
     axes, _ = draw(Options((path,), figure="robustness")).axes
     (image,) = axes.get_images()
     assert np.asarray(image.get_array()).tolist() == [[20.0, 3.5], [-1.0, -21.0]]
@@ -408,6 +409,7 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
         ("scaling", text, "holds no scaling"),
         ("robustness", text, "holds no grid"),
         ("robustness", robustness(tmp_path / "no.json", [], []), "none of its cells"),
+        ("robustness", robustness(tmp_path / "fog.json", ["fog"], [1.0, 2.0]), "holds no grid"),
         ("histogram", evaluation(tmp_path / "none.json", []), "has no scores"),
     ):
         with pytest.raises(InputError, match=words):
