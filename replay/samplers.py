@@ -16,11 +16,13 @@ class UniformSampler:
     It is a dense array of them, and the place in it of each slot's id.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, ids: Ids) -> None:
+        """``ids`` are those in the set at first."""
         self._capacity = capacity
         self._count = 0
         self._ids = np.zeros(capacity, np.int64)
         self._places = np.full(capacity, -1, np.int32)
+        UniformSampler.add(self, ids)
 
     def __len__(self) -> int:
         return self._count
@@ -56,10 +58,6 @@ class UniformSampler:
         found: NDArray[np.bool_] = (places >= 0) & (self._ids[places] == ids)
         return found
 
-    def restore(self, ids: Ids) -> None:
-        """Add ``ids`` that an earlier process had stored."""
-        self.add(ids)
-
     def draw(self, rng: np.random.Generator, count: int) -> tuple[Ids, NDArray[np.float32]]:
         """Returns ``count`` ids, with replacement, and their importance weights."""
         return self.ids[rng.integers(len(self), size=count)], np.ones(count, np.float32)
@@ -72,25 +70,19 @@ class PrioritisedSampler(UniformSampler):
     """Draws each step in proportion to its priority (Schaul et al. 2016, sections 3.3 and 3.4)."""
 
     def __init__(
-        self, capacity: int, leaves: NDArray[np.float64], alpha: float, beta: float
+        self, capacity: int, ids: Ids, leaves: NDArray[np.float64], alpha: float, beta: float
     ) -> None:
-        """``leaves`` holds the priorities of an earlier process, to the power of α, or zeros."""
-        super().__init__(capacity)
+        """``leaves`` holds the priorities, to the power of α, that an earlier process gave to
+        ``ids``, or zeros."""
+        super().__init__(capacity, ids)
         self._alpha = alpha
         self._beta = beta
-        self._earlier = leaves.copy()
-        leaves[:] = 0.0
-        self._tree = SumTree(leaves)
-        self._largest = 1.0
-
-    def restore(self, ids: Ids) -> None:
-        """See `UniformSampler.restore`; they get the priorities that it left them."""
-        values = self._earlier[ids % self._capacity]
+        values = leaves[ids % capacity]
         usable = np.isfinite(values) & (values > 0)
-        if usable.any():
-            self._largest = float(values[usable].max())
-        super().add(ids)
-        self._tree.set(ids % self._capacity, np.where(usable, values, self._largest))
+        self._largest = float(values.max(initial=0.0, where=usable)) or 1.0
+        leaves[:] = 0.0
+        leaves[ids % capacity] = np.where(usable, values, self._largest)
+        self._tree = SumTree(leaves)
 
     def add(self, ids: Ids) -> None:
         """See `UniformSampler.add`; they get the largest value so far, so each is drawn soon."""

@@ -73,8 +73,7 @@ class Store:
             discount=config.learning.discount,
             clip_rewards=config.learning.clip_rewards,
         )
-        self.sampler = self._new_sampler()
-        self._rebuild()
+        self.sampler = self._new_sampler(self._rebuild())
         self._journal = Journal(path, self._entries())
         self._compacted_size = self._journal.size
 
@@ -125,19 +124,21 @@ class Store:
         index.evict(max(index.tail, index.head - self._config.replay.capacity))
         return index
 
-    def _new_sampler(self) -> UniformSampler:
+    def _new_sampler(self, ids: NDArray[np.int64]) -> UniformSampler:
         settings = self._config.replay
         if settings.sampler == "uniform":
-            return UniformSampler(settings.capacity)
+            return UniformSampler(settings.capacity, ids)
         return PrioritisedSampler(
             settings.capacity,
+            ids,
             self._columns.priorities,
             settings.priority_exponent,
             settings.importance_exponent,
         )
 
-    def _rebuild(self) -> None:
-        """Links and sampleable steps from the index and the files, as far as these are whole."""
+    def _rebuild(self) -> NDArray[np.int64]:
+        """Makes the links from the index and the files, as far as these are whole; returns the
+        sampleable steps."""
         ring, index = self.ring, self.index
         kept, lost = len(index.chunks), []
         # All that is stored is read, from a disk that may be slow.
@@ -161,7 +162,7 @@ class Store:
         for key, place in index.chunks.items():
             self._join(place, index.chunks.get(key.beside(1)))
         alive = np.arange(ring.tail, ring.head)
-        self.sampler.restore(alive[ring.is_complete(alive)])
+        return alive[ring.is_complete(alive)]
 
     def _entries(self) -> Iterable[Entry]:
         return chain([{**self._header, "uuid": self.uuid}], self.index.entries())
