@@ -4,10 +4,10 @@ import fcntl
 import json
 import os
 import shutil
+import struct
 import tempfile
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Literal, Self, get_args
 
@@ -103,8 +103,8 @@ def kept_networks(snapshots: Path) -> dict[int, Path]:
 JOURNAL = "journal.jsonl"
 """Name of the file, in a replay's folder, of what was accepted and evicted."""
 Part = Literal["learner", "replay"]
-_GLANCE = 0.5
-"""Seconds for which a lock is tried: `RunFolder.is_at_work` has it for a moment too."""
+_WHOLE = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
+"""`struct flock` of a lock on a whole file for one process alone."""
 
 
 class RunFolder:
@@ -195,7 +195,7 @@ class RunFolder:
             self._made |= not self.path.exists()
             self.path.mkdir(parents=True, exist_ok=True)
             lock = os.fdopen(no_links(str(self._lock(part)), os.O_WRONLY | os.O_CREAT), "w")
-            _take(lock)
+            fcntl.fcntl(lock, fcntl.F_OFD_SETLK, _WHOLE)
         except BlockingIOError:
             raise InputError(f"another {part} is at work in {self.path}.") from None
         except OSError as error:
@@ -228,24 +228,9 @@ class RunFolder:
     def is_at_work(self, *parts: Part) -> bool:
         """Whether a process, this one or another, holds one of ``parts``, by default any."""
         for part in parts or get_args(Part):
-            try:
-                with self._lock(part).open() as lock:
-                    fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            except FileNotFoundError:
-                continue
-            except BlockingIOError:
-                return True
+            with suppress(FileNotFoundError), self._lock(part).open() as lock:
+                # To look takes no lock, so nobody who claims the part meanwhile is refused.
+                found = fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _WHOLE)
+                if struct.unpack_from("h", found) != (fcntl.F_UNLCK,):
+                    return True
         return False
-
-
-def _take(lock: IO[str]) -> None:
-    """Locks a file for this process; raises BlockingIOError where another one holds it."""
-    ends = time.monotonic() + _GLANCE
-    while True:  # flock itself waits for ever or not at all
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return
-        except BlockingIOError:
-            if time.monotonic() >= ends:
-                raise
-        time.sleep(_GLANCE / 50)

@@ -1,14 +1,15 @@
 """Whose a run's folder is, and what a claim refuses."""
 
 import errno
-import fcntl
 import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -138,11 +139,22 @@ def test_learner_and_replay_share_a_run(tmp_path: Path) -> None:
 def test_who_only_looks_whether_a_part_is_at_work_does_not_keep_it_from_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    claim(tmp_path, "replay")
-    lock = (tmp_path / "r/.learner.lock").open("x")
-    fcntl.flock(lock, fcntl.LOCK_SH)  # as `is_at_work` does, in the middle of which the claim comes
-    monkeypatch.setattr("common.run.folder.time.sleep", lambda _: lock.close())
-    claim(tmp_path)
+    folder = claim(tmp_path, "replay")
+    (tmp_path / "r/.learner.lock").touch()
+    look, claims = struct.unpack_from, []
+
+    def claim_meanwhile(*found: Any) -> tuple[Any, ...]:  # the file is open, and was looked at
+        patched.undo()
+        claims.append(claim(tmp_path))
+        return look(*found)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("common.run.folder.struct.unpack_from", claim_meanwhile)
+        assert not folder.is_at_work("learner")
+    assert folder.is_at_work("learner")
+    del claims[:]
+    assert not folder.is_at_work("learner")
+    assert folder.is_at_work("replay")
 
 
 HOLDER = """
