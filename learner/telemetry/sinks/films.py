@@ -3,7 +3,8 @@ own beside training."""
 
 import logging
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -83,27 +84,34 @@ class FilmsSink(Sink):
         """Begin the next film, once the one before has ended."""
         if self._child is not None and self._child.poll() is None:
             return
-        try:
+        with self._in_spite_of_the_disk():
             if self._child is not None:
                 ended, self._child = self._child, None
                 self._end_film(ended)
             if self._next is not None:
                 self._epoch, self._next = self._next, None
                 self._child = self._begin_film()
-        except OSError as error:  # such as a full disk: a run is worth more than its films
-            _log.warning("there is no film of epoch %d: %s", self._epoch.number, error)
 
     def close(self) -> None:
         """Break off the film that is being made."""
         if self._child is None:
             return
-        if self._child.poll() is None:
-            self._child.kill()  # nothing of it is kept, and to leave takes it seconds
-            self._child.end()
-            self._video.unlink(missing_ok=True)
-            _log.warning("the film of epoch %d was broken off", self._epoch.number)
-        else:
-            self._end_film(self._child)
+        with self._in_spite_of_the_disk():
+            if self._child.poll() is None:
+                self._child.kill()  # nothing of it is kept, and to leave takes it seconds
+                self._child.end()
+                self._video.unlink(missing_ok=True)
+                _log.warning("the film of epoch %d was broken off", self._epoch.number)
+            else:
+                self._end_film(self._child)
+
+    @contextmanager
+    def _in_spite_of_the_disk(self) -> Iterator[None]:
+        """A run is worth more than its films."""
+        try:
+            yield
+        except OSError as error:  # such as a full disk
+            _log.warning("there is no film of epoch %d: %s", self._epoch.number, error)
 
     def _begin_film(self) -> Child:
         self._making.mkdir(parents=True, exist_ok=True)

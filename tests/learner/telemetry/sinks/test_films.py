@@ -217,6 +217,18 @@ def test_a_film_that_is_made_at_the_end_is_kept(folder: RunFolder) -> None:
     assert len(other.films) == 1
 
 
+def test_a_film_that_ends_with_the_run_on_a_disk_that_fails_is_told(
+    folder: RunFolder, caplog: pytest.LogCaptureFixture
+) -> None:
+    films = FilmsSink(folder, 1.0, 1.0, FILMER)
+    end_epoch(films, 1)
+    films.write(snapshot({}))
+    end_film(films)
+    shutil.rmtree(folder.films)
+    films.close()
+    assert [each.getMessage()[:29] for each in caplog.records] == ["there is no film of epoch 1: "]
+
+
 def test_a_resumed_run_films_its_newest_epoch(folder: RunFolder) -> None:
     for resumed, expected in ((1_000, {"epoch-0004.mp4"}), (2_000, {"epoch-0004.mp4"})):
         making = folder.films / "making"
