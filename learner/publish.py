@@ -16,15 +16,13 @@ from typing import Annotated, Any
 
 import torch
 import tyro
-from safetensors import SafetensorError
-from safetensors.torch import load
 
 from common.checked import FromOne
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError, MessageError, exit_on_input_error
 from common.network import build_network, count_actions_of
 from common.process.command_line import parse
 from common.process.lifeline import on_signals
-from common.protocol.weights import encode_weights, load_weights, published_weights
+from common.protocol.weights import decode_weights, encode_weights, set_weights
 from common.run.clock import ClockConfig
 from common.run.config import RunConfig
 from common.run.folder import RunFolder, write_atomically
@@ -79,12 +77,11 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     config = folder.stored_config()
     if config is None:
         raise InputError(f"{folder.config_file} is not there: name the folder of a run.")
-    payload = source.read_bytes()
     try:
-        actions = count_actions_of(config, published_weights(load(payload)))
-        network = build_network(config, actions)
-        load_weights(network, payload)
-    except (SafetensorError, ValueError, KeyError) as error:
+        found = decode_weights(source.read_bytes())
+        network = build_network(config, count_actions_of(config, found))
+        set_weights(network, found)
+    except (MessageError, KeyError) as error:
         raise InputError(f"{source} is damaged ({error}): {_WRITTEN_ANEW}.") from None
     summary = _read(folder.summary)
     if missing := [name for name in _FROM_SUMMARY if name not in summary]:

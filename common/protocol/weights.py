@@ -1,5 +1,6 @@
 """Weights of the network as bytes (safetensors), on the wire and on disk, checked before use."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import torch
@@ -31,8 +32,8 @@ _PUBLISHED = ("average.", "online.")
 there counts."""
 
 
-def published_weights(found: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Returns the weights that actors got of all that a checkpoint holds; weights alone as they
+def _published(found: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Returns the weights that actors got, of all that a checkpoint holds; weights alone as they
     are."""
     for prefix in _PUBLISHED:
         if any(name.startswith(prefix) for name in found):
@@ -45,19 +46,30 @@ class NotSafetensors(MessageError):
 
 
 def load_weights(network: nn.Module, payload: bytes) -> None:
-    """Put the weights inside ``payload`` into ``network``, all or none.
+    """Put the weights inside ``payload`` into ``network``: `decode_weights`, `set_weights`."""
+    set_weights(network, decode_weights(payload))
 
-    Weights of float16 are taken for those of float32. A checkpoint of the learner will do as well:
-    the network that it published is taken.
+
+def decode_weights(payload: bytes) -> dict[str, Tensor]:
+    """Returns the weights inside ``payload``; of a checkpoint of the learner, those that it
+    published.
 
     Raises:
-        MessageError: not safetensors, other names, shapes or types than the network's, or a
-            weight that is not finite.
+        NotSafetensors: it is no file of weights.
     """
     try:
-        found = published_weights(load(payload))
+        return _published(load(payload))
     except (SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
         raise NotSafetensors(f"not safetensors: {error}") from None
+
+
+def set_weights(network: nn.Module, found: Mapping[str, Tensor]) -> None:
+    """Put weights into ``network``, all or none; those of float16 are taken for float32.
+
+    Raises:
+        MessageError: other names, shapes or types than the network's, or a weight that is not
+            finite.
+    """
     expected = network.state_dict()
     if found.keys() != expected.keys():
         raise MessageError(f"weights {sorted(found.keys() ^ expected.keys())} differ in name")
