@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 from common.errors import InputError
 
-_PACKAGES = {
+PACKAGES = {
     "hub": ("huggingface_hub",),
     "mlflow": ("mlflow",),
     "ops": ("prometheus_client", "starlette", "uvicorn"),
@@ -26,7 +26,7 @@ def check_extra(flag: str, extra: str) -> None:
         InputError: as of `extra_for`, which tells also of what these packages lack.
     """
     with extra_for(flag, extra):
-        for package in _PACKAGES[extra]:
+        for package in PACKAGES[extra]:
             if find_spec(package) is None:
                 raise ModuleNotFoundError(name=package)
 
