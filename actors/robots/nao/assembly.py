@@ -7,6 +7,7 @@ that the moving arms have exactly the mass and inertia of the published parts.
 
 import shutil
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -53,8 +54,10 @@ def _joint_above(link_name: str) -> Joint | None:
     return next((joint for joint in JOINTS if joint.child == link_name), None)
 
 
+@cache
 def assemble() -> tuple[dict[str, Piece], list[Joint]]:
-    """Returns the pieces by name, the torso's first, and the moving joints between them."""
+    """Returns the pieces by name, the torso's first, and the moving joints between them; nobody
+    changes them, for all robots of a process have the same."""
     pieces: dict[str, Piece] = {}
     for link in LINK_NAMED.values():
         name, turn, origin = place_in_piece(link.name)
