@@ -2,6 +2,8 @@
 
 # A test keeps about one core busy. Its process starts in half the time where bytecode is kept.
 TESTS_AT_ONCE ?= 2
+# Two threads of NumPy that share a core wait for each other, at the cost of both.
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
@@ -48,7 +50,7 @@ test: setup  ## static checks, and beside them the whole test suite
 	@$(MAKE) --no-print-directory -j2 check suite
 
 suite: setup
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -m "not slow" -n $(TESTS_AT_ONCE) --dist worksteal
+	PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(BIN)/python -m pytest -m "not slow" -n $(TESTS_AT_ONCE) --dist worksteal
 
 browser:  ## install Chromium by apt, in which a test opens the page of a run; without it that test is skipped
 	apt-get install --yes --no-install-recommends chromium

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.chaos.__main__ import Options, measure
+from benchmarks.chaos.__main__ import FLAGS, Options, measure
 from benchmarks.chaos.cluster import EVALUATOR, Cluster
 from benchmarks.chaos.faults import FAULTS
 from common.errors import InputError
@@ -23,6 +23,12 @@ AT_THE_EVALUATOR = {
 """Faults that strike an evaluator here, whatever the seed draws; none is ever missing."""
 
 
+def start(module: str, *arguments: str, log: Path) -> Child:
+    """Starts a process; an actor plays at the pace of a robot, and leaves the cores to others."""
+    paced = ("tests.benchmarks.chaos.paced",) if module == "benchmarks.chaos.witness" else ()
+    return Child(*paced, module, *arguments, log=log)
+
+
 def evaluator(targets: Callable[[Cluster], tuple[str, ...]], cluster: Cluster) -> tuple[str, ...]:
     """Returns the evaluator alone, which is among the targets."""
     assert EVALUATOR in targets(cluster)
@@ -33,7 +39,8 @@ def test_no_kind_of_fault_costs_an_acknowledged_chunk(monkeypatch: pytest.Monkey
     forkserver.ensure_running()  # it imports while certificates are made
     for name, member in FORKING.items():  # an actor of a former version is started, as a program
         monkeypatch.setattr(Child, name, member, raising=False)
-    monkeypatch.setattr("benchmarks.chaos.__main__.Cluster", partial(Cluster, start=Child))
+    monkeypatch.setattr("benchmarks.chaos.__main__.Cluster", partial(Cluster, start=start))
+    monkeypatch.setattr("benchmarks.chaos.__main__.FLAGS", (*FLAGS, "--learning.train-period=4"))
     # It ends with the last fault, however slow the machine is.
     for module in ("faults", "storm", "__main__"):
         monkeypatch.setattr(f"benchmarks.chaos.{module}.PATIENCE", PATIENCE)
@@ -41,7 +48,7 @@ def test_no_kind_of_fault_costs_an_acknowledged_chunk(monkeypatch: pytest.Monkey
         targets = partial(evaluator, FAULTS[fault].targets)
         monkeypatch.setitem(FAULTS, fault, FAULTS[fault]._replace(targets=targets))
     faults = len(FAULTS)
-    report = measure(Options(minutes=60, faults=faults, longest=0.5, seed=20, capacity=20_000))
+    report = measure(Options(minutes=60, faults=faults, longest=0.3, seed=20, capacity=20_000))
     found = report.content
     struck, missing = [each["fault"] for each in found["struck"]], found["missing"]
     assert sorted({*struck, *missing}) == sorted(FAULTS)
