@@ -105,9 +105,9 @@ def page_of(learner: Program) -> str:
 
 
 def test_a_person_sees_the_robots_play_and_the_curves_grow(stage: Stage, browser: Browser) -> None:
-    learner = stage.learner(
-        *("--local", "--evaluators=0", "--env=ale", "--game=pong", "--web=127.0.0.1:0"), *SMALL
-    )
+    # In real time, or all cores would play while the browser draws.
+    flags = ("--local", "--evaluators=0", "--env=robot", "--no-sync", "--speed=4")
+    learner = stage.learner(*flags, "--game=pong", "--web=127.0.0.1:0", *SMALL)
     address = page_of(learner)
     browser.page.goto(address)
 

@@ -116,11 +116,14 @@ def test_the_probe_reads_off_what_is_there_and_nothing_else() -> None:
 
 
 def test_paddles_and_ball_can_be_read_off_few_frames() -> None:
-    frames = collect(2600, PERFECT, 1)
-    assert len(frames.seen) > 1200
+    # A game in which much repeats itself: of other games than the first more would be needed.
+    frames = collect(1200, PERFECT, 1)
+    assert len(frames.seen) > 600
     for found in (probe(frames.own, frames.truth), probe(frames.seen, frames.truth)):
-        assert (found[:2] >= 0.97).all()
-        assert (found[2:] >= (0.75, 0.95)).all()  # x needs more frames
+        assert (found >= 0.97).all()
+    without = frames.own.copy()
+    without[:, :, 12:72] = 87  # no ball
+    assert probe(without, frames.truth)[2] < 0.8
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import pytest
 import viewer.check
 from actors.envs import make_env
 from actors.envs.robot import RobotEnv
+from actors.robots.latency import Change
 from actors.robots.robotroller.robot import Robotroller
 from common.errors import InputError
 from common.registry import ROBOTS
@@ -45,9 +46,13 @@ def test_it_plays_by_its_name() -> None:
 
 
 def test_its_check_is_green(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    every_change: list[Change],
 ) -> None:
     monkeypatch.setattr(viewer.check, "AGENT_STEPS", 20)
+    monkeypatch.setattr(viewer.check, "changes", lambda *_: every_change)
     path = tmp_path / "check.png"
     assert command(monkeypatch, "check", "--robot", "robotroller", "-o", str(path)) == 0
     said = capsys.readouterr().out

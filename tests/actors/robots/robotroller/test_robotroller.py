@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.robots.latency import AGENT_STEP, MOST_STRAYS, Latency, changes
+from actors.robots.latency import AGENT_STEP, MOST_STRAYS, Change, Latency
 from actors.robots.robotroller.robot import Robotroller
 from actors.robots.room.room import FRAME_SUBSTEPS
 from common.actions import KEYS_OF_ACTION, Keys
@@ -61,14 +61,13 @@ def test_every_action_holds_exactly_its_keys_and_lets_them_go(
     assert hold(robot, Keys.NONE, 60)[8:] == [Keys.NONE] * 52
 
 
-def test_from_any_action_to_any_other_within_two_agent_steps(robot: Robotroller) -> None:
-    found = list(changes(robot, 1, 3))
-    latency = Latency.of(found)
+def test_from_any_action_to_any_other_within_two_agent_steps(every_change: list[Change]) -> None:
+    latency = Latency.of(every_change)
     assert latency.unreached == 0
     assert latency.p50_ms <= AGENT_STEP * 1000 / 60
-    assert max(each.frames or 0 for each in found) <= 2 * AGENT_STEP
+    assert max(each.frames or 0 for each in every_change) <= 2 * AGENT_STEP
     # From one side to the other is the farthest way: no servo is there at once.
-    across = [each.frames or 0 for each in found if (each.old, each.new) == (4, 3)]
+    across = [each.frames or 0 for each in every_change if (each.old, each.new) == (4, 3)]
     assert np.median(across) >= 2
     assert latency.stray_share <= MOST_STRAYS
 
