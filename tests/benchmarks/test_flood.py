@@ -11,7 +11,7 @@ from tests.extending.whole_run import added
 @pytest.mark.usefixtures("forks")
 def test_a_flood_is_turned_away_and_training_goes_on() -> None:
     # So small a quota that any machine sends more, which is waited for; what follows is short.
-    options = Options(turns=1, seconds=1.0, settle=0.1, quota=200)
+    options = Options(turns=1, seconds=0.5, settle=0.1, quota=200)
     with added(ENVIRONMENTS, catch.CATCH):
         content = flood.measure(options).content
     (alone,), (flooded,), (busy,) = (content["turns"][kind] for kind in (ALONE, FLOODED, BUSY))
