@@ -1,9 +1,10 @@
 """What a hub asks of the kernel about the connections to its port, which Zenoh does not tell."""
 
 import os
+import resource
 import socket
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,6 +13,26 @@ Address = tuple[str, int]
 _RECEIVED = struct.Struct("=Q")
 _RECEIVED_AT = 128
 """Where Linux' ``struct tcp_info`` has ``tcpi_bytes_received``."""
+
+_MOST_FILES = 16_384
+
+
+def most_files() -> int:
+    """Returns how many files and connections this process may have open.
+
+    A hub needs thousands, and a process that has no more fails wherever it opens one. It has 1,024
+    on most systems, and more if it asks.
+    """
+    most, possible = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if most < (wanted := min(_MOST_FILES, possible)):
+        most = wanted
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, possible))
+    return most
+
+
+def open_files() -> int:
+    """Returns how many this process has open."""
+    return len(os.listdir("/proc/self/fd"))
 
 
 def forget_the_silent(port: int, milliseconds: int) -> None:
@@ -42,6 +63,11 @@ def end_connections(port: int, addresses: set[Address]) -> None:
         if address in addresses:
             with suppress(OSError):  # the other side was faster
                 opened.shutdown(socket.SHUT_RDWR)
+
+
+def end_others(port: int, known: Set[Address]) -> None:
+    """Ends all connections to ``port`` but those of ``known`` addresses."""
+    end_connections(port, {address for address, _ in _accepted(port)} - known)
 
 
 def _accepted(port: int) -> Iterator[tuple[Address, socket.socket]]:

@@ -32,7 +32,7 @@ from common.transport.credentials import (
 )
 from common.transport.endpoint import check_endpoint, check_free, is_loopback
 from common.transport.flood_guard import FloodGuard, tolerated
-from common.transport.hub_sockets import Address, forget_the_silent
+from common.transport.hub_sockets import Address, forget_the_silent, most_files
 from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.transport.zenoh_entities import (
@@ -45,7 +45,8 @@ from common.transport.zenoh_entities import (
 )
 
 MOST_SESSIONS = 4_096
-"""Processes of all runs at one hub; Zenoh's own 1,000 would leave out the last of 1,024 actors."""
+"""Processes of all runs at one hub; Zenoh's own 1,000 would leave out the last of 1,024 actors.
+Where a process may have few open files, three eighths of them."""
 LEASE_MS = 3_000
 """Silence after which the other side counts as gone."""
 _log = logging.getLogger(__name__)
@@ -198,10 +199,18 @@ def open_hub(
             f"cannot listen at {endpoint} ({error.strerror}): another learner or replay may be "
             f"running there; choose another address, as by --listen {another}."
         ) from None
+    files = most_files()
+    sessions = min(MOST_SESSIONS, files * 3 // 8)
+    if sessions < MOST_SESSIONS:
+        _log.warning(
+            "%s takes at most %d processes, for this one may have %d open files: raise the hard "
+            "limit (ulimit -n) for more",
+            *(endpoint, sessions, files),
+        )
     settings: dict[str, Any] = {
         "listen/endpoints": [endpoint],
-        "transport/unicast/max_sessions": MOST_SESSIONS,
-        "transport/unicast/accept_pending": MOST_SESSIONS,  # all may come at once, after a restart
+        "transport/unicast/max_sessions": sessions,
+        "transport/unicast/accept_pending": sessions,  # all may come at once, after a restart
         **size_limits(),
         "downsampling": rate_limits(),
     }
@@ -219,7 +228,7 @@ def open_hub(
     forget_the_silent(port, LEASE_MS)
     transport = ZenohTransport(session, let_in)
     if let_in is not None:
-        guard = transport.keep(FloodGuard(port, let_in - by_name, most))
+        guard = transport.keep(FloodGuard(port, let_in - by_name, most, files * 3 // 4))
         transport.watch_links(guard.hear)
     return transport
 

@@ -2,10 +2,18 @@
 
 import os
 import socket
+from collections.abc import Callable
 
 import pytest
 
-from common.transport.hub_sockets import bytes_received, end_connections, forget_the_silent
+from common.transport.hub_sockets import (
+    Address,
+    bytes_received,
+    end_connections,
+    end_others,
+    forget_the_silent,
+    open_files,
+)
 
 
 def test_the_kernel_ends_a_hubs_connections_whose_other_side_takes_nothing() -> None:
@@ -37,7 +45,18 @@ def test_a_file_that_took_a_sockets_number_is_left_as_it_was(
     assert len(os.listdir("/proc/self/fd")) == len(before)
 
 
-def test_what_came_over_each_connection_is_known_and_one_of_them_can_be_ended() -> None:
+def end_first(port: int, first: Address, second: Address) -> None:
+    end_connections(port, {first})
+
+
+def end_all_but_second(port: int, first: Address, second: Address) -> None:
+    end_others(port, {second})
+
+
+@pytest.mark.parametrize("end", [end_first, end_all_but_second])
+def test_what_came_over_each_connection_is_known_and_one_of_them_can_be_ended(
+    end: Callable[[int, Address, Address], None],
+) -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as ours,
         socket.create_connection(ours.getsockname()) as first,
@@ -52,9 +71,15 @@ def test_what_came_over_each_connection_is_known_and_one_of_them_can_be_ended() 
         first.sendall(bytes(1_000))
         accepted.recv(1_000, socket.MSG_WAITALL)
         assert bytes_received(port) == {first.getsockname(): 1_000, second.getsockname(): 0}
-        end_connections(port, {first.getsockname()})
+        end(port, first.getsockname(), second.getsockname())
         assert first.recv(1) == b""  # the end
         second.sendall(b"x")
         assert still.recv(1) == b"x"
         assert bytes_received(port)[second.getsockname()] == 1
         assert len(os.listdir("/proc/self/fd")) == len(before)
+
+
+def test_open_files_are_counted() -> None:
+    before = open_files()
+    with socket.socket(), socket.socket():
+        assert open_files() == before + 2

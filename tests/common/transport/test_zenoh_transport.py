@@ -1,9 +1,10 @@
 """Opening the hub and joining it, by Zenoh."""
 
 import os
+import resource
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import cycle
 from pathlib import Path
@@ -12,14 +13,16 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.errors import InputError
+from common.errors import InputError, Unreachable
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
+from common.transport import hub_sockets, zenoh_transport
 from common.transport.checksum import seal
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, is_loopback
 from common.transport.interface import Envelope, Unanswered
 from common.transport.zenoh_transport import (
     LEASE_MS,
+    MOST_SESSIONS,
     ZenohTransport,
     connect,
     open_hub,
@@ -75,6 +78,46 @@ def test_a_hub_alone_listens_at_its_address_alone_and_nobody_is_looked_for(endpo
     assert {kind for kind, *_ in opened} == {socket.SOCK_STREAM}, "UDP is for multicast"
     listening = [(address, timeout) for _, address, timeout in opened if address]
     assert listening == [(check_endpoint(endpoint), LEASE_MS)]
+
+
+@pytest.fixture
+def few_files() -> Iterator[int]:
+    """This process may have so many open files until it asks for more."""
+    most, possible = resource.getrlimit(resource.RLIMIT_NOFILE)
+    few = 1_024
+    resource.setrlimit(resource.RLIMIT_NOFILE, (few, possible))
+    yield few
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, possible))
+
+
+def test_a_hub_asks_for_as_many_files_as_it_needs(
+    few_files: int, endpoint: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    with open_hub(endpoint):
+        most, possible = resource.getrlimit(resource.RLIMIT_NOFILE)
+        assert most == min(16_384, possible) > few_files
+    assert ("takes at most" in caplog.text) == (most * 3 // 8 < MOST_SESSIONS)
+
+
+def test_a_hub_that_gets_few_files_takes_fewer_processes_and_says_so(
+    few_files: int, endpoint: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(hub_sockets, "_MOST_FILES", 8)
+    monkeypatch.setattr(zenoh_transport, "MOST_SESSIONS", 400)
+    with open_hub(endpoint):
+        assert resource.getrlimit(resource.RLIMIT_NOFILE)[0] == few_files
+    assert f"{endpoint} takes at most 384 processes, for this one may have 1024 open" in caplog.text
+
+
+def test_whoever_does_not_fit_is_not_let_in(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(zenoh_transport, "most_files", lambda: 3)
+    with (
+        open_hub(endpoint),
+        connect(endpoint, PATIENCE),
+        pytest.raises(Unreachable),
+        connect(endpoint, 0.0),
+    ):
+        pass
 
 
 def test_a_port_that_is_taken_is_told_and_the_next_one_named(endpoint: str) -> None:
