@@ -1,7 +1,8 @@
 """`python -m benchmarks.many_actors`: what a hub carries, from one actor to a thousand.
 
 A real replay process is the hub. Each actor has a real session of its own and sends chunks at the
-pace of a robot in real time, an agent step each 66.7 ms; then weights are broadcast to all.
+pace of a robot in real time, an agent step each 66.7 ms; then weights are broadcast to all. With
+``--router`` a second router is between the hub and all actors: the hub sends it weights once.
 """
 
 import time
@@ -11,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.child import Helper, cpu_seconds, stat_of
+from benchmarks.child import Helper, cpu_seconds, free_endpoint, stat_of
 from benchmarks.hosted_run import RUN, HostedRun
 from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
+from benchmarks.second_router import second_router
 from common.checked import FromOne
 from common.process.footprint import footprint
 
@@ -35,6 +37,8 @@ class Options(BenchmarkOptions):
     """Steps of a chunk."""
     capacity: FromOne = 50_000
     """Steps in the replay."""
+    router: bool = False
+    """Whether the actors join a second router, which joins the hub."""
 
 
 def measure_number(options: Options, actors: int) -> dict[str, Any]:
@@ -53,6 +57,10 @@ def measure_number(options: Options, actors: int) -> dict[str, Any]:
             )
         )
         weights = hub.transport.publisher(hub.keys.weights)  # before those who listen
+        place, carriers = hub.endpoint, [hub.process]
+        if options.router:
+            place = free_endpoint()
+            carriers.append(stack.enter_context(second_router(place, hub.endpoint)))
         pid = hub.process.pid
         alone = footprint(pid).private
         crowd = stack.enter_context(
@@ -60,14 +68,15 @@ def measure_number(options: Options, actors: int) -> dict[str, Any]:
                 "the actors",
                 "benchmarks.many_actors_client",
                 actors=actors,
-                connect_to=hub.endpoint,
+                connect_to=place,
                 run=RUN,
             )
         )
         join_seconds = crowd.ask("join_seconds")
-        joined, spent, began = footprint(pid).private, cpu_seconds(stat_of(pid)), time.monotonic()
+        joined, began = footprint(pid).private, time.monotonic()
+        before = [cpu_seconds(stat_of(each.pid)) for each in carriers]
         told = crowd.ask("play", options.seconds, STEPS_PER_SECOND)
-        spent = cpu_seconds(stat_of(pid)) - spent
+        after = [cpu_seconds(stat_of(each.pid)) for each in carriers]
         private = footprint(pid).private
         seconds = max(time.monotonic() - began, options.seconds)
         latencies = told.pop("latencies")
@@ -76,6 +85,7 @@ def measure_number(options: Options, actors: int) -> dict[str, Any]:
         arrivals = crowd.ask("arrivals")
         hub.check()
     p50, p99 = np.percentile(latencies, (50, 99)).tolist()
+    hub_cores, *router_cores = ((np.array(after) - before) / seconds).tolist()
     return {
         "actors": actors,
         "join_seconds": join_seconds,
@@ -84,7 +94,8 @@ def measure_number(options: Options, actors: int) -> dict[str, Any]:
         "steps_per_second": told["acknowledged"] * options.chunk_steps / seconds,
         "p50_ms": p50 * 1e3,
         "p99_ms": p99 * 1e3,
-        "hub_cores": spent / seconds,
+        "hub_cores": hub_cores,
+        "router_cores": router_cores,
         "hub_bytes": private,
         "hub_bytes_per_actor": (joined - alone) / actors,
         "weights_arrived": len(arrivals),
@@ -93,6 +104,7 @@ def measure_number(options: Options, actors: int) -> dict[str, Any]:
 
 
 def row(found: dict[str, Any]) -> dict[str, Any]:
+    routers = ("router",) * len(found["router_cores"])
     return {
         "actors": found["actors"],
         "steps/s": found["steps_per_second"],
@@ -100,6 +112,7 @@ def row(found: dict[str, Any]) -> dict[str, Any]:
         "p99 ms": found["p99_ms"],
         "late": found["held_back"],
         "cores": found["hub_cores"],
+        **dict(zip(routers, found["router_cores"], strict=True)),
         "KB each": found["hub_bytes_per_actor"] / 1e3,
         "join s": found["join_seconds"],
         "reached": found["weights_arrived"],
@@ -115,6 +128,7 @@ def measure(options: Options) -> Report:
     return Report.of(
         f"Actors in real time at one hub, each {STEPS_PER_SECOND} steps/s in chunks of "
         f"{options.chunk_steps}; late: chunks held back; cores and KB each: the hub's; "
+        f"{'router: its cores; ' if options.router else ''}"
         f"reached: by weights of {WEIGHTS_BYTES / 1e6:.1f} MB",
         [row(each) for each in found],
         {"many_actors": found},

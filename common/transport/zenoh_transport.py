@@ -165,6 +165,35 @@ def _config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
     return config
 
 
+def _joining(endpoint: str) -> dict[str, Any]:
+    return {
+        "connect/endpoints": [endpoint],
+        "connect/timeout_ms": 1000,
+        "connect/exit_on_failure": True,
+        "connect/retry": {
+            "period_init_ms": 100,
+            "period_max_ms": 500,
+            "period_increase_factor": 2,
+        },
+    }
+
+
+def open_router(endpoint: str, hub: str) -> ZenohTransport:
+    """Listen at ``endpoint`` for processes, and pass on what they and the hub say to each other.
+
+    It joins ``hub`` whenever that is there. Only at ``tcp/`` addresses: a hub knows by certificates
+    who is at the other end of a connection, and behind a router there are many.
+    """
+    settings = {
+        **_joining(hub),
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "listen/endpoints": [endpoint],
+        **size_limits(),
+    }
+    return ZenohTransport(zenoh.open(_config("router", settings)))
+
+
 def open_hub(
     endpoint: str,
     certificates: Path | None = None,
@@ -253,16 +282,7 @@ def connect(
         KeyboardInterrupt: ``stopped`` became true.
     """
     credentials = check_certificates(endpoint, certificates, role, name)
-    settings: dict[str, Any] = {
-        "connect/endpoints": [endpoint],
-        "connect/timeout_ms": 1000,
-        "connect/exit_on_failure": True,
-        "connect/retry": {
-            "period_init_ms": 100,
-            "period_max_ms": 500,
-            "period_increase_factor": 2,
-        },
-    }
+    settings = _joining(endpoint)
     if credentials is not None:
         settings |= credentials.settings(role)
     config = _config("client", settings)

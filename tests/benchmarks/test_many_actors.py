@@ -9,10 +9,15 @@ from benchmarks.child import cpu_seconds, stat_of
 from common.process.footprint import footprint
 
 
-def test_all_actors_are_heard_and_hear_the_weights(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("router", [False, True])
+def test_all_actors_are_heard_and_hear_the_weights(
+    monkeypatch: pytest.MonkeyPatch, router: bool
+) -> None:
     # In one piece: of many, Zenoh may drop some on a busy machine, and with them the weights.
     monkeypatch.setattr(many_actors, "WEIGHTS_BYTES", 1_000)
-    options = many_actors.Options(numbers=(3,), seconds=1.1, chunk_steps=8, capacity=2_000)
+    options = many_actors.Options(
+        numbers=(3,), seconds=1.1, chunk_steps=8, capacity=2_000, router=router
+    )
     found = many_actors.measure_number(options, 3)
     due = 6  # two of each: an actor has 8 steps every 8/15 s
     assert found["chunks"] == found["acknowledged"] == due
@@ -23,6 +28,7 @@ def test_all_actors_are_heard_and_hear_the_weights(monkeypatch: pytest.MonkeyPat
     assert found["weights_seconds"] > 0
     assert found["hub_bytes"] > 10_000_000  # Python alone has more
     assert set(many_actors.row(found)) >= {"actors", "steps/s", "cores"}
+    assert ("router" in many_actors.row(found)) == router
 
 
 @pytest.mark.slow
