@@ -178,6 +178,22 @@ def _joining(endpoint: str) -> dict[str, Any]:
     }
 
 
+def _listening(endpoint: str, files: int) -> dict[str, Any]:
+    sessions = min(MOST_SESSIONS, files * 3 // 8)
+    if sessions < MOST_SESSIONS:
+        _log.warning(
+            "%s takes at most %d processes, for this one may have %d open files: raise the hard "
+            "limit (ulimit -n) for more",
+            *(endpoint, sessions, files),
+        )
+    return {
+        "listen/endpoints": [endpoint],
+        "transport/unicast/max_sessions": sessions,
+        "transport/unicast/accept_pending": sessions,  # all may come at once, after a restart
+        **size_limits(),
+    }
+
+
 def open_router(endpoint: str, hub: str) -> ZenohTransport:
     """Listen at ``endpoint`` for processes, and pass on what they and the hub say to each other.
 
@@ -188,8 +204,7 @@ def open_router(endpoint: str, hub: str) -> ZenohTransport:
         **_joining(hub),
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
-        "listen/endpoints": [endpoint],
-        **size_limits(),
+        **_listening(endpoint, most_files()),
     }
     return ZenohTransport(zenoh.open(_config("router", settings)))
 
@@ -229,20 +244,7 @@ def open_hub(
             f"running there; choose another address, as by --listen {another}."
         ) from None
     files = most_files()
-    sessions = min(MOST_SESSIONS, files * 3 // 8)
-    if sessions < MOST_SESSIONS:
-        _log.warning(
-            "%s takes at most %d processes, for this one may have %d open files: raise the hard "
-            "limit (ulimit -n) for more",
-            *(endpoint, sessions, files),
-        )
-    settings: dict[str, Any] = {
-        "listen/endpoints": [endpoint],
-        "transport/unicast/max_sessions": sessions,
-        "transport/unicast/accept_pending": sessions,  # all may come at once, after a restart
-        **size_limits(),
-        "downsampling": rate_limits(),
-    }
+    settings = {**_listening(endpoint, files), "downsampling": rate_limits()}
     let_in, by_name = None, set[str]()
     if credentials is not None and certificates is not None:
         actors = allowed_actors(certificates, listed=True)
@@ -250,6 +252,7 @@ def open_hub(
         settings |= {**credentials.settings("hub"), "access_control": access}
         let_in = {subject["id"] for subject in access["subjects"]}
         by_name = {common_name("actor", name) for name in actors or ()}
+    zenoh.try_init_log_from_env()  # by RUST_LOG: who is denied what is told there alone
     try:
         session = zenoh.open(_config("router", settings))
     except zenoh.ZError as error:

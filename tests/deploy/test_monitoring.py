@@ -92,6 +92,13 @@ def test_units_and_rates_of_the_dashboard_are_those_of_the_figures() -> None:
         assert found[title]["targets"][0]["expr"].startswith(expression)
 
 
+def test_each_panel_of_the_dashboard_has_a_unit_and_says_what_it_shows() -> None:
+    known = {"bytes", "s", "ops", "percentunit", "short"}
+    for panel in panels_of(json.loads(DASHBOARD.read_text())):
+        assert panel["fieldConfig"]["defaults"]["unit"] in known, panel["title"]
+        assert panel["description"].count(":") >= len(panel["targets"]) > 0, panel["title"]
+
+
 def test_panels_of_the_dashboard_have_places_titles_and_numbers_of_their_own() -> None:
     every = list(flat(dashboard()["panels"]))
     titles, numbers = ({each[name] for each in every} for name in ("title", "id"))

@@ -1,7 +1,10 @@
 """Hubs and clients with certificates of `deploy/certificates.sh`, over real connections."""
 
+import os
+import re
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from itertools import cycle
@@ -17,6 +20,7 @@ from common.transport.credentials import Role, check_certificates, own_name
 from common.transport.interface import Transport
 from common.transport.zenoh_transport import connect, open_hub
 from tests.certificates import SCRIPT, certify
+from tests.paths import ROOT
 from tests.patience import PATIENCE, wait_until
 
 KEYS = RunKeys("r")
@@ -597,3 +601,30 @@ def test_the_script_tells_how_it_is_used(tmp_path: Path) -> None:
     assert (ended.returncode, ended.stdout) == (2, "")
     assert ended.stderr.startswith("usage: ")
     assert not (tmp_path / "x").exists()
+
+
+HUB = """
+import sys
+from pathlib import Path
+from common.transport.zenoh_transport import open_hub
+with open_hub(sys.argv[1], Path(sys.argv[2])):
+    print("it listens", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_hub_prints_who_is_denied_what_when_it_is_asked_to(address: str, named: Path) -> None:
+    told = {"RUST_LOG": "zenoh::net::routing::interceptor::access_control=trace"}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    command = [sys.executable, "-c", HUB, address, str(named)]
+    with subprocess.Popen(command, cwd=ROOT, env=os.environ | told, text=True, **pipes) as hub:
+        assert hub.stdout is not None
+        while "it listens" not in next(hub.stdout):
+            pass
+        with connect(address, PATIENCE, name="left", certificates=named) as actor:
+            assert ask(actor, KEYS.sample) == []
+        output, _ = hub.communicate()
+    assert re.search(
+        rf"CertCommonName\(actor\.left\).* is unauthorized to Query \(ingress\) on {KEYS.sample}\n",
+        output,
+    )
