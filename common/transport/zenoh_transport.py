@@ -252,7 +252,8 @@ def open_hub(
         settings |= {**credentials.settings("hub"), "access_control": access}
         let_in = {subject["id"] for subject in access["subjects"]}
         by_name = {common_name("actor", name) for name in actors or ()}
-    zenoh.try_init_log_from_env()  # by RUST_LOG: who is denied what is told there alone
+    # By RUST_LOG: who is denied what is told there alone.
+    zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
     try:
         session = zenoh.open(_config("router", settings))
     except zenoh.ZError as error:
