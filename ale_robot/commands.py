@@ -189,7 +189,8 @@ Film a game, or how a run learned: room, camera, hands and network.
 
   --weights NAME|FILE  network that plays
   --video FILE         film: .mp4, or .gif of at most 120 s
-  --seconds S          seconds of play; 0 for a whole game
+  --seconds S          seconds of play, by default a whole game; of a run 8 for
+                       each epoch
 """,
     "evaluate": """\
 Test a network by whole games, in several processes.
@@ -239,7 +240,6 @@ List the trained policies that are shipped; push and pull others.
 }
 """One line of what the command does, examples, and the flags that are used most: with the last line
 of `help_of` at most one screen of 24 lines and 80 columns."""
-_VERSION = "  ale-robot --version"
 
 
 def help_of(name: str) -> str:
@@ -257,10 +257,11 @@ def overview(*, everything: bool) -> str:
         "",
         "  ale-robot COMMAND --help        examples, and the flags that are used most",
         "  ale-robot COMMAND --help-all    every flag",
+        "  ale-robot --version             version of this program",
     ]
     if everything:
         games = textwrap.fill(", ".join(GAMES), 78, initial_indent="  ", subsequent_indent="  ")
-        return "\n".join([*lines, _VERSION, "", f"The {len(GAMES)} games of --game:", games])
+        return "\n".join([*lines, "", f"The {len(GAMES)} games of --game:", games])
     return "\n".join(
-        [*lines, f"  ale-robot --version, --help-all  version; the {len(GAMES)} games too"]
+        [*lines, f"  ale-robot --help-all            the {len(GAMES)} games of --game"]
     )

@@ -4,10 +4,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from actors.envs import env_id
+from common.minus import minus_signed
 from common.press_latency import ms_of
 from common.process.extras import extra_for
 from common.run.config import RunConfig
-from viewer.policies import evaluation_rows
+from viewer.policies import Grid, evaluation_rows
 
 _TEXT = """
 # {name}: {game} by {how}
@@ -20,7 +21,7 @@ and chooses among {actions}. It was {trained} for {steps:,} agent steps of {mill
 {rows}
 
 Sticky actions: the probability that the console repeats the action of the frame before.
-
+{grid}
     pip install 'ale-robot[hub]'
     ale-robot policies pull {repository}
     ale-robot watch --weights {name}.safetensors
@@ -90,7 +91,17 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
         rows="\n".join(
             f"| {e:g} | {s:g} | {score} | {row['games']} |" for e, s, score, row in rows
         ),
+        grid="" if (grid := Grid.of(card)) is None else _told(grid),
         repository=repository,
         sha256=card["sha256"],
     )
     return f"---\n{about.to_yaml()}\n---\n{text}"
+
+
+def _told(grid: Grid) -> str:
+    mean, worst = (minus_signed(f"{score:.2f}") for score in (grid.mean, grid.worst))
+    return (
+        f"\nIn {grid.worlds} worlds, of {grid.games} games each, its mean score is {mean}, and "
+        f"{worst} in the worst: hands up to\n{grid.added_ms:.0f} ms later, with noise and blur, "
+        "other light, other poses, or late pictures.\n"
+    )

@@ -19,10 +19,9 @@ from benchmarks.pace import per_second
 from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
 from benchmarks.synthetic import Streams
 from common.checked import FromOne
-from common.errors import InputError
+from common.errors import InputError, writing
 from common.process.footprint import footprint
 from common.run.config import ReplayConfig, RunConfig, StreamConfig
-from common.run.folder import check_folder
 from common.run.presets import PRESETS
 from replay.batch import Batch
 from replay.replay_buffer import ReplayBuffer
@@ -51,7 +50,8 @@ class Options(BenchmarkOptions):
         if min(self.sizes) < 4 * self.chunk_steps:
             raise InputError(f"--sizes: choose sizes of {4 * self.chunk_steps} or more.")
         if self.folder is not None:
-            check_folder(self.folder)
+            with writing(self.folder):
+                self.folder.mkdir(parents=True, exist_ok=True)
 
 
 def unlimited(capacity: int) -> RunConfig:

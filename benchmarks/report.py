@@ -121,7 +121,6 @@ def write(file: Path | None, content: Row) -> None:
     """Writes ``content`` as JSON, with versions, commit and machine, unless ``file`` is None."""
     if file is None:
         return
-    file.parent.mkdir(parents=True, exist_ok=True)
     whole = {**content, **provenance()}
     file.write_text(json.dumps(whole, indent=2) + "\n")
 

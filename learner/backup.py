@@ -18,10 +18,10 @@ from typing import Annotated
 
 import tyro
 
-from common.errors import InputError, exit_on_input_error
+from common.errors import InputError, exit_on_input_error, writing
 from common.process.command_line import parse
 from common.process.progress import Progress
-from common.run.folder import JOURNAL, RunFolder, check_folder
+from common.run.folder import JOURNAL, RunFolder
 
 _BLOCK = 64 * 2**20
 
@@ -46,11 +46,12 @@ def back_up(options: BackupOptions) -> Path:
     if source is None:
         raise InputError(f"{options.run} is no run: name its folder, such as runs/first.")
     target = RunFolder(options.output.resolve().parent, options.output.resolve().name)
-    check_folder(target.path.parent)
     if target.path.exists():
         raise InputError(f"{options.output} is there already: name a folder that is not.")
     if target.path.is_relative_to(source.path):
         raise InputError(f"{options.output} is inside of the run: name a folder that is not.")
+    with writing(target.path):
+        target.path.parent.mkdir(parents=True, exist_ok=True)
     # A folder that its owner alone may read, as the keys of a run on Slurm are in it.
     unfinished = Path(tempfile.mkdtemp(prefix=f"{target.name}.", dir=target.path.parent))
     try:

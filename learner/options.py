@@ -38,8 +38,8 @@ class LearnerOptions(RunOptions):
     """Train a network on the actors' transitions, and send them its weights.
 
     Hosts the run's replay and hub unless --connect names a replay of its own. Actors join from
-    other terminals or machines by `python -m actors --sync`; with --local they are started here.
-    `python -m learner --status --connect ADDRESS` tells how a run does.
+    other terminals or machines by `ale-robot join`; with --local they are started here.
+    `ale-robot status` tells how a run does.
     """
 
     run: str | None = None

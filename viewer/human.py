@@ -33,7 +33,7 @@ from common.registry import ENVIRONMENTS
 from common.run.clock import ClockConfig
 from viewer.player import Played
 from viewer.record import told
-from viewer.recorder import Recorder
+from viewer.recorder import Recorder, check_new_folder
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys
 from viewer.terminal.terminal import Terminal
@@ -68,6 +68,7 @@ class Human(Played):
     def check(self) -> None:
         if self.record is not None:
             check_extra("a recording", "record")
+            check_new_folder(self.record)
 
     def run(self, stop: threading.Event) -> None:
         """Play until the person leaves.

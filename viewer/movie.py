@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from common.errors import InputError, writing
+from common.errors import InputError
+from common.run.folder import check_new_file
 
 _SMPTE_170M, _LIMITED, _BT_709, _SRGB = 6, 1, 1, 13
 """FFmpeg's numbers of the YUV matrix, the range, the primaries and the transfer function."""
@@ -28,15 +29,8 @@ def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
     kind = {".mp4": _mp4, ".gif": _gif}.get(path.suffix.lower())
     if kind is None:
         raise InputError(f"{path} is no film's name: let it end in .mp4 or .gif.")
-    check_writable(path)
+    check_new_file(path)
     return kind(path, rate)
-
-
-def check_writable(path: Path) -> None:
-    """Make the folder of ``path``; raises InputError if the file cannot be written."""
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("ab").close()
 
 
 @contextmanager

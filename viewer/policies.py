@@ -4,17 +4,19 @@ import json
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich import box
 from rich.console import Console
 from rich.table import Column, Table
 
+from common.minus import minus_signed
 from common.run.origin import SHIPPED
 
 _LEGEND = """\
  ε: mean score where that share of the actions is random
  sticky: where the console repeats the action before with that probability
+ 25 worlds: mean/worst of worlds with other latencies, light, poses and pictures
  vector: commands, keys and joints, beside the frames of camera or emulator
 
  Watch one: ale-robot watch --weights NAME"""
@@ -32,20 +34,45 @@ class Policies:
             name: {_chance(row): f"{row['mean']:.2f}" for row in evaluation_rows(card)}
             for name, card in cards.items()
         }
+        for name, card in cards.items():
+            if (grid := Grid.of(card)) is not None:
+                mean, worst = (minus_signed(f"{each:.1f}") for each in (grid.mean, grid.worst))
+                scores[name][f"{grid.worlds} worlds"] = f"{mean}/{worst}"
         chances = list(dict.fromkeys(chance for row in scores.values() for chance in row))
-        told = [Column(each, justify="right") for each in chances]
-        table = Table("policy", "plays", "input", *told, box=box.SIMPLE, padding=(0, 1, 0, 0))
+        columns = [Column(each, justify="right") for each in chances]
+        names = Column("policy", overflow="fold")
+        table = Table(names, "plays", "input", *columns, box=box.SIMPLE, padding=0)
         for name, card in cards.items():
             config = card["config"]
             table.add_row(
                 name,
                 f"{config['game']} ({config['env']})",
-                "frames, vector" if config["play"]["vector"] else "frames",
+                "vector" if config["play"]["vector"] else "frames",
                 *(scores[name].get(chance, "") for chance in chances),
             )
         console = Console(highlight=False)
         console.print(table)
         console.print(_LEGEND, markup=False)
+
+
+class Grid(NamedTuple):
+    """How a policy plays in a grid of other worlds (`benchmarks.lab.robustness`), as its card has
+    it."""
+
+    worlds: int
+    games: int
+    """Games in each world."""
+    mean: float
+    """Mean of the worlds' mean scores."""
+    worst: float
+    """Least of them."""
+    added_ms: float
+    """Longest latency that is added to the hands, ms."""
+
+    @classmethod
+    def of(cls, card: Mapping[str, Any]) -> "Grid | None":
+        """Returns what a card says; None if it says nothing."""
+        return cls(**card["grid"]) if "grid" in card else None
 
 
 def evaluation_rows(card: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -19,7 +19,7 @@ from common.process.extras import check_extra
 from common.process.progress import Progress
 from common.run.clock import ClockConfig
 from viewer.player import Played
-from viewer.recorder import Recorder
+from viewer.recorder import Recorder, check_new_folder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +44,7 @@ class Record(Played):
 
     def check(self) -> None:
         check_extra("a recording", "record")
+        check_new_folder(self.output)
         if self.games and self.minutes:
             raise InputError("a recording has --games or --minutes: omit one of them.")
 

@@ -32,6 +32,12 @@ _Seen = tuple[dict[str, NDArray[Any]], NDArray[np.uint8] | None]
 columns, 3]``."""
 
 
+def check_new_folder(folder: Path) -> None:
+    """Refuses a folder for a recording where something is already. Raises InputError."""
+    if folder.exists():
+        raise InputError(f"{folder} is there already: name a new folder.")
+
+
 class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     """An environment whose steps are recorded, each with what was seen when its action was chosen.
 
@@ -59,11 +65,9 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             joints = ROBOTS.find(config.play.robot).joints
             features["observation.state"] = Feature("float32", (joints,))
         robot = config.play.robot if ENVIRONMENTS.find(config.env).robot else config.env
+        check_new_folder(folder)
         with writing(folder):
-            try:
-                folder.mkdir(parents=True)
-            except FileExistsError:
-                raise InputError(f"{folder} is there already: name a new folder.") from None
+            folder.mkdir(parents=True)
             self.dataset = DatasetWriter(folder, config, features, robot)
         self._features = features
         self._rows: list[dict[str, Any]] = []

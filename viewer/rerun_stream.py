@@ -26,8 +26,8 @@ from common.errors import InputError
 from common.process.extras import extra_for
 from common.proprioception import KEYS
 from common.run.conditions import PlayConfig
+from common.run.folder import check_new_file
 from viewer import overlay
-from viewer.movie import check_writable
 from viewer.rerun_viewer import RerunViewer
 
 _QUALITY = 90
@@ -60,7 +60,7 @@ class RerunStream:
         if save is not None and save.suffix != ".rrd":
             raise InputError(f"the name {save} does not end in .rrd: choose one that does.")
         if save is not None:
-            check_writable(save)
+            check_new_file(save)
         with extra_for("--viewer rerun or --save", "viz"):
             import rerun
         self._rerun: ModuleType = rerun

@@ -31,7 +31,7 @@ from viewer.player import Played, ShownPolicy, shown_env
 from viewer.terminal.graphics import QUESTIONS, Graphics, GraphicsAnswers
 from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.held_keys import HeldKeys
-from viewer.terminal.terminal import Terminal
+from viewer.terminal.terminal import Terminal, check_terminal
 
 LEAST_SIZE = (60, 20)
 _HANDS = (160, 120)
@@ -66,6 +66,9 @@ class Watch(Played):
     """Share of random actions."""
     games: Count = 0
     """Number of whole games; 0 to play until q."""
+
+    def check(self) -> None:
+        check_terminal(LEAST_SIZE)
 
     def run(self, stop: threading.Event) -> None:
         """Play until there are enough games, or the person leaves.

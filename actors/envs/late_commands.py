@@ -10,6 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from actors.envs.actuation_delay import ActuationDelay
+from actors.envs.key_watch import KeyWatch, WatchedHands
 from actors.robots.interface import Hands
 from common.actions import Keys
 from common.run.conditions import PlayConfig
@@ -77,18 +78,23 @@ class LateCommands(WaitingCommands):
         return self._latency + late
 
 
-def hands_of(play: PlayConfig, arms: Hands | None, rng: Generator) -> Hands:
+def hands_of(
+    play: PlayConfig, arms: Hands | None, rng: Generator, watch: KeyWatch | None = None
+) -> Hands:
     """Returns the hands that ``play`` asks for, with its latencies.
 
     Args:
         arms: the robot's, or a latency model; None where there is neither, and the hand is always
             the modelled one.
         rng: seeds the jitter, and is asked only if there is some.
+        watch: times the hands, and is told of each command that is given to them.
     """
     latency, jitter = play.actuation_latency, play.actuation_jitter
     hands = arms
     if hands is None or play.hand == "model":
         hands = ActuationDelay(play)
+    if watch is not None:
+        hands = WatchedHands(hands, watch)
     if latency == jitter == 0:
         return hands
     own = np.random.default_rng(rng.integers(2**63) if jitter else 0)

@@ -101,7 +101,6 @@ class World:
     def restart(self) -> None:
         """Hands at rest and nothing remembered: the game begins anew."""
         self._hands.rest()
-        self.key_watch.restart()
         self.wanted = self.pressed = Keys.NONE
         self._frames, self._points = 0, 0.0
         if self._sense is not None:
@@ -110,7 +109,7 @@ class World:
     def command(self, action: int) -> None:
         """Let the hands set out for one of the 18 actions."""
         self.wanted = KEYS_OF_ACTION[action]
-        self.key_watch.command(self.wanted, self._hands.held)
+        self.key_watch.give()
         self._hands.command(self.wanted)
         if self._sense is not None:
             self._sense.command(action)
@@ -120,7 +119,6 @@ class World:
         if self._play.read_keys == "decision" and self._frames == 0:
             self.pressed = self._hands.held
         felt = self._hands.step_frame()
-        self.key_watch.frame(felt)
         if self._play.read_keys == "frame":
             self.pressed = felt
         if self._sense is not None:
@@ -142,7 +140,7 @@ class World:
         return agent_step
 
     def _take_hands(self, play: PlayConfig, rng: Generator) -> None:
-        self._hands: Hands = hands_of(play, self._arms, rng)
+        self._hands: Hands = hands_of(play, self._arms, rng, self.key_watch)
         self._equaliser: LatencyEqualiser | None = None
         if play.equal_latency:
             self._hands = self._equaliser = LatencyEqualiser(self._hands, play.equal_latency)

@@ -10,8 +10,10 @@ map, or as a curve where there is one optics only, as with
 """
 
 import hashlib
+import json
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, MinLen
@@ -19,8 +21,11 @@ from annotated_types import Ge, Le, MinLen
 from benchmarks.lab.policy import PlayingOptions, evaluate
 from benchmarks.report import Report, Table, main, measure_missing, resumed
 from common.checked import Fraction, FromOne
+from common.errors import InputError
 from common.press_latency import ms_of
 from common.run.conditions import MAX_ADDED
+from common.run.folder import write_atomically
+from viewer.policies import Grid
 
 Optics = Literal["nominal", "grain", "pose", "light", "late"]
 OPTICS: dict[Optics, dict[str, str]] = {
@@ -49,14 +54,14 @@ _KEPT = (
     "press_match_share", "valid_frame_share", "git_commit", "git_dirty",
 )  # fmt: skip
 
+_LATENCIES = (0, 2, 4, 8, 12)
+
 
 @dataclass(frozen=True)
 class Options(PlayingOptions):
     """Play whole games by a trained network under added latencies and faults of the eye."""
 
-    latencies: Annotated[tuple[Annotated[int, Ge(0), Le(MAX_ADDED)], ...], MinLen(1)] = (
-        *(0, 2, 4, 8, 12),
-    )
+    latencies: Annotated[tuple[Annotated[int, Ge(0), Le(MAX_ADDED)], ...], MinLen(1)] = _LATENCIES
     """Added actuation latencies, emulator frames of 16.7 ms: 0, 33, 67, 133 and 200 ms."""
     optics: Annotated[tuple[Optics, ...], MinLen(1)] = tuple(OPTICS)
     """Optics: nominal; grain, noise and blur; pose, of head and screen; light, gamma, ambient light
@@ -65,6 +70,24 @@ class Options(PlayingOptions):
     """Repeat probability of the console."""
     seed: FromOne = 1
     """Seed of the games."""
+    card: bool = False
+    """Put mean and worst of the grid into the network's card too, for `ale-robot policies`."""
+
+    def check(self) -> None:
+        super().check()
+        if self.card and {self.latencies, self.optics, self.sticky} != {
+            _LATENCIES,
+            tuple(OPTICS),
+            0,
+        }:
+            raise InputError(
+                "--card tells of the whole grid: omit --latencies, --optics, --sticky."
+            )
+        if self.card and not self.network.with_suffix(".json").is_file():
+            raise InputError(
+                f"{self.network} has no card: publish it by python -m learner.publish, or omit "
+                "--card."
+            )
 
 
 def cell_flags(latency: int, optics: Optics, sticky: float) -> list[str]:
@@ -79,10 +102,11 @@ def cell_flags(latency: int, optics: Optics, sticky: float) -> list[str]:
 
 
 def measure(options: Options) -> Report:
+    sha256 = hashlib.sha256(options.network.read_bytes()).hexdigest()
     about = {
         "title": f"robustness of {options.network.stem}",
         "network": options.network.stem,
-        "sha256": hashlib.sha256(options.network.read_bytes()).hexdigest(),
+        "sha256": sha256,
         "epsilon": options.epsilon,
         "sticky": options.sticky,
         "games": options.games,
@@ -106,6 +130,15 @@ def measure(options: Options) -> Report:
     ]
     found["rows"] = rows
     means = [grid[place]["mean"] for place in asked]
+    if options.card:
+        told = Grid(
+            worlds=len(means),
+            games=options.games,
+            mean=round(sum(means) / len(means), 4),
+            worst=min(means),
+            added_ms=ms_of(max(options.latencies)),
+        )
+        _add_to_card(options.network, told, sha256)
     title = (
         f"{options.network.stem}: mean ± deviation of {options.games} games a cell, "
         f"ε = {options.epsilon:g}, sticky {options.sticky:g}"
@@ -118,6 +151,15 @@ def _play(options: Options, optics: Optics, latency: int) -> dict[str, Any]:
     flags = [*cell_flags(latency, optics, options.sticky), "--seed", f"{options.seed}"]
     told = evaluate(options.network, options.games, options.epsilon, flags)
     return {"added_ms": ms_of(latency)} | {name: told[name] for name in _KEPT}
+
+
+def _add_to_card(network: Path, grid: Grid, sha256: str) -> None:
+    file = network.with_suffix(".json")
+    card = json.loads(file.read_bytes())
+    if card.get("sha256") != sha256:
+        raise InputError(f"{file} is of another network than {network.name}: publish it anew.")
+    card["grid"] = grid._asdict()
+    write_atomically(file, (json.dumps(card, indent=2) + "\n").encode())
 
 
 def _score(cell: dict[str, Any]) -> str:

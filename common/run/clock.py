@@ -14,7 +14,7 @@ class ClockConfig:
     """Lockstep of physics, emulator and agent, as fast as the machine allows. With --no-sync
     physics and game run in real time, whether the agent is ready or not."""
     wait_action: bool = False
-    """Length of a robot's step: until the commanded keys are pressed, play.wait_bound agent steps
+    """Length of a robot's step: until the commanded keys are pressed, --play.wait-bound agent steps
     at most."""
     speed: float = 1.0
     """Speed of game and physics with --no-sync, game seconds per second."""

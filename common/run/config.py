@@ -91,9 +91,9 @@ class LearningConfig:
     """Learning rate of the optimizer, at first."""
     annealing_steps: Count = 0
     """Agent steps of the run, after learning starts, in which the learning rate falls linearly to
-    `final_learning_rate`; 0 for a constant rate."""
+    --learning.final-learning-rate; 0 for a constant rate."""
     final_learning_rate: Amount = 1e-5
-    """Learning rate after `annealing_steps`."""
+    """Learning rate after --learning.annealing-steps."""
     rmsprop_decay: Annotated[float, Ge(0), Lt(1)] = 0.95
     """ρ of RMSprop."""
     optimizer_epsilon: Amount = 1.5e-4
@@ -106,7 +106,7 @@ class LearningConfig:
     initial_weights: Literal["torch", "glorot"] = "torch"
     """Initial weights: PyTorch's, or Keras' (Glorot uniform with zero biases)."""
     scale_pixels: bool = True
-    """Scaling of pixels by 1/255 before the first layer; by 1/64 with `center_pixels`."""
+    """Scaling of pixels by 1/255 before the first layer; by 1/64 with --learning.center-pixels."""
     center_pixels: bool = False
     """Subtraction of a state's mean grey level from its pixels. A picture is mostly background,
     whose grey would otherwise drive the first layers' units to 0 for all pictures."""
@@ -114,7 +114,7 @@ class LearningConfig:
     """Maximum random shift of a sampled state in each direction, pixels (DrQ, Yarats et al.
     2021)."""
     curriculum_steps: Count = 0
-    """Agent steps of the run, after learning starts, in which the ranges of `randomise` grow
+    """Agent steps of the run, after learning starts, in which the ranges of --randomise grow
     linearly from nothing in the training games; 0 for whole ranges from the beginning. Tests always
     have whole ranges."""
     curriculum_score: Score | None = None
@@ -151,7 +151,7 @@ class ExplorationConfig:
     start: Fraction = 1.0
     """ε until learning starts."""
     end: Fraction = 0.02
-    """ε after `steps`."""
+    """ε after --exploration.steps."""
     steps: Count = 100_000
     """Agent steps from start to end, over all actors."""
     ez_greedy: bool = False

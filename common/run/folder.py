@@ -18,19 +18,17 @@ from common.run.config import RunConfig
 from common.run.stored_config import differences, from_mapping, to_json
 
 
-def check_folder(folder: Path) -> None:
-    """Refuses a folder that is not there. Raises InputError."""
-    if not folder.is_dir():
-        raise InputError(f"there is no folder {folder}: make it, or name another.")
-
-
 def check_new_file(file: Path) -> None:
-    """Refuses a file that could not be written. Raises InputError."""
-    check_folder(file.parent)
+    """Makes the folder of a file that is going to be written; refuses a file that could not be.
+
+    Raises InputError.
+    """
     if file.is_dir():
         raise InputError(f"{file} is a folder: name a file in it.")
-    with writing(file), tempfile.TemporaryFile(dir=file.parent):
-        pass
+    with writing(file):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=file.parent):
+            pass
 
 
 def write_atomically(path: Path, content: bytes, former: Path | None = None) -> None:

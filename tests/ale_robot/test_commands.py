@@ -172,7 +172,10 @@ def test_the_shipped_policies_are_listed(
     assert not run(monkeypatch, "policies")
     said = capsys.readouterr().out
     scores = r"20\.70 +15\.23 +8\.50"
-    assert re.search(rf"robot_pong +pong \(robot\) +frames, vector +{scores}", said)
+    assert re.search(rf"robot_pong +pong \(robot\) +vector +{scores}", said)
+    assert re.search(r"robot_pong_robust .* 17\.7/−19\.4 *\n", said)  # as README has it
+    assert re.search(r"robot_pong_sticky .* −13\.5/−21\.0 *\n", said)
+    assert re.search(r"ale_pong .* 15\.13 *\n", said)
     assert "Watch one: ale-robot watch --weights NAME\n" in said
     assert max(map(len, said.splitlines())) <= 80
     with pytest.raises(InputError, match=r"no command 'show': give none for the list"):

@@ -150,6 +150,14 @@ def test_the_card_tells_people_and_the_hub_the_scores(pushed: Hub) -> None:
     assert "735,387 agent steps of 66.7 ms" in card.text
 
 
+def test_the_card_tells_of_other_worlds_where_they_were_played(hub: Hub, pushed: Hub) -> None:
+    assert "25 worlds" not in pushed.files["README.md"].decode()
+    Push("robot_pong_robust", REPOSITORY).run()
+    told = " ".join(hub.files["README.md"].decode().split())
+    assert "In 25 worlds, of 10 games each, its mean score is 17.75, and −19.40 in" in told
+    assert "the worst: hands up to 200 ms later" in told
+
+
 def test_a_private_repository_is_asked_for(hub: Hub) -> None:
     Push("ale_pong", REPOSITORY, private=True).run()
     assert hub.private

@@ -61,8 +61,7 @@ def test_the_command_to_go_on_can_be_pasted(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    (tmp_path / "my runs").mkdir()
-    copy = tmp_path / "my runs" / "r2"
+    copy = tmp_path / "my runs" / "r2"  # which makes both
     monkeypatch.setattr("sys.argv", ["learner.backup", str(run.path), "-o", str(copy)])
     backup.main()
     assert f"train --resume --runs '{copy.parent}' --run r2, with" in capsys.readouterr().out
@@ -118,7 +117,6 @@ def test_what_the_copy_rests_on_comes_first(
         ("runs", "copy", r"runs is no run: name its folder"),
         ("runs/r", "runs", r"runs is there already"),
         ("runs/r", "runs/r/copy", r"copy is inside of the run"),
-        ("runs/r", "no/copy", r"there is no folder .*no: make it"),
         ("runs/r", "a b", r"run 'a b' cannot be used"),
     ],
 )

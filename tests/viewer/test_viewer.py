@@ -26,7 +26,7 @@ from common.run.stored_config import to_json
 from tests.actors.robots.latency_model.models import delay, saved
 from tests.viewer.commands import command
 from tests.viewer.rrd import recorded
-from viewer.__main__ import COMMANDS
+from viewer.__main__ import COMMANDS, main
 from viewer.check import CORNERS_IN_PLACE, Check
 from viewer.player import Played, ShownPolicy
 from viewer.show import Play
@@ -364,3 +364,21 @@ def test_play_is_saved_for_rerun(
     assert capsys.readouterr().out.endswith(f"wrote {path}\n")
     found = recorded(path)
     assert list(found["/q/noop"]["Scalars:scalars"]) == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["watch", "--env", "ale"], "picture and keys need a terminal"),
+        (["record", "ale_pong", "-o", "here"], "here is there already: name a new folder"),
+    ],
+)
+def test_what_cannot_work_is_refused_before_pytorch_is_loaded(
+    arguments: list[str], words: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["viewer", *arguments])
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(InputError, match=words):
+        main()

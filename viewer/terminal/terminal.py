@@ -49,6 +49,17 @@ def write_all(descriptor: int, text: str) -> None:
             select.select([], [descriptor], [])
 
 
+def check_terminal(least: tuple[int, int]) -> None:
+    """Refuses standard input and output that are no terminal, or one that has fewer columns or rows
+    than ``least``. Raises InputError."""
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise InputError("picture and keys need a terminal: run it in one.")
+    size = size_of(sys.stdout.fileno())
+    if any(have < wanted for have, wanted in zip(size, least, strict=True)):
+        have, wanted = (" × ".join(map(str, each)) for each in (size, least))
+        raise InputError(f"the terminal has {have} characters: make it {wanted} or larger.")
+
+
 class Terminal:
     """Takes over the terminal: pictures out on standard output, keys in from standard input.
 
@@ -56,17 +67,13 @@ class Terminal:
     terminal to the shell in the state that it is in here.
 
     Raises:
-        InputError: at its beginning, there is none, or it has fewer columns or rows than ``least``.
+        InputError: at its beginning, as `check_terminal`.
     """
 
     def __init__(self, least: tuple[int, int]) -> None:
-        if not (sys.stdin.isatty() and sys.stdout.isatty()):
-            raise InputError("picture and keys need a terminal: run it in one.")
+        check_terminal(least)
         self._out = sys.stdout.fileno()
         self._in = sys.stdin.fileno()
-        if any(have < wanted for have, wanted in zip(self.size, least, strict=True)):
-            have, wanted = (" × ".join(map(str, size)) for size in (self.size, least))
-            raise InputError(f"the terminal has {have} characters: make it {wanted} or larger.")
 
     def __enter__(self) -> Self:
         self._before: list[Any] = termios.tcgetattr(self._in)

@@ -187,7 +187,7 @@ class JsonDisplay(PlainDisplay):
 
 
 _ASCII = str.maketrans(
-    {"−": "-", "–": "-", "ε": "epsilon", "≥": ">=", "…": "...", "→": "->", "∞": "inf"}
+    {"−": "-", "–": "-", "ε": "epsilon", "≥": ">=", "…": "...", "→": "->", "∞": "never"}
 )
 """Lines in a log are read by any terminal, and by grep."""
 

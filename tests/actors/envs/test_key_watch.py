@@ -30,11 +30,17 @@ def told(watch: KeyWatch) -> list[Outcome]:
     return [PLACES[place] for place in watch.take()]
 
 
+def give(watch: KeyWatch, keys: Keys, held: Keys) -> None:
+    """A command that reaches the hands at once."""
+    watch.give()
+    watch.command(keys, held)
+
+
 def watched(script: Iterable[tuple[Keys, list[Keys]]]) -> list[Outcome]:
     """What is measured of hands that press, after each command, what the script says."""
     watch, held = KeyWatch(), NONE
     for command, frames in script:
-        watch.command(command, held)
+        give(watch, command, held)
         for held in frames:
             watch.frame(held)
     return told(watch)
@@ -85,17 +91,67 @@ def test_nobody_is_watched_for_ever() -> None:
     assert watched([(UP, [NONE] * (MOST_FRAMES - 1) + [UP])]) == [("press", "reached", MOST_FRAMES)]
 
 
+def test_a_command_on_its_way_is_watched_from_its_giving_and_not_given_up_for_the_next() -> None:
+    watch, held = KeyWatch(), NONE
+    # Given in frames 0, 4 and 8; with the hands in frames 6, 10 and 14, whose end has their keys.
+    commands = [UP, NONE, UP | FIRE]
+    for frame in range(16):
+        if frame in (0, 4, 8):
+            watch.give()
+        if frame in (6, 10, 14):
+            held = commands[(frame - 6) // 4]
+            watch.command(held, commands[(frame - 10) // 4] if frame > 6 else NONE)
+        watch.frame(held)
+    assert told(watch) == [("press", "reached", 7), ("release", "reached", 7),
+                           ("press", "reached", 7)]  # fmt: skip
+
+
+def test_a_restart_forgets_what_is_on_its_way() -> None:
+    watch = KeyWatch()
+    watch.give()
+    watch.frame(NONE)
+    watch.restart()
+    give(watch, UP, NONE)
+    watch.frame(UP)
+    assert told(watch) == [("press", "reached", 1)]
+
+
+@pytest.mark.parametrize(
+    ("waits", "outcome"),
+    [(MOST_FRAMES - 1, "reached"), (MOST_FRAMES, "given up"), (MOST_FRAMES + 9, "given up")],
+)
+def test_a_wait_counts_as_time(waits: int, outcome: str) -> None:
+    watch = KeyWatch()
+    watch.give()
+    for _ in range(waits):
+        watch.frame(NONE)
+    watch.command(UP, NONE)
+    watch.frame(UP)
+    assert told(watch) == [("press", outcome, MOST_FRAMES)]
+
+
+def test_of_commands_that_arrive_in_one_frame_only_the_last_is_watched() -> None:
+    watch = KeyWatch()
+    watch.give()
+    watch.give()
+    watch.frame(NONE)
+    watch.command(UP, NONE)
+    watch.command(DOWN, NONE)
+    watch.frame(DOWN)
+    assert told(watch) == [("press", "reached", 2)]
+
+
 def test_the_end_of_time_gives_up_and_a_restart_forgets() -> None:
     watch = KeyWatch()
-    watch.command(UP, NONE)
+    give(watch, UP, NONE)
     watch.frame(NONE)
     watch.give_up()
     watch.give_up()
     assert told(watch) == [("press", "given up", 1)]
-    watch.command(DOWN, NONE)
+    give(watch, DOWN, NONE)
     watch.frame(NONE)
     watch.restart()
-    watch.command(UP, NONE)
+    give(watch, UP, NONE)
     watch.frame(UP)
     assert told(watch) == [("press", "reached", 1)]
     assert told(watch) == []
@@ -105,7 +161,7 @@ def test_who_never_asks_costs_no_more_memory() -> None:
     watch = KeyWatch()
     for _ in range(2_000):
         for keys in (UP, NONE):
-            watch.command(keys, UP ^ keys)
+            give(watch, keys, UP ^ keys)
             watch.frame(keys)
     assert len(watch.take()) == 1_024
 
@@ -113,7 +169,7 @@ def test_who_never_asks_costs_no_more_memory() -> None:
 def test_a_modelled_hand_takes_the_frames_that_it_is_told_and_presses_in_the_next() -> None:
     hand, watch = ActuationDelay(PlayConfig(press_latency=3)), KeyWatch()
     for command in (UP, DOWN, FIRE):
-        watch.command(command, hand.held)
+        give(watch, command, hand.held)
         hand.command(command)
         for _ in range(4):
             watch.frame(hand.step_frame())
@@ -161,6 +217,18 @@ def test_commands_that_are_replaced_before_their_keys_come_count_as_slow() -> No
     assert press.given_up is not None
     assert 0.5 < press.given_up < 1
     assert press.p50 == press.p99 == math.inf
+
+
+@pytest.mark.parametrize("late", [{"actuation_latency": 12}, {"equal_latency": 12}])
+def test_commands_that_come_late_on_purpose_are_timed_with_their_wait(late: dict[str, int]) -> None:
+    """A new one is given every four frames, before any of them is carried out."""
+    play = PlayConfig(hand="model", press_latency=3, eye="emulator", **late)  # type: ignore[arg-type]
+    release, press = delays(RobotEnv(play=play), 100, 2)
+    assert release.measured > 50
+    assert press.measured > 50
+    assert (release.p50, press.p50) == (ms_of(13), ms_of(16))
+    assert press.given_up is not None
+    assert press.given_up < 0.05
 
 
 def test_a_robots_modelled_hand_is_timed_as_well() -> None:

@@ -56,7 +56,7 @@ def test_what_cannot_be_played_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_p
     for arguments, words in (
         ([], "--networks is .*: choose at least 1 of them"),
         ([str(ALE), "--press", "61"], r"--press\.0 is 61: choose at most 60"),
-        ([str(ALE), "-o", str(tmp_path / "none" / "x.csv")], "there is no folder"),
+        ([str(ALE), "-o", str(tmp_path)], "is a folder: name a file in it"),
     ):
         monkeypatch.setattr(sys, "argv", ["actuation_latency", *arguments])
         with pytest.raises(InputError, match=words):

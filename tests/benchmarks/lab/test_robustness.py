@@ -1,6 +1,7 @@
 """`benchmarks.lab.robustness`: a grid of worlds, played once each."""
 
 import json
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -47,13 +48,14 @@ class Games:
     """Evaluations whose mean is 20, less the latency and 2 for noise; remembers its cells."""
 
     def __init__(self) -> None:
+        self.network = POLICY
         self.flags: list[dict[str, str]] = []
         self.left = 10**6
 
     def __call__(
         self, network: Path, games: int, epsilon: float, flags: Sequence[str]
     ) -> dict[str, Any]:
-        assert (network, games, epsilon) == (POLICY, 3, 0.001)
+        assert (network, games, epsilon) == (self.network, 3, 0.001)
         if not self.left:
             raise KeyboardInterrupt
         self.left -= 1
@@ -70,8 +72,8 @@ def games(monkeypatch: pytest.MonkeyPatch) -> Games:
     return games
 
 
-def grid(file: Path, *flags: str) -> dict[str, Any]:
-    arguments = [str(POLICY), "--games", "3", "--json", str(file), *flags]
+def grid(file: Path, *flags: str, network: Path = POLICY) -> dict[str, Any]:
+    arguments = [str(network), "--games", "3", "--json", str(file), *flags]
     run("lab.robustness", robustness.Options, robustness.measure, arguments)
     content: dict[str, Any] = json.loads(file.read_bytes())
     return content
@@ -113,6 +115,30 @@ def test_an_interrupted_grid_goes_on(games: Games, tmp_path: Path) -> None:
         grid(file, "--latencies", "1", "3")
     left = json.loads(file.read_bytes())
     assert (len(left["cells"]), "rows" in left) == (26, False)  # those before have no +17 ms
+
+
+def test_the_card_is_told_mean_and_worst_of_a_grid(games: Games, tmp_path: Path) -> None:
+    games.network = shutil.copy(POLICY, tmp_path / "p.safetensors")
+    file = tmp_path / "grid.json"
+    with pytest.raises(InputError, match=r"p\.safetensors has no card: publish it"):
+        grid(file, "--card", network=games.network)
+    with pytest.raises(InputError, match="--card tells of the whole grid: omit"):
+        grid(file, "--card", "--latencies", "0", "2", network=games.network)
+    assert not games.flags
+    card = json.loads(POLICY.with_suffix(".json").read_bytes())
+    (tmp_path / "p.json").write_text(json.dumps(card))
+    grid(file, network=games.network)
+    assert json.loads((tmp_path / "p.json").read_bytes()) == card
+    grid(file, "--card", network=games.network)
+    assert len(games.flags) == 25  # nothing was played again
+    told = json.loads((tmp_path / "p.json").read_bytes())
+    assert told.pop("grid") == {
+        "worlds": 25, "games": 3, "mean": 14.4, "worst": 6.0, "added_ms": 200.0
+    }  # fmt: skip
+    assert told == card
+    (tmp_path / "p.json").write_text(json.dumps(card | {"sha256": "0" * 64}))
+    with pytest.raises(InputError, match=r"p\.json is of another network than p\.safetensors"):
+        grid(file, "--card", network=games.network)
 
 
 @pytest.mark.parametrize("other", [("--sticky", "0.5"), ("--seed", "2")])

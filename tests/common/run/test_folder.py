@@ -305,10 +305,16 @@ def test_no_link_is_followed_to_a_file_elsewhere(tmp_path: Path) -> None:
 
 def test_a_file_that_cannot_be_written_is_refused_before_it_is_needed(tmp_path: Path) -> None:
     check_new_file(tmp_path / "new.json")
-    with pytest.raises(InputError, match="there is no folder"):
-        check_new_file(tmp_path / "none" / "new.json")
     with pytest.raises(InputError, match="is a folder"):
         check_new_file(tmp_path)
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"new\.json cannot be written: Not a directory\.$"):
+        check_new_file(tmp_path / "file" / "none" / "new.json")
+
+
+def test_a_folder_that_a_file_lacks_is_made_and_the_file_is_not(tmp_path: Path) -> None:
+    check_new_file(tmp_path / "new" / "folder" / "new.json")
+    assert list((tmp_path / "new" / "folder").iterdir()) == []
 
 
 def test_a_folder_that_may_not_be_written_to_is_refused(

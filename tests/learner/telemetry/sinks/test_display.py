@@ -424,7 +424,7 @@ def test_plain_line_has_the_figures() -> None:
     assert Recorder().said(STATUS) == [
         "epoch 42 61 %, 14:32 left | 10,402,560 steps"
         " | reward train 17.03 test 18.42 random -20.09 | max-Q 1.393 | loss 0.0008290"
-        " | 46.6 updates/s | epsilon 0.100 | press 50/67 ms | release 17/inf ms | 186.3 steps/s"
+        " | 46.6 updates/s | epsilon 0.100 | press 50/67 ms | release 17/never ms | 186.3 steps/s"
         " | 8.00 samples/insert, target 8 | staleness 38/74 updates | 3 of 4 actors"
         " | health checks 1 open, 6 green"
     ]
