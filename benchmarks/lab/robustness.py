@@ -75,11 +75,8 @@ class Options(PlayingOptions):
 
     def check(self) -> None:
         super().check()
-        if self.card and {self.latencies, self.optics, self.sticky} != {
-            _LATENCIES,
-            tuple(OPTICS),
-            0,
-        }:
+        grid = self.latencies, self.optics, self.sticky
+        if self.card and grid != (_LATENCIES, tuple(OPTICS), 0.0):
             raise InputError(
                 "--card tells of the whole grid: omit --latencies, --optics, --sticky."
             )

@@ -288,7 +288,7 @@ class ActorRegistry:
         with self._lock:
             if (known := self._known(role, name)) is None:
                 return
-            if alive and not known.alive:
+            if alive and not known.alive and known.lost is None:  # else nobody was told of its loss
                 self._notes.append(f"{name} joined")
             known.alive, known.heard = alive, now
             known.lost = None if alive else now

@@ -354,7 +354,7 @@ def test_one_that_is_back_at_once_was_not_lost(told: Told) -> None:
     for present in (True, False, True):
         told.registry._on_presence(key, present)
     told.now += 100.0
-    assert told.registry.take_notes() == ["a1 joined", "a1 joined"]
+    assert told.registry.take_notes() == ["a1 joined"]
 
 
 def test_one_that_is_present_is_kept_however_long_it_is_silent(
