@@ -74,7 +74,7 @@ def renamed(found: Sequence[N], names: Sequence[str]) -> list[N]:
 
 
 def check_picture(path: Path) -> None:
-    """Refuse a file that is no picture, or has no folder.
+    """Refuse a file that is no picture, or cannot be written.
 
     Raises:
         InputError: naming the file.

@@ -95,7 +95,9 @@ def test_a_benchmark_from_outside_has_the_same_table_and_json(
     assert list(found)[:3] == ["title", "more", "rows"]
     assert found["rows"] == [{"what": "x", "rate": 2.5}]
     assert found["machine"]["cores"] > 0
-    with pytest.raises(InputError, match="no folder"):
-        run("new", BenchmarkOptions, measure, ["--json", str(tmp_path / "none" / "new.json")])
+    run("new", BenchmarkOptions, measure, ["--json", str(tmp_path / "none" / "new.json")])
+    assert (tmp_path / "none" / "new.json").exists()
+    with pytest.raises(InputError, match="cannot be written"):
+        run("new", BenchmarkOptions, measure, ["--json", str(file / "new.json")])
     with pytest.raises(InputError, match="there is no flag --jsn: did you mean --json"):
         run("new", BenchmarkOptions, measure, ["--jsn", str(file)])

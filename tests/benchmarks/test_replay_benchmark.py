@@ -47,7 +47,7 @@ def test_figures_of_each_size(capsys: pytest.CaptureFixture[str], tmp_path: Path
     [
         (["--sizes", "100"], "sizes"),
         (["--seconds", "0"], "seconds"),
-        (["--folder", "no/such/folder"], "no folder"),
+        (["--folder", "/dev/null/folder"], "cannot be written"),
     ],
 )
 def test_settings_that_cannot_work(flags: list[str], complaint: str) -> None:
