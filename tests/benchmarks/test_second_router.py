@@ -6,6 +6,8 @@ from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from queue import SimpleQueue
 
+import pytest
+
 from benchmarks.child import free_endpoint
 from benchmarks.second_router import second_router
 from common.protocol.run_keys import RunKeys
@@ -49,6 +51,7 @@ def check_both_ways(hub: Transport, inserts: Requester, weights: SimpleQueue[byt
         assert weights.get() == b"weights"
 
 
+@pytest.mark.slow  # it has waited for ever once, where the restarted hub was not found again
 def test_a_second_router_carries_a_run_and_outlasts_its_own_end_and_the_hubs(endpoint: str) -> None:
     here, there = (KEYS.live("actor", "a"), True), (KEYS.live("actor", "a"), False)
     weights: SimpleQueue[bytes] = SimpleQueue()
