@@ -51,7 +51,7 @@ def check_both_ways(hub: Transport, inserts: Requester, weights: SimpleQueue[byt
         assert weights.get() == b"weights"
 
 
-@pytest.mark.slow  # it has waited for ever once, where the restarted hub was not found again
+@pytest.mark.slow  # it has waited for ever once, and the cause is not found
 def test_a_second_router_carries_a_run_and_outlasts_its_own_end_and_the_hubs(endpoint: str) -> None:
     here, there = (KEYS.live("actor", "a"), True), (KEYS.live("actor", "a"), False)
     weights: SimpleQueue[bytes] = SimpleQueue()
