@@ -44,9 +44,13 @@ KEYS_OF_ACTION: tuple[Keys, ...] = (
 _ACTION_OF_KEYS = {keys: action for action, keys in enumerate(KEYS_OF_ACTION)}
 
 
+OPPOSITES = (_U | _D, _L | _R)
+"""Pairs of keys that a controller never closes together."""
+
+
 def action_of_keys(pressed: Keys) -> int:
     """Returns ALE's action number for ``pressed``; opposite keys cancel, as on a real joystick."""
-    for pair in (_U | _D, _L | _R):
+    for pair in OPPOSITES:
         if pressed & pair == pair:
             pressed &= ~pair
     return _ACTION_OF_KEYS[pressed]

@@ -34,9 +34,10 @@ class KeyWatch:
         """Whether a frame has passed since the hands got the command."""
         self._releasing = self._pressing = False
 
-    def give(self) -> None:
-        """A command sets out for the hands, which get all commands in the order of their giving."""
-        self._given.append(self._frame)
+    def give(self, ago: int = 0) -> None:
+        """A command sets out for the hands, which get all commands in the order of their giving; or
+        did so some emulator frames ``ago``."""
+        self._given.append(self._frame - ago)
 
     def command(self, keys: Keys, held: Keys) -> None:
         """The oldest command on its way reaches the hands: they are to hold ``keys``, and hold

@@ -16,11 +16,19 @@ from common.actions import Keys
 from common.run.conditions import PlayConfig
 
 
-class WaitingCommands:
-    """Implements `Hands` by others, to whom commands are passed on in order, when they are due."""
+class LateCommands:
+    """Implements `Hands` by others, whose commands arrive ``latency`` emulator frames late, and up
+    to ``jitter`` more.
 
-    def __init__(self, hands: Hands) -> None:
+    The jitter of each command is drawn uniformly from ``rng``. A command never overtakes an earlier
+    one.
+    """
+
+    def __init__(self, hands: Hands, latency: int, jitter: int, rng: Generator) -> None:
         self._hands = hands
+        self._latency = latency
+        self._jitter = jitter
+        self._rng = rng
         self._forget()
 
     @property
@@ -32,50 +40,19 @@ class WaitingCommands:
         self._forget()
 
     def command(self, keys: Keys) -> None:
-        self._waiting.append((self._frame + self._delay(), keys))
+        late = int(self._rng.integers(self._jitter + 1)) if self._jitter else 0
+        self._waiting.append((self._frame + self._latency + late, keys))
 
     def step_frame(self) -> Keys:
-        due = self._frame - self._spare
-        while self._waiting and self._waiting[0][0] <= due:
-            self._pass_on(self._waiting.popleft()[1])
+        while self._waiting and self._waiting[0][0] <= self._frame:
+            self._hands.command(self._waiting.popleft()[1])
         self._frame += 1
         return self._hands.step_frame()
-
-    def _delay(self) -> int:
-        """Emulator frames by which the command that is given now has to wait."""
-        return 0
-
-    @property
-    def _spare(self) -> int:
-        """Emulator frames by which all that waits has to wait longer, as it is known now."""
-        return 0
-
-    def _pass_on(self, keys: Keys) -> None:
-        self._hands.command(keys)
 
     def _forget(self) -> None:
         self._waiting: deque[tuple[int, Keys]] = deque()
         """Commands in order, each with the frame from which on it is due."""
         self._frame = 0
-
-
-class LateCommands(WaitingCommands):
-    """Implements `Hands` by others, whose commands arrive ``latency`` emulator frames late, and up
-    to ``jitter`` more.
-
-    The jitter of each command is drawn uniformly from ``rng``. A command never overtakes an earlier
-    one.
-    """
-
-    def __init__(self, hands: Hands, latency: int, jitter: int, rng: Generator) -> None:
-        super().__init__(hands)
-        self._latency = latency
-        self._jitter = jitter
-        self._rng = rng
-
-    def _delay(self) -> int:
-        late = int(self._rng.integers(self._jitter + 1)) if self._jitter else 0
-        return self._latency + late
 
 
 def hands_of(

@@ -1,48 +1,118 @@
 """One latency for all hands: quick ones get their commands later.
 
-A policy plays well at the latency that it learned with, and a few emulator frames more or less cost
-it the game. What cannot be made quicker can be waited for: each command is held back until the
-hands, whose keys are timed, take exactly as long as the slowest ones that are expected. A receiver
-of speech does the same with packets that come after different times (a playout buffer).
+A policy plays well at the latency that it learned with, and an emulator frame more or less costs it
+the game. What cannot be made quicker can be waited for: each key is released and pressed as late as
+by the slowest hands that are expected. A receiver of speech does the same with packets that come
+after different times (a playout buffer).
 """
 
-from actors.envs.key_timing import KeyTiming
-from actors.envs.late_commands import WaitingCommands
+from collections import deque
+from collections.abc import Callable
+from functools import reduce
+from operator import and_, or_
+
+from actors.envs.hand_timing import key_latencies
 from actors.robots.interface import Hands
-from common.actions import Keys
+from common.actions import OPPOSITES, Keys
+from common.run.conditions import MAX_ADDED
+
+GAP = 1
+"""Emulator frames by which a key is pressed later than another one is released: a hand on its way
+from key to key holds neither. NAO's needs one more."""
+_REMEMBERED = MAX_ADDED + GAP + 1
 
 
-class LatencyEqualiser(WaitingCommands):
-    """Implements `Hands` by others, which begin to follow a command ``latency`` emulator frames
-    after what was seen when it was given; later where they need longer by themselves.
+class LatencyEqualiser:
+    """Implements `Hands` by others: a key is released ``latency`` emulator frames after what was
+    seen when that was commanded, and pressed ``GAP`` frames later than that. A key that is
+    commanded for ``GAP`` frames or less is not pressed.
 
-    How long they take from their first change of keys to the last one remains their own. Until they
-    changed a key nothing is known of them, and commands go on at once.
+    Hands that need longer are not made slower. Until they are timed they count as without latency.
+    It runs in every frame, hence whole numbers instead of `Keys`.
     """
 
-    def __init__(self, hands: Hands, latency: int) -> None:
-        super().__init__(hands)
+    def __init__(
+        self, hands: Hands, latency: int, give: Callable[[int], None] = lambda ago: None
+    ) -> None:
+        """Args:
+        give: is told, before each command that the hands get, how many emulator frames ago the
+            agent gave it.
+        """
+        self._hands = hands
+        self._latency = latency
+        self._give = give
         self.seen_late = 0
         """Emulator frames by which the eye's pictures are late."""
-        self._latency = latency
-        self._timing = KeyTiming()
+        self._keys_by_latency: dict[tuple[int, int], int] = {(0, 0): ~0}
+        self._passed_on: int
+        """What the hands were told last."""
+        self._forget()
 
-    def rest(self) -> None:
-        super().rest()
-        self._timing.restart()
-
-    def step_frame(self) -> Keys:
-        felt = super().step_frame()
-        self._timing.feel(felt)
-        return felt
+    def time(self, keys: Keys) -> None:
+        """Find out how long the hands take to release and to press each of ``keys``; they are at
+        rest afterwards."""
+        self._keys_by_latency = {}
+        for key, (release, press) in key_latencies(self._hands, keys, self._give).items():
+            # A command that pressed a key sooner than it releases another would take two.
+            latency = release, min(press, release + GAP)
+            self._keys_by_latency[latency] = self._keys_by_latency.get(latency, 0) | key
+        self.rest()
 
     @property
-    def _spare(self) -> int:
-        # Less than 0 where the hands are slow: what waits is due at once.
-        own = (self._timing.release.frames, self._timing.press.frames)
-        known = [frames for frames in own if frames is not None]
-        return self._latency - self.seen_late - min(known) if known else 0
+    def held(self) -> Keys:
+        return self._hands.held
 
-    def _pass_on(self, keys: Keys) -> None:
-        super()._pass_on(keys)
-        self._timing.command(keys)
+    def rest(self) -> None:
+        self._hands.rest()
+        self._forget()
+
+    def command(self, keys: Keys) -> None:
+        self._wanted = int(keys)
+
+    def step_frame(self) -> Keys:
+        self._told.append(self._wanted)
+        if (due := self._due()) != self._passed_on:
+            self._give(self._given_ago(due))
+            self._passed_on = due
+            self._hands.command(Keys(due))
+        return self._hands.step_frame()
+
+    def _due(self) -> int:
+        """The keys that the hands have to set out for now, to hold the right ones in time."""
+        due = 0
+        for (release, press), keys in self._keys_by_latency.items():
+            coming = [
+                self._held_in(frames)
+                for frames in range(min(release, press), max(release, press) + 1)
+            ]
+            due |= keys & reduce(or_ if press > release else and_, coming)
+        for pair in OPPOSITES:
+            if due & pair == pair:  # too slow for the gap: the old key keeps its time
+                due &= self._passed_on | ~pair
+        return due
+
+    def _given_ago(self, due: int) -> int:
+        """How many emulator frames ago the agent gave the command by which ``due`` is due."""
+        pressed = due & ~self._passed_on
+        changed = pressed or self._passed_on & ~due
+        lead = self._latency - self.seen_late + (GAP if pressed else 0)
+        own = [
+            latency[bool(pressed)]
+            for latency, keys in self._keys_by_latency.items()
+            if keys & changed
+        ]
+        ago, last = max(0, lead - min(own)), len(self._told) - 1
+        while ago < last and self._told[last - ago - 1] & changed == pressed:
+            ago += 1
+        return ago
+
+    def _held_in(self, frames: int) -> int:
+        """The keys that are to be held so many frames from now."""
+        last = len(self._told) - 1
+        seen = last + frames - (self._latency - self.seen_late)
+        return reduce(and_, (self._told[min(each, last)] for each in range(seen - GAP, seen + 1)))
+
+    def _forget(self) -> None:
+        self._wanted = self._passed_on = 0
+        self._told: deque[int] = deque([0] * _REMEMBERED, maxlen=_REMEMBERED)
+        """What was commanded in each of the last frames."""

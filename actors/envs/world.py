@@ -5,6 +5,8 @@ Who moves them on, and when, is the clock's business (`actors.envs.clock`).
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 
 import numpy as np
 from numpy.random import Generator
@@ -89,6 +91,8 @@ class World:
         self._take_hands(play, rng)
         self.see_late(0)
         self.restart()
+        if self._equaliser is not None:
+            self._equaliser.time(reduce(or_, (KEYS_OF_ACTION[each] for each in self._game.actions)))
 
     def see_late(self, frames: int) -> None:
         """The eye's pictures are late by so many emulator frames: what is felt is told as late, so
@@ -109,7 +113,8 @@ class World:
     def command(self, action: int) -> None:
         """Let the hands set out for one of the 18 actions."""
         self.wanted = KEYS_OF_ACTION[action]
-        self.key_watch.give()
+        if self._equaliser is None:  # which tells of the commands that it makes of this one
+            self.key_watch.give()
         self._hands.command(self.wanted)
         if self._sense is not None:
             self._sense.command(action)
@@ -143,4 +148,6 @@ class World:
         self._hands: Hands = hands_of(play, self._arms, rng, self.key_watch)
         self._equaliser: LatencyEqualiser | None = None
         if play.equal_latency:
-            self._hands = self._equaliser = LatencyEqualiser(self._hands, play.equal_latency)
+            self._hands = self._equaliser = LatencyEqualiser(
+                self._hands, play.equal_latency, self.key_watch.give
+            )

@@ -95,8 +95,9 @@ class PlayConfig:
     """Maximum of further emulator frames by which a command is late, drawn for each one; commands
     keep their order."""
     equal_latency: AddedLatency = 0
-    """Emulator frames from what is seen until all hands begin to follow: quicker ones, found by
-    timing keys and eye, get their commands later; 0 for at once."""
+    """Emulator frames from what is seen until all hands release their keys; they press new ones a
+    frame later. Quicker ones, found by timing keys and eye, get their commands later; 0 for at
+    once."""
     arm_speed: Annotated[float, Ge(0.25), Le(1.1), OF_A_ROBOT] = 1.0
     """Maximum speed of the arms' joints, relative to the usual one, which is 0.9 of the published
     speed."""

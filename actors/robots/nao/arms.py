@@ -121,6 +121,9 @@ class Arm:
         self._over = self.poses.over[Keys.NONE]
         self._down = False
         self._still = 0
+        """Emulator frames since the motors got their last target."""
+        self._waited = 0
+        """The same, or since the last command, if that is later."""
 
     def limit_speed(self, share: float) -> None:
         self._speeds = [share * SPEED_MARGIN * joint.max_speed for joint in self.chain.joints]
@@ -129,7 +132,7 @@ class Arm:
         """Plan a path from the present position to ``keys``, or to rest for no keys."""
         if keys == self._wanted:
             return
-        self._wanted = keys
+        self._wanted, self._waited = keys, 0
         goal = self.poses.over[keys]
         self._path = [_Waypoint(goal, goal)]
         if self._down or self._still < SETTLED:
@@ -142,12 +145,14 @@ class Arm:
     def advance(self) -> None:
         """Set the motors' target for one emulator frame; call it before that frame's physics."""
         self._still += 1
-        if self._still % PATIENCE == 0 and not self._is_over(self._wanted):
+        self._waited += 1
+        if self._waited % PATIENCE == 0 and not self._is_over(self._wanted):
             self._free()
         if not self._path or (self._path[0].down and not self._is_over(self._wanted)):
             return
         waypoint = self._path.pop(0)
-        self._over, self._down, self._still = waypoint.over, waypoint.down, 0
+        self._over, self._down = waypoint.over, waypoint.down
+        self._still = self._waited = 0
         for joint, angle, torque, speed in zip(
             self.joints, waypoint.target, self._torques, self._speeds, strict=True
         ):

@@ -49,6 +49,14 @@ def test_from_any_action_to_any_other_within_two_agent_steps(room: Nao) -> None:
     assert strays / len(frames) <= 0.05
 
 
+def test_a_key_is_pressed_as_soon_after_any_rest(room: Nao) -> None:
+    for rest in range(6, 40):
+        room.rest()
+        hold(room, Keys.LEFT, 8)
+        hold(room, Keys.NONE, rest)
+        assert hold(room, Keys.RIGHT, 2) == [Keys.NONE, Keys.RIGHT], rest
+
+
 def test_random_play_pushes_no_key_through_its_stop(room: Nao) -> None:
     room.rest()
     rng = np.random.default_rng(0)

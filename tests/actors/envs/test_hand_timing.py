@@ -1,0 +1,57 @@
+"""Timing of hands before a game, against hands whose latencies are known."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from actors.envs.hand_timing import key_latencies
+from actors.envs.late_commands import hands_of
+from common.actions import Keys
+from common.run.conditions import PlayConfig
+
+PONG = Keys.LEFT | Keys.RIGHT | Keys.FIRE
+
+
+@given(st.integers(0, 36), st.integers(0, 3))
+def test_each_key_has_its_latencies(latency: int, press: int) -> None:
+    play = PlayConfig(actuation_latency=latency, press_latency=press)
+    hands = hands_of(play, None, np.random.default_rng(0))
+    found = key_latencies(hands, PONG)
+    assert found == dict.fromkeys((Keys.LEFT, Keys.RIGHT, Keys.FIRE), (latency, latency + press))
+
+
+class Uneven:
+    """Hands of which each key has its own latency, and of which one is stuck."""
+
+    press = {Keys.UP: 2, Keys.FIRE: 5}  # noqa: RUF012
+
+    def __init__(self) -> None:
+        self.rest()
+
+    @property
+    def held(self) -> Keys:
+        return Keys.NONE
+
+    def rest(self) -> None:
+        self._wanted, self._frames = Keys.NONE, 0
+
+    def command(self, keys: Keys) -> None:
+        self._wanted, self._frames = keys, 0
+
+    def step_frame(self) -> Keys:
+        self._frames += 1
+        late = self.press.get(self._wanted, 1000)
+        return self._wanted if self._frames > late else Keys.NONE
+
+
+def test_each_key_is_timed_by_itself_and_a_stuck_one_is_given_up() -> None:
+    found = key_latencies(Uneven(), Keys.UP | Keys.FIRE | Keys.LEFT)
+    assert found == {Keys.UP: (0, 2), Keys.FIRE: (0, 5), Keys.LEFT: (0, 60)}
+
+
+def test_jitter_moves_the_result_by_no_more_than_itself() -> None:
+    play = PlayConfig(actuation_latency=4, actuation_jitter=2)
+    hands = hands_of(play, None, np.random.default_rng(0))
+    for release, press in key_latencies(hands, PONG).values():
+        assert 4 <= release <= 6
+        assert 4 <= press <= 6
