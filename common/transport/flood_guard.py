@@ -3,7 +3,9 @@ strangers who hold so many that the process has no files left.
 
 What Zenoh or a server drops has been received, decrypted and put together before: a millisecond of
 the hub's processor time for each megabyte, so that a client which sends as fast as it can takes
-half of a core. One with a certificate by name is not heard for a while instead.
+half of a core. One with a certificate by name is not heard for a while instead. Its handshakes cost
+too, and Zenoh's clients come back at once, 70 times a second: so a new connection of it is ignored
+at first, and ended at the next look.
 
 Zenoh counts the connections that are not yet sessions, but not those which have not yet shown a
 certificate; these it gives ten seconds.
@@ -22,12 +24,13 @@ from common.transport.hub_sockets import (
     bytes_received,
     end_connections,
     end_others,
+    ignore_connections,
     open_files,
 )
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 
 CUT_OFF = 60.0
-"""Seconds for which a flooder's connections are ended as soon as they are made."""
+"""Seconds for which a flooder's connections are ignored as soon as they are made."""
 _LOOK = 1.0
 _AHEAD = 2.0
 """Seconds of what is taken at most that may come at once."""
@@ -73,6 +76,8 @@ class FloodGuard:
         self._ahead: Counter[str] = Counter()
         """Bytes by which a name is ahead of what is taken of it."""
         self._cut_until: dict[str, float] = {}
+        self._ignored: set[Address] = set()
+        """Connections of who is cut off, until they are ended."""
         self._looked = now()
         self._lock = threading.Lock()
         self._closed = threading.Event()
@@ -92,11 +97,12 @@ class FloodGuard:
                 return
             if not present:
                 self._names.pop(address, None)
+                self._ignored.discard(address)
                 return
             self._names[address] = name
-            cut = self._cut_until.get(name, 0.0) > self._now()
-        if cut:
-            end_connections(self._port, {address})
+            if self._cut_until.get(name, 0.0) > self._now():
+                self._ignored.add(address)
+                ignore_connections(self._port, {address})  # before a look can end it
 
     def _work(self) -> None:
         while not self._closed.wait(_LOOK):
@@ -123,6 +129,8 @@ class FloodGuard:
                 del self._ahead[name]
                 self._cut_until[name] = now + CUT_OFF
             ended = {address for address, name in self._names.items() if name in floods}
+            ended |= self._ignored
+            self._ignored.clear()
         for name in floods:
             text = "%s sends more than %.0f MB/s: its connections are ended for %.0f s"
             _log.warning(text, name, self._most / 1e6, CUT_OFF)

@@ -1,5 +1,6 @@
 """What a hub asks of the kernel about the connections to its port, which Zenoh does not tell."""
 
+import ctypes
 import os
 import resource
 import socket
@@ -15,6 +16,11 @@ _RECEIVED_AT = 128
 """Where Linux' ``struct tcp_info`` has ``tcpi_bytes_received``."""
 
 _MOST_FILES = 16_384
+_ATTACH_FILTER, _DETACH_FILTER = 26, 27
+"""Linux' ``SO_ATTACH_FILTER`` and ``SO_DETACH_FILTER``, which Python does not name."""
+_KEEP_ONE_BYTE = struct.pack("=HBBI", 0x06, 0, 0, 1)
+"""A packet filter that returns at once: of what comes the kernel keeps one byte, and of TCP the
+whole header, so that acknowledgements count. It is told by where it is in memory."""
 
 
 def most_files() -> int:
@@ -57,10 +63,26 @@ def bytes_received(port: int) -> dict[Address, int]:
     return found
 
 
+def ignore_connections(port: int, addresses: set[Address]) -> None:
+    """Drops what comes from these addresses to ``port`` from now on, in the kernel, unread.
+
+    The other side's words are not acknowledged: it soon waits, until the connection is ended.
+    """
+    program = ctypes.create_string_buffer(_KEEP_ONE_BYTE, len(_KEEP_ONE_BYTE))
+    told = struct.pack("@HP", 1, ctypes.addressof(program))
+    for address, opened in _accepted(port):
+        if address in addresses:
+            with suppress(OSError):  # it is at its end
+                opened.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, told)
+
+
 def end_connections(port: int, addresses: set[Address]) -> None:
     """Ends the connections of these addresses to ``port``, for both sides."""
     for address, opened in _accepted(port):
         if address in addresses:
+            # Or who waits for room in its buffer is never told that nobody listens.
+            with suppress(OSError):  # none is ignored
+                opened.setsockopt(socket.SOL_SOCKET, _DETACH_FILTER, 0)
             with suppress(OSError):  # the other side was faster
                 opened.shutdown(socket.SHUT_RDWR)
 

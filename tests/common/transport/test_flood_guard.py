@@ -81,8 +81,7 @@ def test_who_floods_no_more_is_heard_again(crowd: Crowd, monkeypatch: pytest.Mon
     monkeypatch.setattr(flood_guard, "CUT_OFF", 1.0)
     left = crowd.actor("left")
     flood(left)
-    wait_until(lambda: left.has_server, "the flooder is back")
-    assert left.request(b"").result().payload == b"ok"
+    wait_until(lambda: left.request(b"").exception() is None, "the flooder is heard")
 
 
 class Links:
@@ -94,6 +93,9 @@ class Links:
         self.ended: list[Address] = []
         monkeypatch.setattr(flood_guard, "bytes_received", lambda _: dict(self.received))
         monkeypatch.setattr(flood_guard, "end_connections", lambda _, some: self.ended.extend(some))
+        self.ignored: list[Address] = []
+        ignore = self.ignored.extend
+        monkeypatch.setattr(flood_guard, "ignore_connections", lambda _, some: ignore(some))
         self.open_files = 0
         self.known: list[set[Address]] = []
         monkeypatch.setattr(flood_guard, "open_files", lambda: self.open_files)
@@ -145,19 +147,21 @@ def test_who_connects_anew_is_as_far_ahead_as_before(links: Links) -> None:
     assert links.send(2, 1, 0.0) == [1, 2]
 
 
-def test_who_was_cut_off_is_ended_until_its_time_is_over(links: Links) -> None:
+def test_who_was_cut_off_is_ignored_and_then_ended_until_its_time_is_over(links: Links) -> None:
     links.join("a", 1)
     assert links.send(1, 301) == [1]
     links.join("a", 1, leaves=True)
-    links.ended.clear()
-    links.now += CUT_OFF - 1
+    links.now += CUT_OFF - 2
     links.join("b", 2)
-    assert links.ended == []
     links.join("a", 3)
-    assert links.ended == [("::1", 3)]
-    links.now += 1
+    assert (links.ignored, links.send(2, 0)) == ([("::1", 3)], [3])
+    assert links.send(2, 0, 0.0) == []
     links.join("a", 4)
-    assert links.ended == [("::1", 3)]
+    links.join("a", 4, leaves=True)
+    links.join("a", 5)
+    assert links.send(2, 0) == [5]  # nobody is ignored for ever
+    links.join("a", 6)
+    assert (links.ignored, links.send(2, 0)) == ([("::1", port) for port in (3, 4, 5)], [])
 
 
 def test_who_is_trusted_is_not_watched(links: Links) -> None:

@@ -1,8 +1,11 @@
 """What a hub asks of the kernel, on plain sockets."""
 
+import fcntl
 import os
 import socket
+import termios
 from collections.abc import Callable
+from contextlib import suppress
 
 import pytest
 
@@ -12,8 +15,10 @@ from common.transport.hub_sockets import (
     end_connections,
     end_others,
     forget_the_silent,
+    ignore_connections,
     open_files,
 )
+from tests.patience import PATIENCE, wait_until
 
 
 def test_the_kernel_ends_a_hubs_connections_whose_other_side_takes_nothing() -> None:
@@ -77,6 +82,38 @@ def test_what_came_over_each_connection_is_known_and_one_of_them_can_be_ended(
         assert still.recv(1) == b"x"
         assert bytes_received(port)[second.getsockname()] == 1
         assert len(os.listdir("/proc/self/fd")) == len(before)
+
+
+def test_what_an_ignored_connection_says_is_not_received_and_it_can_still_be_ended() -> None:
+    """Also where it waits for room: it would wait for the kernel's own end, minutes later."""
+
+    def unacknowledged(opened: socket.socket) -> int:
+        told = fcntl.ioctl(opened, termios.TIOCOUTQ, bytes(4))
+        return int.from_bytes(told, "little")
+
+    with (
+        socket.create_server(("127.0.0.1", 0)) as ours,
+        socket.create_connection(ours.getsockname()) as first,
+        socket.create_connection(ours.getsockname()) as second,
+        ours.accept()[0] as accepted,
+        ours.accept()[0] as still,
+    ):
+        port, name = ours.getsockname()[1], first.getsockname()
+        ignore_connections(port, {name})
+        first.setblocking(False)
+        with suppress(BlockingIOError):
+            while first.send(bytes(2**16)):  # until there is no more room
+                pass
+        second.sendall(b"x")
+        assert still.recv(1) == b"x"
+        assert bytes_received(port) == {name: 0, second.getsockname(): 1}
+        accepted.sendall(b"y")
+        wait_until(lambda: not unacknowledged(accepted), "what the hub says arrives")
+        first.settimeout(PATIENCE)
+        end_connections(port, {name})
+        assert first.recv(2) == b"y"
+        with pytest.raises(ConnectionError):
+            first.sendall(b"z")
 
 
 def test_open_files_are_counted() -> None:
