@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Self
@@ -13,6 +14,7 @@ from benchmarks.child import refusal
 _mount = partial(refusal, "mount")
 _LEAST = 4096
 """Bytes that a file system gives out at once."""
+_MOST_FILES = 4096
 
 
 class Disk:
@@ -32,7 +34,8 @@ class Disk:
 
     def __enter__(self) -> Self:
         self.folder.mkdir()
-        self.missing = _mount("-t", "tmpfs", "-o", f"size={self._size}", "chaos", str(self.folder))
+        options = f"size={self._size},nr_inodes={_MOST_FILES}"
+        self.missing = _mount("-t", "tmpfs", "-o", options, "chaos", str(self.folder))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -54,6 +57,16 @@ class Disk:
                 except OSError:
                     more //= 2
         return self._ballast.unlink
+
+    def crowd(self) -> Callable[[], None]:
+        """Make files until there can be no more, although there is room in those that there are;
+        returns what removes them."""
+        crowd = self.folder / "crowd"
+        crowd.mkdir()
+        with suppress(OSError):
+            for number in range(_MOST_FILES):
+                (crowd / str(number)).touch()
+        return partial(shutil.rmtree, crowd)
 
     def forbid(self) -> Callable[[], None]:
         """Let nothing be made, changed or removed by its name; files that are open stay so.

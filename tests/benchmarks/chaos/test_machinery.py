@@ -23,6 +23,11 @@ def test_a_disk_is_full_and_read_only_for_a_while_and_its_files_stay(tmp_path: P
             (disk.folder / "more").write_bytes(bytes(4096))
         give_back()
         (disk.folder / "more").write_bytes(bytes(4096))
+        remove = disk.crowd()
+        (disk.folder / "more").write_bytes(bytes(8192))
+        with pytest.raises(OSError, match="No space left"):
+            (disk.folder / "another").touch()
+        remove()
         allow = disk.forbid()
         with pytest.raises(OSError, match="Read-only"):
             (disk.folder / "more").write_bytes(b"")

@@ -1,6 +1,7 @@
 """Pages over HTTP: what they say, who is let in, and that nobody can hold up a run."""
 
 import contextlib
+import re
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -132,6 +133,61 @@ def test_who_does_not_read_its_answer_is_cut_off(monkeypatch: pytest.MonkeyPatch
         slow.sendall(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert slow.recv(12) == b"HTTP/1.1 200"
         wait_until(lambda: not server._server.server_state.connections, "it is cut off")
+
+
+ASKED = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
+
+
+def say(address: str, words: bytes) -> bytes:
+    """Returns all that is answered until it is hung up on."""
+    with socket.create_connection(check_address(address), PATIENCE) as stranger:
+        found = b""
+        with contextlib.suppress(ConnectionError):  # it need not hear the rest
+            stranger.sendall(words)
+        with contextlib.suppress(ConnectionError):
+            while some := stranger.recv(2**16):
+                found += some
+        return found
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(b"GET /" + b"a" * 2**20 + b" HTTP/1.1\r\n\r\n", b"a" * 2**20, b"\x16\x03\x01" * 99),
+        ASKED + b"".join(b"x%d: y\r\n" % number for number in range(100_000)) + b"\r\n",
+        b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n",
+    ],
+    ids=["long line", "no line", "TLS", "headers", "HTTP/2"],
+)
+def test_what_is_no_request_is_refused_and_others_are_answered(address: str, words: bytes) -> None:
+    assert re.match(rb"HTTP/1.1 [45]|$", say(address, words))  # or it is only hung up on
+    assert get(address, "/healthz") == (200, "ok\n")
+
+
+def test_a_body_without_end_is_not_waited_for(address: str) -> None:
+    said = ASKED.replace(b"GET", b"POST") + b"Content-Length: 100000000000\r\n\r\n"
+    assert say(address, said).startswith(b"HTTP/1.1 405")
+    assert get(address, "/healthz") == (200, "ok\n")
+
+
+def test_requests_that_come_at_once_are_all_answered(address: str) -> None:
+    told = say(address, (ASKED + b"\r\n") * 99 + ASKED + b"Connection: close\r\n\r\n")
+    assert told.count(b"HTTP/1.1 200 OK") == 100
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(b"GET /hea", ASKED, ASKED + b"Content-Length: 9\r\n\r\nab"),
+        ASKED + b"Content-Length: 3\r\nTransfer-Encoding: chunked\r\n\r\nxxx",
+    ],
+)
+def test_half_a_request_is_hung_up_on(words: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http_server, "_SLOWEST", 0.1)
+    address = free_endpoint().removeprefix("tcp/")
+    with http_endpoints(address, lambda: PAGES):
+        say(address, words)
+        assert get(address, "/healthz") == (200, "ok\n")
 
 
 def test_no_address_serves_nothing() -> None:
