@@ -328,7 +328,7 @@ def test_training_waits_while_the_disk_is_full(stage: Stage, tmp_path: Path) -> 
     assert (stage.run / "checkpoint.safetensors").stat().st_mtime_ns > written
 
 
-@pytest.mark.parametrize("fault", [Disk.fill, Disk.forbid])
+@pytest.mark.parametrize("fault", [Disk.fill, Disk.crowd, Disk.forbid])
 def test_a_replay_that_finds_no_room_tries_again(
     stage: Stage, fault: Callable[[Disk], Callable[[], None]]
 ) -> None:
@@ -345,6 +345,20 @@ def test_a_replay_that_finds_no_room_tries_again(
         replay.says("replay of run r")
         replay.send(signal.SIGTERM)
         replay.ends()
+
+
+def test_a_run_whose_folder_is_removed_ends_with_one_sentence(stage: Stage) -> None:
+    """The folder is a link to another disk, as people have it, and works like any other."""
+    place = stage.folder / "elsewhere"
+    place.mkdir()
+    stage.run.parent.mkdir()
+    stage.run.symlink_to(place)
+    learner = stage.learner("--local", "--evaluators=0", "--env=ale", *SMALL)
+    wait_until((place / "epochs.csv").exists, "an epoch is complete")
+    place.rename(stage.folder / "removed")
+    said = learner.ends(2)
+    assert "error: runs/r" in said.splitlines()[-1]
+    assert "Traceback" not in said
 
 
 def test_a_learner_that_waits_for_room_can_be_stopped(stage: Stage, tmp_path: Path) -> None:
