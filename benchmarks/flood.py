@@ -118,16 +118,14 @@ class Training(HostedRun):
         flooder.ask("flood")
         return flooder
 
-    def await_flood(self, flooder: Helper) -> None:
+    def await_flood(self) -> None:
         """Returns when the flood is more than the hub takes.
 
         Raises:
             InputError: a process ended, or what the flooder sends is within its quota.
         """
         deadline = time.monotonic() + _PATIENCE
-        while not (flooder.ask("counts").get("chunks unanswered") and self._heartbeats):
-            self.check()
-            time.sleep(_POLL)
+        while not (self._values()["stream/over_quota"] and self._heartbeats):
             if time.monotonic() > deadline:
                 raise InputError(f"the flood is within the quota: {_BUSY}")
 
@@ -186,7 +184,7 @@ def measure_turn(
         flooder = stack.enter_context(run.flood()) if flooded else None
         beside = flooder
         if flooder is not None:
-            run.await_flood(flooder)
+            run.await_flood()
         elif busy:
             beside = Helper("the busy process", "benchmarks.busy", cores=busy)
             stack.enter_context(beside)

@@ -50,7 +50,7 @@ class Containers:
         }
         found = re.compile("|".join(map(re.escape, places)))
         command = [found.sub(lambda at: places[at[0]], word) for word in self._commands[name]]
-        if not self._compose:  # whose commands come from the same functions
+        if name != "replay" or not self._compose:
             command = _of_this_python(command)
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         with (self._folder / f"{name}.log").open("ab") as log:
@@ -85,6 +85,7 @@ def _of_this_python(command: list[str]) -> list[str]:
     return [sys.executable, *command[1:]]
 
 
+@pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize("engine", COMMANDS)
 def test_the_commands_are_a_run_and_its_replay_may_die(
     engine: str,
@@ -92,9 +93,7 @@ def test_the_commands_are_a_run_and_its_replay_may_die(
     tmp_path: Path,
     request: pytest.FixtureRequest,
 ) -> None:
-    """Compose's programs are started as an engine would, Kubernetes' are forked."""
-    if engine == "kubernetes":
-        request.getfixturevalue("forks")
+    """Compose's replay, which loads no PyTorch, is started as by an engine, others forked."""
     flags = ("--env=ale", "--steps=300", *SMALL)  # over before a test, which wants an evaluator
     place = launch(monkeypatch, engine, tmp_path / "runs", *flags)
     containers = Containers(COMMANDS[engine](place), tmp_path, compose=engine == "compose")

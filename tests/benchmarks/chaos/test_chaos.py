@@ -21,6 +21,8 @@ AT_THE_EVALUATOR = {
     "network away, what was sent arrives later",
 }
 """Faults that strike an evaluator here, whatever the seed draws; none is ever missing."""
+LITTLE = ("--learning.train-period=4", "--learning.batch-size=8")
+"""Flags by which the learner leaves the cores to others."""
 
 
 def start(module: str, *arguments: str, log: Path) -> Child:
@@ -40,7 +42,7 @@ def test_no_kind_of_fault_costs_an_acknowledged_chunk(monkeypatch: pytest.Monkey
     for name, member in FORKING.items():  # an actor of a former version is started, as a program
         monkeypatch.setattr(Child, name, member, raising=False)
     monkeypatch.setattr("benchmarks.chaos.__main__.Cluster", partial(Cluster, start=start))
-    monkeypatch.setattr("benchmarks.chaos.__main__.FLAGS", (*FLAGS, "--learning.train-period=4"))
+    monkeypatch.setattr("benchmarks.chaos.__main__.FLAGS", (*FLAGS, *LITTLE))
     # It ends with the last fault, however slow the machine is.
     for module in ("faults", "storm", "__main__"):
         monkeypatch.setattr(f"benchmarks.chaos.{module}.PATIENCE", PATIENCE)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,16 +22,17 @@ from tests.paths import ROOT
 POLICY = ROOT / "policies" / "ale_pong.safetensors"
 
 
-def played(flags: Sequence[str], trained: RunConfig) -> RunConfig:
+@cache
+def played(flags: tuple[str, ...], trained: RunConfig) -> RunConfig:
     return parse_run(LearnerOptions, "learner", flags, lambda _: trained)[0].config
 
 
 @pytest.mark.parametrize("rung", list(FLAGS))
 def test_a_rung_is_the_same_for_networks_of_all_rungs(rung: Rung) -> None:
-    expected = played(FLAGS[rung], PRESETS["fast"])
+    expected = played(tuple(FLAGS[rung]), PRESETS["fast"])
     for other in FLAGS:
-        trained = played(FLAGS[other], PRESETS["fast"])
-        assert played(transfer.rung_flags(rung), trained) == expected
+        trained = played(tuple(FLAGS[other]), PRESETS["fast"])
+        assert played(tuple(transfer.rung_flags(rung)), trained) == expected
 
 
 def test_table_and_json(
