@@ -64,12 +64,18 @@ test-extras: setup  ## install the optional extras, all but Ray, and run the tes
 test-slow: setup  ## the tests that take minutes each
 	$(BIN)/python -m pytest -m slow
 
-test-lowest:  ## the test suite with the oldest versions that pyproject.toml allows, in .venv-lowest
+OLDEST_TORCH = $(shell sed -n 's/^ *"\(torch\)>=\(.*\)",/\1==\2/p' pyproject.toml)
+
+test-lowest: setup  ## the test suite with the oldest versions that pyproject.toml allows, in .venv-lowest
 	$(PYTHON) -m venv --clear $(VENV)-lowest
-	sed -n '/^dependencies/,/^]/s/^ *"\(.*\)>=\(.*\)",/\1==\2/p' pyproject.toml > $(VENV)-lowest/lowest.txt
+	@# uv, which knows nothing of pip's indexes, keeps the build of PyTorch that pip has found.
 	$(VENV)-lowest/bin/python -m pip install --quiet --disable-pip-version-check \
-		-r $(VENV)-lowest/lowest.txt --editable ".[dev]"
-	$(VENV)-lowest/bin/python -m pytest -m "not slow"
+		$$($(WANTS_CPU_TORCH) && echo --extra-index-url $(CPU_TORCH)) $(OLDEST_TORCH)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	$(BIN)/uv pip install --quiet --python $(VENV)-lowest/bin/python --resolution lowest-direct \
+		--editable ".[dev]"
+	@rm -rf *.egg-info  # it would stand for the installed metadata
+	@$(MAKE) --no-print-directory suite BIN=$(VENV)-lowest/bin
 
 bench: setup  ## measure all speeds on this machine, an hour; the tables of benchmarks/RESULTS.md
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
