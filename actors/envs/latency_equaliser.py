@@ -44,6 +44,7 @@ class LatencyEqualiser:
         self.seen_late = 0
         """Emulator frames by which the eye's pictures are late."""
         self._keys_by_latency: dict[tuple[int, int], int] = {(0, 0): ~0}
+        """The quickest first."""
         self._passed_on: int
         """What the hands were told last."""
         self._forget()
@@ -51,11 +52,12 @@ class LatencyEqualiser:
     def time(self, keys: Keys) -> None:
         """Find out how long the hands take to release and to press each of ``keys``; they are at
         rest afterwards."""
-        self._keys_by_latency = {}
+        keys_by_latency: dict[tuple[int, int], int] = {}
         for key, (release, press) in key_latencies(self._hands, keys, self._give).items():
             # A command that pressed a key sooner than it releases another would take two.
             latency = release, min(press, release + GAP)
-            self._keys_by_latency[latency] = self._keys_by_latency.get(latency, 0) | key
+            keys_by_latency[latency] = keys_by_latency.get(latency, 0) | key
+        self._keys_by_latency = dict(sorted(keys_by_latency.items()))
         self.rest()
 
     @property
@@ -85,10 +87,11 @@ class LatencyEqualiser:
                 self._held_in(frames)
                 for frames in range(min(release, press), max(release, press) + 1)
             ]
-            due |= keys & reduce(or_ if press > release else and_, coming)
-        for pair in OPPOSITES:
-            if due & pair == pair:  # too slow for the gap: the old key keeps its time
-                due &= self._passed_on | ~pair
+            keys &= reduce(or_ if press > release else and_, coming)
+            for pair in OPPOSITES:
+                if due & pair:  # a quicker key opposite is to be held sooner
+                    keys &= ~pair
+            due |= keys
         return due
 
     def _given_ago(self, due: int) -> int:

@@ -10,7 +10,7 @@ from actors.envs.late_commands import hands_of
 from actors.envs.latency_equaliser import GAP, LatencyEqualiser
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
-from common.actions import KEYS_OF_ACTION, Keys
+from common.actions import KEYS_OF_ACTION, OPPOSITES, Keys
 from common.run.conditions import PlayConfig
 
 EQUAL = 12
@@ -60,6 +60,50 @@ def test_each_key_is_as_late_as_asked_or_as_its_hands_are(
     release = max(latency, EQUAL)
     slowest = max(latency + press, EQUAL + GAP)
     assert play(equal(latency, press), actions) == schedule(actions, release, slowest)
+
+
+class UnevenHands:
+    """Hands of which each key takes its own numbers of frames to be released and to be pressed."""
+
+    LATENCIES = {  # noqa: RUF012
+        Keys.LEFT: (0, 0), Keys.RIGHT: (5, 6), Keys.UP: (3, 1), Keys.DOWN: (0, 2),
+        Keys.FIRE: (2, 2),
+    }  # fmt: skip
+
+    def __init__(self) -> None:
+        self.rest()
+
+    @property
+    def held(self) -> Keys:
+        return self._held
+
+    def rest(self) -> None:
+        self._held = self._wanted = Keys.NONE
+        self._since = dict.fromkeys(self.LATENCIES, 100)
+
+    def command(self, keys: Keys) -> None:
+        assert not any(keys & pair == pair for pair in OPPOSITES)
+        for key in keys ^ self._wanted:
+            self._since[key] = 0
+        self._wanted = keys
+
+    def step_frame(self) -> Keys:
+        for key, latencies in self.LATENCIES.items():
+            wanted = self._wanted & key
+            if self._since[key] >= latencies[bool(wanted)]:
+                self._held = self._held & ~key | wanted
+            self._since[key] += 1
+        return self._held
+
+
+@given(ACTIONS)
+@example([4, 3, 4])
+def test_a_slow_key_takes_no_time_of_a_quick_one(actions: list[int]) -> None:
+    waiting = LatencyEqualiser(UnevenHands(), EQUAL)
+    waiting.time(ALL)
+    felt, due = play(waiting, actions), schedule(actions, EQUAL, EQUAL + GAP)
+    for key in (Keys.LEFT, Keys.FIRE):
+        assert [keys & key for keys in felt] == [keys & key for keys in due]
 
 
 def test_what_is_seen_late_leaves_the_hands_less_time() -> None:
