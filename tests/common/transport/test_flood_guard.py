@@ -31,7 +31,8 @@ class Crowd:
 
     def actor(self, name: str) -> Requester:
         client = connect(self._address, PATIENCE, name=name, certificates=self._folder)
-        return self._stack.enter_context(client).requester(KEYS.insert(name), PATIENCE)
+        # What is sent over a connection that is ignored gets no answer: ask again, as actors do.
+        return self._stack.enter_context(client).requester(KEYS.insert(name), 5.0)
 
     def learner(self) -> Transport:
         client = connect(self._address, PATIENCE, role="learner", certificates=self._folder)
