@@ -50,15 +50,14 @@ class LatencyEqualiser:
         self._forget()
 
     def time(self, keys: Keys) -> None:
-        """Find out how long the hands take to release and to press each of ``keys``; they are at
-        rest afterwards."""
+        """Find out how long the hands take to release and to press each of ``keys``; let them rest
+        afterwards."""
         keys_by_latency: dict[tuple[int, int], int] = {}
         for key, (release, press) in key_latencies(self._hands, keys, self._give).items():
             # A command that pressed a key sooner than it releases another would take two.
             latency = release, min(press, release + GAP)
             keys_by_latency[latency] = keys_by_latency.get(latency, 0) | key
         self._keys_by_latency = dict(sorted(keys_by_latency.items()))
-        self.rest()
 
     @property
     def held(self) -> Keys:
@@ -98,7 +97,7 @@ class LatencyEqualiser:
         """How many emulator frames ago the agent gave the command by which ``due`` is due."""
         pressed = due & ~self._passed_on
         changed = pressed or self._passed_on & ~due
-        lead = self._latency - self.seen_late + (GAP if pressed else 0)
+        lead = self._latency - self.seen_late
         own = [
             latency[bool(pressed)]
             for latency, keys in self._keys_by_latency.items()

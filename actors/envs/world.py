@@ -90,9 +90,9 @@ class World:
         """Take the hands of ``play``, and let a new game begin as `restart` does."""
         self._take_hands(play, rng)
         self.see_late(0)
-        self.restart()
         if self._equaliser is not None:
             self._equaliser.time(reduce(or_, (KEYS_OF_ACTION[each] for each in self._game.actions)))
+        self.restart()
 
     def see_late(self, frames: int) -> None:
         """The eye's pictures are late by so many emulator frames: what is felt is told as late, so

@@ -55,3 +55,20 @@ def test_jitter_moves_the_result_by_no_more_than_itself() -> None:
     for release, press in key_latencies(hands, PONG).values():
         assert 4 <= release <= 6
         assert 4 <= press <= 6
+
+
+class Wavering(Uneven):
+    """Hands that press FIRE later in some tries than in others."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._tries = iter((5, 3, 4))
+
+    def command(self, keys: Keys) -> None:
+        super().command(keys)
+        if keys:
+            self.press = {Keys.FIRE: next(self._tries)}
+
+
+def test_the_soonest_try_counts() -> None:
+    assert key_latencies(Wavering(), Keys.FIRE) == {Keys.FIRE: (0, 3)}
