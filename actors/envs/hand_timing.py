@@ -5,14 +5,13 @@ Nobody tells it. No game goes on meanwhile.
 
 from collections.abc import Callable
 
+from actors.envs.key_timing import LONGEST
 from actors.robots.interface import Hands
 from common.actions import Keys
 
 _RESTS = (8, 9, 10)
 """Emulator frames in which hands come to rest on or above a key, one number for each try. The
 soonest try counts: commands may jitter."""
-_LONGEST = 60
-"""Emulator frames after which a key is given up, 1 s."""
 
 
 def key_latencies(
@@ -37,11 +36,12 @@ def key_latencies(
 
 
 def _until(hands: Hands, command: Keys, key: Keys, rest: int, give: Callable[[int], None]) -> int:
-    """Returns the frames in which ``key`` becomes as commanded; the hands rest afterwards."""
+    """Returns the frames in which ``key`` becomes as commanded, or `LONGEST`; the hands rest
+    afterwards."""
     give(0)
     hands.command(command)
     frames = 0
-    while hands.step_frame() & key != command and frames < _LONGEST:
+    while hands.step_frame() & key != command and frames < LONGEST:
         frames += 1
     for _ in range(rest):
         hands.step_frame()

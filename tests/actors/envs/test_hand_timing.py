@@ -8,6 +8,7 @@ from actors.envs.hand_timing import key_latencies
 from actors.envs.late_commands import hands_of
 from common.actions import Keys
 from common.run.conditions import PlayConfig
+from tests.actors.envs.uneven_hands import UnevenHands
 
 PONG = Keys.LEFT | Keys.RIGHT | Keys.FIRE
 
@@ -20,32 +21,9 @@ def test_each_key_has_its_latencies(latency: int, press: int) -> None:
     assert found == dict.fromkeys((Keys.LEFT, Keys.RIGHT, Keys.FIRE), (latency, latency + press))
 
 
-class Uneven:
-    """Hands of which each key has its own latency, and of which one is stuck."""
-
-    press = {Keys.UP: 2, Keys.FIRE: 5}  # noqa: RUF012
-
-    def __init__(self) -> None:
-        self.rest()
-
-    @property
-    def held(self) -> Keys:
-        return Keys.NONE
-
-    def rest(self) -> None:
-        self._wanted, self._frames = Keys.NONE, 0
-
-    def command(self, keys: Keys) -> None:
-        self._wanted, self._frames = keys, 0
-
-    def step_frame(self) -> Keys:
-        self._frames += 1
-        late = self.press.get(self._wanted, 1000)
-        return self._wanted if self._frames > late else Keys.NONE
-
-
 def test_each_key_is_timed_by_itself_and_a_stuck_one_is_given_up() -> None:
-    found = key_latencies(Uneven(), Keys.UP | Keys.FIRE | Keys.LEFT)
+    stuck = UnevenHands({Keys.UP: (0, 2), Keys.FIRE: (0, 5), Keys.LEFT: (0, 1000)})
+    found = key_latencies(stuck, Keys.UP | Keys.FIRE | Keys.LEFT)
     assert found == {Keys.UP: (0, 2), Keys.FIRE: (0, 5), Keys.LEFT: (0, 60)}
 
 
@@ -57,17 +35,17 @@ def test_jitter_moves_the_result_by_no_more_than_itself() -> None:
         assert 4 <= press <= 6
 
 
-class Wavering(Uneven):
+class Wavering(UnevenHands):
     """Hands that press FIRE later in some tries than in others."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__({Keys.FIRE: (0, 0)})
         self._tries = iter((5, 3, 4))
 
     def command(self, keys: Keys) -> None:
         super().command(keys)
         if keys:
-            self.press = {Keys.FIRE: next(self._tries)}
+            self.latencies = {Keys.FIRE: (0, next(self._tries))}
 
 
 def test_the_soonest_try_counts() -> None:

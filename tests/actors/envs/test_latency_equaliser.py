@@ -10,8 +10,9 @@ from actors.envs.late_commands import hands_of
 from actors.envs.latency_equaliser import GAP, LatencyEqualiser
 from actors.envs.robot import RobotEnv
 from actors.robots.interface import Hands
-from common.actions import KEYS_OF_ACTION, OPPOSITES, Keys
+from common.actions import KEYS_OF_ACTION, Keys
 from common.run.conditions import PlayConfig
+from tests.actors.envs.uneven_hands import UnevenHands
 
 EQUAL = 12
 ALL = Keys(31)
@@ -63,44 +64,15 @@ def test_each_key_is_as_late_as_asked_or_as_its_hands_are(
     assert play(equal(latency, press), actions) == schedule(actions, release, slowest)
 
 
-class UnevenHands:
-    """Hands of which each key takes its own numbers of frames to be released and to be pressed."""
-
-    LATENCIES = {  # noqa: RUF012
-        Keys.LEFT: (5, 6), Keys.RIGHT: (0, 0), Keys.UP: (3, 1), Keys.DOWN: (0, 2),
-        Keys.FIRE: (2, 2),
-    }  # fmt: skip
-
-    def __init__(self) -> None:
-        self.rest()
-
-    @property
-    def held(self) -> Keys:
-        return self._held
-
-    def rest(self) -> None:
-        self._held = self._wanted = Keys.NONE
-        self._since = dict.fromkeys(self.LATENCIES, 100)
-
-    def command(self, keys: Keys) -> None:
-        assert not any(keys & pair == pair for pair in OPPOSITES)
-        for key in keys ^ self._wanted:
-            self._since[key] = 0
-        self._wanted = keys
-
-    def step_frame(self) -> Keys:
-        for key, latencies in self.LATENCIES.items():
-            wanted = self._wanted & key
-            if self._since[key] >= latencies[bool(wanted)]:
-                self._held = self._held & ~key | wanted
-            self._since[key] += 1
-        return self._held
+UNEVEN = {
+    Keys.LEFT: (5, 6), Keys.RIGHT: (0, 0), Keys.UP: (3, 1), Keys.DOWN: (0, 2), Keys.FIRE: (2, 2),
+}  # fmt: skip
 
 
 @given(ACTIONS)
 @example([3, 4, 3])
 def test_a_slow_key_takes_no_time_of_a_quick_one(actions: list[int]) -> None:
-    waiting = LatencyEqualiser(UnevenHands(), EQUAL)
+    waiting = LatencyEqualiser(UnevenHands(UNEVEN), EQUAL)
     waiting.time(ALL)
     waiting.rest()
     felt, due = play(waiting, actions), schedule(actions, EQUAL, EQUAL + GAP)

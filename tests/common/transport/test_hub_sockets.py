@@ -4,8 +4,8 @@ import fcntl
 import os
 import socket
 import termios
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 import pytest
 
@@ -50,6 +50,22 @@ def test_a_file_that_took_a_sockets_number_is_left_as_it_was(
     assert len(os.listdir("/proc/self/fd")) == len(before)
 
 
+Connection = tuple[socket.socket, socket.socket]
+
+
+@contextmanager
+def two_connections() -> Iterator[tuple[int, Connection, Connection]]:
+    """A port and both sides of two connections to it, theirs first."""
+    with (
+        socket.create_server(("127.0.0.1", 0)) as ours,
+        socket.create_connection(ours.getsockname()) as first,
+        socket.create_connection(ours.getsockname()) as second,
+        ours.accept()[0] as accepted,
+        ours.accept()[0] as still,
+    ):
+        yield ours.getsockname()[1], (first, accepted), (second, still)
+
+
 def end_first(port: int, first: Address, second: Address) -> None:
     end_connections(port, {first})
 
@@ -63,16 +79,12 @@ def test_what_came_over_each_connection_is_known_and_one_of_them_can_be_ended(
     end: Callable[[int, Address, Address], None],
 ) -> None:
     with (
-        socket.create_server(("127.0.0.1", 0)) as ours,
-        socket.create_connection(ours.getsockname()) as first,
-        socket.create_connection(ours.getsockname()) as second,
-        ours.accept()[0] as accepted,
-        ours.accept()[0] as still,
+        two_connections() as (port, (first, accepted), (second, still)),
         socket.create_server(("127.0.0.1", 0)) as other,
         socket.create_connection(other.getsockname()),
         other.accept()[0],
     ):
-        port, before = ours.getsockname()[1], os.listdir("/proc/self/fd")
+        before = os.listdir("/proc/self/fd")
         first.sendall(bytes(1_000))
         accepted.recv(1_000, socket.MSG_WAITALL)
         assert bytes_received(port) == {first.getsockname(): 1_000, second.getsockname(): 0}
@@ -91,14 +103,8 @@ def test_what_an_ignored_connection_says_is_not_received_and_it_can_still_be_end
         told = fcntl.ioctl(opened, termios.TIOCOUTQ, bytes(4))
         return int.from_bytes(told, "little")
 
-    with (
-        socket.create_server(("127.0.0.1", 0)) as ours,
-        socket.create_connection(ours.getsockname()) as first,
-        socket.create_connection(ours.getsockname()) as second,
-        ours.accept()[0] as accepted,
-        ours.accept()[0] as still,
-    ):
-        port, name = ours.getsockname()[1], first.getsockname()
+    with two_connections() as (port, (first, accepted), (second, still)):
+        name = first.getsockname()
         ignore_connections(port, {name})
         first.setblocking(False)
         with suppress(BlockingIOError):
