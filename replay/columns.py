@@ -6,6 +6,7 @@ fresh file it is 40 times as fast as storing through the mapping).
 """
 
 import contextlib
+import errno
 import fcntl
 import math
 import os
@@ -79,6 +80,7 @@ class Columns:
         created: list[Path] = []
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
+            self._expect_room(sizes)
             for name, size in sizes.items():
                 path = self._path(name)
                 if not path.exists():
@@ -104,6 +106,13 @@ class Columns:
                 f"them ({error.strerror}): free some space, name another folder with --runs, "
                 "or lower --replay.capacity."
             ) from None
+
+    def _expect_room(self, sizes: dict[str, int]) -> None:
+        """Raises OSError rather than let files that cannot fit fill the disk before they fail."""
+        disk = os.statvfs(self.folder)
+        new = sum(size for name, size in sizes.items() if not self._path(name).exists())
+        if new > disk.f_bavail * disk.f_frsize:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _map(self, name: str, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
         if 0 in shape:

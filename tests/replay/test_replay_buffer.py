@@ -701,6 +701,15 @@ def test_no_space_is_said_with_the_bytes_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_ring_that_cannot_fit_does_not_fill_the_disk_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("replay.columns.os.posix_fallocate", lambda *_: pytest.fail("it tried"))
+    with pytest.raises(InputError, match="No space left"):
+        ReplayBuffer(make_config(capacity=2**40), tmp_path / "ring")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_actions_are_those_of_the_runs_game(tmp_path: Path) -> None:
     config = make_config(minimal_actions=True)  # Pong's own
     buffer, rng = ReplayBuffer(config, tmp_path), np.random.default_rng(0)
