@@ -2,13 +2,9 @@
 
 import json
 import re
-import shutil
 import subprocess
-import sys
-import urllib.parse
 import urllib.request
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,17 +16,8 @@ from common.protocol.run_status import HealthCheck
 from deploy.grafana import DASHBOARD, dashboard, flat, text
 from learner.telemetry.sinks.prometheus import PrometheusSink
 from learner.telemetry.snapshot import ActorView
+from tests.deploy.prometheus import PROMETHEUS, panels_of, prometheus, tool
 from tests.learner.telemetry.snapshots import snapshot
-from tests.paths import ROOT
-from tests.patience import wait_until
-
-PROMETHEUS = ROOT / "deploy/prometheus"
-
-
-def tool(name: str) -> str:
-    """Path of a program that the test is skipped without."""
-    found = shutil.which(name) or shutil.which(name, path=str(Path(sys.executable).parent))
-    return found or pytest.skip(f"{name} is not installed: deploy/install_test_tools.sh brings it")
 
 
 def names_in(text: str) -> set[str]:
@@ -48,11 +35,6 @@ def test_every_figure_that_is_named_exists(file: Path) -> None:
     named = names_in(file.read_text())
     assert len(named) > 5
     assert named - told_names() == set()
-
-
-def panels_of(board: dict[str, Any]) -> list[dict[str, Any]]:
-    """Panels that show something, those in closed rows too."""
-    return [panel for panel in flat(board["panels"]) if panel["type"] != "row"]
 
 
 def test_the_dashboard_is_what_is_written_from_the_table() -> None:
@@ -123,8 +105,8 @@ def test_each_alert_fires_and_is_silent_of_a_healthy_run() -> None:
 
 
 def test_a_real_prometheus_reads_a_learner_and_answers_every_panel(tmp_path: Path) -> None:
-    prometheus, promtool = tool("prometheus"), tool("promtool")
-    page, own = (free_endpoint().removeprefix("tcp/") for _ in range(2))
+    promtool = tool("promtool")
+    page = free_endpoint().removeprefix("tcp/")
     sink = PrometheusSink()
     known = {metric.key: 1 for metric in METRICS.values() if metric.form != "text"}
     values = {"learning/updates": 1_250, "hands/press_p99": 66.5, "replay/private_bytes": None}
@@ -141,23 +123,6 @@ def test_a_real_prometheus_reads_a_learner_and_answers_every_panel(tmp_path: Pat
         )
 
     write(values)
-    told = (PROMETHEUS / "prometheus.yml").read_text()
-    config = tmp_path / "prometheus.yml"
-    config.write_text(told.replace("127.0.0.1:9108", page).replace("15s", "200ms"))
-    shutil.copy(PROMETHEUS / "alerts.yml", tmp_path)
-
-    def ask(query: str) -> list[dict[str, Any]]:
-        asked = urllib.parse.urlencode({"query": query})
-        with urllib.request.urlopen(f"http://{own}/api/v1/query?{asked}", timeout=5) as told:
-            found: list[dict[str, Any]] = json.load(told)["data"]["result"]
-            return found
-
-    def scraped() -> bool:
-        try:
-            return bool(ask("ale_robot_gates_red"))
-        except OSError:
-            return False
-
     with http_endpoints(page, sink.pages):
         with urllib.request.urlopen(f"http://{page}/metrics", timeout=5) as answer:
             metrics = answer.read()
@@ -165,27 +130,12 @@ def test_a_real_prometheus_reads_a_learner_and_answers_every_panel(tmp_path: Pat
             [promtool, "check", "metrics"], input=metrics, capture_output=True, check=False
         )
         assert (lint.returncode, lint.stdout + lint.stderr) == (0, b"")
-        files = (f"--config.file={config}", f"--storage.tsdb.path={tmp_path / 'data'}")
-        process = subprocess.Popen(
-            [prometheus, *files, f"--web.listen-address={own}", "--log.level=error"]
-        )
-        try:
-            wait_until(scraped, "Prometheus has read the learner's page")
-            (updates,) = ask("ale_robot_learning_updates_total")
+        with prometheus(page, tmp_path) as told:
+            (updates,) = told.ask("ale_robot_learning_updates_total")
             assert (updates["value"][1], updates["metric"]["job"]) == ("1250", "ale-robot-learner")
-            assert ask("ale_robot_hands_press_p99_seconds")[0]["value"][1] == "0.0665"
-            assert ask("ale_robot_replay_private_bytes") == []
-            assert ask("ale_robot_actor_steps_total")[0]["metric"]["actor"] == "a-1"
-            assert ask("ale_robot_gates_red")[0]["metric"]["check"] == "valid frames"
+            assert told.ask("ale_robot_hands_press_p99_seconds")[0]["value"][1] == "0.0665"
+            assert told.ask("ale_robot_replay_private_bytes") == []
+            assert told.ask("ale_robot_actor_steps_total")[0]["metric"]["actor"] == "a-1"
+            assert told.ask("ale_robot_gates_red")[0]["metric"]["check"] == "valid frames"
             write({})
-            for panel in panels_of(json.loads(DASHBOARD.read_text())):
-                for target in panel["targets"]:
-                    found = wait_until(
-                        lambda target=target: ask(target["expr"]),  # a rate needs two readings
-                        f"{panel['title']} has {target['expr']}",
-                    )
-                    labels = set(re.findall(r"{{(\w+)}}", target["legendFormat"]))
-                    assert all(labels <= series["metric"].keys() for series in found)
-        finally:
-            process.kill()
-            process.wait()
+            told.ask_every_panel()
