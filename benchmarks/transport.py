@@ -13,7 +13,7 @@ from benchmarks.child import Helper
 from benchmarks.hosted_run import RUN, HostedRun
 from benchmarks.report import BenchmarkOptions, Report, Seconds, main
 from common.checked import FromOne
-from common.run.config import StreamConfig
+from common.run.config import LearningConfig, StreamConfig
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,10 @@ class Options(BenchmarkOptions):
     """Steps of a chunk."""
     capacity: int = 50_000
     """Steps in the replay."""
+    batch_size: FromOne = LearningConfig().batch_size
+    """Transitions of a batch."""
+    paced: FromOne = 20_000
+    """Steps a second that the senders together hand in where they do not hand in what they can."""
     sampler: Literal["uniform", "prioritised"] = "prioritised"
     """How batches are drawn; prioritised ones are also given new priorities, by an RPC more."""
 
@@ -44,12 +48,18 @@ class Exchange(HostedRun):
             *("--replay.capacity", str(options.capacity), "--replay.learning-starts", "64"),
             *("--replay.ratio-tolerance", str(10**9), "--actor-quota", str(10**9)),
             *("--stream.chunk-steps", str(options.chunk_steps)),
+            *("--learning.batch-size", str(options.batch_size)),
         )
         self._options = options
         self._clients = 0
 
-    def measure(self, roles: Sequence[str], window: int | None = None) -> list[dict[str, Any]]:
+    def measure(
+        self, roles: Sequence[str], window: int | None = None, pace: float | None = None
+    ) -> list[dict[str, Any]]:
         """Returns what processes of these roles count while all work at once; in the same order.
+
+        Args:
+            pace: steps a second of each sender; None for as many as it can.
 
         Raises:
             InputError: one of them failed, and has said why.
@@ -62,7 +72,8 @@ class Exchange(HostedRun):
             for client in clients:
                 client.ask("wait")
             for client, role in zip(clients, roles, strict=True):
-                client.begin(role, self._options.seconds)
+                given = (pace,) if role == "send" else ()
+                client.begin(role, self._options.seconds, *given)
             return [client.hear() for client in clients]
 
     def _client(self, role: str, window: int) -> Helper:
@@ -101,19 +112,24 @@ def measure(options: Options) -> Report:
         insert = together(exchange.measure(senders))
         sample = exchange.measure(["draw"])[0]
         *sent, sample_at_once = exchange.measure([*senders, "draw"])
+        pace = options.paced / options.senders
+        *sent_paced, sample_beside = exchange.measure([*senders, "draw"], pace=pace)
     found = {
         "insert_one_at_a_time": ("chunks, one at a time", single),
         "insert": (f"chunks, {options.window} under way", insert),
         "sample": ("batches", sample),
         "insert_at_once": ("at once: chunks", together(sent)),
         "sample_at_once": ("at once: batches", sample_at_once),
+        "insert_paced": (f"paced, {options.paced:,} steps/s: chunks", together(sent_paced)),
+        "sample_beside_paced": ("beside these: batches", sample_beside),
     }
-    settings = {name: getattr(options, name) for name in ("senders", "window", "sampler")}
+    told = ("chunk_steps", "batch_size", "senders", "window", "sampler", "paced")
     return Report.of(
         f"Zenoh on loopback: chunks of {options.chunk_steps} steps from {options.senders} "
-        f"sender{'s' if options.senders > 1 else ''}, {options.sampler} batches of 32",
+        f"sender{'s' if options.senders > 1 else ''}, {options.sampler} batches of "
+        f"{options.batch_size}",
         [row(*each) for each in found.values()],
-        {"chunk_steps": options.chunk_steps, "batch_size": 32, **settings}
+        {name: getattr(options, name) for name in told}
         | {name: figures for name, (_, figures) in found.items()},
     )
 

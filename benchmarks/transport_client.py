@@ -74,8 +74,12 @@ class Client:
     def wait(self) -> None:
         """Returns when it has joined."""
 
-    def send(self, seconds: float) -> dict[str, Any]:
-        """Encode and send chunks, as fast as the window lets it; returns what was counted."""
+    def send(self, seconds: float, pace: float | None) -> dict[str, Any]:
+        """Encode and send chunks, as fast as the window lets it; returns what was counted.
+
+        Args:
+            pace: steps a second at most.
+        """
         latencies = time_requests(self._transport)
         outbox = InsertClient(
             Member(
@@ -84,13 +88,19 @@ class Client:
             )
         )
         streams = Streams(self._keys.run_id, (self._name,), self._config)
+        steps = self._config.stream.chunk_steps
+        due = time.perf_counter()
 
         def action() -> int:
+            nonlocal due
+            if pace is not None:
+                time.sleep(max(due - time.perf_counter(), 0.0))
+                due += steps / pace
             payload = streams.next().encode()
             outbox.send(payload)
             return len(payload)
 
-        found = _figures(action, self._config.stream.chunk_steps, latencies, seconds)
+        found = _figures(action, steps, latencies, seconds)
         outbox.flush(_FLUSH)
         counted = ("retried", "refused", "unacknowledged")
         return found | {name: getattr(outbox, name) for name in counted}

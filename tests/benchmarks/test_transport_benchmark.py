@@ -33,6 +33,14 @@ def test_chunks_and_batches_at_once() -> None:
         assert each["seconds"] >= 0.3
 
 
+@pytest.mark.usefixtures("forks")
+def test_a_sender_keeps_to_its_pace() -> None:
+    with transport.Exchange(transport.Options(seconds=1.0, capacity=2_000)) as exchange:
+        (sent,) = exchange.measure(["send"], pace=320)
+    # A chunk of 64 steps every 0.2 s; what is missed in the 0.3 s of warming up is made up for.
+    assert sent["calls"] <= 5 * sent["seconds"] + 3
+
+
 def figures(**changed: float) -> dict[str, Any]:
     return {
         "calls": 10,
@@ -69,9 +77,12 @@ def test_table_and_json(
             return self
 
         def __exit__(self, *_: object) -> None: ...
-        def measure(self, roles: list[str], window: int = 4) -> list[dict[str, Any]]:
-            alone = len(set(roles)) == 1
-            return [figures(calls_per_second=5.0 * window if alone else 1.0) for _ in roles]
+        def measure(
+            self, roles: list[str], window: int = 4, pace: float | None = None
+        ) -> list[dict[str, Any]]:
+            assert pace in {None, 10_000.0}
+            rate = (5.0 * window) if len(set(roles)) == 1 else 1.0 if pace is None else 3.0
+            return [figures(calls_per_second=rate) for _ in roles]
 
     results = tmp_path / "transport.json"
     monkeypatch.setattr(transport, "Exchange", Told)
@@ -83,7 +94,9 @@ def test_table_and_json(
     assert found["sample"]["calls_per_second"] == 20.0
     assert found["insert_at_once"]["calls_per_second"] == 2.0
     assert found["sample_at_once"]["calls_per_second"] == 1.0
-    assert len(found["rows"]) == 5
+    assert found["insert_paced"]["calls_per_second"] == 6.0
+    assert found["sample_beside_paced"]["calls_per_second"] == 3.0
+    assert len(found["rows"]) == 7
     assert "at once" in capsys.readouterr().out
 
 
