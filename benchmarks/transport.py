@@ -45,7 +45,7 @@ class Exchange(HostedRun):
         super().__init__(
             "replay",
             *("--preset", "paper", "--replay.sampler", options.sampler),
-            *("--replay.capacity", str(options.capacity), "--replay.learning-starts", "64"),
+            *("--replay.capacity", str(options.capacity), "--replay.learning-starts", "1024"),
             *("--replay.ratio-tolerance", str(10**9), "--actor-quota", str(10**9)),
             *("--stream.chunk-steps", str(options.chunk_steps)),
             *("--learning.batch-size", str(options.batch_size)),
