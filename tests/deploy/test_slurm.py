@@ -34,10 +34,10 @@ def slurm(tmp_path: Path) -> Iterator[Cluster]:
         yield made
 
 
-def launch(slurm: Cluster, steps: int, *own: str) -> Path:
+def launch(slurm: Cluster, steps: int, *own: str, env: str = "catch") -> Path:
     """Submits the run called r, and returns its folder once there is a checkpoint."""
     flags = ("--run=r", "--actors=2", "--submit", "--time=30", "--cpus=1", "--memory=2", *own)
-    game = ("--env=catch", f"--steps={steps}", *SMALL)
+    game = (f"--env={env}", f"--steps={steps}", *SMALL)
     said = slurm(sys.executable, "-m", "deploy", "slurm", *flags, "--", *game)
     assert "Submitted batch job" in said
     run = slurm.folder / "runs" / "r"
@@ -105,10 +105,13 @@ def test_a_learner_that_is_requeued_goes_on_and_nothing_is_lost(slurm: Cluster) 
     assert names == {*(run / "certificates" / "actors.txt").read_text().split()}
 
 
-def test_what_is_killed_starts_again(slurm: Cluster) -> None:
-    """An actor in its place; the learner's work by its parent; and that by a job in the queue."""
-    steps = 6000
-    run = launch(slurm, steps)
+@pytest.mark.parametrize(("env", "steps"), [("catch", 6000), ("robot", 3000)])
+def test_what_is_killed_starts_again(slurm: Cluster, env: str, steps: int) -> None:
+    """An actor in its place; the learner's work by its parent; and that by a job in the queue.
+
+    With -rP one reads how the run went.
+    """
+    run = launch(slurm, steps, env=env)
     wait_until(lambda: len(processes(run, "actors")) == 3, "actors and evaluator are there")
     actor, learner = processes(run, "actors")[0], processes(run, "learner")
     os.kill(actor, signal.SIGKILL)
@@ -122,6 +125,7 @@ def test_what_is_killed_starts_again(slurm: Cluster) -> None:
     os.kill(learner[0], signal.SIGKILL)
     wait_until(lambda: slurm.states().get("r N/A") == "PENDING", "the learner waits its turn")
     wait_until(lambda: not slurm.states(), "the run is over")
+    print((logs / "learner.log").read_text())
     check_balance(run, steps, lost=StreamConfig.window)
 
 
