@@ -39,8 +39,7 @@ _POLL_STEPS = 16
 or after `LONGEST_WAIT`."""
 
 _log = logging.getLogger(__name__)
-_refusals = _log.getChild("refusals")
-_refusals.addFilter(Seldom())
+_log.addFilter(Seldom())
 
 
 class _Event(Enum):
@@ -105,7 +104,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
     def _count_shut_out(self, name: str, address: str) -> None:
         self._buffer.shut_out += 1
         text = "the certificate of %s names nobody who is let in: who connects from %s is not heard"
-        _refusals.warning(text, name, address)
+        _log.warning(text, name, address)
 
     def _insert(self, request: Request) -> bytes | None:
         actor = name_in(request.key)
@@ -118,7 +117,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         try:
             return self._ack_of(request.payload, actor).encode()
         except MessageError as error:
-            _refusals.warning("a chunk of %s was refused: %s", actor, error)
+            _log.warning("a chunk of %s was refused: %s", actor, error)
             raise
 
     def _admits(self, actor: str, request: Request) -> bool:
@@ -138,7 +137,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         else:
             text = "more new actors come than are let in at once"
         self._buffer.over_quota += 1
-        _refusals.warning("%s: the rest has to wait", text)
+        _log.warning("%s: the rest has to wait", text)
         return False
 
     def _ack_of(self, payload: bytes, actor: str) -> Ack:
@@ -156,7 +155,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             raise
         if chunk.run_id != self._keys.run_id:
             self._buffer.refuse()
-            _refusals.warning("a chunk of %s was refused: it is of another run", actor)
+            _log.warning("a chunk of %s was refused: it is of another run", actor)
             return self._buffer.ack("refused")
         return self._buffer.insert(chunk)
 

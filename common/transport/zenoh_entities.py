@@ -14,12 +14,14 @@ import zenoh
 from zenoh.handlers import Callback, FifoChannel
 
 from common.errors import MessageError
+from common.process.log_lines import Seldom
 from common.process.threads import guarded
 from common.transport.checksum import DamagedMessage, seal, unseal
 from common.transport.interface import Answer, Envelope, Unanswered
 from common.transport.requests import LONGEST_ANSWER, PendingRequests, answer_request
 
 _log = logging.getLogger(__name__)
+_log.addFilter(Seldom())
 _REFUSAL = "refusal"
 """Stands for a key in the checksum of a refusal, which has none."""
 _SEAL = seal(_REFUSAL, b"")

@@ -252,9 +252,9 @@ def test_who_asks_or_tells_too_often_is_not_heard(
 
 
 def test_what_was_damaged_on_its_way_is_as_good_as_not_sent(
-    zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport
+    zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport, caplog: pytest.LogCaptureFixture
 ) -> None:
-    raw, keys, asked, heard = zenoh_client.session, RunKeys("r"), [], []
+    raw, keys, asked, heard = zenoh_client.session, RunKeys("damaged"), [], []
     key = keys.insert("a")
     zenoh_hub.serve(key, lambda request: asked.append(request.payload) or b"done")
     zenoh_hub.subscribe(keys.weights, lambda told: heard.append(told))
@@ -270,6 +270,10 @@ def test_what_was_damaged_on_its_way_is_as_good_as_not_sent(
     publisher = zenoh_client.publisher(keys.weights)
     wait_until(lambda: publisher.publish(b"weights", b"7") or heard, "whole weights are heard")
     assert set(heard) == {Envelope(b"weights", b"7", keys.weights)}
+    assert sorted(told.split(": ")[0] for told in caplog.messages) == [  # once, not five times
+        f"a request at {key} is not answered",
+        f"what came at {keys.weights} is passed over",
+    ]
 
 
 @pytest.mark.parametrize(
