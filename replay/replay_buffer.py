@@ -210,6 +210,7 @@ class ReplayBuffer:
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
         resident, private = footprint()
+        file_bytes = self._store.file_bytes  # asks the disk, which may be slow
         with self._state:
             if finished is not None and finished != self._finished:
                 self._finished = finished
@@ -225,7 +226,7 @@ class ReplayBuffer:
                 throttle=self._should_throttle(),
                 resident_bytes=resident,
                 private_bytes=private,
-                file_bytes=self._store.file_bytes,
+                file_bytes=file_bytes,
                 statistics=index.statistics_since(since),
                 run_id=self.run_id,
                 over_quota=self.over_quota,

@@ -688,6 +688,22 @@ def test_two_processes_cannot_share_a_ring(tmp_path: Path) -> None:
     assert buffer.progress(0).accepted == 2
 
 
+def test_no_draw_waits_for_a_disk_that_tells_its_figures_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    buffer, stat = ReplayBuffer(make_config(), tmp_path), os.stat
+    drawing = ThreadPoolExecutor(1)
+
+    def draw_meanwhile(path: Path, **how: bool) -> os.stat_result:
+        assert drawing.submit(buffer.sample, 0, 0.0).result(PATIENCE) is None
+        return stat(path, **how)
+
+    monkeypatch.setattr(os, "stat", draw_meanwhile)
+    assert buffer.progress(0).file_bytes > 0
+    drawing.shutdown()
+    buffer.close()
+
+
 def test_no_space_is_said_with_the_bytes_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
