@@ -10,6 +10,7 @@ from itertools import accumulate, islice, takewhile
 from typing import NamedTuple
 
 from common.checked import build
+from common.run.config import MAX_WINDOW
 from replay.chunk_statistics import MAX_GAMES, MAX_STATISTICS, ChunkStatistics
 from replay.journal import Entry
 from replay.ring import Placement
@@ -19,7 +20,7 @@ _KEPT_GAMES = 16 * _KEPT_STATISTICS
 """Maximum number of games in all of them, about 30 MB. Catch has the shortest games, of six steps,
 so a chunk of 64 steps holds at most eleven. If an actor claims a game for each step, fewer chunks
 are kept."""
-_MOST_GAPS = 64
+_MOST_GAPS = MAX_WINDOW  # before any chunk that is under way there may be one
 _MOST_STREAMS = 65_536
 """Streams that are remembered beyond their chunks in the ring, those that were heard last. Each
 start of an actor begins some."""
@@ -44,7 +45,7 @@ class Received:
     def __init__(self, highest: int = -1, gaps: list[list[int]] | None = None) -> None:
         self.highest = highest
         self.gaps = gaps or []
-        """``[first, last]`` missing; beyond 64 of them the oldest are given up as lost."""
+        """``[first, last]`` missing; beyond `_MOST_GAPS` the oldest are given up as lost."""
 
     def __contains__(self, sequence: int) -> bool:
         return sequence <= self.highest and not any(

@@ -21,6 +21,7 @@ from common.run.conditions import DRAWN, CameraConfig, PlayConfig, RandomiseConf
 from common.run.stored_config import from_mapping
 
 MAX_CHUNK_STEPS = 1_024
+MAX_WINDOW = 64
 MAX_VECTOR = 1_024
 MAX_SEED = 2**63
 MAX_SHIFT = 20
@@ -43,7 +44,7 @@ class StreamConfig:
 
     chunk_steps: Annotated[int, Ge(1), Le(MAX_CHUNK_STEPS)] = 64
     """Steps per chunk."""
-    window: FromOne = 4
+    window: Annotated[int, Ge(1), Le(MAX_WINDOW)] = 4
     """Maximum number of unacknowledged chunks per actor."""
 
 

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from common.checked import build
 from common.protocol.chunk import Game
+from common.run.config import MAX_WINDOW
 from replay.chunk_index import ChunkIndex, ChunkKey, Received, chunk_entry, tail_entry
 from replay.chunk_statistics import MAX_STATISTICS, ChunkStatistics, Progress
 from replay.ring import Placement
@@ -29,6 +30,14 @@ def test_gaps_are_bounded() -> None:
     assert len(received.gaps) == 64
     assert 998 not in received
     assert 0 in received  # given up as lost
+
+
+def test_no_chunk_of_a_window_is_given_up() -> None:
+    """It would be acknowledged as one that came before."""
+    received, window = Received(), range(0, 2 * MAX_WINDOW, 2)
+    for sequence in window:
+        received.add(sequence + 1)
+    assert not any(sequence in received for sequence in window)
 
 
 def statistics(index: int, **others: object) -> ChunkStatistics:

@@ -206,6 +206,13 @@ def test_a_chunk_has_at_most_1024_steps() -> None:
         changed("stream.chunk_steps", 1_025, config).check()
 
 
+def test_at_most_64_chunks_of_an_actor_are_under_way() -> None:
+    config = changed("replay.ratio_tolerance", 10_000)
+    changed("stream.window", 64, config).check()
+    with pytest.raises(InputError, match=r"^stream.window is 65: choose at most 64\.$"):
+        changed("stream.window", 65, config).check()
+
+
 def test_the_warm_up_fills_a_minibatch() -> None:
     # 128 transitions of 5 steps each.
     changed("replay.learning_starts", 133).check()
