@@ -609,12 +609,12 @@ def test_a_draw_waits_no_longer_than_the_server_lets_it(
 def test_weights_that_no_actor_would_take_are_passed_over(
     place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("replay.server.MAX_MESSAGE_BYTES", 10)
+    monkeypatch.setattr("replay.server.MAX_MESSAGE_BYTES", 28)
     voice = place.hub.publisher(KEYS.weights)
-    voice.publish(b"x" * 11, b"8 test")
-    voice.publish(b"x" * 10, b"7 test")
+    voice.publish(b"x" * 29, b"8 test")
+    voice.publish(b"x" * 28, b"7 test")
     for _ in until_late():
         if place.buffer.weights_version == 7:
             break
-    assert ask(place.client, KEYS.latest_weights, b"") == b"x" * 10
-    assert "weights of 11 bytes were passed over" in caplog.text
+    assert ask(place.client, KEYS.latest_weights, b"") == b"x" * 28
+    assert "weights of 29 bytes were passed over" in caplog.text
