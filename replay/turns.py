@@ -15,11 +15,12 @@ be refused; it sends them again.
 
 from collections import Counter
 
+from common.transport.interface import MOST_SESSIONS
+
 INSISTENCE = 20
 """Refusals in a row that only an actor has which ignores the throttle."""
-MOST_ACTORS = 4_096
-"""Actors with an account, as many as a hub takes connections; then the one is forgotten that was
-charged longest ago."""
+MOST_ACTORS = MOST_SESSIONS
+"""Actors with an account; of more the one is forgotten that was charged longest ago."""
 
 
 class Turns:

@@ -9,6 +9,9 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import NamedTuple, Protocol, Self
 
+MOST_SESSIONS = 4_096
+"""Processes of all runs at one hub, fewer where it may have few open files."""
+
 
 class Unanswered(Exception):
     """A request ended without an answer: no server is there, or none answered by the deadline."""
@@ -101,7 +104,7 @@ class Transport(Closeable, Protocol):
     def serve(self, key: str, answer: Answer) -> Closeable:
         """Answer requests at ``key`` on a thread of their own, in the order in which they come.
 
-        ``key`` may hold ``*``. The queue holds far more than all clients' windows together.
+        ``key`` may hold ``*``. Where more wait than its queue holds, the oldest end unanswered.
         Closing it drops what waits there, and waits for the request that is being answered.
         """
 

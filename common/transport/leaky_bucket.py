@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable
 
+from common.transport.interface import MOST_SESSIONS
+
 STEPS_PER_SECOND = 10_000
 """Agent steps that are taken of one actor, unless ``--actor-quota`` says otherwise: three times as
 many as an ALE-Only actor makes on one core."""
@@ -17,8 +19,8 @@ _NAMES_AMOUNT = 64.0
 """Steps or reports that a new name may bring; who brings more counts as more names."""
 _AHEAD = 1.0
 """Seconds of its quota that may come at once, as after a pause of the hub."""
-_MOST_NAMES = 4_096
-"""Names that have a measure of their own, as many as a hub takes connections."""
+_MOST_NAMES = MOST_SESSIONS
+"""Names that have a measure of their own."""
 _FORGOTTEN = 60.0
 """Seconds of silence after which a name may give its place to a new one."""
 

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import zenoh
-from zenoh.handlers import Callback, FifoChannel
+from zenoh.handlers import Callback, RingChannel
 
 from common.errors import MessageError
 from common.process.log_lines import Seldom
@@ -26,8 +26,8 @@ _REFUSAL = "refusal"
 """Stands for a key in the checksum of a refusal, which has none."""
 _SEAL = seal(_REFUSAL, b"")
 _QUEUE = 4_096
-"""Requests that may wait at a key: far more than the actors' windows together, because a full queue
-blocks Zenoh's own receiving threads."""
+"""Requests that may wait at a key, such as the windows of 1,024 actors. The oldest of more end
+unanswered: a queue that is full must not block Zenoh's own receiving threads."""
 
 _Heard = TypeVar("_Heard", zenoh.Sample, zenoh.Reply, zenoh.LinkEvent)
 
@@ -113,7 +113,7 @@ class Service(Declared):
     """A queryable, and the thread that answers for it."""
 
     def __init__(self, session: zenoh.Session, key: str, answer: Answer) -> None:
-        queryable = session.declare_queryable(key, FifoChannel(_QUEUE))
+        queryable = session.declare_queryable(key, RingChannel(_QUEUE))
         super().__init__(queryable)
 
         def work() -> None:

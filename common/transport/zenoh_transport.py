@@ -33,7 +33,14 @@ from common.transport.credentials import (
 from common.transport.endpoint import check_endpoint, check_free, is_loopback
 from common.transport.flood_guard import FloodGuard, tolerated
 from common.transport.hub_sockets import Address, forget_the_silent, most_files
-from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
+from common.transport.interface import (
+    MOST_SESSIONS,
+    Answer,
+    Closeable,
+    Envelope,
+    Publisher,
+    Requester,
+)
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.transport.zenoh_entities import (
     Declared,
@@ -44,9 +51,6 @@ from common.transport.zenoh_entities import (
     envelope_of,
 )
 
-MOST_SESSIONS = 4_096
-"""Processes of all runs at one hub; Zenoh's own 1,000 would leave out the last of 1,024 actors.
-Where a process may have few open files, three eighths of them."""
 LEASE_MS = 3_000
 """Silence after which the other side counts as gone."""
 _log = logging.getLogger(__name__)
@@ -179,6 +183,7 @@ def _joining(endpoint: str) -> dict[str, Any]:
 
 
 def _listening(endpoint: str, files: int) -> dict[str, Any]:
+    # Zenoh's own 1,000 would leave out the last of 1,024 actors.
     sessions = min(MOST_SESSIONS, files * 3 // 8)
     if sessions < MOST_SESSIONS:
         _log.warning(

@@ -3,6 +3,7 @@
 import os
 import resource
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -16,13 +17,12 @@ import zenoh
 from common.errors import InputError, Unreachable
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
-from common.transport import hub_sockets, zenoh_transport
+from common.transport import hub_sockets, zenoh_entities, zenoh_transport
 from common.transport.checksum import seal
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, is_loopback
-from common.transport.interface import Envelope, Unanswered
+from common.transport.interface import MOST_SESSIONS, Envelope, Request, Unanswered
 from common.transport.zenoh_transport import (
     LEASE_MS,
-    MOST_SESSIONS,
     ZenohTransport,
     connect,
     open_hub,
@@ -249,6 +249,34 @@ def test_who_asks_or_tells_too_often_is_not_heard(
         asking = other.requester(keys.latest_weights, PATIENCE)
         wait_until(lambda: asking.has_server, "weights are served to others")
         assert asking.request(b"").result().payload == b"weights"
+
+
+def test_requests_that_nobody_gets_to_answer_hold_up_nothing_else(
+    zenoh_hub: ZenohTransport, zenoh_client: ZenohTransport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As while a disk stalls. A full queue would block Zenoh's own threads, heartbeats and all."""
+    monkeypatch.setattr(zenoh_entities, "_QUEUE", 3)
+    keys, begun, goes_on = RunKeys("r"), threading.Event(), threading.Event()
+
+    def answer(request: Request) -> bytes:
+        begun.set()
+        assert goes_on.wait(PATIENCE)
+        return request.payload
+
+    zenoh_hub.serve(keys.insert("a"), answer)
+    zenoh_hub.serve(keys.priorities, lambda _: b"at once")
+    stalled = zenoh_client.requester(keys.insert("a"), PATIENCE)
+    other = zenoh_client.requester(keys.priorities, PATIENCE)
+    wait_until(lambda: stalled.has_server and other.has_server, "both are served")
+    try:
+        answers = [stalled.request(b"0")]
+        assert begun.wait(PATIENCE)
+        answers += [stalled.request(b"%d" % number) for number in range(1, 9)]
+        assert other.request(b"").result().payload == b"at once"
+    finally:
+        goes_on.set()
+    told = [None if each.exception() else each.result().payload for each in answers]
+    assert told == [b"0", None, None, None, None, None, b"6", b"7", b"8"]
 
 
 def test_what_was_damaged_on_its_way_is_as_good_as_not_sent(
