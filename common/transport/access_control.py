@@ -17,6 +17,7 @@ from common.transport.credentials import common_name
 
 _ANY = RunKeys("*")
 _WORKERS = ("actor", "evaluator")
+_LEARNER_ANSWERS = [_ANY.task("*"), _ANY.report("*"), _ANY.status]
 _LEARNER = {
     "query": [
         *(_ANY.config, _ANY.sample, _ANY.priorities, _ANY.held_out, _ANY.progress),
@@ -26,8 +27,8 @@ _LEARNER = {
     "liveliness_token": [_ANY.live("actor", DEMONSTRATIONS)],
     "declare_subscriber": [_ANY.stats("*", "*")],
     "declare_liveliness_subscriber": [_ANY.live("*", "*")],
-    "declare_queryable": [_ANY.task("*"), _ANY.report("*"), _ANY.status],
-    "reply": [_ANY.task("*"), _ANY.report("*"), _ANY.status],
+    "declare_queryable": _LEARNER_ANSWERS,
+    "reply": _LEARNER_ANSWERS,
 }
 """By Zenoh's name of a message, the keys to which a learner may send it."""
 
