@@ -15,7 +15,7 @@ be refused; it sends them again.
 
 from collections import Counter
 
-from common.transport.interface import MOST_SESSIONS
+from common.transport.access_control import MOST_SESSIONS
 
 INSISTENCE = 20
 """Refusals in a row that only an actor has which ignores the throttle."""

@@ -14,7 +14,7 @@ from benchmarks.report import cell
 from common.errors import InputError
 from common.run.config import LearningConfig
 from common.run.presets import PRESETS
-from common.transport.interface import MOST_SESSIONS
+from common.transport.access_control import MOST_SESSIONS
 
 ROBOTS = (10, 100, 1_000)
 NAMES = (

@@ -15,6 +15,8 @@ from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.transport.credentials import common_name
 
+MOST_SESSIONS = 4_096
+"""Processes of all runs at one hub, fewer where it may have few open files."""
 _ANY = RunKeys("*")
 _WORKERS = ("actor", "evaluator")
 _LEARNER_ANSWERS = [_ANY.task("*"), _ANY.report("*"), _ANY.status]

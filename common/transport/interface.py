@@ -9,9 +9,6 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import NamedTuple, Protocol, Self
 
-MOST_SESSIONS = 4_096
-"""Processes of all runs at one hub, fewer where it may have few open files."""
-
 
 class Unanswered(Exception):
     """A request ended without an answer: no server is there, or none answered by the deadline."""

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 
-from common.transport.interface import MOST_SESSIONS
+from common.transport.access_control import MOST_SESSIONS
 
 STEPS_PER_SECOND = 10_000
 """Agent steps that are taken of one actor, unless ``--actor-quota`` says otherwise: three times as

@@ -18,6 +18,7 @@ import zenoh
 from common.errors import InputError, Unreachable
 from common.transport.access_control import (
     LONGEST_RECEIVED,
+    MOST_SESSIONS,
     access_control,
     rate_limits,
     size_limits,
@@ -33,14 +34,7 @@ from common.transport.credentials import (
 from common.transport.endpoint import check_endpoint, check_free, is_loopback
 from common.transport.flood_guard import FloodGuard, tolerated
 from common.transport.hub_sockets import Address, forget_the_silent, most_files
-from common.transport.interface import (
-    MOST_SESSIONS,
-    Answer,
-    Closeable,
-    Envelope,
-    Publisher,
-    Requester,
-)
+from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.transport.zenoh_entities import (
     Declared,

@@ -25,6 +25,16 @@ def test_files_may_be_closed_while_they_are_synced(
     Columns(tmp_path, 40, 0, existing=True).close()  # nothing holds the ring's lock any more
 
 
+def test_files_of_a_ring_at_work_are_left_as_they_are(tmp_path: Path) -> None:
+    """A file that shrinks under a mapping ends the process that reads it."""
+    columns = Columns(tmp_path, 40, 0)
+    sizes = {each.name: each.stat().st_size for each in tmp_path.iterdir()}
+    with pytest.raises(InputError, match="another process uses the replay"):
+        Columns(tmp_path, 20, 0)
+    assert {each.name: each.stat().st_size for each in tmp_path.iterdir()} == sizes
+    columns.close()
+
+
 def test_files_may_be_closed_while_their_bytes_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -37,13 +47,3 @@ def test_files_may_be_closed_while_their_bytes_are_counted(
 
     monkeypatch.setattr(os, "stat", close_and_stat)
     assert columns.file_bytes == expected > 0
-
-
-def test_files_of_a_ring_at_work_are_left_as_they_are(tmp_path: Path) -> None:
-    """A file that shrinks under a mapping ends the process that reads it."""
-    columns = Columns(tmp_path, 40, 0)
-    sizes = {each.name: each.stat().st_size for each in tmp_path.iterdir()}
-    with pytest.raises(InputError, match="another process uses the replay"):
-        Columns(tmp_path, 20, 0)
-    assert {each.name: each.stat().st_size for each in tmp_path.iterdir()} == sizes
-    columns.close()

@@ -18,9 +18,10 @@ from common.errors import InputError, Unreachable
 from common.protocol.run_keys import RunKeys
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.transport import hub_sockets, zenoh_entities, zenoh_transport
+from common.transport.access_control import MOST_SESSIONS
 from common.transport.checksum import seal
 from common.transport.endpoint import DEFAULT_ENDPOINT, check_endpoint, is_loopback
-from common.transport.interface import MOST_SESSIONS, Envelope, Request, Unanswered
+from common.transport.interface import Envelope, Request, Unanswered
 from common.transport.zenoh_transport import (
     LEASE_MS,
     ZenohTransport,
