@@ -5,9 +5,9 @@ from typing import Annotated
 
 from annotated_types import Ge, Le
 
+from common.checked import Name
 from common.errors import InputError
 from common.protocol.message import Message
-from common.protocol.run_keys import check_name
 from common.run.config import RunConfig
 
 
@@ -15,7 +15,7 @@ from common.run.config import RunConfig
 class Announcement(Message):
     """A run, its configuration and identity, and the number of actions that its replay admits."""
 
-    run: str
+    run: Name
     config: RunConfig
     actions: Annotated[int, Ge(1), Le(256)]
     run_id: str
@@ -32,7 +32,6 @@ class Announcement(Message):
             InputError: settings that cannot work here, or an environment that has another number of
                 actions.
         """
-        check_name("run", self.run)
         self.config.check()
         if self.actions != self.config.action_count:
             raise InputError(
