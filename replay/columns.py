@@ -87,8 +87,7 @@ class Columns:
                     created.append(path)
                 how = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW
                 self._files[name] = file = os.open(path, how, 0o644)
-                if len(self._files) == 1:  # before anything is changed
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # before it is changed
                 os.ftruncate(file, size)
                 if size:
                     os.posix_fallocate(file, 0, size)
