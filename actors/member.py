@@ -1,13 +1,12 @@
 """What an actor process knows of the run that it joined, for all of its parts."""
 
-import sys
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from common.errors import Unreachable
-from common.process.log_lines import line
+from common.process.log_lines import say_aside
 from common.protocol.run_keys import RunKeys
 from common.run.config import RunConfig
 from common.transport.interface import Transport
@@ -28,7 +27,7 @@ class Member:
     """Set from outside to make the process leave, and from inside when the run is finished."""
     incarnation: int = field(default_factory=time.time_ns)
     """Differs for each start of the process, and grows."""
-    tell: Callable[[str], None] = lambda text: print(line(text), file=sys.stderr, flush=True)
+    tell: Callable[[str], None] = say_aside
     check_weights: Check = unchecked
     """Tells whether weights are the learner's own."""
 

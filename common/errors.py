@@ -9,8 +9,8 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from common.process.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, NO_ROOM, UNREACHABLE
-from common.process.log_lines import line
-from common.process.output import escape, has_reader, silence
+from common.process.log_lines import say_aside
+from common.process.output import escape, has_reader, open_closed, silence
 
 NO_ROOM_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """What the system says where a disk is full or read-only, which may pass."""
@@ -73,6 +73,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
     A program whose output nobody reads any more, as before ``| head``, ends in silence.
     """
     status: int | str | None
+    open_closed()
     escape(sys.stdout)
     try:
         try:
@@ -81,7 +82,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
             status = end.code
         sys.stdout.flush()
     except InputError as error:
-        print(line(f"error: {error}", "error"), file=sys.stderr)
+        say_aside(f"error: {error}", "error")
         status = error.exit_code
     except OSError as error:
         if isinstance(error, BrokenPipeError) and not has_reader(sys.stdout):
@@ -90,14 +91,8 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
         what = f"{error.filename or 'the system'}: {error.strerror or error}: mend that"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             what = "the disk is full: free some space"
-        print(
-            line(
-                f"error: {what}, then run the command again; "
-                "--resume continues a run from its last checkpoint.",
-                "error",
-            ),
-            file=sys.stderr,
-        )
+        told = "then run the command again; --resume continues a run from its last checkpoint."
+        say_aside(f"error: {what}, {told}", "error")
         status = NO_ROOM if error.errno in NO_ROOM_ERRORS else BAD_INPUT
     except KeyboardInterrupt:
         status = INTERRUPTED

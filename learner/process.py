@@ -9,7 +9,7 @@ import torch
 from common.process.allocator import keep_large_blocks
 from common.process.exit_codes import RED
 from common.process.lifeline import on_signals
-from common.process.log_lines import kept_log, line
+from common.process.log_lines import kept_log, say, say_aside
 from common.process.threads import end_with_any_thread
 from common.protocol.run_keys import RunKeys
 from common.protocol.weights import encode_weights
@@ -99,11 +99,11 @@ def _last_words(learner: Learner, folder: RunFolder) -> int:
     """Says how the run goes on; returns the exit code."""
     go_on = resume_command(sys.argv[1:], folder.name, done=learner.done)
     if learner.failed is None:
-        print(line(f"Everything is in {folder.path}; go on with: {go_on}"))
+        say(f"Everything is in {folder.path}; go on with: {go_on}")
         return 0
     told = (
         f"stopped: {learner.failed}. Everything is in {folder.path}; mend what is wrong, or "
         f"train on regardless with: {go_on} --force"
     )
-    print(line(told, "error"), file=sys.stderr)
+    say_aside(told, "error")
     return RED

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from common.process.output import silence
 from common.regular_file import no_links
@@ -55,10 +55,19 @@ def line(
 
 def say(text: str, values: Mapping[str, Any] | None = None) -> None:
     """Print `line` at once; that nobody can read it is no reason to end."""
+    _print(line(text, values=values), sys.stdout)
+
+
+def say_aside(text: str, level: str = "info") -> None:
+    """As `say`, on standard error."""
+    _print(line(text, level), sys.stderr)
+
+
+def _print(text: str, stream: TextIO) -> None:
     try:
-        print(line(text, values=values), flush=True)
+        print(text, file=stream, flush=True)
     except OSError:
-        silence(sys.stdout)
+        silence(stream)
 
 
 def as_json(role: str, text: str, level: str, values: Mapping[str, Any] | None = None) -> str:

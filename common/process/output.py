@@ -3,8 +3,12 @@ has no encoding."""
 
 import os
 import select
+import sys
 from io import TextIOWrapper
 from typing import TextIO
+
+_LAST_STREAM = 2
+"""Number of standard error."""
 
 
 def has_reader(stream: TextIO) -> bool:
@@ -25,6 +29,20 @@ def silence(stream: TextIO) -> None:
         os.close(nowhere)
     except (OSError, ValueError):
         return
+
+
+def open_closed() -> None:
+    """Let those of the standard streams lead nowhere that were closed when this process began.
+
+    Python has none in their place, and whatever file is opened next would take their number, and
+    get what a library prints.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= _LAST_STREAM:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
 
 
 def escape(stream: TextIO) -> None:

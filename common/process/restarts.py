@@ -16,7 +16,7 @@ from common.errors import exit_on_input_error
 from common.process.backoff import SETTLED, growing_pause
 from common.process.exit_codes import EXIT_CODES, NO_ROOM
 from common.process.lifeline import heeded_signals, signal_pipe
-from common.process.log_lines import line
+from common.process.log_lines import say_aside
 
 _IN_VAIN = {code.number for code in EXIT_CODES if not code.again}
 _PR_SET_PDEATHSIG = 1
@@ -59,11 +59,13 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
         restarts += status != NO_ROOM
         how = f"status {status}" if status > 0 else f"signal {-status}"
         if restarts > most:
-            _say(f"{name} ended by {how} after {worked:.0f} s, and {most} restarts were in vain.")
+            vain = f"and {most} restarts were in vain"
+            say_aside(f"{name} ended by {how} after {worked:.0f} s, {vain}.", "warning")
             return told
         pause = growing_pause(starts)
         which = "another try" if status == NO_ROOM else f"restart {restarts} of {most}"
-        _say(f"{name} ended by {how} after {worked:.0f} s: {which} in {pause:.0f} s.")
+        said = f"{name} ended by {how} after {worked:.0f} s: {which} in {pause:.0f} s."
+        say_aside(said, "warning")
         if _is_asked_within(pause, told_by, heeded):
             return told
 
@@ -114,7 +116,3 @@ def _be_child(parent: int, heeded: list[signal.Signals], work: Callable[[], int 
     if os.getppid() != parent:
         os._exit(128 + signal.SIGTERM)
     exit_on_input_error(work)
-
-
-def _say(sentence: str) -> None:
-    print(line(sentence, "warning"), file=sys.stderr, flush=True)

@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import ParamSpec
 
 from common.errors import InputError, ThreadDied
@@ -25,7 +25,8 @@ def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
     before = threading.excepthook
 
     def note(died: threading.ExceptHookArgs) -> None:
-        before(died)  # the traceback
+        with suppress(OSError):  # nobody can read it
+            before(died)  # the traceback
         if issubclass(died.exc_type, SystemExit):
             return
         name = died.thread.name if died.thread is not None else "unknown"

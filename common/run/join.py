@@ -1,14 +1,13 @@
 """Joining a run: which one a hub serves, and under which configuration."""
 
 import logging
-import sys
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 from common.errors import InputError, MessageError, Unreachable
-from common.process.log_lines import line
+from common.process.log_lines import say_aside
 from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys, check_name
 from common.run.config import RunConfig
@@ -27,7 +26,7 @@ _DENIED = (
 def patiently(
     stop: threading.Event,
     endpoint: str,
-    say: Callable[[str], None] = lambda text: print(line(text), file=sys.stderr, flush=True),
+    say: Callable[[str], None] = say_aside,
     now: Callable[[], float] = time.monotonic,
 ) -> Callable[[], bool]:
     """Returns whether ``stop`` is set, for those who wait for a run and ask after each attempt;

@@ -142,3 +142,60 @@ def test_a_broken_pipe_that_is_not_the_output_is_told(capsys: pytest.CaptureFixt
         exit_on_input_error(main)
     assert caught.value.code == 2
     assert "Broken pipe" in capsys.readouterr().err
+
+
+def test_the_status_of_an_error_that_nobody_can_read_is_its_own() -> None:
+    """A supervisor starts a program again that ends by another status."""
+    code = """
+import sys
+from common.errors import InputError, exit_on_input_error
+
+def main():
+    sys.stdin.read()
+    raise InputError("no")
+
+exit_on_input_error(main)
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stderr is not None
+    process.stderr.close()
+    process.communicate()
+    assert process.returncode == 2
+
+
+CLOSED = """
+import os, sys
+from pathlib import Path
+from common.errors import exit_on_input_error
+
+def main():
+    print("a line")
+    print("an error", file=sys.stderr)
+    sys.stdin.read()
+    file = Path(sys.argv[1]).open("w")
+    assert file.fileno() > 2, file.fileno()
+    os.system("echo a child")
+    return 7
+
+exit_on_input_error(main)
+"""
+
+
+@pytest.mark.parametrize(
+    ("first", "end", "errors"), [(0, 3, b""), (1, 2, b"an error\n"), (2, 3, b"")]
+)
+def test_a_program_works_where_streams_were_closed_when_it_began(
+    tmp_path: Path, first: int, end: int, errors: bytes
+) -> None:
+    file = tmp_path / "file"
+    process = subprocess.run(
+        [sys.executable, "-c", CLOSED, str(file)],
+        check=False,
+        preexec_fn=lambda: os.closerange(first, end),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+    )
+    assert (process.returncode, process.stderr) == (7, errors)
+    assert file.read_bytes() == b""

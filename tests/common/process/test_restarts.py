@@ -86,6 +86,21 @@ def test_work_that_is_killed_is_done_again_until_it_is_done(tmp_path: Path) -> N
     assert len({work.process.pid, *(pid for pid, _ in work.begun)}) == 4
 
 
+def test_work_is_done_again_where_nobody_can_read_that(tmp_path: Path) -> None:
+    """As when a terminal has gone, or whatever wrote the log."""
+    body = """
+    if times == 1:
+        while not begun.with_name("gone").exists(): pass
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+    work = Work(tmp_path, body, 1)
+    assert work.process.stderr is not None
+    work.process.stderr.close()
+    (tmp_path / "gone").touch()
+    assert work.process.wait(PATIENCE) == 0
+    assert [again for _, again in work.begun] == [False, True]
+
+
 @pytest.mark.parametrize(
     ("end", "status"),
     [

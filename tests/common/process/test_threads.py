@@ -39,6 +39,17 @@ def test_the_first_thread_that_dies_stops_the_process_with_its_reason(
         _live_with(failure)
 
 
+def test_a_death_of_which_nobody_can_read_stops_the_process_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def print_nowhere(_: threading.ExceptHookArgs) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr(threading, "excepthook", print_nowhere)
+    with pytest.raises(ThreadDied, match="'answers' died"):
+        _live_with()
+
+
 def test_a_thread_that_ends_stops_nothing() -> None:
     stop = threading.Event()
     before = threading.excepthook
