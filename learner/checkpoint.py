@@ -103,7 +103,8 @@ class Checkpoint:
         needed = _ROOM * self.path.stat().st_size if self.path.exists() else 0
         if os.statvfs(folder).f_flag & os.ST_RDONLY:
             raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(folder))
-        if shutil.disk_usage(folder).free < needed:
+        disk = shutil.disk_usage(folder)
+        if disk.total and disk.free < needed:  # a file system without a limit tells of none
             needs = f"{os.strerror(errno.ENOSPC)}; it needs {-(-needed // 2**20)} MiB"
             raise OSError(errno.ENOSPC, needs, str(folder))
 

@@ -110,7 +110,8 @@ class Columns:
         """Raises OSError rather than let files that cannot fit fill the disk before they fail."""
         disk = os.statvfs(self.folder)
         new = sum(size for name, size in sizes.items() if not self._path(name).exists())
-        if new > disk.f_bavail * disk.f_frsize:
+        # One without a limit, as ramfs and a tmpfs of size 0, tells of no blocks at all.
+        if disk.f_blocks and new > disk.f_bavail * disk.f_frsize:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _map(self, name: str, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:

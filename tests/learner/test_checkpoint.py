@@ -195,7 +195,7 @@ def checkpoint(tmp_path: Path) -> Checkpoint:
 def test_there_must_be_room_for_two_more(
     checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    disk = {checkpoint.path.parent: SimpleNamespace(free=2 * 2**20)}
+    disk = {checkpoint.path.parent: SimpleNamespace(free=2 * 2**20, total=2**30)}
     monkeypatch.setattr(shutil, "disk_usage", disk.get)
     checkpoint.check_room()
     disk[checkpoint.path.parent].free -= 1
@@ -203,6 +203,13 @@ def test_there_must_be_room_for_two_more(
         checkpoint.check_room()
     assert refused.value.errno == errno.ENOSPC
     assert refused.value.filename == str(checkpoint.path.parent)
+
+
+def test_a_file_system_without_a_limit_has_room(
+    checkpoint: Checkpoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0, total=0))
+    checkpoint.check_room()
 
 
 def test_a_checkpoint_that_somebody_removed_needs_no_room_to_be_written_again(

@@ -1,7 +1,8 @@
-"""A replay's server and its threads end one after the other, where its disk is slow."""
+"""The ring's files: made only where there is room, and closed while threads still use them."""
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -47,3 +48,17 @@ def test_files_may_be_closed_while_their_bytes_are_counted(
 
     monkeypatch.setattr(os, "stat", close_and_stat)
     assert columns.file_bytes == expected > 0
+
+
+@pytest.mark.parametrize(("blocks", "fits"), [(1_000, False), (0, True)])
+def test_a_file_system_without_a_limit_has_room(
+    blocks: int, fits: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = SimpleNamespace(f_blocks=blocks, f_bavail=0, f_frsize=4096)
+    monkeypatch.setattr(os, "statvfs", lambda _: full)
+    if fits:
+        Columns(tmp_path / "replay", 40, 0).close()
+    else:
+        with pytest.raises(InputError, match="No space left on device"):
+            Columns(tmp_path / "replay", 40, 0)
+    assert (tmp_path / "replay").exists() == fits
