@@ -28,6 +28,7 @@ from common.protocol.ack import Ack
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Chunk
 from common.protocol.run_keys import DEMONSTRATIONS, RunKeys
+from common.regular_file import read_file
 from common.run.config import RunConfig
 from common.run.folder import RunFolder
 from common.run.origin import VECTOR_SETTINGS
@@ -70,7 +71,7 @@ class Begun:
             InputError: the file is damaged.
         """
         try:
-            return build(cls, json.loads(folder.demonstrations.read_bytes()))
+            return build(cls, json.loads(read_file(folder.demonstrations)))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError) as error:

@@ -14,6 +14,7 @@ from typing import Any
 
 from common.crc32 import crc32
 from common.errors import InputError, writing
+from common.regular_file import read_file
 from common.run.folder import write_atomically
 
 Entry = dict[str, Any]
@@ -27,7 +28,7 @@ def read_journal(path: Path) -> list[Entry | None]:
         InputError: the file cannot be read.
     """
     try:
-        lines = path.read_bytes().split(b"\n")
+        lines = read_file(path).split(b"\n")
     except FileNotFoundError:
         return []
     except OSError as error:

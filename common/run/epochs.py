@@ -18,6 +18,7 @@ from pydantic import AllowInfNan
 
 from common.checked import Count, Invalid, build
 from common.errors import InputError
+from common.regular_file import read_file
 from common.run.folder import append_whole, write_atomically
 
 EpochPhase = Literal["random", "train", "test"]
@@ -132,7 +133,8 @@ class EpochTable:
     def _lines(self) -> list[str]:
         """The lines after the header, with their ends."""
         try:
-            header, *lines = self._path.read_text("utf-8").splitlines(keepends=True) or [""]
+            text = io.TextIOWrapper(io.BytesIO(read_file(self._path)), "utf-8").read()
+            header, *lines = text.splitlines(keepends=True) or [""]
         except FileNotFoundError:
             return []
         except UnicodeDecodeError:

@@ -13,7 +13,7 @@ from typing import IO, Literal, Self, get_args
 
 from common.errors import InputError, cannot_write, writing
 from common.protocol.run_keys import check_name
-from common.regular_file import no_links
+from common.regular_file import no_links, not_waiting, read_file
 from common.run.config import RunConfig
 from common.run.stored_config import differences, from_mapping, to_json
 
@@ -152,7 +152,7 @@ class RunFolder:
     def stored_config(self) -> RunConfig | None:
         """The configuration the run was started with; None for a new run."""
         try:
-            told = json.loads(self.config_file.read_text())
+            told = json.loads(read_file(self.config_file))
             return from_mapping(RunConfig, told, str(self.config_file), fill=True)
         except FileNotFoundError:
             return None
@@ -226,7 +226,7 @@ class RunFolder:
     def is_at_work(self, *parts: Part) -> bool:
         """Whether a process, this one or another, holds one of ``parts``, by default any."""
         for part in parts or get_args(Part):
-            with suppress(FileNotFoundError), self._lock(part).open() as lock:
+            with suppress(FileNotFoundError), open(self._lock(part), opener=not_waiting) as lock:
                 # To look takes no lock, so nobody who claims the part meanwhile is refused.
                 found = fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _WHOLE)
                 if struct.unpack_from("h", found) != (fcntl.F_UNLCK,):

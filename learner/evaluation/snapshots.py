@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from common.regular_file import read_file
 from common.run.folder import epoch_name, write_atomically
 
 
@@ -25,7 +26,7 @@ class Snapshots:
 
     def read(self, epoch: int) -> bytes:
         """Returns the weights of an epoch. Raises OSError if they are not there."""
-        return self.file(epoch).read_bytes()
+        return read_file(self.file(epoch))
 
     def remove(self, epoch: int) -> None:
         """Delete the weights of an epoch, unless all are kept."""
@@ -40,7 +41,7 @@ class Snapshots:
     def best_score(self) -> float | None:
         """The mean score of ``best.safetensors``; None if there is none, or no card that says."""
         try:
-            return float(json.loads((self._folder / "best.json").read_bytes())["mean_score"])
+            return float(json.loads(read_file(self._folder / "best.json"))["mean_score"])
         except (OSError, ValueError, TypeError, KeyError):
             return None
 

@@ -8,6 +8,7 @@ import io
 from pathlib import Path
 
 from common.metrics import METRICS, number
+from common.regular_file import read_file
 from common.run.folder import append_whole, write_atomically
 from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Snapshot
@@ -32,7 +33,7 @@ class GatesCsvSink(Sink):
         """
         rows: list[dict[str, str]] = []
         if resumed_at is not None and self._path.exists():
-            text = self._path.read_text(encoding="utf-8", errors="replace")
+            text = read_file(self._path).decode(errors="replace")
             for row in csv.DictReader(text[: text.rfind("\n") + 1].splitlines()):
                 steps = row.get("agent_steps") or ""
                 whole = None not in row and None not in row.values()

@@ -15,8 +15,18 @@ import pytest
 
 from common.errors import InputError
 from common.run.config import RunConfig
-from common.run.folder import Part, RunFolder, append_whole, check_new_file, write_atomically
+from common.run.epochs import EpochTable
+from common.run.folder import (
+    JOURNAL,
+    Part,
+    RunFolder,
+    append_whole,
+    check_new_file,
+    write_atomically,
+)
 from common.run.presets import PRESETS
+from learner.demonstrations import Begun
+from replay.journal import read_journal
 from tests.full_disk import let_the_disk_take
 from tests.paths import ROOT
 
@@ -161,6 +171,8 @@ HOLDER = """
 import sys
 from pathlib import Path
 from common.run.presets import PRESETS
+from learner.demonstrations import Begun
+from replay.journal import read_journal
 from common.run.folder import RunFolder
 
 folder = RunFolder(Path(sys.argv[1]), "r")
@@ -326,3 +338,31 @@ def test_a_folder_that_may_not_be_written_to_is_refused(
     monkeypatch.setattr("tempfile.TemporaryFile", refuse)
     with pytest.raises(InputError, match=r"new\.json cannot be written: Permission denied\.$"):
         check_new_file(tmp_path / "new.json")
+
+
+def test_pipes_in_place_of_a_runs_files_are_not_waited_for(tmp_path: Path) -> None:
+    """As in a folder that somebody gave: who opens a pipe waits for its other end for ever."""
+    folder = claim(tmp_path)
+    row, why = tmp_path / "r" / "row", "it is not a regular file"
+    for pipe in (row, folder.epochs, folder.demonstrations, folder.replay / JOURNAL):
+        pipe.parent.mkdir(exist_ok=True)
+        os.mkfifo(pipe)
+    with pytest.raises(OSError, match="No such device"):
+        append_whole(row, b"1")
+    with pytest.raises(InputError, match=why):
+        EpochTable(folder.epochs).rows()
+    with pytest.raises(InputError, match=why):
+        Begun.of(folder)
+    with pytest.raises(InputError, match=why):
+        read_journal(folder.replay / JOURNAL)
+    folder.config_file.unlink()
+    os.mkfifo(folder.config_file)
+    with pytest.raises(InputError, match=why):
+        folder.stored_config()
+
+
+def test_a_pipe_in_place_of_a_lock_is_not_waited_for(tmp_path: Path) -> None:
+    (tmp_path / "r").mkdir()
+    os.mkfifo(tmp_path / "r" / ".learner.lock")
+    with pytest.raises(InputError, match="No such device"):
+        claim(tmp_path)
