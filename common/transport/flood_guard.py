@@ -1,14 +1,10 @@
-"""`FloodGuard`: ends the connections of who sends a hub far more than it takes of anybody, and of
-strangers who hold so many that the process has no files left.
+"""`FloodGuard`: ends the connections of who sends a hub far more than it takes of anybody.
 
 What Zenoh or a server drops has been received, decrypted and put together before: a millisecond of
 the hub's processor time for each megabyte, so that a client which sends as fast as it can takes
 half of a core. One with a certificate by name is not heard for a while instead. Its handshakes cost
 too, and Zenoh's clients come back at once, 70 times a second: so a new connection of it is ignored
 at first, and ended at the next look.
-
-Zenoh counts the connections that are not yet sessions, but not those which have not yet shown a
-certificate; these it gives ten seconds.
 """
 
 import logging
@@ -23,9 +19,7 @@ from common.transport.hub_sockets import (
     Address,
     bytes_received,
     end_connections,
-    end_others,
     ignore_connections,
-    open_files,
 )
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 
@@ -52,7 +46,6 @@ class FloodGuard:
     Args:
         trusted: names in certificates that may send as much as they like, such as the learner's.
         most: bytes per second that are received of any other name.
-        most_files: open files, of the whole process, beyond which strangers are cut off.
     """
 
     def __init__(
@@ -60,18 +53,14 @@ class FloodGuard:
         port: int,
         trusted: Set[str],
         most: float,
-        most_files: int,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self._port = port
         self._trusted = trusted
         self._most = most
-        self._most_files = most_files
         self._now = now
         self._names: dict[Address, str] = {}
         """The name in the certificate of each connection that is watched."""
-        self._known: set[Address] = set()
-        """Those of all that have shown a certificate."""
         self._received: dict[Address, int] = {}
         self._ahead: Counter[str] = Counter()
         """Bytes by which a name is ahead of what is taken of it."""
@@ -91,10 +80,9 @@ class FloodGuard:
 
     def hear(self, name: str, address: Address, present: bool) -> None:
         """Take note of a connection that begins, or has ended."""
+        if name in self._trusted:
+            return
         with self._lock:
-            (self._known.add if present else self._known.discard)(address)
-            if name in self._trusted:
-                return
             if not present:
                 self._names.pop(address, None)
                 self._ignored.discard(address)
@@ -109,9 +97,7 @@ class FloodGuard:
             self.look()
 
     def look(self) -> None:
-        """Cut off who has sent too much since the last look, and strangers where they are too
-        many."""
-        self._keep_files()
+        """Cut off who has sent too much since the last look."""
         # To ask the kernel of 1,000 connections takes 40 ms and more.
         received = bytes_received(self._port) if self._names else {}
         with self._lock:
@@ -136,12 +122,3 @@ class FloodGuard:
             _log.warning(text, name, self._most / 1e6, CUT_OFF)
         if ended:
             end_connections(self._port, ended)
-
-    def _keep_files(self) -> None:
-        if (count := open_files()) <= self._most_files:
-            return
-        text = "%d files and connections are open: those of strangers to port %d are ended"
-        _log.warning(text, count, self._port)
-        with self._lock:
-            known = set(self._known)
-        end_others(self._port, known)

@@ -5,7 +5,7 @@ import os
 import resource
 import socket
 import struct
-from collections.abc import Iterator, Set
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,9 +18,8 @@ _RECEIVED_AT = 128
 _MOST_FILES = 16_384
 _ATTACH_FILTER, _DETACH_FILTER = 26, 27
 """Linux' ``SO_ATTACH_FILTER`` and ``SO_DETACH_FILTER``, which Python does not name."""
-_KEEP_ONE_BYTE = struct.pack("=HBBI", 0x06, 0, 0, 1)
-"""A packet filter that returns at once: of what comes the kernel keeps one byte, and of TCP the
-whole header, so that acknowledgements count. It is told by where it is in memory."""
+_RETURN = 0x06
+"""Instruction by which a packet filter says how many bytes of what comes the kernel keeps."""
 
 
 def most_files() -> int:
@@ -37,8 +36,11 @@ def most_files() -> int:
 
 
 def open_files() -> int:
-    """Returns how many this process has open."""
-    return len(os.listdir("/proc/self/fd"))
+    """Returns how many this process has open; all it may have where it cannot even look."""
+    try:
+        return len(os.listdir("/proc/self/fd"))
+    except OSError:
+        return resource.getrlimit(resource.RLIMIT_NOFILE)[0]
 
 
 def forget_the_silent(port: int, milliseconds: int) -> None:
@@ -49,7 +51,7 @@ def forget_the_silent(port: int, milliseconds: int) -> None:
     client could not come back before. Sockets inherit it from the one that accepts them.
     """
     for found in _at(port):
-        if found.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+        if _listens(found):
             found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, milliseconds)
 
 
@@ -68,28 +70,66 @@ def ignore_connections(port: int, addresses: set[Address]) -> None:
 
     The other side's words are not acknowledged: it soon waits, until the connection is ended.
     """
-    program = ctypes.create_string_buffer(_KEEP_ONE_BYTE, len(_KEEP_ONE_BYTE))
-    told = struct.pack("@HP", 1, ctypes.addressof(program))
     for address, opened in _accepted(port):
         if address in addresses:
-            with suppress(OSError):  # it is at its end
-                opened.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, told)
+            _keep(opened, 1)  # and of TCP the whole header, so that acknowledgements count
 
 
 def end_connections(port: int, addresses: set[Address]) -> None:
     """Ends the connections of these addresses to ``port``, for both sides."""
     for address, opened in _accepted(port):
         if address in addresses:
-            # Or who waits for room in its buffer is never told that nobody listens.
-            with suppress(OSError):  # none is ignored
-                opened.setsockopt(socket.SOL_SOCKET, _DETACH_FILTER, 0)
+            _keep_all(opened)  # or who waits for room in its buffer is never told of the end
             with suppress(OSError):  # the other side was faster
                 opened.shutdown(socket.SHUT_RDWR)
 
 
-def end_others(port: int, known: Set[Address]) -> None:
-    """Ends all connections to ``port`` but those of ``known`` addresses."""
-    end_connections(port, {address for address, _ in _accepted(port)} - known)
+class Door:
+    """The sockets at which this process takes connections to ``port``.
+
+    It holds them, since who has no file left could not look for them.
+    """
+
+    def __init__(self, port: int, most_waiting: int) -> None:
+        """Let so many connections wait there at most until they are taken."""
+        # `dup` of a socket would have it wait, for both.
+        numbers = [os.dup(found.fileno()) for found in _at(port) if _listens(found)]
+        self._listening = [socket.socket(fileno=number) for number in numbers]
+        for each in self._listening:
+            each.listen(most_waiting)
+
+    def shut(self) -> None:
+        """Drop what asks for a connection, which asks again a second later."""
+        for each in self._listening:
+            _keep(each, 0)
+
+    def open(self) -> None:
+        """Take connections again."""
+        for each in self._listening:
+            _keep_all(each)
+
+    def close(self) -> None:
+        """Hold them no longer."""
+        for each in self._listening:
+            each.close()
+
+
+def _keep(opened: socket.socket, count: int) -> None:
+    """Lets the kernel keep so many bytes of each packet that comes, unless the socket is at its
+    end."""
+    program = ctypes.create_string_buffer(struct.pack("=HBBI", _RETURN, 0, 0, count), 8)
+    told = struct.pack("@HP", 1, ctypes.addressof(program))
+    with suppress(OSError):
+        opened.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, told)
+
+
+def _keep_all(opened: socket.socket) -> None:
+    with suppress(OSError):  # nothing of it is dropped
+        opened.setsockopt(socket.SOL_SOCKET, _DETACH_FILTER, 0)
+
+
+def _listens(opened: socket.socket) -> bool:
+    return bool(opened.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN))
 
 
 def _accepted(port: int) -> Iterator[tuple[Address, socket.socket]]:

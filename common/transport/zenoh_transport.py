@@ -32,6 +32,7 @@ from common.transport.credentials import (
     common_name,
 )
 from common.transport.endpoint import check_endpoint, check_free, is_loopback
+from common.transport.file_guard import FileGuard
 from common.transport.flood_guard import FloodGuard, tolerated
 from common.transport.hub_sockets import Address, forget_the_silent, most_files
 from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
@@ -79,7 +80,10 @@ class ZenohTransport:
             declared.close()
         self._declared.clear()
         if not self.session.is_closed():
-            self.session.close()  # type: ignore[no-untyped-call]
+            try:
+                self.session.close()  # type: ignore[no-untyped-call]
+            except zenoh.ZError as error:  # thousands of connections take it too long
+                _log.warning("the others find out by themselves that this process ends: %s", error)
 
     def serve(self, key: str, answer: Answer) -> Closeable:
         return self.keep(Service(self.session, key, answer))
@@ -259,8 +263,9 @@ def open_hub(
         raise InputError(f"cannot listen at {endpoint}: {error}") from None
     forget_the_silent(port, LEASE_MS)
     transport = ZenohTransport(session, let_in)
+    transport.keep(FileGuard(port, files))
     if let_in is not None:
-        guard = transport.keep(FloodGuard(port, let_in - by_name, most, files * 3 // 4))
+        guard = transport.keep(FloodGuard(port, let_in - by_name, most))
         transport.watch_links(guard.hear)
     return transport
 

@@ -1,15 +1,13 @@
 """Who floods a hub, and who does not: over real connections, and by a clock of the test's."""
 
-import socket
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from common.protocol.run_keys import RunKeys
-from common.transport import flood_guard, hub_sockets, zenoh_transport
-from common.transport.endpoint import check_endpoint
+from common.transport import flood_guard
 from common.transport.flood_guard import CUT_OFF, FloodGuard, tolerated
 from common.transport.hub_sockets import Address
 from common.transport.interface import Requester, Transport
@@ -97,11 +95,7 @@ class Links:
         self.ignored: list[Address] = []
         ignore = self.ignored.extend
         monkeypatch.setattr(flood_guard, "ignore_connections", lambda _, some: ignore(some))
-        self.open_files = 0
-        self.known: list[set[Address]] = []
-        monkeypatch.setattr(flood_guard, "open_files", lambda: self.open_files)
-        monkeypatch.setattr(flood_guard, "end_others", lambda _, known: self.known.append(known))
-        self.guard = FloodGuard(7, {"learner"}, 100.0, 1_000, lambda: self.now)
+        self.guard = FloodGuard(7, {"learner"}, 100.0, lambda: self.now)
         self.guard.close()  # this test looks itself
 
     def join(self, name: str, port: int, *, leaves: bool = False) -> None:
@@ -189,39 +183,3 @@ def test_nothing_is_asked_of_connections_that_nobody_watches(
     links.join("a", 2, leaves=True)
     links.guard.look()
     assert looks == [7]
-
-
-def test_strangers_are_ended_where_files_run_short_and_nobody_else(
-    links: Links, caplog: pytest.LogCaptureFixture
-) -> None:
-    for port, name in enumerate(("learner", "a", "b")):
-        links.join(name, port)
-    links.join("a", 1, leaves=True)
-    links.open_files = 1_000
-    links.guard.look()
-    assert links.known == []
-    links.open_files = 1_001
-    links.guard.look()
-    assert links.known == [{("::1", 0), ("::1", 2)}]
-    assert "1001 files and connections are open: those of strangers to port 7" in caplog.text
-
-
-def test_a_crowd_of_strangers_is_cut_off_and_who_has_a_certificate_stays(
-    address: str, named: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    most = (hub_sockets.open_files() + 100) * 4 // 3
-    monkeypatch.setattr(zenoh_transport, "most_files", lambda: most)
-    with ExitStack() as stack:
-        crowd = Crowd(stack, address, named)
-        actor, learner = crowd.actor("left"), crowd.learner()
-        before = crowd.links("actor.left"), crowd.links("learner")
-        place = check_endpoint(address)
-        strangers = [stack.enter_context(socket.create_connection(place)) for _ in range(120)]
-        for stranger in strangers:
-            stranger.settimeout(PATIENCE)
-            with suppress(ConnectionResetError):
-                assert stranger.recv(1) == b""
-        assert actor.request(b"").result().payload == b"ok"
-        assert learner.gather(KEYS.sample, PATIENCE)[0].payload == b"ok"
-        assert (crowd.links("actor.left"), crowd.links("learner")) == before
-    assert f"those of strangers to port {place[1]} are ended" in caplog.text

@@ -1,19 +1,21 @@
 """What a hub asks of the kernel, on plain sockets."""
 
+import errno
 import fcntl
 import os
+import resource
 import socket
+import struct
 import termios
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
 
 from common.transport.hub_sockets import (
-    Address,
+    Door,
     bytes_received,
     end_connections,
-    end_others,
     forget_the_silent,
     ignore_connections,
     open_files,
@@ -66,18 +68,7 @@ def two_connections() -> Iterator[tuple[int, Connection, Connection]]:
         yield ours.getsockname()[1], (first, accepted), (second, still)
 
 
-def end_first(port: int, first: Address, second: Address) -> None:
-    end_connections(port, {first})
-
-
-def end_all_but_second(port: int, first: Address, second: Address) -> None:
-    end_others(port, {second})
-
-
-@pytest.mark.parametrize("end", [end_first, end_all_but_second])
-def test_what_came_over_each_connection_is_known_and_one_of_them_can_be_ended(
-    end: Callable[[int, Address, Address], None],
-) -> None:
+def test_what_came_over_each_connection_is_known_and_one_of_them_can_be_ended() -> None:
     with (
         two_connections() as (port, (first, accepted), (second, still)),
         socket.create_server(("127.0.0.1", 0)) as other,
@@ -88,7 +79,7 @@ def test_what_came_over_each_connection_is_known_and_one_of_them_can_be_ended(
         first.sendall(bytes(1_000))
         accepted.recv(1_000, socket.MSG_WAITALL)
         assert bytes_received(port) == {first.getsockname(): 1_000, second.getsockname(): 0}
-        end(port, first.getsockname(), second.getsockname())
+        end_connections(port, {first.getsockname()})
         assert first.recv(1) == b""  # the end
         second.sendall(b"x")
         assert still.recv(1) == b"x"
@@ -122,7 +113,45 @@ def test_what_an_ignored_connection_says_is_not_received_and_it_can_still_be_end
             first.sendall(b"z")
 
 
-def test_open_files_are_counted() -> None:
+def test_who_comes_to_a_shut_door_is_not_heard_before_it_is_open() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as ours, socket.socket() as early:
+        before = os.listdir("/proc/self/fd")
+        door = Door(ours.getsockname()[1], 8)
+        door.shut()
+        early.setblocking(False)
+        with suppress(BlockingIOError):
+            early.connect(ours.getsockname())
+        door.open()
+        with socket.create_connection(ours.getsockname()) as late:
+            ours.settimeout(PATIENCE)
+            for each in (late, early):  # which asks again after a second
+                accepted, address = ours.accept()
+                with accepted:
+                    assert address == each.getsockname()
+        door.close()
+        assert len(os.listdir("/proc/self/fd")) == len(before)
+
+
+def test_no_more_wait_at_a_door_than_are_told() -> None:
+    with socket.create_server(("127.0.0.1", 0), backlog=100) as ours, ExitStack() as stack:
+        Door(ours.getsockname()[1], 3).close()
+        guests = [stack.enter_context(socket.socket()) for _ in range(8)]
+        for guest in guests:
+            guest.setblocking(False)
+            with suppress(BlockingIOError):
+                guest.connect(ours.getsockname())
+        told = ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 64)
+        waiting, most = struct.unpack_from("=II", told, 24)  # of who listens
+        assert (waiting, most) == (4, 3)  # Linux lets one more wait
+
+
+def test_open_files_are_counted_also_where_none_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     before = open_files()
     with socket.socket(), socket.socket():
         assert open_files() == before + 2
+
+    def none_left(_: str) -> list[str]:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr(os, "listdir", none_left)
+    assert open_files() == resource.getrlimit(resource.RLIMIT_NOFILE)[0]
