@@ -20,6 +20,9 @@ from replay.interface import Replay
 from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 
+_DEADLINE = 2.0
+"""Seconds that another learner has to say that it is there."""
+
 
 @contextmanager
 def open_replay(
@@ -28,7 +31,8 @@ def open_replay(
     """Hub and replay, in this process or where ``--connect`` says, and the hub's address.
 
     Raises:
-        InputError: nobody can listen there, nobody answers, or another run is served.
+        InputError: nobody can listen there, nobody answers, another run is served, or another
+            learner trains this one.
     """
     config, endpoint = options.config, options.connect
     if endpoint is None:
@@ -50,6 +54,11 @@ def open_replay(
             raise InputError(
                 f"the replay at {endpoint} serves {folder.name} with another configuration "
                 f"({'; '.join(unequal[:5])}): give both processes the same flags."
+            )
+        if transport.gather(keys.status, _DEADLINE):
+            raise InputError(
+                f"another learner trains {folder.name} at {endpoint}, and actors would play by the "
+                "weights of both: end that one first, or begin another run."
             )
         replay = RemoteReplay(transport, keys, served)
 

@@ -75,6 +75,22 @@ def _replay(stage: Stage, *arguments: str) -> None:
     stage.programs[-1].says("replay of run r")
 
 
+def test_a_run_has_one_learner(stage: Stage) -> None:
+    """Two would each give the actors their own weights, and both say that all is well."""
+    _replay(stage, "--env", "ale", *SMALL)
+
+    def learner(runs: str) -> Program:
+        far = ("--connect", stage.endpoint, "--run=r", f"--runs={runs}")
+        return stage.start("-m", "learner", *far, "--threads=1", "--env=ale", *SMALL)
+
+    first = learner("first")
+    first.says("warm-up")
+    assert "error: another learner trains r at tcp/" in learner("second").ends(2)
+    first.send(signal.SIGKILL)
+    first.process.join(PATIENCE)
+    learner("second").says("warm-up")
+
+
 def test_a_replay_that_is_killed_comes_back_with_everything_it_acknowledged(stage: Stage) -> None:
     pages = [free_endpoint().removeprefix("tcp/") for _ in range(2)]
     _replay(stage, "--env", "ale", "--restart=2", "--http", pages[0], *SMALL)
