@@ -105,5 +105,6 @@ def join(options: ActorOptions) -> None:
 
 def _default_name() -> str:
     """The host's name and six random digits."""
-    host = "".join(c if c.isalnum() else "-" for c in socket.gethostname().split(".")[0])
+    host = socket.gethostname().split(".")[0]
+    host = "".join(c if c.isascii() and c.isalnum() else "-" for c in host)
     return f"{host.strip('-')[:40] or 'actor'}-{secrets.token_hex(3)}"

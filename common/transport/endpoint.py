@@ -28,6 +28,10 @@ def host_and_port(address: str, least_port: int = 1) -> tuple[str, int] | None:
     found = _ADDRESS.fullmatch(address)
     if found is None or not least_port <= int(found[2]) < 65_536:
         return None
+    try:
+        found[1].encode("idna")  # as Python does where it looks for a host
+    except UnicodeError:
+        return None
     return found[1].strip("[]"), int(found[2])
 
 

@@ -22,6 +22,13 @@ _RETURN = 0x06
 """Instruction by which a packet filter says how many bytes of what comes the kernel keeps."""
 
 
+def address_in(locator: str) -> Address:
+    """Returns the other side's address in what Zenoh calls a link, ``tls/[fe80::1%2]:7447``, as the
+    kernel tells it: without the interface."""
+    host, _, port = locator.partition("/")[2].rpartition(":")
+    return host.strip("[]").partition("%")[0], int(port)
+
+
 def most_files() -> int:
     """Returns how many files and connections this process may have open.
 

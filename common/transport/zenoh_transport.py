@@ -34,7 +34,12 @@ from common.transport.credentials import (
 from common.transport.endpoint import check_endpoint, check_free, is_loopback
 from common.transport.file_guard import FileGuard
 from common.transport.flood_guard import FloodGuard, tolerated
-from common.transport.hub_sockets import Address, forget_the_silent, most_files
+from common.transport.hub_sockets import (
+    Address,
+    address_in,
+    forget_the_silent,
+    most_files,
+)
 from common.transport.interface import Answer, Closeable, Envelope, Publisher, Requester
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.transport.zenoh_entities import (
@@ -131,10 +136,9 @@ class ZenohTransport:
         whether it begins or has ended."""
 
         def hear(event: zenoh.LinkEvent) -> None:
-            host, _, port = event.link.dst.partition("/")[2].rpartition(":")
             if (name := event.link.auth_identifier) is not None:
                 present = event.kind == zenoh.SampleKind.PUT
-                callback(name, (host.strip("[]"), int(port)), present)
+                callback(name, address_in(event.link.dst), present)
 
         handler = callback_of("hear of links", hear)
         links = self.session.info.declare_link_events_listener(handler, history=True)

@@ -1,6 +1,7 @@
 """The command line of `python -m actors`."""
 
 import os
+import socket
 import sys
 from pathlib import Path
 
@@ -8,8 +9,10 @@ import pytest
 
 from actors.__main__ import main, viewer_command
 from actors.options import ActorOptions
+from actors.process import _default_name
 from common.errors import InputError
 from common.process.command_line import parse
+from common.protocol.run_keys import check_name
 from viewer import __main__ as viewer
 from viewer.check import Check
 
@@ -58,3 +61,12 @@ def test_a_former_flag_starts_the_viewer(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_options_that_cannot_be_followed(arguments: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         parse(ActorOptions, "actors", arguments.split()).check()
+
+
+@pytest.mark.parametrize("host", ["robot-1.example.org", "ロボット", "-", ""])
+def test_an_actor_is_called_after_its_machine_whatever_that_is_called(
+    host: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(socket, "gethostname", lambda: host)
+    name = check_name("actor", _default_name())
+    assert name.startswith("robot-1-" if host.startswith("robot") else "actor-")

@@ -13,7 +13,9 @@ from contextlib import ExitStack, contextmanager, suppress
 import pytest
 
 from common.transport.hub_sockets import (
+    Address,
     Door,
+    address_in,
     bytes_received,
     end_connections,
     forget_the_silent,
@@ -21,6 +23,19 @@ from common.transport.hub_sockets import (
     open_files,
 )
 from tests.patience import PATIENCE, wait_until
+
+
+@pytest.mark.parametrize(
+    ("locator", "address"),
+    [
+        ("tls/192.0.2.7:7447", ("192.0.2.7", 7447)),
+        ("tls/[2001:db8::1]:1", ("2001:db8::1", 1)),
+        ("tls/[::ffff:192.0.2.7]:2", ("::ffff:192.0.2.7", 2)),
+        ("tls/[fe80::1%2]:3", ("fe80::1", 3)),  # in one's own network
+    ],
+)
+def test_zenoh_and_the_kernel_mean_the_same_address(locator: str, address: Address) -> None:
+    assert address_in(locator) == address
 
 
 def test_the_kernel_ends_a_hubs_connections_whose_other_side_takes_nothing() -> None:
