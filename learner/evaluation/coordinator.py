@@ -19,6 +19,9 @@ from learner.evaluation.snapshots import Snapshots
 
 NEWCOMER = 5.0
 """Seconds after its job in which an evaluator whose presence is unknown is not yet given up."""
+HANGS = 4 * 3_600.0
+"""Seconds without a report after which an evaluator is given up although it is present, where there
+is another: a whole game in real time lasts half an hour at most, and slow machines take longer."""
 MOST_WAITING = 4
 """Tests that wait for the first evaluator; each keeps a snapshot on disk."""
 
@@ -48,6 +51,8 @@ class _Shard:
     epoch: int
     left: int
     given: float
+    heard: float
+    """When it was given, or its evaluator reported last."""
 
 
 class EvaluationCoordinator:
@@ -106,7 +111,9 @@ class EvaluationCoordinator:
         now = self._now()
         with self._lock:
             for name, shard in list(self._shards.items()):
-                if name not in present and now - shard.given > NEWCOMER:
+                lost = name not in present and now - shard.given > NEWCOMER
+                hangs = now - shard.heard > HANGS and len(present) > 1
+                if lost or hangs:
                     self._give_back(name)
             return self._finished.pop(0) if self._finished else None
 
@@ -194,7 +201,8 @@ class EvaluationCoordinator:
             steps = min(math.ceil(self._protocol.test_steps / everyone), test.remaining)
             test.remaining -= steps
             test.began = self._seconds() if test.began is None else test.began
-            self._shards[evaluator] = _Shard(test.epoch, steps, self._now())
+            now = self._now()
+            self._shards[evaluator] = _Shard(test.epoch, steps, given=now, heard=now)
         weights = self._snapshots.read(test.epoch)
         return EvaluationJob("test", test.epoch, steps, self._protocol.test_epsilon, weights)
 
@@ -213,6 +221,7 @@ class EvaluationCoordinator:
                 raise MessageError("all its steps are played")
             test.steps += report.steps
             shard.left -= report.steps
+            shard.heard = self._now()
             test.scores += [game.score for game in report.games]
             if report.done:
                 self._give_back(report.evaluator)  # with what another of its name has not played

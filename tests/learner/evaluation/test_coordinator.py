@@ -11,7 +11,13 @@ from common.errors import MessageError
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
 from common.run.config import ProtocolConfig
-from learner.evaluation.coordinator import MOST_WAITING, NEWCOMER, EpochTest, EvaluationCoordinator
+from learner.evaluation.coordinator import (
+    HANGS,
+    MOST_WAITING,
+    NEWCOMER,
+    EpochTest,
+    EvaluationCoordinator,
+)
 from learner.evaluation.snapshots import Snapshots
 
 PROTOCOL = replace(ProtocolConfig(), test_steps=100, test_epsilon=0.05)
@@ -176,6 +182,26 @@ def test_an_evaluator_that_is_present_may_take_its_time(tmp_path: Path) -> None:
     tests.now += 1e6
     assert tests.coordinator.take_finished() is None
     assert tests.report("e", 1, 100, [1.0], done=True)
+
+
+def test_an_evaluator_that_is_there_and_says_nothing_holds_up_no_test_for_ever(
+    tmp_path: Path,
+) -> None:
+    """As where its camera hangs, while its heartbeat goes on."""
+    tests = Place(tmp_path, "hangs", "plays")
+    tests.coordinator.add(epoch_test(1), b"1")
+    assert tests.ask("hangs").steps == tests.ask("plays").steps == 50
+    for _ in range(2):
+        tests.now += 0.6 * HANGS
+        assert tests.report("plays", 1, 20, [1.0], done=False)
+        assert tests.coordinator.take_finished() is None
+    assert tests.report("plays", 1, 10, [1.0], done=True)
+    assert not tests.report("hangs", 1, 50, [1.0], done=True)
+    assert tests.ask("plays").steps == 50
+    assert tests.report("plays", 1, 50, [1.0], done=True)
+    finished = tests.coordinator.take_finished()
+    assert finished is not None
+    assert finished.steps == 100
 
 
 def test_an_evaluator_that_asks_again_has_given_up_its_job(tmp_path: Path) -> None:
