@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import zenoh
+from zenoh.handlers import FifoChannel
 
 from common.errors import InputError, Unreachable
 from common.transport.access_control import (
@@ -53,6 +54,8 @@ from common.transport.zenoh_entities import (
 
 LEASE_MS = 3_000
 """Silence after which the other side counts as gone."""
+_MOST_UNREAD = 4
+"""Answers that wait to be looked at; who sends more has to wait."""
 _log = logging.getLogger(__name__)
 _NOT_TRUSTED = (
     " If one runs there, its certificates or ours are of another authority or out of date, or the "
@@ -98,9 +101,25 @@ class ZenohTransport:
 
     def gather(self, key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
         sealed = seal(key, payload)
-        replies = self.session.get(key, timeout=deadline, payload=payload, attachment=sealed)
-        found = (envelope_of(reply.ok) for reply in replies if reply.ok is not None)
-        return [each for each in found if each is not None]
+        replies = self.session.get(
+            key,
+            FifoChannel(_MOST_UNREAD),
+            timeout=deadline,
+            payload=payload,
+            attachment=sealed,
+            consolidation=zenoh.ConsolidationMode.NONE,  # or Zenoh would keep all until the last
+        )
+        found: list[Envelope] = []
+        size = 0
+        for reply in replies:
+            if reply.ok is not None and (answer := envelope_of(reply.ok)) is not None:
+                found.append(answer)
+                size += len(answer.payload)
+            if size > LONGEST_RECEIVED:  # whoever answers may answer without end
+                text = "no more than %d bytes of answers at %s are taken"
+                _log.warning(text, LONGEST_RECEIVED, key)
+                break
+        return found
 
     def publisher(self, key: str) -> Publisher:
         return self.keep(ZenohPublisher(self.session, key))

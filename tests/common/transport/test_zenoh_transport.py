@@ -305,6 +305,28 @@ def test_what_was_damaged_on_its_way_is_as_good_as_not_sent(
     ]
 
 
+def test_who_answers_without_end_is_not_listened_to_without_end(
+    zenoh_hub: ZenohTransport,
+    zenoh_client: ZenohTransport,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def answer(query: zenoh.Query) -> None:
+        for number in range(100):
+            key = RunKeys(f"r{number}").config
+            query.reply(key, bytes(1_000), attachment=seal(key, bytes(1_000)))
+
+    monkeypatch.setattr(zenoh_transport, "LONGEST_RECEIVED", 10_000)
+    everywhere, one = RunKeys("*").config, RunKeys("r").task("e")
+    served = zenoh_hub.session.declare_queryable(everywhere, answer)
+    found = wait_until(lambda: zenoh_client.gather(everywhere, PATIENCE), "it answers")
+    assert sum(len(each.payload) for each in found) == 11_000
+    assert "no more than 10000 bytes of answers at ale-robot/*/config are taken" in caplog.text
+    zenoh_hub.serve(one, lambda _: b"still")
+    wait_until(lambda: zenoh_client.gather(one, PATIENCE), "others answer still")
+    served.undeclare()
+
+
 @pytest.mark.parametrize(
     "answer",
     [
