@@ -14,6 +14,8 @@ from common.process.output import escape, has_reader, open_closed, silence
 
 NO_ROOM_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """What the system says where a disk is full or read-only, which may pass."""
+_SHORT_ERRORS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
+"""What it says where files or memory run short, of which a new process has enough."""
 
 
 class InputError(Exception):
@@ -93,7 +95,10 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
             what = "the disk is full: free some space"
         told = "then run the command again; --resume continues a run from its last checkpoint."
         say_aside(f"error: {what}, {told}", "error")
-        status = NO_ROOM if error.errno in NO_ROOM_ERRORS else BAD_INPUT
+        if error.errno in NO_ROOM_ERRORS:
+            status = NO_ROOM
+        else:
+            status = FAILED if error.errno in _SHORT_ERRORS else BAD_INPUT
     except KeyboardInterrupt:
         status = INTERRUPTED
     sys.exit(status)

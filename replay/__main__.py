@@ -92,17 +92,18 @@ def serve(options: ReplayOptions, again: bool) -> None:
     folder.claim("replay", config, begun=folder.replay, resume=resume)
     stop = threading.Event()
     on_signals(stop)
+    pages: dict[str, Callable[[], Page]] = {}
     with (
         folder.removed_if_unused(),
         end_with_any_thread(stop),
         kept_log(folder.logs / "replay.jsonl", "replay"),
+        http_endpoints(options.http, lambda: pages),  # first: a start that is refused makes no ring
         _open(options, stop) as transport,
         closing(ReplayBuffer(config, folder.replay)) as buffer,
     ):
-        with (
-            ReplayServer(transport, buffer, config, folder.name, options.actor_quota),
-            http_endpoints(options.http, lambda: _pages(buffer, folder.name)),
-        ):
+        with ReplayServer(transport, buffer, config, folder.name, options.actor_quota):
+            if options.http is not None:
+                pages |= _pages(buffer, folder.name)
             place = options.connect or options.listen
             say(f"replay of run {folder.name} in {folder.replay}, at {place}.")
             say(_line(buffer.progress(sys.maxsize)))

@@ -85,6 +85,16 @@ def test_what_the_system_refuses_is_one_line(
     assert told.count("\n") == 1
 
 
+@pytest.mark.parametrize("number", [errno.EMFILE, errno.ENFILE, errno.ENOMEM])
+def test_a_process_that_runs_short_is_started_again(number: int) -> None:
+    def main() -> int:
+        raise OSError(number, os.strerror(number))
+
+    with pytest.raises(SystemExit) as caught:
+        exit_on_input_error(main)
+    assert caught.value.code == 1
+
+
 def test_other_errors_are_bugs_and_keep_their_traceback() -> None:
     def main() -> int:
         raise MessageError("not caught")

@@ -56,6 +56,14 @@ def test_a_port_that_is_taken(stage: Stage) -> None:
     assert stage.endpoint in sentence
 
 
+def test_a_replay_that_cannot_be_asked_at_its_address_leaves_nothing(stage: Stage) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        flags = ("--listen", stage.endpoint, "--http", f"127.0.0.1:{taken.getsockname()[1]}")
+        replay = stage.start("-m", "replay", "--run=r", "--env=ale", *flags, *SMALL)
+        assert "choose another address with --http" in _sentence(replay.ends(2))
+    assert not stage.run.exists()
+
+
 def test_an_actor_without_a_hub(stage: Stage) -> None:
     began = time.monotonic()
     sentence = _sentence(stage.actor("a", "--patience", "0.5").ends(4))
