@@ -15,6 +15,7 @@ from typing import Any
 
 from common.errors import InputError
 from common.process.backoff import SETTLED, growing_pause
+from common.process.exit_codes import BAD_INPUT
 from common.process.lifeline import GRACE, LEASH
 from common.process.service_manager import without
 
@@ -175,7 +176,7 @@ class Supervisor:
                 continue
             how = f"signal {-status}" if status < 0 else f"status {status}"
             worked = now - self._started[name]
-            early = worked < _EARLY
+            early = worked < _EARLY or status == BAD_INPUT  # however slowly it found out
             self._early_ends[name] = self._early_ends[name] + 1 if early else 0
             if self._early_ends[name] >= _MOST_EARLY_ENDS:
                 raise InputError(

@@ -143,6 +143,22 @@ def test_a_child_that_cannot_start_is_given_up_with_its_last_line(
     children.close()
 
 
+def test_a_child_that_is_refused_is_given_up_however_slowly_it_starts(
+    program: Path, tmp_path: Path
+) -> None:
+    clock = Clock()
+    children = started(program, tmp_path, "print('not listed'); raise SystemExit(2)", clock)
+    for pause in (0, 1):
+        clock.now += 100.0
+        assert notes_of(children)[0].startswith("actor-1 ended by status 2")
+        clock.now += pause
+        children.watch(finished=False)
+    clock.now += 100.0
+    with pytest.raises(InputError, match=r"^actor-1 cannot start: .* and said: not listed "):
+        notes_of(children)
+    children.close()
+
+
 def test_a_child_that_has_worked_may_end_often(program: Path, tmp_path: Path) -> None:
     clock = Clock()
     children = started(program, tmp_path, "raise SystemExit(0)", clock)
