@@ -20,6 +20,8 @@ from common.transport.interface import Unanswered
 
 _ASK_AGAIN = 0.5
 _TIMEOUT = 5.0
+_TELL_AFTER = 10.0
+"""Seconds without a learner after which people are told."""
 
 
 class Evaluator:
@@ -45,6 +47,7 @@ class Evaluator:
             InputError: the learner went away for longer than the patience, or trains another run.
         """
         heard, patience = time.monotonic(), self._member.patience
+        told = False
         try:
             while not self._member.stop.is_set():
                 job = self._ask()
@@ -56,13 +59,20 @@ class Evaluator:
                     seed += 1
                 else:
                     self._member.stop.wait(_ASK_AGAIN)
+                missed = time.monotonic() - heard
                 if job is not None:
                     heard = time.monotonic()
-                elif time.monotonic() - heard > patience:
+                    if told:
+                        told = False
+                        self._member.warn("the learner answers again.")
+                elif missed > patience:
                     raise Unreachable(
                         f"the learner went away and did not come back in {patience:.0f} s: "
                         "start it again with --resume, then start this evaluator."
                     )
+                elif missed > _TELL_AFTER and not told:
+                    told = True
+                    self._member.warn("the learner does not answer: waiting for it.")
         finally:
             self._heartbeat.close()
 

@@ -17,6 +17,8 @@ ACK_TIMEOUT = 5.0
 _PAUSE = 0.2
 _AWAY = 2.0
 """Seconds without a hub after which a leaving actor no longer waits for it."""
+_TELL_AFTER = 10.0
+"""Seconds without a hub after which people are told."""
 
 
 class InsertClient:
@@ -30,6 +32,7 @@ class InsertClient:
         self._member = member
         self.window = member.config.stream.window
         self._missed_since: float | None = None
+        self._told = False
         key = member.keys.insert(member.name)
         self._requester = member.transport.requester(key, ACK_TIMEOUT)
         self._inserts = Window(self._requester, self._settle)
@@ -81,6 +84,7 @@ class InsertClient:
         """
         try:
             self.last_ack = Ack.decode(self._requester.request(b"").result().payload)
+            self._look_for_hub()
             return self.last_ack
         except Unanswered:
             pass
@@ -94,14 +98,22 @@ class InsertClient:
         now = time.monotonic()
         if self._requester.has_server:
             self._missed_since = None
-        elif self._missed_since is None:
+            if self._told:
+                self._told = False
+                self._member.warn("the hub answers again.")
+            return
+        if self._missed_since is None:
             self._missed_since = now
-        elif now - self._missed_since > self._member.patience:
+        missed = now - self._missed_since
+        if missed > self._member.patience:
             raise Unreachable(
                 f"the hub went away and did not come back in "
                 f"{self._member.patience:.0f} s: "
                 "start it again with --resume, then start this actor."
             )
+        if missed > _TELL_AFTER and not self._told:
+            self._told = True
+            self._member.warn("the hub does not answer: waiting for it.")
 
     def _settle(self, outcome: Envelope | MessageError) -> None:
         """Count a chunk that is stored, or refused for good."""

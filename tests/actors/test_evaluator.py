@@ -217,6 +217,21 @@ def test_a_learner_that_was_away_for_a_moment_is_asked_again(stage: Stage) -> No
     assert len(stage.test()) == 1
 
 
+def test_people_are_told_that_the_learner_is_away_and_back(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evaluator_module, "_TELL_AFTER", 0.1)
+    stage.start(NumberedEnv(TEN_STEPS_A_GAME))
+    while not stage.warnings:
+        stage.tasks.next().drop()
+    stage.give(EvaluationJob("wait"))
+    wait_until(lambda: len(stage.warnings) == 2, "the learner is back")
+    assert stage.warnings == [
+        "e: the learner does not answer: waiting for it.",
+        "e: the learner answers again.",
+    ]
+
+
 def test_a_learner_that_stays_away_is_given_up(stage: Stage) -> None:
     stage.tasks.close()
     stage.start(NumberedEnv(TEN_STEPS_A_GAME), patience=0.1)

@@ -335,6 +335,29 @@ def test_patience_counts_from_when_the_hub_last_answered(
     assert sender.outbox.poll() is None
 
 
+def test_people_are_told_that_the_hub_is_away_and_back(
+    hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outbox_module, "_TELL_AFTER", 0.1)
+    replay = PendingRequests(hub, KEY)
+    sender = Sender(client)
+    replay.close()
+
+    def poll_until(warnings: int) -> None:
+        while len(sender.warnings) < warnings:
+            sender.outbox.poll()
+
+    joined(sender.beside(lambda: poll_until(1)))
+    sender.outbox.poll()  # says it no second time
+    assert sender.warnings == ["a: the hub does not answer: waiting for it."]
+    replay = PendingRequests(hub, KEY)
+    polling = sender.beside(lambda: poll_until(2))
+    acknowledge(replay.next())
+    joined(polling)
+    replay.close()
+    assert sender.warnings[1:] == ["a: the hub answers again."]
+
+
 def test_a_poll_with_a_malformed_reply_is_no_answer(
     replay: PendingRequests, sender: Sender
 ) -> None:
