@@ -96,10 +96,19 @@ def main() -> None:
     options = parse(BackupOptions, "learner.backup", sys.argv[1:])
     copy = back_up(options)
     where = shlex.join(["--runs", str(copy.parent), "--run", copy.name])
+    # A replay that is a process of its own may have a folder of its own, without a checkpoint.
+    folder = RunFolder(copy.parent, copy.name)
+    replay_alone = folder.replay.exists() and not folder.checkpoint.exists()
     print(
-        f"{options.run} is copied to {copy}. Where it goes on: ale-robot train --resume {where}, "
-        "with its other flags."
+        f"{options.run} is copied to {copy}. Where it goes on: ale-robot "
+        f"{'replay' if replay_alone else 'train'} --resume {where}, with its other flags."
     )
+    name = options.run.resolve().name
+    if copy.name != name:
+        print(
+            f"There it is called {copy.name}: what joined {name} joins it only if the folder is "
+            f"renamed to {name}."
+        )
 
 
 if __name__ == "__main__":

@@ -64,7 +64,25 @@ def test_the_command_to_go_on_can_be_pasted(
     copy = tmp_path / "my runs" / "r2"  # which makes both
     monkeypatch.setattr("sys.argv", ["learner.backup", str(run.path), "-o", str(copy)])
     backup.main()
-    assert f"train --resume --runs '{copy.parent}' --run r2, with" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert f"train --resume --runs '{copy.parent}' --run r2, with" in told
+    assert "There it is called r2: what joined r joins it only if" in told
+
+
+def test_a_replay_alone_goes_on_as_a_replay(
+    run: RunFolder,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    run.checkpoint.unlink()
+    run.previous.unlink()
+    copy = tmp_path / "r"
+    monkeypatch.setattr("sys.argv", ["learner.backup", str(run.path), "-o", str(copy)])
+    backup.main()
+    told = capsys.readouterr().out
+    assert f"ale-robot replay --resume --runs {tmp_path} --run r, with" in told
+    assert "There it is called" not in told
 
 
 def test_the_copy_is_for_its_owner_alone(run: RunFolder, tmp_path: Path) -> None:
