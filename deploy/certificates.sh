@@ -85,7 +85,7 @@ if [ "$role" ]; then
         certify "$role.$name" clientAuth "DNS:$role"
         grep -qxF -- "$name" "$list" 2>/dev/null || echo "$name" >>"$list"
     done
-    echo "$folder/$list lists $(wc -l <"$list") ${list%.txt}; a hub reads it when it starts."
+    echo "Names in $folder/$list: $(wc -l <"$list"). A hub reads the file when it starts."
     exit
 fi
 
@@ -96,7 +96,10 @@ for host; do
         *.*.*.* | *:*) kind=IP ;;
         *) kind=DNS ;;
     esac
-    names=$names,$kind:$host
+    case ,$names, in
+        *,$kind:$host,*) ;;
+        *) names=$names,$kind:$host ;;
+    esac
 done
 if ! [ -f ca-key.pem ]; then
     quietly openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 3650 \
