@@ -75,6 +75,7 @@ Join a run as an actor, from another terminal or machine.
 
   --connect ADDRESS    address of the run's learner or replay
   --certificates DIR   certificates, where the address begins with tls/
+  --name NAME          name of this actor, where the folder has several names
   --run NAME           name of the run, where an address serves several
   --envs N             number of environments in this process
   --no-sync            play in real time
