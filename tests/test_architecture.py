@@ -40,7 +40,10 @@ DOORS: dict[str, str | tuple[str, ...]] = {
     "optuna": "benchmarks/lab/sweep.py",
     "huggingface_hub": "ale_robot/",
     "pyarrow": "common/dataset/",
-    "cryptography": ("common/transport/signature.py", "deploy/certificates.py"),
+    "cryptography": (
+        *("common/transport/credentials.py", "common/transport/signature.py"),
+        "deploy/certificates.py",
+    ),
     "ray": ("deploy/ray_cluster.py", "deploy/ray_keepers.py"),
 }
 """By foreign package, the file or folder that alone imports it."""

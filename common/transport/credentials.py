@@ -4,16 +4,21 @@ They are files in a folder that `deploy/certificates.sh` writes, and are for add
 with ``tls/``.
 """
 
+import logging
 import re
 import ssl
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
+
+from cryptography import x509
 
 from common.checked import NAME
 from common.errors import InputError
 from common.transport.endpoint import check_endpoint
 
+_log = logging.getLogger(__name__)
 Role = Literal["hub", "learner", "replay", "actor"]
 """The role in which a process joins a run. An evaluator joins as an actor; a replay is a hub unless
 it joins that of another run."""
@@ -113,6 +118,8 @@ class Credentials:
     def find(cls, folder: Path, role: Role, name: str | None = None) -> "Credentials":
         """Those in ``folder`` of the process called ``name`` if there are such, or of its role.
 
+        What is out of date is logged, and not refused: it may be replaced while a process waits.
+
         Raises:
             InputError: one is missing, is no certificate, key and certificate do not fit, or the
                 hub's folder, if it is that, does not list the actor.
@@ -124,12 +131,15 @@ class Credentials:
                 f"{folder / _ACTORS} does not list {name}: make its certificate with "
                 f"`deploy/certificates.sh {folder} --actors {name}`, and start the hub again."
             )
-        if role == "actor" and not (folder / f"{whose}.pem").is_file():
+        role_wide = (folder / f"{common_name(role)}.pem").is_file()
+        by_name = role == "actor" and any(folder.glob(_KEYS_BY_NAME)) and not role_wide
+        if role == "actor" and not by_name and not (folder / f"{whose}.pem").is_file():
             whose = common_name(role)
         found = cls(folder / "ca.pem", folder / f"{whose}.pem", folder / f"{whose}-key.pem")
         for path in (found.authority, found.certificate, found.key):
             if not path.is_file():
-                how = f" {folder} --runs {name}" if role == "replay" else ""
+                flag = "--runs" if role == "replay" else "--actors" if by_name else None
+                how = "" if flag is None else f" {folder} {flag} {name}"
                 raise InputError(
                     f"there is no {path}: make certificates with deploy/certificates.sh{how}, and "
                     f"give this machine ca.pem, {whose}.pem and {whose}-key.pem."
@@ -143,6 +153,14 @@ class Credentials:
                 f"the certificates in {folder} cannot be used ({error}): make them anew with "
                 "deploy/certificates.sh."
             ) from None
+        for path in (found.authority, found.certificate):
+            ended = x509.load_pem_x509_certificate(path.read_bytes()).not_valid_after_utc
+            if ended < datetime.now(UTC):
+                _log.warning(
+                    "%s is out of date since %s: nobody accepts it; make it anew with "
+                    "deploy/certificates.sh, and replace the file",
+                    *(path, ended.strftime("%Y-%m-%d %H:%M UTC")),
+                )
         return found
 
     def settings(self, role: Role) -> dict[str, object]:

@@ -565,6 +565,30 @@ def test_files_that_cannot_be_used_are_told(
         check_certificates("tls/127.0.0.1:7447", folder, "hub")
 
 
+def test_a_certificate_by_name_that_is_missing_is_named(certificates: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "certificates"
+    folder.mkdir()
+    shutil.copy(certificates / "ca.pem", folder)
+    for end in (".pem", "-key.pem"):
+        shutil.copy(certificates / f"actor{end}", folder / f"actor.a{end}")
+    with pytest.raises(InputError, match=r"no .*actor\.b\.pem: make .* --actors b, and give"):
+        check_certificates("tls/127.0.0.1:7447", folder, "actor", "b")
+    assert check_certificates("tls/127.0.0.1:7447", folder, "actor", "a") is not None
+
+
+def test_a_certificate_that_is_out_of_date_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = certify(tmp_path / "certificates")
+    check_certificates("tls/127.0.0.1:7447", folder, "actor")
+    assert not caplog.messages
+    monkeypatch.setenv("DAYS", "-1")
+    certify(folder)
+    check_certificates("tls/127.0.0.1:7447", folder, "actor")
+    (told,) = caplog.messages
+    assert told.startswith(f"{folder}/actor.pem is out of date since 2")
+
+
 def test_the_script_names_hosts_and_keeps_the_authority(tmp_path: Path) -> None:
     folder = certify(
         tmp_path / "certificates", "hub.example.org", "192.0.2.7", "2001:db8::7", "beef"
