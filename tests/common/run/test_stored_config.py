@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from common.checked import MAX_COUNT
 from common.errors import InputError
 from common.run.conditions import CameraConfig, PlayConfig, RandomiseConfig
-from common.run.config import LearningConfig, RunConfig, StreamConfig
+from common.run.config import MAX_WINDOW, LearningConfig, RunConfig, StreamConfig
 from common.run.presets import PRESETS
 from common.run.stored_config import REMOVED, RENAMED, differences, from_mapping, to_json
 
@@ -40,7 +40,7 @@ def test_a_preset_survives_json(name: str) -> None:
         learning_rate=st.floats(0, allow_infinity=False),
         scale_pixels=st.booleans(),
     ),
-    st.builds(StreamConfig, st.integers(1, 1_024), st.integers(1, MAX_COUNT)),
+    st.builds(StreamConfig, st.integers(1, 1_024), st.integers(1, MAX_WINDOW)),
 )
 def test_any_configuration_survives_json(
     seed: int, play: PlayConfig, learning: LearningConfig, stream: StreamConfig
