@@ -56,7 +56,7 @@ def test_actors_are_who_their_certificates_say(stage: Stage, certificates: Path)
     shut_out.ends(4)
     # One that says another name has no certificate of that name.
     liar = stage.start(*place, str(own["tester"]), "--name=robot-7", "--patience=0")
-    assert f"{own['tester'] / 'actor.pem'}" in liar.ends(2)
+    assert f"{own['tester'] / 'actor.robot-7.pem'}" in liar.ends(2)
     actor = stage.start(*place, str(own["robot-7"]))
     tester = stage.start(*place, str(own["tester"]), "--evaluator")
     learner.ends()
