@@ -5,13 +5,14 @@ from typing import Any
 
 import gymnasium
 
+from actors.absence import Absence
 from actors.counters import ActorCounters
 from actors.loop import play
 from actors.member import Member
 from actors.policy import Policy
 from actors.stream.heartbeat import Heartbeat
 from actors.stream.live_views import LiveViews
-from common.errors import MessageError, Unreachable
+from common.errors import MessageError
 from common.protocol.actor_stats import ActorStats
 from common.protocol.chunk import Game
 from common.protocol.evaluation import EvaluationJob, EvaluationReport
@@ -20,8 +21,6 @@ from common.transport.interface import Unanswered
 
 _ASK_AGAIN = 0.5
 _TIMEOUT = 5.0
-_TELL_AFTER = 10.0
-"""Seconds without a learner after which people are told."""
 
 
 class Evaluator:
@@ -46,8 +45,7 @@ class Evaluator:
         Raises:
             InputError: the learner went away for longer than the patience, or trains another run.
         """
-        heard, patience = time.monotonic(), self._member.patience
-        told = False
+        heard, absence = time.monotonic(), Absence(self._member, "learner", "evaluator")
         try:
             while not self._member.stop.is_set():
                 job = self._ask()
@@ -59,20 +57,11 @@ class Evaluator:
                     seed += 1
                 else:
                     self._member.stop.wait(_ASK_AGAIN)
-                missed = time.monotonic() - heard
-                if job is not None:
+                if job is None:
+                    absence.lasts(time.monotonic() - heard)
+                else:
                     heard = time.monotonic()
-                    if told:
-                        told = False
-                        self._member.warn("the learner answers again.")
-                elif missed > patience:
-                    raise Unreachable(
-                        f"the learner went away and did not come back in {patience:.0f} s: "
-                        "start it again with --resume, then start this evaluator."
-                    )
-                elif missed > _TELL_AFTER and not told:
-                    told = True
-                    self._member.warn("the learner does not answer: waiting for it.")
+                    absence.ends()
         finally:
             self._heartbeat.close()
 

@@ -6,8 +6,9 @@ away, or too slow) is sent again; the server drops what it has already.
 
 import time
 
+from actors.absence import Absence
 from actors.member import Member
-from common.errors import MessageError, Unreachable
+from common.errors import MessageError
 from common.protocol.ack import Ack
 from common.transport.interface import Envelope, Unanswered
 from common.transport.requests import Window
@@ -17,8 +18,6 @@ ACK_TIMEOUT = 5.0
 _PAUSE = 0.2
 _AWAY = 2.0
 """Seconds without a hub after which a leaving actor no longer waits for it."""
-_TELL_AFTER = 10.0
-"""Seconds without a hub after which people are told."""
 
 
 class InsertClient:
@@ -32,7 +31,7 @@ class InsertClient:
         self._member = member
         self.window = member.config.stream.window
         self._missed_since: float | None = None
-        self._told = False
+        self._absence = Absence(member, "hub", "actor")
         key = member.keys.insert(member.name)
         self._requester = member.transport.requester(key, ACK_TIMEOUT)
         self._inserts = Window(self._requester, self._settle)
@@ -98,22 +97,11 @@ class InsertClient:
         now = time.monotonic()
         if self._requester.has_server:
             self._missed_since = None
-            if self._told:
-                self._told = False
-                self._member.warn("the hub answers again.")
+            self._absence.ends()
             return
         if self._missed_since is None:
             self._missed_since = now
-        missed = now - self._missed_since
-        if missed > self._member.patience:
-            raise Unreachable(
-                f"the hub went away and did not come back in "
-                f"{self._member.patience:.0f} s: "
-                "start it again with --resume, then start this actor."
-            )
-        if missed > _TELL_AFTER and not self._told:
-            self._told = True
-            self._member.warn("the hub does not answer: waiting for it.")
+        self._absence.lasts(now - self._missed_since)
 
     def _settle(self, outcome: Envelope | MessageError) -> None:
         """Count a chunk that is stored, or refused for good."""

@@ -220,7 +220,7 @@ def test_a_learner_that_was_away_for_a_moment_is_asked_again(stage: Stage) -> No
 def test_people_are_told_that_the_learner_is_away_and_back(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(evaluator_module, "_TELL_AFTER", 0.1)
+    monkeypatch.setattr("actors.absence._TELL_AFTER", 0.1)
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))
     while not stage.warnings:
         stage.tasks.next().drop()

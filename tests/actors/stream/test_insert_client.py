@@ -338,7 +338,7 @@ def test_patience_counts_from_when_the_hub_last_answered(
 def test_people_are_told_that_the_hub_is_away_and_back(
     hub: Transport, client: Transport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outbox_module, "_TELL_AFTER", 0.1)
+    monkeypatch.setattr("actors.absence._TELL_AFTER", 0.1)
     replay = PendingRequests(hub, KEY)
     sender = Sender(client)
     replay.close()

@@ -1,0 +1,39 @@
+"""`Absence`: an actor waits for who is away, and for how long."""
+
+from actors.member import Member
+from common.errors import Unreachable
+
+_TELL_AFTER = 10.0
+"""Seconds of an absence after which people are told."""
+
+
+class Absence:
+    """What is said of the ``other``, such as the hub, while this ``role`` waits for it."""
+
+    def __init__(self, member: Member, other: str, role: str) -> None:
+        self._member = member
+        self._other = other
+        self._role = role
+        self._told = False
+
+    def lasts(self, seconds: float) -> None:
+        """Take note that there has been nobody for so long.
+
+        Raises:
+            Unreachable: that is longer than the patience.
+        """
+        if seconds > self._member.patience:
+            raise Unreachable(
+                f"the {self._other} went away and did not come back in "
+                f"{self._member.patience:.0f} s: "
+                f"start it again with --resume, then start this {self._role}."
+            )
+        if seconds > _TELL_AFTER and not self._told:
+            self._told = True
+            self._member.warn(f"the {self._other} does not answer: waiting for it.")
+
+    def ends(self) -> None:
+        """Take note of an answer."""
+        if self._told:
+            self._told = False
+            self._member.warn(f"the {self._other} answers again.")
