@@ -69,44 +69,54 @@ class Options(BenchmarkOptions):
 
 
 def algorithm_of(
-    bfloat16: bool, device: torch.device = _CPU, config: RunConfig = _CONFIG
+    bfloat16: bool,
+    device: torch.device = _CPU,
+    config: RunConfig = _CONFIG,
+    *,
+    graphs: bool = False,
 ) -> Algorithm:
     """Returns the run's algorithm with its first weights."""
-    return build_algorithm(config, build_network(config, _ACTIONS), Device(device, bfloat16))
+    network = build_network(config, _ACTIONS)
+    return build_algorithm(config, network, Device(device, bfloat16, graphs))
 
 
 def time_settings(options: Options, device: torch.device) -> list[dict[str, Any]]:
-    """A row for each number of threads and precision."""
-    batch = noise_batch(options.batch_size, device)
-    threads = sorted({1, len(os.sched_getaffinity(0))}) if device.type == "cpu" else [1]
-    algorithms = {bfloat16: algorithm_of(bfloat16, device) for bfloat16 in (False, True)}
+    """A row for each number of threads and precision; on CUDA, with and without a graph."""
+    batch, cuda = noise_batch(options.batch_size, device), device.type == "cuda"
+    threads = [1] if cuda else sorted({1, len(os.sched_getaffinity(0))})
+    kinds = list(itertools.product((False, True), (False, True) if cuda else (False,)))
+    algorithms = {
+        (bfloat16, graphs): algorithm_of(bfloat16, device, graphs=graphs)
+        for bfloat16, graphs in kinds
+    }
 
-    def turn(count: int, bfloat16: bool) -> list[float]:
+    def turn(count: int, kind: tuple[bool, bool]) -> list[float]:
         """Seconds of each update."""
         torch.set_num_threads(count)
-        algorithm = algorithms[bfloat16]
+        algorithm = algorithms[kind]
         seconds = []
         for _ in range(options.turn):
             began = time.perf_counter()
             algorithm.update(algorithm.prepare(batch))
-            if device.type == "cuda":
+            if cuda:
                 torch.cuda.synchronize()
             seconds.append(time.perf_counter() - began)
         return seconds
 
-    settings = itertools.product(threads, (False, True))
+    settings = itertools.product(threads, kinds)
     turns = in_turns({setting: partial(turn, *setting) for setting in settings}, options.rounds)
     seconds = {setting: list(itertools.chain(*each)) for setting, each in turns.items()}
-    plain = float(np.median(seconds[1, False]))
+    plain = float(np.median(seconds[1, (False, False)]))
     return [
         {
             "precision": "bfloat16" if bfloat16 else "float32",
             "threads": count,
+            **({"CUDA graph": "yes" if graphs else "no"} if cuda else {}),
             "p50 ms": float(np.median(times)) * 1e3,
             "p95 ms": float(np.percentile(times, 95)) * 1e3,
             "times float32 on one thread": plain / float(np.median(times)),
         }
-        for (count, bfloat16), times in seconds.items()
+        for (count, (bfloat16, graphs)), times in seconds.items()
     ]
 
 

@@ -16,10 +16,13 @@ PrecisionChoice = Literal["auto", "float32", "bfloat16"]
 
 @dataclass(frozen=True)
 class Device:
-    """Where to compute; with ``bfloat16`` an update computes its layers in that precision."""
+    """Where to compute."""
 
     torch: "torch.device"
     bfloat16: bool
+    """Whether an update computes its layers in that precision."""
+    graphs: bool = False
+    """Whether it is recorded as a CUDA graph, see `learner.algorithm.cuda_graph`."""
 
     @property
     def name(self) -> str:
@@ -48,8 +51,11 @@ class Device:
         }
 
 
-def choose_device(device: DeviceChoice, precision: PrecisionChoice) -> Device:
-    """Returns the device asked for; 'auto' takes CUDA where there is one.
+def choose_device(
+    device: DeviceChoice, precision: PrecisionChoice, *, graphs: bool = False
+) -> Device:
+    """Returns the device asked for; 'auto' takes CUDA where there is one, and elsewhere ``graphs``
+    are none.
 
     bfloat16 is chosen by itself where the processor multiplies it natively: there an update takes
     half the time.
@@ -71,4 +77,4 @@ def choose_device(device: DeviceChoice, precision: PrecisionChoice) -> Device:
         )
     else:
         native = precision == "bfloat16"
-    return Device(torch.device(kind), native)
+    return Device(torch.device(kind), native, graphs and kind == "cuda")

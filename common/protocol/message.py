@@ -91,7 +91,9 @@ class Array:
 
 def dtype_of(annotation: Any) -> np.dtype[Any]:
     """Returns the dtype of an annotation such as ``NDArray[np.uint8]``."""
-    dtype: np.dtype[Any] = np.dtype(get_args(get_args(annotation)[1])[0])
+    # The last is np.uint8 where NDArray is an alias (NumPy 2.5), else np.dtype[np.uint8].
+    *_, last = get_args(annotation)
+    dtype: np.dtype[Any] = np.dtype((get_args(last) or (last,))[0])
     return dtype
 
 

@@ -20,15 +20,18 @@ class BoundedOptimizer:
         self._optimizer = build_optimizer(self._parameters, config)
         self._config = config
 
-    def step(self, loss: Tensor, updates: int) -> None:
-        """Move the parameters by their gradients; not at all where ``loss`` is not finite.
-
-        Args:
-            loss: scalar.
-            updates: how many the run made before this one, from which follows the learning rate.
-        """
+    def set_rate(self, updates: int) -> None:
+        """Let the learning rate be that after so many ``updates`` of the run."""
         for group in self._optimizer.param_groups:
-            group["lr"] = self._config.learning_rate_at(updates)
+            rate = self._config.learning_rate_at(updates)
+            if isinstance(group["lr"], Tensor):
+                group["lr"].fill_(rate)
+            else:
+                group["lr"] = rate
+
+    def step(self, loss: Tensor) -> None:
+        """Move the parameters by their gradients; not at all where ``loss``, a scalar, is not
+        finite."""
         if self._config.gradient_norm:
             clip_gradients(self._parameters, self._config.gradient_norm)
         # The kernel itself looks at it, so nothing waits for the device.
@@ -73,9 +76,12 @@ def build_optimizer(
     steps the weights are those of `torch.optim.RMSprop` to 4e-7 of the way that they moved.
     """
     weights, adam = list(parameters), config.optimizer == "adam"
+    rate, cuda = config.learning_rate, weights[0].is_cuda
     optimizer = torch.optim.Adam(
         weights,
-        lr=config.learning_rate,
+        # Where a CUDA graph, if there is one, finds it at each step.
+        lr=torch.tensor(rate, device=weights[0].device) if cuda else rate,
+        capturable=cuda,
         betas=(0.9, 0.999) if adam else (0.0, config.rmsprop_decay),
         eps=config.optimizer_epsilon,
         fused=True,  # the same arithmetic in one pass over memory

@@ -14,6 +14,7 @@ from torch import Tensor
 from common.network import QNetwork
 from common.run.config import LearningConfig
 from learner.algorithm.augmentation import RandomShift
+from learner.algorithm.cuda_graph import RecordedStep, Step
 from learner.algorithm.ema import EmaNetwork
 from learner.algorithm.interface import DeviceBatch, Prepared, Update
 from learner.algorithm.optimizers import BoundedOptimizer
@@ -51,6 +52,8 @@ class ValueBased:
         self._published = EmaNetwork(self.online, config.weights_average)
         self._precision = Precision(self.online, device)
         self._optimizer = BoundedOptimizer(self.online.parameters(), config)
+        self._graphs = device.graphs
+        self._step = self._new_step()
         self._target_update_period = config.target_update_period
         self._updates = 0
         self._networks = {"online": self.online, "target": self._target.network}
@@ -79,14 +82,23 @@ class ValueBased:
     def update(self, prepared: Prepared) -> Update:
         if prepared.target_version != self._target.version:
             prepared = self._with_target(prepared)
-        result = self._loss(self._precision.network, prepared)
-        self._precision.backward(result.loss)
-        self._optimizer.step(result.loss.detach(), self._updates)
-        self._precision.sync_from_master()
+        self._optimizer.set_rate(self._updates)
+        result = self._step(prepared)
         self._updates += 1
         self._published.take(self._updates)
         if self._updates % self._target_update_period == 0:
             self._target.sync(self.online)
+        return result
+
+    def _new_step(self) -> Step:
+        return RecordedStep(self._gradient_step) if self._graphs else self._gradient_step
+
+    def _gradient_step(self, prepared: Prepared) -> Update:
+        """What of an update depends on tensors alone, so that it can be recorded."""
+        result = self._loss(self._precision.network, prepared)
+        self._precision.backward(result.loss)
+        self._optimizer.step(result.loss.detach())
+        self._precision.sync_from_master()
         return result._replace(loss=result.loss.detach())
 
     @torch.no_grad()
@@ -118,6 +130,7 @@ class ValueBased:
             except RuntimeError as error:
                 raise ValueError(str(error)) from None
         self._optimizer.load_state(state)
+        self._step = self._new_step()  # a recording knows the optimizer's former tensors
 
     def reseed(self, updates: int) -> None:
         self._updates = updates

@@ -1,13 +1,14 @@
 """Arrays of messages: what goes in comes out, and what is not as declared is refused."""
 
-from typing import Any
+from types import GenericAlias
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from common.errors import MessageError
-from common.protocol.message import Array
+from common.protocol.message import Array, dtype_of
 from common.protocol.wire import pack, pack_array, unpack
 
 
@@ -24,6 +25,14 @@ def test_arrays_keep_values_dtype_and_shape(dtype: Any, shape: tuple[int, ...]) 
     assert found.shape == shape
     assert (found == array).all()
     assert not found.flags.writeable
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.bool_, np.int64, np.float32])
+def test_the_dtype_of_an_annotation_is_found_in_each_spelling_of_numpys(dtype: Any) -> None:
+    """NumPy 2.4 has np.ndarray[shape, np.dtype[scalar]], and 2.5 an alias of the scalar alone."""
+    spelt = np.ndarray[tuple[int, ...], np.dtype[dtype]]
+    alias = GenericAlias(TypeVar("NDArray"), (dtype,))  # type: ignore[arg-type]
+    assert dtype_of(NDArray[dtype]) == dtype_of(spelt) == dtype_of(alias) == np.dtype(dtype)
 
 
 @pytest.mark.parametrize(

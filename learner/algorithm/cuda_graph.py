@@ -1,0 +1,99 @@
+"""A gradient step as one CUDA graph: recorded once, then launched as a whole.
+
+An update of this small network is more than a hundred kernels of a few microseconds each; launching
+them one by one from Python takes longer than they do
+(https://docs.pytorch.org/docs/stable/notes/cuda.html#cuda-graphs).
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from learner.algorithm.interface import Prepared, Update
+
+Step = Callable[[Prepared], Update]
+Replay = Callable[[], object]
+
+_EAGER = 3
+"""Calls before the recording, in which libraries choose their kernels and take their memory."""
+
+
+def record_graph(kernels: Callable[[], None]) -> Replay:
+    """Returns what launches all that ``kernels`` launches; recording it computes nothing."""
+    graph = torch.cuda.CUDAGraph()
+    # Another thread prepares the next minibatch meanwhile: only this one's calls are recorded.
+    with torch.cuda.graph(graph, capture_error_mode="thread_local"):
+        kernels()
+    return graph.replay
+
+
+def run_aside(kernels: Callable[[], None]) -> None:
+    """Run ``kernels`` on another stream than the default one, as must be before a recording."""
+    stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+    here = torch.cuda.current_stream()
+    stream.wait_stream(here)
+    with torch.cuda.stream(stream):
+        kernels()
+    here.wait_stream(stream)
+
+
+class RecordedStep:
+    """Does what ``step`` does, from the fourth call on by a recording of its kernels.
+
+    All calls must have tensors of the same shapes. ``step`` may depend on nothing but tensors that
+    stay in their places: a number of Python's would stay as it was when recorded.
+    """
+
+    def __init__(
+        self,
+        step: Step,
+        record: Callable[[Callable[[], None]], Replay] = record_graph,
+        aside: Callable[[Callable[[], None]], None] = run_aside,
+    ) -> None:
+        self._step = step
+        self._record = record
+        self._aside = aside
+        self._calls = 0
+        self._replay: Replay | None = None
+        self._input: Prepared
+        """Where the recording reads."""
+        self._output: Update
+        """Where it writes."""
+
+    def __call__(self, prepared: Prepared) -> Update:
+        self._calls += 1
+        if self._calls <= _EAGER:
+            self._input = prepared
+            self._aside(self._run)
+            return self._output
+        if self._replay is None:
+            self._input = _mapped(torch.clone, prepared)
+            self._replay = self._record(self._run)
+        else:
+            torch._foreach_copy_(_tensors(self._input), _tensors(prepared))
+        self._replay()
+        # The next call overwrites them, and who gets an update may look at it later.
+        loss, priorities, metrics = self._output
+        copies = {name: value.clone() for name, value in metrics.items()}
+        return Update(loss.clone(), priorities.clone(), copies)
+
+    def _run(self) -> None:
+        self._output = self._step(self._input)
+
+
+def _tensors(prepared: Prepared) -> list[Tensor]:
+    pixels = [prepared.pixels_tm1, prepared.pixels_t]
+    return [*prepared.batch, *pixels, *prepared.target_outputs]
+
+
+def _mapped(function: Callable[[Tensor], Tensor], prepared: Prepared) -> Prepared:
+    """Returns ``prepared`` with ``function`` of each tensor."""
+    batch = type(prepared.batch)(*map(function, prepared.batch))
+    outputs = tuple(map(function, prepared.target_outputs))
+    return prepared._replace(
+        batch=batch,
+        pixels_tm1=function(prepared.pixels_tm1),
+        pixels_t=function(prepared.pixels_t),
+        target_outputs=outputs,
+    )

@@ -1,0 +1,125 @@
+"""A recorded gradient step does what the step does, also where it reads what was changed."""
+
+import copy
+from collections.abc import Callable
+
+import pytest
+import torch
+from torch import Tensor
+
+from common.network import QNetwork
+from common.run.config import LearningConfig
+from learner.algorithm import value_based
+from learner.algorithm.cuda_graph import RecordedStep
+from learner.algorithm.double_dqn import double_dqn
+from learner.algorithm.interface import DeviceBatch, Prepared, Update
+from learner.algorithm.value_based import ValueBased
+from learner.device import Device
+from tests.learner.small_batches import learn, random_batch
+
+CPU = torch.device("cpu")
+CUDA = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no CUDA device here")
+CONFIG = LearningConfig(
+    learning_rate=1e-3,
+    annealing_steps=40 * 16,
+    final_learning_rate=1e-4,
+    weights_average=0.9,
+    train_period=16,
+    target_update_period=7,
+)
+
+
+def _replayed(step: Callable[[Prepared], Update]) -> RecordedStep:
+    """A recording in which the kernels are Python's own."""
+    return RecordedStep(step, record=lambda kernels: kernels, aside=lambda kernels: kernels())
+
+
+def _learner(device: Device, config: LearningConfig = CONFIG) -> ValueBased:
+    torch.manual_seed(0)
+    return double_dqn(QNetwork(6), config, device)
+
+
+def _on(device: torch.device, batch: DeviceBatch) -> DeviceBatch:
+    return DeviceBatch(*(each.to(device) for each in batch))
+
+
+def _learned(algorithm: ValueBased, device: torch.device, updates: int = 20) -> list[float]:
+    losses = []
+    for seed in range(updates):
+        batch = random_batch(seed=seed)
+        if seed == 11:  # a recording must skip it too
+            batch.r_t[0] = torch.nan
+        losses.append(learn(algorithm, _on(device, batch)).loss)
+    return [float(loss) for loss in losses]  # after all of them: none was overwritten
+
+
+def _state(algorithm: ValueBased) -> dict[str, Tensor]:
+    return {name: value.cpu() for name, value in algorithm.state().items()}
+
+
+def test_a_recorded_step_has_the_same_updates(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = _learner(Device(CPU, bfloat16=False))
+    monkeypatch.setattr(value_based, "RecordedStep", _replayed)
+    recorded = _learner(Device(CPU, bfloat16=False, graphs=True))
+
+    expected, losses = _learned(plain, CPU), _learned(recorded, CPU)
+
+    torch.testing.assert_close(losses, expected, rtol=0, atol=0, equal_nan=True)
+    for name, value in _state(plain).items():
+        assert torch.equal(_state(recorded)[name], value), name
+
+
+def test_a_recording_reads_where_each_minibatch_is_copied_to() -> None:
+    """What the step is called with stays in one place from the fourth call on."""
+    algorithm = _learner(Device(CPU, bfloat16=False))
+    places: list[int] = []
+
+    def step(prepared: Prepared) -> Update:
+        places.append(prepared.pixels_t.data_ptr())
+        return Update(prepared.batch.r_t.sum(), prepared.batch.r_t.abs(), {})
+
+    recorded = _replayed(step)
+    batches = [random_batch(seed=seed) for seed in range(8)]
+    prepared = [algorithm.prepare(batch) for batch in batches]
+    losses = [recorded(each).loss for each in prepared]
+
+    assert len(set(places[:3])) == 3
+    assert len(set(places[3:])) == 1
+    torch.testing.assert_close(losses, [batch.r_t.sum() for batch in batches])
+
+
+def test_a_restored_state_is_recorded_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(value_based, "RecordedStep", _replayed)
+    first = _learner(Device(CPU, bfloat16=False, graphs=True))
+    _learned(first, CPU)
+    before = copy.deepcopy(first.state())
+    expected = _learned(first, CPU)
+    first.load_state(before)
+    first.reseed(20)
+    assert _learned(first, CPU) == pytest.approx(expected, nan_ok=True)
+
+
+@CUDA
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
+@pytest.mark.parametrize("bfloat16", [False, True])
+def test_a_graph_has_the_same_updates(bfloat16: bool, optimizer: str) -> None:
+    device = torch.device("cuda")
+    config = LearningConfig(**{**vars(CONFIG), "optimizer": optimizer})
+    plain = _learner(Device(device, bfloat16), config)
+    graph = _learner(Device(device, bfloat16, graphs=True), config)
+
+    expected, losses = _learned(plain, device), _learned(graph, device)
+
+    torch.testing.assert_close(losses, expected, rtol=1e-2, atol=1e-3, equal_nan=True)
+    first = _learner(Device(device, bfloat16), config).state()
+    for name, value in plain.state().items():
+        if name.startswith("online."):
+            moved = (value - first[name]).norm()
+            assert (graph.state()[name] - value).norm() < 0.1 * moved, name
+
+
+@CUDA
+def test_updates_on_cuda_are_those_of_the_processor() -> None:
+    plain, cuda = _learner(Device(CPU, False)), _learner(Device(torch.device("cuda"), False))
+    expected, losses = _learned(plain, CPU, 10), _learned(cuda, torch.device("cuda"), 10)
+    torch.testing.assert_close(losses, expected, rtol=1e-2, atol=1e-3)
