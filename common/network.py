@@ -41,8 +41,6 @@ class QNetwork(nn.Module):
         center_pixels: from each state the mean of its pixels is subtracted, rounded to a whole grey
             level.
         atoms: numbers that the last layer has for each action; their mean is its value.
-        dueling: the last layer has the value of the state and advantages of the actions, of which
-            their mean is subtracted (Wang et al. 2016, equation 9; of one hidden layer, not two).
     """
 
     def __init__(
@@ -56,7 +54,6 @@ class QNetwork(nn.Module):
         center_pixels: bool = False,
         glorot: bool = False,
         atoms: int = 1,
-        dueling: bool = False,
     ) -> None:
         super().__init__()
         self.action_count = actions
@@ -71,7 +68,6 @@ class QNetwork(nn.Module):
         self.convolutions = nn.Sequential(*convolutions)
         self.hidden = nn.Linear(channels * side * side + vector_width, layers.hidden)
         self.actions = nn.Linear(layers.hidden, actions * atoms)
-        self.state = nn.Linear(layers.hidden, atoms) if dueling else None
         if glorot:
             for layer in self.modules():
                 if isinstance(layer, (nn.Conv2d, nn.Linear)):
@@ -110,11 +106,7 @@ class QNetwork(nn.Module):
         """Returns the last layer's numbers, ``float32 [batch, actions, atoms]``."""
         hidden = relu(self.hidden(self._features(frames, vectors)))
         numbers: Tensor = self.actions(hidden).float()
-        numbers = numbers.view(len(numbers), self.action_count, -1)
-        if self.state is None:
-            return numbers
-        value: Tensor = self.state(hidden).float()
-        return value.unsqueeze(1) + numbers - numbers.mean(dim=1, keepdim=True)
+        return numbers.view(len(numbers), self.action_count, -1)
 
     def _features(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns what the first dense layer sees, ``[batch, features]``."""
@@ -151,7 +143,6 @@ def build_network(config: RunConfig, actions: int, *, vector_width: int | None =
             center_pixels=config.learning.center_pixels,
             glorot=config.learning.initial_weights == "glorot",
             atoms=kind.atoms(config.learning),
-            dueling=config.learning.dueling,
         )
     return network
 

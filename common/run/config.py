@@ -78,9 +78,6 @@ class LearningConfig:
     network: NetworkName = "nature"
     """Network: three convolutions and 512 hidden units (Mnih et al. 2015, and 2017), or two and 256
     with a third of the arithmetic (Mnih et al. 2013)."""
-    dueling: bool = False
-    """Dueling network: what is learned of a state's value by one action counts for all (Wang et al.
-    2016)."""
     target: Literal["dqn", "double"] = "double"
     """Network that chooses the next action: the target network (dqn) or the online network
     (double)."""

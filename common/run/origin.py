@@ -123,11 +123,6 @@ _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = 
     ),
     ("layers of {}", lambda config: config.learning.network, ("learning.network",)),
     (
-        "{} layer",
-        lambda config: "a dueling last" if config.learning.dueling else "a plain last",
-        ("learning.dueling",),
-    ),
-    (
         "pixels that are {}",
         lambda config: _pixels_are(config.learning),
         ("learning.scale_pixels", "learning.center_pixels"),

@@ -51,27 +51,6 @@ def plain_of_2013(network: QNetwork, frames: Tensor, scale: float) -> Tensor:
     return linear(relu(linear(x, w[4], w[5])), w[6], w[7])
 
 
-def test_a_dueling_network_is_value_plus_advantages_less_their_mean() -> None:
-    """Wang et al. 2016, equation 9, also of each of several numbers."""
-    network = network_of(dueling=True, atoms=3)
-    plain_one = network_of(atoms=3)
-    plain_one.load_state_dict(network.state_dict(), strict=False)
-    frames, none = frames_of(2), torch.zeros(2, 0)
-    seen: list[Tensor] = []
-    assert network.state is not None
-    network.state.register_forward_hook(lambda *args: seen.append(args[2]))
-    told, advantages = network.atoms(frames, none), plain_one.atoms(frames, none)
-    (value,) = seen
-    for state in range(2):
-        for number in range(3):
-            mean = sum(advantages[state, action, number] for action in range(6)) / 6
-            for action in range(6):
-                expected = value[state, number] + advantages[state, action, number] - mean
-                found = float(told[state, action, number])
-                assert found == pytest.approx(float(expected), abs=1e-6)
-    assert not torch.equal(value[0], value[1])
-
-
 def test_the_network_of_2013_agrees_with_a_plain_one() -> None:
     network = network_of(network="nips")
     by_hand = (16 * 4 * 64 + 16) + (32 * 16 * 16 + 32) + (2592 * 256 + 256) + (256 * 6 + 6)
