@@ -22,7 +22,7 @@ from common.checked import FromOne
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
 from common.run.folder import check_new_file
-from learner.telemetry.provenance import provenance
+from learner.telemetry.provenance import machine_line, provenance
 
 Numbers = Annotated[tuple[FromOne, ...], MinLen(1)]
 Seconds = Annotated[float, Gt(0)]
@@ -105,10 +105,9 @@ def run(
 
 def show(title: str, rows: Sequence[Row]) -> None:
     """Prints ``rows`` over the machine they were measured on."""
-    machine = provenance()["machine"]
     wide = len(rows[0]) > _MOST_PADDED
     table = RichTable(title=title, padding=(0, 0) if wide else (0, 1))
-    table.caption = f"{machine['cpu']}, {machine['cores']} cores"
+    table.caption = machine_line(provenance()["machine"])
     for name in rows[0]:
         side: Literal["left", "right"] = "left" if isinstance(rows[0][name], str) else "right"
         table.add_column(name, justify=side, no_wrap=wide, min_width=3 if wide else None)

@@ -24,6 +24,7 @@ from benchmarks.lab.ladder import MILESTONES
 from benchmarks.report import cell
 from common.errors import InputError, exit_on_input_error
 from common.run.epochs import EpochRow, EpochTable
+from learner.telemetry.provenance import machine_line
 
 PAGE = Path(__file__).resolve().parents[1] / "RESULTS.md"
 CURVE = (100_000, 200_000, 250_000, 300_000, 400_000, 500_000, 600_000, 800_000, 1_000_000)
@@ -120,9 +121,9 @@ def raced(race: Mapping[str, Any]) -> str:
 
 def _where(measurement: Mapping[str, Any]) -> str:
     """Returns the machine and the commit of a measurement, as a sentence."""
-    machine, torch = measurement["machine"], measurement["versions"]["torch"]
+    torch = measurement["versions"]["torch"]
     commit = commit_of(measurement["git_commit"], measurement.get("git_dirty"))
-    return f"{machine['cpu']}, {machine['cores']} cores, torch {torch}, commit {commit}."
+    return f"{machine_line(measurement['machine'])}, torch {torch}, commit {commit}."
 
 
 def commit_of(commit: str | None, dirty: bool | None) -> str:

@@ -7,6 +7,7 @@ import os
 import platform
 import re
 import subprocess
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,9 @@ def provenance() -> dict[str, Any]:
     """Returns versions, commit and machine of this process, under the keys of ``summary.json``.
 
     ``git_commit`` is of the checkout that this code runs from, None outside one, and ``git_dirty``
-    says whether tracked files differ from it; ``memory_bytes`` is physical memory, and ``cores``
-    are the logical ones that this process may use. Gather it once, at the start: the checkout may
-    change under a running learner.
+    says whether tracked files differ from it; ``memory_bytes`` is physical memory, ``cores`` are
+    the logical ones that this process may use, and ``gpus`` are NVIDIA's, used or not. Gather it
+    once, at the start: the checkout may change under a running learner.
     """
     commit, dirty = git_state(Path(__file__))
     return {
@@ -30,8 +31,23 @@ def provenance() -> dict[str, Any]:
             "cpu": _cpu_model(),
             "cores": len(os.sched_getaffinity(0)),
             "memory_bytes": os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"),
+            "gpus": gpu_models(),
         },
     }
+
+
+def gpu_models(driver: Path = Path("/proc/driver/nvidia/gpus")) -> list[str]:
+    """Returns the models of the GPUs that NVIDIA's driver knows."""
+    told = (
+        file.read_text(encoding="utf-8", errors="replace")
+        for file in sorted(driver.glob("*/information"))
+    )
+    return [found[1] for each in told if (found := re.search(r"^Model:\s*(.+)$", each, re.M))]
+
+
+def machine_line(machine: Mapping[str, Any]) -> str:
+    """Returns what counts of ``machine``, a file's perhaps, for people: processor, cores, GPUs."""
+    return ", ".join((machine["cpu"], f"{machine['cores']} cores", *machine.get("gpus", ())))
 
 
 def package_versions() -> dict[str, str | None]:

@@ -16,7 +16,13 @@ from common.metrics import Value
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
 from common.run.presets import PRESETS
-from learner.telemetry.provenance import git_state, package_versions, provenance
+from learner.telemetry.provenance import (
+    git_state,
+    gpu_models,
+    machine_line,
+    package_versions,
+    provenance,
+)
 from learner.telemetry.sinks.summary import SummarySink
 from learner.telemetry.snapshot import ActorView, Snapshot
 from tests.learner.telemetry.snapshots import changed, snapshot
@@ -85,7 +91,13 @@ PROVENANCE = {
     "versions": {"python": "3.11.9", "torch": "2.13.0"},
     "git_commit": "a" * 40,
     "git_dirty": False,
-    "machine": {"system": "Linux", "cpu": "a processor", "cores": 2, "memory_bytes": 2**33},
+    "machine": {
+        "system": "Linux",
+        "cpu": "a processor",
+        "cores": 2,
+        "memory_bytes": 2**33,
+        "gpus": [],
+    },
 }
 
 
@@ -301,6 +313,20 @@ def test_no_commit_for_code_that_is_only_installed_in_a_checkout(checkout: Path)
 def test_no_commit_without_git(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "/nowhere")
     assert git_state(checkout / "package" / "code.py") == (None, None)
+
+
+def test_the_driver_tells_the_gpus(tmp_path: Path) -> None:
+    for number, model in enumerate(("NVIDIA H200", "NVIDIA GeForce RTX 4090")):
+        (tmp_path / f"0000:0{number}:00.0").mkdir()
+        told = f"Model: \t\t {model}\nIRQ:   \t\t 16\nGPU UUID: \t ?\n"
+        (tmp_path / f"0000:0{number}:00.0" / "information").write_text(told, encoding="utf-8")
+    gpus = gpu_models(tmp_path)
+    assert gpus == ["NVIDIA H200", "NVIDIA GeForce RTX 4090"]
+    assert gpu_models(tmp_path / "none") == []
+    assert machine_line({"cpu": "a processor", "cores": 2, "gpus": gpus[:1]}) == (
+        "a processor, 2 cores, NVIDIA H200"
+    )
+    assert machine_line({"cpu": "a processor", "cores": 2}) == "a processor, 2 cores"
 
 
 def test_gathering_here() -> None:
