@@ -13,7 +13,7 @@ from torch.nn.functional import conv2d, relu
 
 from common.protocol.step_fields import FRAME_SHAPE
 from common.registry import ALGORITHMS, resolve
-from common.run.config import InitialWeights, NetworkName, RunConfig
+from common.run.config import NetworkName, RunConfig
 
 
 class Layers(NamedTuple):
@@ -41,7 +41,6 @@ class QNetwork(nn.Module):
         center_pixels: from each state the mean of its pixels is subtracted, rounded to a whole grey
             level; with differences, from the oldest frame its own.
         frame_differences: each frame but the oldest is taken as its difference from the one before.
-        initial: which first weights; see `_initialise`.
         atoms: numbers that the last layer has for each action; their mean is its value.
     """
 
@@ -55,7 +54,7 @@ class QNetwork(nn.Module):
         scale_pixels: bool = True,
         center_pixels: bool = False,
         frame_differences: bool = False,
-        initial: InitialWeights = "torch",
+        glorot: bool = False,
         atoms: int = 1,
     ) -> None:
         super().__init__()
@@ -72,29 +71,13 @@ class QNetwork(nn.Module):
         self.convolutions = nn.Sequential(*convolutions)
         self.hidden = nn.Linear(channels * side * side + vector_width, layers.hidden)
         self.actions = nn.Linear(layers.hidden, actions * atoms)
-        self._initialise(initial)
+        if glorot:
+            for layer in self.modules():
+                if isinstance(layer, (nn.Conv2d, nn.Linear)):
+                    nn.init.xavier_uniform_(layer.weight)
+                    nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
         # Channels last is the layout in which the CPU's and the GPU's convolutions are fastest.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-
-    def _initialise(self, kind: InitialWeights) -> None:
-        """Draw the first weights.
-
-        PyTorch's have a sixth of He's variance, so that of a picture's differences a two-hundredth
-        reaches the last layer, and as little of its errors the first. He's keep their size (He et
-        al. 2015); the last layer's are a tenth, for first values near 0.
-        """
-        if kind == "torch":
-            return
-        for layer in self.modules():
-            if isinstance(layer, (nn.Conv2d, nn.Linear)):
-                if kind == "glorot":
-                    nn.init.xavier_uniform_(layer.weight)
-                else:
-                    nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
-                nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
-        if kind == "he":
-            with torch.no_grad():
-                self.actions.weight *= 0.1
 
     def as_pixels(self, frames: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
         """Returns uint8 frames in the type and memory layout that the first convolution wants.
@@ -168,7 +151,7 @@ def build_network(config: RunConfig, actions: int, *, vector_width: int | None =
             scale_pixels=config.learning.scale_pixels,
             center_pixels=config.learning.center_pixels,
             frame_differences=config.learning.frame_differences,
-            initial=config.learning.initial_weights,
+            glorot=config.learning.initial_weights == "glorot",
             atoms=kind.atoms(config.learning),
         )
     return network

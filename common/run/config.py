@@ -35,7 +35,6 @@ _HEAD_BYTES = 65_536
 """Size of the parts of a message that do not grow with its steps."""
 
 PresetName = Literal["paper", "fast", "robot"]
-InitialWeights = Literal["torch", "glorot", "he"]
 NetworkName = Literal["nature", "nips"]
 
 
@@ -105,9 +104,8 @@ class LearningConfig:
     weights_average: Annotated[float, Ge(0), Lt(1)] = 0.0
     """Decay per update of the exponential mean of the weights that is published, tested and
     evaluated; 0 for the weights themselves."""
-    initial_weights: InitialWeights = "torch"
-    """Initial weights: PyTorch's; or Keras' (Glorot uniform) or He's (He et al. 2015, normal, the
-    last layer's a tenth), with zero biases."""
+    initial_weights: Literal["torch", "glorot"] = "torch"
+    """Initial weights: PyTorch's, or Keras' (Glorot uniform with zero biases)."""
     scale_pixels: bool = True
     """Scaling of pixels by 1/255 before the first layer; by 1/64 with --learning.center-pixels."""
     center_pixels: bool = False

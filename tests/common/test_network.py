@@ -10,7 +10,6 @@ from torch.nn.functional import conv2d, linear, relu
 
 from common.network import QNetwork, build_network
 from common.run.conditions import PlayConfig
-from common.run.config import InitialWeights
 from common.run.presets import PRESETS
 
 
@@ -205,7 +204,7 @@ def test_glorot_draws_between_its_bounds_with_zero_biases() -> None:
         "hidden": (3136, 512),
         "actions": (512, 6),
     }
-    weights = dict(network_of(initial="glorot").named_parameters())
+    weights = dict(network_of(glorot=True).named_parameters())
     assert len(weights) == 2 * len(fans)
     for layer, (fan_in, fan_out) in fans.items():
         bound = math.sqrt(6 / (fan_in + fan_out))
@@ -216,41 +215,10 @@ def test_glorot_draws_between_its_bounds_with_zero_biases() -> None:
 
 
 def test_a_black_screen_is_worth_exactly_nothing_to_fresh_glorot_weights() -> None:
-    values = network_of(initial="glorot")(
+    values = network_of(glorot=True)(
         torch.zeros(2, 4, 84, 84, dtype=torch.uint8), torch.zeros(2, 0)
     )
     assert (values == 0).all()
-
-
-def test_he_draws_with_his_deviation_and_zero_biases() -> None:
-    """He et al. 2015, equation 10: a variance of 2 / fan-in; here a tenth in the last layer."""
-    network = network_of(initial="he")
-    fans = {"convolutions.0": 256, "convolutions.2": 512, "convolutions.4": 576, "hidden": 3136}
-    weights = dict(network.named_parameters())
-    for layer, fan_in in fans.items():
-        expected = math.sqrt(2 / fan_in)
-        assert weights[f"{layer}.weight"].std().item() == pytest.approx(expected, rel=0.05)
-        assert weights[f"{layer}.weight"].abs().max().item() > 3 * expected  # normal, not uniform
-    last = weights["actions.weight"].std().item()
-    assert last == pytest.approx(0.1 * math.sqrt(2 / 512), rel=0.05)
-    assert all((weights[name] == 0).all() for name in weights if name.endswith("bias"))
-
-
-@pytest.mark.parametrize("initial", ["torch", "he"])
-def test_what_distinguishes_pictures_reaches_the_hidden_units_with_hes_weights(
-    initial: InitialWeights,
-) -> None:
-    """What `QNetwork._initialise` says of the two."""
-    network = network_of(initial=initial, center_pixels=True)
-    pixels = torch.randn(64, 4, 84, 84)
-    seen: list[Tensor] = []
-    network.hidden.register_forward_hook(lambda *args: seen.append(args[2].detach()))
-    network(pixels * 64, torch.zeros(64, 0))
-    differences = (seen[0] - seen[0].mean(dim=0)).std().item()
-    if initial == "he":
-        assert 0.3 < differences < 3
-    else:
-        assert differences < 0.05
 
 
 def test_the_seed_of_the_run_makes_the_first_weights() -> None:
