@@ -90,7 +90,7 @@ class QNetwork(nn.Module):
         """
         # In two steps: together they would take PyTorch's slow path, twice as long.
         pixels = frames.to(dtype).contiguous(memory_format=torch.channels_last)
-        whole = pixels  # what stands still in
+        whole = pixels  # those that are no differences
         if self._frame_differences:
             # In place and newest first, or the next would be a difference of differences.
             for frame in reversed(range(1, pixels.shape[1])):

@@ -2,6 +2,8 @@
 
 import copy
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal
 
 import pytest
 import torch
@@ -102,9 +104,11 @@ def test_a_restored_state_is_recorded_anew(monkeypatch: pytest.MonkeyPatch) -> N
 @CUDA
 @pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
 @pytest.mark.parametrize("bfloat16", [False, True])
-def test_a_graph_has_the_same_updates(bfloat16: bool, optimizer: str) -> None:
+def test_a_graph_has_the_same_updates(
+    bfloat16: bool, optimizer: Literal["adam", "rmsprop"]
+) -> None:
     device = torch.device("cuda")
-    config = LearningConfig(**{**vars(CONFIG), "optimizer": optimizer})
+    config = replace(CONFIG, optimizer=optimizer)
     plain = _learner(Device(device, bfloat16), config)
     graph = _learner(Device(device, bfloat16, graphs=True), config)
 
