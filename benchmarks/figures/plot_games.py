@@ -74,7 +74,8 @@ def games_figure(path: Path) -> Figure:
         each.set_visible(False)
     figure.supxlabel("agent steps, thousands", fontsize=10, color=INK)
     figure.supylabel("mean score of training games", fontsize=10, color=INK)
-    legend(figure, axes[0, 0])
+    # Of the panel that shows the most; not every one shows a human's score.
+    legend(figure, max(axes.flat, key=lambda each: len(each.get_legend_handles_labels()[1])))
     return figure
 
 
