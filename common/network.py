@@ -39,8 +39,7 @@ class QNetwork(nn.Module):
         scale_pixels: grey levels are divided by 255, or, where they are centred, by 64, which is
             about their deviation.
         center_pixels: from each state the mean of its pixels is subtracted, rounded to a whole grey
-            level; with differences, from the oldest frame its own.
-        frame_differences: each frame but the oldest is taken as its difference from the one before.
+            level.
         atoms: numbers that the last layer has for each action; their mean is its value.
     """
 
@@ -53,7 +52,6 @@ class QNetwork(nn.Module):
         network: NetworkName = "nature",
         scale_pixels: bool = True,
         center_pixels: bool = False,
-        frame_differences: bool = False,
         glorot: bool = False,
         atoms: int = 1,
     ) -> None:
@@ -61,7 +59,6 @@ class QNetwork(nn.Module):
         self.action_count = actions
         self.pixel_scale = (1 / 64 if center_pixels else 1 / 255) if scale_pixels else 1.0
         self._center_pixels = center_pixels
-        self._frame_differences = frame_differences
         layers = LAYERS[network]
         convolutions: list[nn.Module] = []
         channels, side = frame_stack, FRAME_SHAPE[0]
@@ -90,15 +87,9 @@ class QNetwork(nn.Module):
         """
         # In two steps: together they would take PyTorch's slow path, twice as long.
         pixels = frames.to(dtype).contiguous(memory_format=torch.channels_last)
-        whole = pixels  # those that are no differences
-        if self._frame_differences:
-            # In place and newest first, or the next would be a difference of differences.
-            for frame in reversed(range(1, pixels.shape[1])):
-                pixels[:, frame] -= pixels[:, frame - 1]
-            whole, frames = pixels[:, :1], frames[:, :1]
         if self._center_pixels:
             mean = frames.flatten(1).float().mean(dim=1).round()
-            whole -= mean.to(dtype).view(-1, 1, 1, 1)
+            pixels -= mean.to(dtype).view(-1, 1, 1, 1)
         return pixels
 
     def forward(self, frames: Tensor, vectors: Tensor) -> Tensor:
@@ -150,7 +141,6 @@ def build_network(config: RunConfig, actions: int, *, vector_width: int | None =
             network=config.learning.network,
             scale_pixels=config.learning.scale_pixels,
             center_pixels=config.learning.center_pixels,
-            frame_differences=config.learning.frame_differences,
             glorot=config.learning.initial_weights == "glorot",
             atoms=kind.atoms(config.learning),
         )

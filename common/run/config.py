@@ -111,9 +111,6 @@ class LearningConfig:
     center_pixels: bool = False
     """Subtraction of a state's mean grey level from its pixels. A picture is mostly background,
     whose grey would otherwise drive the first layers' units to 0 for all pictures."""
-    frame_differences: bool = False
-    """Frames of a state as their differences from the frame before, the oldest as it is: what moves
-    is then not added to what stands still, which is most of a picture."""
     random_shift: Annotated[int, Ge(0), Le(MAX_SHIFT)] = 0
     """Maximum random shift of a sampled state in each direction, pixels (DrQ, Yarats et al.
     2021)."""

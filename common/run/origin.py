@@ -125,7 +125,7 @@ _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = 
     (
         "pixels that are {}",
         lambda config: _pixels_are(config.learning),
-        ("learning.scale_pixels", "learning.center_pixels", "learning.frame_differences"),
+        ("learning.scale_pixels", "learning.center_pixels"),
     ),
 )
 """What a network cannot do without, in words: its shape, and how it takes pixels; how much of it
@@ -135,13 +135,9 @@ SHAPING_SETTINGS = frozenset(name for _, _, settings in _SHAPING for name in set
 
 
 def _pixels_are(learning: LearningConfig) -> str:
-    changes = {
-        "scaled": learning.scale_pixels,
-        "centred": learning.center_pixels,
-        "differenced": learning.frame_differences,
-    }
-    *others, last = [name for name, done in changes.items() if done] or ["as they are"]
-    return f"{', '.join(others)} and {last}" if others else last
+    changes = {"scaled": learning.scale_pixels, "centred": learning.center_pixels}
+    told = " and ".join(name for name, done in changes.items() if done)
+    return told or "neither scaled nor centred"
 
 
 def check_fit(

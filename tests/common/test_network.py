@@ -51,33 +51,6 @@ def plain_of_2013(network: QNetwork, frames: Tensor, scale: float) -> Tensor:
     return linear(relu(linear(x, w[4], w[5])), w[6], w[7])
 
 
-@pytest.mark.parametrize("center", [False, True])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
-def test_frames_but_the_oldest_are_differences(center: bool, dtype: torch.dtype) -> None:
-    frames = frames_of(3)
-    frames[0, 1], frames[0, 2] = 0, 255  # the largest there are
-    kept = frames.clone()
-    network = network_of(frame_differences=True, center_pixels=center)
-    found = network.as_pixels(frames, dtype)
-    assert torch.equal(frames, kept)
-    assert found.dtype == dtype
-    for state in range(3):
-        oldest = frames[state, 0].double()
-        mean = oldest.mean().round() if center else 0.0
-        assert torch.equal(found[state, 0].double(), oldest - mean)
-        for frame in (1, 2, 3):
-            moved = frames[state, frame].double() - frames[state, frame - 1].double()
-            assert torch.equal(found[state, frame].double(), moved)
-
-
-def test_values_of_differences_are_those_of_the_plain_network_of_them() -> None:
-    network = network_of(frame_differences=True)
-    frames, none = frames_of(2), torch.zeros(2, 0)
-    plainly = frames.float()
-    plainly[:, 1:] = plainly[:, 1:] - plainly[:, :-1].clone()
-    torch.testing.assert_close(network(frames, none), plain(network, plainly, none, 1 / 255))
-
-
 def test_the_network_of_2013_agrees_with_a_plain_one() -> None:
     network = network_of(network="nips")
     by_hand = (16 * 4 * 64 + 16) + (32 * 16 * 16 + 32) + (2592 * 256 + 256) + (256 * 6 + 6)
