@@ -35,6 +35,7 @@ _HEAD_BYTES = 65_536
 """Size of the parts of a message that do not grow with its steps."""
 
 PresetName = Literal["paper", "fast", "robot"]
+InitialWeights = Literal["torch", "glorot", "he"]
 NetworkName = Literal["nature", "nips"]
 
 
@@ -104,13 +105,19 @@ class LearningConfig:
     weights_average: Annotated[float, Ge(0), Lt(1)] = 0.0
     """Decay per update of the exponential mean of the weights that is published, tested and
     evaluated; 0 for the weights themselves."""
-    initial_weights: Literal["torch", "glorot"] = "torch"
-    """Initial weights: PyTorch's, or Keras' (Glorot uniform with zero biases)."""
+    initial_weights: InitialWeights = "torch"
+    """Initial weights: PyTorch's; or Keras' (Glorot uniform) or He's (He et al. 2015, normal, the
+    last layer's a tenth), with zero biases."""
+    layer_norm: bool = False
+    """Layer normalisation of the 512 or 256 hidden units (Ba et al. 2016)."""
     scale_pixels: bool = True
     """Scaling of pixels by 1/255 before the first layer; by 1/64 with --learning.center-pixels."""
     center_pixels: bool = False
     """Subtraction of a state's mean grey level from its pixels. A picture is mostly background,
     whose grey would otherwise drive the first layers' units to 0 for all pictures."""
+    frame_differences: bool = False
+    """Frames of a state as their differences from the frame before, the oldest as it is: what moves
+    is then not added to what stands still, which is most of a picture."""
     random_shift: Annotated[int, Ge(0), Le(MAX_SHIFT)] = 0
     """Maximum random shift of a sampled state in each direction, pixels (DrQ, Yarats et al.
     2021)."""

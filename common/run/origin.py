@@ -121,11 +121,17 @@ _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = 
         lambda config: ALGORITHMS.find(config.learning.algorithm).atoms(config.learning),
         ("learning.algorithm", "learning.quantiles"),
     ),
-    ("layers of {}", lambda config: config.learning.network, ("learning.network",)),
+    (
+        "layers of {}",
+        lambda config: (
+            f"{config.learning.network}{', normalised' if config.learning.layer_norm else ''}"
+        ),
+        ("learning.network", "learning.layer_norm"),
+    ),
     (
         "pixels that are {}",
         lambda config: _pixels_are(config.learning),
-        ("learning.scale_pixels", "learning.center_pixels"),
+        ("learning.scale_pixels", "learning.center_pixels", "learning.frame_differences"),
     ),
 )
 """What a network cannot do without, in words: its shape, and how it takes pixels; how much of it
@@ -135,9 +141,13 @@ SHAPING_SETTINGS = frozenset(name for _, _, settings in _SHAPING for name in set
 
 
 def _pixels_are(learning: LearningConfig) -> str:
-    changes = {"scaled": learning.scale_pixels, "centred": learning.center_pixels}
-    told = " and ".join(name for name, done in changes.items() if done)
-    return told or "neither scaled nor centred"
+    changes = {
+        "scaled": learning.scale_pixels,
+        "centred": learning.center_pixels,
+        "differenced": learning.frame_differences,
+    }
+    *others, last = [name for name, done in changes.items() if done] or ["as they are"]
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def check_fit(

@@ -10,6 +10,7 @@ from torch.nn.functional import conv2d, linear, relu
 
 from common.network import QNetwork, build_network
 from common.run.conditions import PlayConfig
+from common.run.config import InitialWeights
 from common.run.presets import PRESETS
 
 
@@ -49,6 +50,51 @@ def plain_of_2013(network: QNetwork, frames: Tensor, scale: float) -> Tensor:
     x = relu(conv2d(frames.to(torch.float32) * scale, w[0], w[1], stride=4))
     x = relu(conv2d(x, w[2], w[3], stride=2)).reshape(len(frames), 32 * 9 * 9)
     return linear(relu(linear(x, w[4], w[5])), w[6], w[7])
+
+
+@pytest.mark.parametrize("center", [False, True])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_frames_but_the_oldest_are_differences(center: bool, dtype: torch.dtype) -> None:
+    frames = frames_of(3)
+    frames[0, 1], frames[0, 2] = 0, 255  # the largest there are
+    kept = frames.clone()
+    network = network_of(frame_differences=True, center_pixels=center)
+    found = network.as_pixels(frames, dtype)
+    assert torch.equal(frames, kept)
+    assert found.dtype == dtype
+    for state in range(3):
+        oldest = frames[state, 0].double()
+        mean = oldest.mean().round() if center else 0.0
+        assert torch.equal(found[state, 0].double(), oldest - mean)
+        for frame in (1, 2, 3):
+            moved = frames[state, frame].double() - frames[state, frame - 1].double()
+            assert torch.equal(found[state, frame].double(), moved)
+
+
+def test_values_of_differences_are_those_of_the_plain_network_of_them() -> None:
+    network = network_of(frame_differences=True)
+    frames, none = frames_of(2), torch.zeros(2, 0)
+    plainly = frames.float()
+    plainly[:, 1:] = plainly[:, 1:] - plainly[:, :-1].clone()
+    torch.testing.assert_close(network(frames, none), plain(network, plainly, none, 1 / 255))
+
+
+def test_the_hidden_units_are_normalised_before_they_are_rectified() -> None:
+    network = network_of(layer_norm=True, initial="he")
+    assert network.norm is not None
+    torch.nn.init.normal_(network.norm.weight)
+    torch.nn.init.normal_(network.norm.bias)
+    seen: list[Tensor] = []
+    network.hidden.register_forward_hook(lambda *args: seen.append(args[2].detach()))
+    frames = frames_of(3)
+    values = network(frames, torch.zeros(3, 0))
+    (hidden,) = seen
+    for state in range(3):
+        unit = hidden[state].double()
+        deviation = ((unit - unit.mean()).square().mean() + 1e-5).sqrt()
+        plainly = (unit - unit.mean()) / deviation * network.norm.weight + network.norm.bias
+        expected = network.actions.weight.double() @ plainly.clamp(min=0) + network.actions.bias
+        torch.testing.assert_close(values[state].double(), expected, rtol=1e-4, atol=1e-5)
 
 
 def test_the_network_of_2013_agrees_with_a_plain_one() -> None:
@@ -177,7 +223,7 @@ def test_glorot_draws_between_its_bounds_with_zero_biases() -> None:
         "hidden": (3136, 512),
         "actions": (512, 6),
     }
-    weights = dict(network_of(glorot=True).named_parameters())
+    weights = dict(network_of(initial="glorot").named_parameters())
     assert len(weights) == 2 * len(fans)
     for layer, (fan_in, fan_out) in fans.items():
         bound = math.sqrt(6 / (fan_in + fan_out))
@@ -188,10 +234,41 @@ def test_glorot_draws_between_its_bounds_with_zero_biases() -> None:
 
 
 def test_a_black_screen_is_worth_exactly_nothing_to_fresh_glorot_weights() -> None:
-    values = network_of(glorot=True)(
+    values = network_of(initial="glorot")(
         torch.zeros(2, 4, 84, 84, dtype=torch.uint8), torch.zeros(2, 0)
     )
     assert (values == 0).all()
+
+
+def test_he_draws_with_his_deviation_and_zero_biases() -> None:
+    """He et al. 2015, equation 10: a variance of 2 / fan-in; here a tenth in the last layer."""
+    network = network_of(initial="he")
+    fans = {"convolutions.0": 256, "convolutions.2": 512, "convolutions.4": 576, "hidden": 3136}
+    weights = dict(network.named_parameters())
+    for layer, fan_in in fans.items():
+        expected = math.sqrt(2 / fan_in)
+        assert weights[f"{layer}.weight"].std().item() == pytest.approx(expected, rel=0.05)
+        assert weights[f"{layer}.weight"].abs().max().item() > 3 * expected  # normal, not uniform
+    last = weights["actions.weight"].std().item()
+    assert last == pytest.approx(0.1 * math.sqrt(2 / 512), rel=0.05)
+    assert all((weights[name] == 0).all() for name in weights if name.endswith("bias"))
+
+
+@pytest.mark.parametrize("initial", ["torch", "he"])
+def test_what_distinguishes_pictures_reaches_the_hidden_units_with_hes_weights(
+    initial: InitialWeights,
+) -> None:
+    """What `QNetwork._initialise` says of the two."""
+    network = network_of(initial=initial, center_pixels=True)
+    pixels = torch.randn(64, 4, 84, 84)
+    seen: list[Tensor] = []
+    network.hidden.register_forward_hook(lambda *args: seen.append(args[2].detach()))
+    network(pixels * 64, torch.zeros(64, 0))
+    differences = (seen[0] - seen[0].mean(dim=0)).std().item()
+    if initial == "he":
+        assert 0.3 < differences < 3
+    else:
+        assert differences < 0.05
 
 
 def test_the_seed_of_the_run_makes_the_first_weights() -> None:

@@ -61,7 +61,7 @@ def test_all_that_does_not_fit_is_told_at_once() -> None:
     raw = replace(TRAINED.learning, scale_pixels=False, center_pixels=False)
     words = (
         r"with 144 numbers of proprioception, pixels that are scaled and centred, and here it "
-        r"would have 0 numbers of proprioception, pixels that are neither scaled nor centred: "
+        r"would have 0 numbers of proprioception, pixels that are as they are: "
         r"add --play\.vector --learning\.scale-pixels --learning\.center-pixels\.$"
     )
     with pytest.raises(InputError, match=words):
