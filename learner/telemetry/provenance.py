@@ -47,7 +47,7 @@ def gpu_models(driver: Path = Path("/proc/driver/nvidia/gpus")) -> list[str]:
 
 def machine_line(machine: Mapping[str, Any]) -> str:
     """Returns what counts of ``machine``, a file's perhaps, for people: processor, cores, GPUs."""
-    return ", ".join((machine["cpu"], f"{machine['cores']} cores", *machine.get("gpus", ())))
+    return ", ".join((f"{machine['cpu']}", f"{machine['cores']} cores", *machine.get("gpus", ())))
 
 
 def package_versions() -> dict[str, str | None]:

@@ -327,6 +327,7 @@ def test_the_driver_tells_the_gpus(tmp_path: Path) -> None:
         "a processor, 2 cores, NVIDIA H200"
     )
     assert machine_line({"cpu": "a processor", "cores": 2}) == "a processor, 2 cores"
+    assert machine_line({"cpu": None, "cores": 2, "gpus": []}) == "None, 2 cores"
 
 
 def test_gathering_here() -> None:
