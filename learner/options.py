@@ -74,7 +74,8 @@ class LearnerOptions(RunOptions):
     precision: PrecisionChoice = "auto"
     """Precision of the updates; 'auto' takes bfloat16 where the hardware multiplies it natively."""
     cuda_graphs: bool = False
-    """Record an update once as a CUDA graph, and launch it as a whole from then on."""
+    """Record an update once as a CUDA graph, and launch it as a whole from then on; without
+    CUDA it changes nothing."""
     threads: Count = 0
     """Processor threads of an update; 0 for as many cores as local mode's actors leave free, or
     half of them when actors may run in other terminals."""

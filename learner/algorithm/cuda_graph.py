@@ -5,6 +5,7 @@ them one by one from Python takes longer than they do
 (https://docs.pytorch.org/docs/stable/notes/cuda.html#cuda-graphs).
 """
 
+import copy
 from collections.abc import Callable
 
 import torch
@@ -13,13 +14,13 @@ from torch import Tensor
 from learner.algorithm.interface import Prepared, Update
 
 Step = Callable[[Prepared], Update]
-Replay = Callable[[], object]
+Launch = Callable[[], object]
 
 _EAGER = 3
 """Calls before the recording, in which libraries choose their kernels and take their memory."""
 
 
-def record_graph(kernels: Callable[[], None]) -> Replay:
+def record_graph(kernels: Callable[[], None]) -> Launch:
     """Returns what launches all that ``kernels`` launches; recording it computes nothing."""
     graph = torch.cuda.CUDAGraph()
     # Another thread prepares the next minibatch meanwhile: only this one's calls are recorded.
@@ -48,14 +49,14 @@ class RecordedStep:
     def __init__(
         self,
         step: Step,
-        record: Callable[[Callable[[], None]], Replay] = record_graph,
+        record: Callable[[Callable[[], None]], Launch] = record_graph,
         aside: Callable[[Callable[[], None]], None] = run_aside,
     ) -> None:
         self._step = step
         self._record = record
         self._aside = aside
         self._calls = 0
-        self._replay: Replay | None = None
+        self._launch: Launch | None = None
         self._input: Prepared
         """Where the recording reads."""
         self._output: Update
@@ -67,12 +68,12 @@ class RecordedStep:
             self._input = prepared
             self._aside(self._run)
             return self._output
-        if self._replay is None:
-            self._input = _mapped(torch.clone, prepared)
-            self._replay = self._record(self._run)
+        if self._launch is None:
+            self._input = copy.deepcopy(prepared)
+            self._launch = self._record(self._run)
         else:
             torch._foreach_copy_(_tensors(self._input), _tensors(prepared))
-        self._replay()
+        self._launch()
         # The next call overwrites them, and who gets an update may look at it later.
         loss, priorities, metrics = self._output
         copies = {name: value.clone() for name, value in metrics.items()}
@@ -85,15 +86,3 @@ class RecordedStep:
 def _tensors(prepared: Prepared) -> list[Tensor]:
     pixels = [prepared.pixels_tm1, prepared.pixels_t]
     return [*prepared.batch, *pixels, *prepared.target_outputs]
-
-
-def _mapped(function: Callable[[Tensor], Tensor], prepared: Prepared) -> Prepared:
-    """Returns ``prepared`` with ``function`` of each tensor."""
-    batch = type(prepared.batch)(*map(function, prepared.batch))
-    outputs = tuple(map(function, prepared.target_outputs))
-    return prepared._replace(
-        batch=batch,
-        pixels_tm1=function(prepared.pixels_tm1),
-        pixels_t=function(prepared.pixels_t),
-        target_outputs=outputs,
-    )
