@@ -19,11 +19,27 @@ from common.errors import InputError, exit_on_input_error
 from common.process.supervisor import Child
 
 
+def free_port() -> int:
+    """A port of this machine at which nobody listens.
+
+    The kernel gives it to no other process for a minute: it remembers a connection that this
+    side ended (TIME_WAIT). A server that sets SO_REUSEADDR, as servers do, can listen there all
+    the same. So does the package ephemeral-port-reserve.
+    """
+    with socket.socket() as place, socket.socket() as guest:
+        place.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        place.bind(("127.0.0.1", 0))
+        place.listen()
+        guest.connect(place.getsockname())
+        # The side that closes first is the one that remembers; so the guest closes after it.
+        place.accept()[0].close()
+        port: int = place.getsockname()[1]
+        return port
+
+
 def free_endpoint() -> str:
     """An address of this machine at which nobody listens."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @contextlib.contextmanager

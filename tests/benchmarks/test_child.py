@@ -1,13 +1,14 @@
 """Processes that a benchmark starts: helpers that answer, and modules that fail."""
 
 import signal
+import socket
 import subprocess
 import threading
 from pathlib import Path
 
 import pytest
 
-from benchmarks.child import Helper, run_module
+from benchmarks.child import Helper, free_port, run_module
 from benchmarks.hosted_run import HostedRun
 from common.errors import InputError
 from tests.patience import wait_until
@@ -25,6 +26,14 @@ class Sums:
 
 serve(Sums)
 """
+
+
+def test_a_free_port_is_kept_for_a_server() -> None:
+    place = ("127.0.0.1", free_port())
+    with socket.socket() as other, pytest.raises(OSError, match="already in use"):
+        other.bind(place)
+    with socket.create_server(place):
+        pass
 
 
 def test_a_helper_that_ends_is_told_by_its_name() -> None:

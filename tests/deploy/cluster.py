@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from benchmarks.child import free_port
 from tests.patience import wait_until
 
 PROGRAMS = {name: shutil.which(name, path="/usr/sbin:/usr/bin") for name in
@@ -41,14 +42,6 @@ class Cluster:
         return self("squeue", "--noheader", "--format=%i", "--name", name).strip()
 
 
-def _free_ports(count: int) -> list[int]:
-    with ExitStack() as stack:
-        probes = [stack.enter_context(socket.socket()) for _ in range(count)]
-        for probe in probes:
-            probe.bind(("127.0.0.1", 0))
-        return [probe.getsockname()[1] for probe in probes]
-
-
 @contextmanager
 def cluster(folder: Path) -> Iterator[Cluster]:
     """Starts the daemons, and ends them and all jobs."""
@@ -56,11 +49,11 @@ def cluster(folder: Path) -> Iterator[Cluster]:
     key, munge = folder / "key", folder / "munge.socket"
     key.write_bytes(secrets.token_bytes(128))
     key.chmod(0o600)
-    host, (ctld, *ports) = socket.gethostname().split(".")[0], _free_ports(1 + len(NODES))
+    host, ctld = socket.gethostname().split(".")[0], free_port()
     nodes = [
-        f"NodeName={node} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs=4 "
+        f"NodeName={node} NodeHostname={host} NodeAddr=127.0.0.1 Port={free_port()} CPUs=4 "
         "RealMemory=64000"
-        for node, port in zip(NODES, ports, strict=True)
+        for node in NODES
     ]
     settings = [
         "ClusterName=test",

@@ -49,9 +49,7 @@ def test_a_learner_without_a_replay(stage: Stage) -> None:
 
 
 def test_a_port_that_is_taken(stage: Stage) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", int(stage.endpoint.rsplit(":", 1)[1])))
-        taken.listen()
+    with socket.create_server(("127.0.0.1", int(stage.endpoint.rsplit(":", 1)[1]))):
         sentence = _sentence(stage.learner("--env", "ale", *SMALL).ends(2))
     assert stage.endpoint in sentence
 
