@@ -4,6 +4,7 @@ Nobody tells it. No game goes on meanwhile.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from actors.envs.key_timing import LONGEST
 from actors.robots.interface import Hands
@@ -12,13 +13,26 @@ from common.actions import Keys
 _RESTS = (8, 9, 10)
 """Emulator frames in which hands come to rest on or above a key, one number for each try. The
 soonest try counts: commands may jitter."""
+_PAUSE = 4
+"""Emulator frames for which a key is let go, before a press that finds the hand on its way: those
+of an agent step, as most games are played."""
+
+
+class KeyLatency(NamedTuple):
+    """How soon a key is as commanded, emulator frames: 0 for at the end of the frame that begins
+    with the command."""
+
+    release: int
+    press: int
+    """By a hand that rests."""
+    press_in_play: int
+    """By a hand that has just left a key."""
 
 
 def key_latencies(
     hands: Hands, keys: Keys, give: Callable[[int], None] = lambda ago: None
-) -> dict[Keys, tuple[int, int]]:
-    """Returns in how many emulator frames ``hands`` release and press each of ``keys``: 0 if they
-    have done so at the end of the frame that begins with the command.
+) -> dict[Keys, KeyLatency]:
+    """Returns how soon ``hands`` release and press each of ``keys``.
 
     Args:
         give: is told, before each command, that it is given 0 frames ago.
@@ -26,23 +40,43 @@ def key_latencies(
     hands.rest()
     latencies = {}
     for key in keys:
-        tries = []
+        presses, releases, in_play = [], [], []
         for rest in _RESTS:
-            press = _until(hands, key, key, rest, give)
-            tries.append((_until(hands, Keys.NONE, key, rest, give), press))
-        releases, presses = zip(*tries, strict=True)
-        latencies[key] = min(releases), min(presses)
+            presses.append(_until(hands, key, key, give))
+            _wait(hands, rest)
+            in_play.append(_again(hands, key, give))
+            _wait(hands, rest)
+            releases.append(_until(hands, Keys.NONE, key, give))
+            _wait(hands, rest)
+        latencies[key] = KeyLatency(min(releases), min(presses), min(in_play))
     return latencies
 
 
-def _until(hands: Hands, command: Keys, key: Keys, rest: int, give: Callable[[int], None]) -> int:
-    """Returns the frames in which ``key`` becomes as commanded, or `LONGEST`; the hands rest
-    afterwards."""
+def _until(hands: Hands, command: Keys, key: Keys, give: Callable[[int], None]) -> int:
+    """Returns the frames in which ``key`` becomes as commanded, or `LONGEST`."""
     give(0)
     hands.command(command)
     frames = 0
     while hands.step_frame() & key != command and frames < LONGEST:
         frames += 1
-    for _ in range(rest):
-        hands.step_frame()
     return frames
+
+
+def _again(hands: Hands, key: Keys, give: Callable[[int], None]) -> int:
+    """Returns the frames in which ``key``, which is held, is held again after a pause, or
+    `LONGEST`."""
+    give(0)
+    hands.command(Keys.NONE)
+    pause = [hands.step_frame() & key for _ in range(_PAUSE)]
+    give(0)
+    hands.command(key)
+    released, frames = not all(pause), 0
+    while not (hands.step_frame() & key and released) and frames < LONGEST:
+        released = released or not hands.held & key
+        frames += 1
+    return frames
+
+
+def _wait(hands: Hands, frames: int) -> None:
+    for _ in range(frames):
+        hands.step_frame()

@@ -11,21 +11,26 @@ from collections.abc import Callable
 from functools import reduce
 from operator import and_, or_
 
-from actors.envs.hand_timing import key_latencies
+from actors.envs.hand_timing import KeyLatency, key_latencies
 from actors.robots.interface import Hands
 from common.actions import OPPOSITES, Keys
 from common.run.conditions import MAX_ADDED
 
+_HANDS = tuple(map(int, (Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT, Keys.FIRE)))
+"""Keys that one hand presses, or one stick: it moves from one set of them to another."""
 GAP = 1
-"""Emulator frames by which a key is pressed later than another one is released: a hand on its way
-from key to key holds neither. NAO's needs one more."""
-_REMEMBERED = MAX_ADDED + GAP + 1
+"""Emulator frames by which a hand presses keys later than it would let others go."""
+TRAVEL = 1
+"""Further frames that it takes if it left keys less than `REST` frames before: on its way from key
+to key it holds none."""
+REST = 6
+_REMEMBERED = MAX_ADDED + GAP + TRAVEL + REST + 1
 
 
 class LatencyEqualiser:
-    """Implements `Hands` by others: a key is released ``latency`` emulator frames after what was
-    seen when that was commanded, and pressed ``GAP`` frames later than that. A key that is
-    commanded for ``GAP`` frames or less is not pressed.
+    """Implements `Hands` by others: each hand leaves its keys ``latency`` emulator frames after
+    what was seen when that was commanded, and presses others `GAP` frames later than that, or
+    `GAP` + `TRAVEL`, as NAO's do. Keys that are not commanded for so long are not pressed.
 
     Hands that need longer are not made slower. Until they are timed they count as without latency.
     It runs in every frame, hence whole numbers instead of `Keys`.
@@ -43,7 +48,7 @@ class LatencyEqualiser:
         self._give = give
         self.seen_late = 0
         """Emulator frames by which the eye's pictures are late."""
-        self._keys_by_latency: dict[tuple[int, int], int] = {(0, 0): ~0}
+        self._keys_by_latency: dict[KeyLatency, int] = {KeyLatency(0, 0, 0): ~0}
         """The quickest first."""
         self._passed_on: int
         """What the hands were told last."""
@@ -52,10 +57,11 @@ class LatencyEqualiser:
     def time(self, keys: Keys) -> None:
         """Find out how long the hands take to release and to press each of ``keys``; let them rest
         afterwards."""
-        keys_by_latency: dict[tuple[int, int], int] = {}
-        for key, (release, press) in key_latencies(self._hands, keys, self._give).items():
+        keys_by_latency: dict[KeyLatency, int] = {}
+        for key, (release, *presses) in key_latencies(self._hands, keys, self._give).items():
             # A command that pressed a key sooner than it releases another would take two.
-            latency = release, min(press, release + GAP)
+            gaps = zip(presses, (GAP, GAP + TRAVEL), strict=True)
+            latency = KeyLatency(release, *(min(press, release + gap) for press, gap in gaps))
             keys_by_latency[latency] = keys_by_latency.get(latency, 0) | key
         self._keys_by_latency = dict(sorted(keys_by_latency.items()))
 
@@ -81,12 +87,16 @@ class LatencyEqualiser:
     def _due(self) -> int:
         """The keys that the hands have to set out for now, to hold the right ones in time."""
         due = 0
-        for (release, press), keys in self._keys_by_latency.items():
+        for (release, press, in_play), keys in self._keys_by_latency.items():
             coming = [
                 self._held_in(frames)
                 for frames in range(min(release, press), max(release, press) + 1)
             ]
-            keys &= reduce(or_ if press > release else and_, coming)
+            moving = [
+                self._held_in(frames) & self._seen_in(frames - GAP - TRAVEL)
+                for frames in range(press + 1, in_play + 1)
+            ]
+            keys &= reduce(or_, moving, reduce(or_ if press > release else and_, coming))
             for pair in OPPOSITES:
                 if due & pair:  # a quicker key opposite is to be held sooner
                     keys &= ~pair
@@ -99,7 +109,7 @@ class LatencyEqualiser:
         changed = pressed or self._passed_on & ~due
         lead = self._latency - self.seen_late
         own = [
-            latency[bool(pressed)]
+            latency.press if pressed else latency.release
             for latency, keys in self._keys_by_latency.items()
             if keys & changed
         ]
@@ -110,9 +120,20 @@ class LatencyEqualiser:
 
     def _held_in(self, frames: int) -> int:
         """The keys that are to be held so many frames from now."""
+        past = [self._seen_in(frames - ago) for ago in range(GAP + TRAVEL + REST)]
+        held = 0
+        for hand in _HANDS:
+            keys, *before = (each & hand for each in past)
+            setting_out, earlier = before[:GAP], before[GAP:]
+            rested = not any(earlier)
+            if all(each == keys for each in (*setting_out, *(() if rested else earlier[:TRAVEL]))):
+                held |= keys
+        return held
+
+    def _seen_in(self, frames: int) -> int:
+        """The keys that were commanded for what is to be seen so many frames from now."""
         last = len(self._told) - 1
-        seen = last + frames - (self._latency - self.seen_late)
-        return reduce(and_, (self._told[min(each, last)] for each in range(seen - GAP, seen + 1)))
+        return self._told[min(last, last + frames - (self._latency - self.seen_late))]
 
     def _forget(self) -> None:
         self._wanted = self._passed_on = 0

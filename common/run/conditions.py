@@ -96,8 +96,8 @@ class PlayConfig:
     keep their order."""
     equal_latency: AddedLatency = 0
     """Emulator frames from what is seen until all hands release their keys; they press new ones a
-    frame later. Quicker ones, found by timing keys and eye, get their commands later; 0 for at
-    once."""
+    frame later, or two on their way from others, as NAO's do. Quicker ones, found by timing keys
+    and eye, get their commands later; 0 for at once."""
     arm_speed: Annotated[float, Ge(0.25), Le(1.1), OF_A_ROBOT] = 1.0
     """Maximum speed of the arms' joints, relative to the usual one, which is 0.9 of the published
     speed."""
