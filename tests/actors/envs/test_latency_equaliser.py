@@ -60,11 +60,15 @@ def schedule(actions: list[int], latency: int, frames: int = 4) -> list[Keys]:
     return held
 
 
-@given(st.integers(0, EQUAL), ACTIONS)
-@example(0, [2, 0, 4, 3])
-@example(EQUAL, [3, 4, 0, 4, 0, 0, 4, 10, 12, 1, 0, 1])
-def test_quick_hands_hold_the_keys_of_the_schedule(latency: int, actions: list[int]) -> None:
-    assert play(equal(latency), actions) == schedule(actions, EQUAL)
+@given(st.integers(0, EQUAL), ACTIONS, st.integers(4, 7))
+@example(0, [2, 0, 4, 3], 4)
+@example(EQUAL, [3, 4, 0, 4, 0, 0, 4, 10, 12, 1, 0, 1], 4)
+@example(0, [4, 0, 4], 5)
+@example(0, [4, 0, 4], 6)
+def test_quick_hands_hold_the_keys_of_the_schedule(
+    latency: int, actions: list[int], frames: int
+) -> None:
+    assert play(equal(latency), actions, frames) == schedule(actions, EQUAL, frames)
 
 
 @given(st.integers(0, EQUAL), DIRECTIONS)
