@@ -123,13 +123,12 @@ def test_whoever_does_not_fit_is_not_let_in(endpoint: str, monkeypatch: pytest.M
 
 def test_a_port_that_is_taken_is_told_and_the_next_one_named(endpoint: str) -> None:
     next_one = f"tcp/127.0.0.1:{check_endpoint(endpoint)[1] + 1}"
-    with socket.socket() as holder:
-        holder.bind(check_endpoint(endpoint))
-        holder.listen()
-        with pytest.raises(
-            InputError, match=rf"^cannot listen at {endpoint} .* by --listen {next_one}\.$"
-        ):
-            open_hub(endpoint)
+    sentence = rf"^cannot listen at {endpoint} .* by --listen {next_one}\.$"
+    with (
+        socket.create_server(check_endpoint(endpoint)),
+        pytest.raises(InputError, match=sentence),
+    ):
+        open_hub(endpoint)
 
 
 def test_two_hubs_cannot_share_an_address(zenoh_hub: ZenohTransport, endpoint: str) -> None:
