@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -17,17 +18,16 @@ _RECENTLY = 100
 minibatches."""
 
 
+@dataclass
 class LossGuard:
-    """Has the steps of minibatches without a finite loss quarantined, and notices divergence.
+    """Has the steps of minibatches without a finite loss quarantined, and notices divergence."""
 
-    Args:
-        note: takes an event for people.
-    """
+    algorithm: Algorithm
+    replay: Replay
+    note: Callable[[str], None]
+    """Takes an event for people."""
 
-    def __init__(self, algorithm: Algorithm, replay: Replay, note: Callable[[str], None]) -> None:
-        self._algorithm = algorithm
-        self._replay = replay
-        self._note = note
+    def __post_init__(self) -> None:
         self.skipped = 0
         """Updates, of this process, whose loss was not finite."""
         self.diverged_at: int | None = None
@@ -52,7 +52,7 @@ class LossGuard:
                 continue
             self.skipped += 1
             self._last_skipped.append(number)
-            if all(bool(each.isfinite().all()) for each in self._algorithm.published.parameters()):
+            if all(bool(each.isfinite().all()) for each in self.algorithm.published.parameters()):
                 self._quarantine(ids, result.priorities.float().cpu().numpy())
                 first = self._last_skipped[0]
                 often = len(self._last_skipped) == _MOST_SKIPPED and number - first < _RECENTLY
@@ -71,8 +71,8 @@ class LossGuard:
         faulty = ~np.isfinite(priorities)
         if not faulty.any():
             faulty[:] = True
-        self._replay.update_priorities(ids[faulty], np.full(faulty.sum(), np.nan, np.float32))
-        self._note(
+        self.replay.update_priorities(ids[faulty], np.full(faulty.sum(), np.nan, np.float32))
+        self.note(
             f"a minibatch was skipped: its loss is not finite; {faulty.sum()} of its steps are "
             "quarantined, and the replay's log names their actors"
         )

@@ -213,7 +213,7 @@ class Learner:
                 "rows": len(self.telemetry.rows),
                 "seconds": self.clock.seconds(),
                 "tests": self.evaluation.state(),
-                "keeps_snapshots": self.evaluation.keeps_snapshots,
+                "keeps_snapshots": self.evaluation.snapshots.keep,
                 "actors": self.registry.state(),
             }
         )

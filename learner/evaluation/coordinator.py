@@ -55,27 +55,19 @@ class _Shard:
     """When it was given, or its evaluator reported last."""
 
 
+@dataclass
 class EvaluationCoordinator:
-    """The tests of a run that are not over; safe to call from any thread.
+    """The tests of a run that are not over; safe to call from any thread."""
 
-    Args:
-        evaluators: tells the names of the evaluators that are present.
-        seconds: tells the run's time.
-    """
+    snapshots: Snapshots
+    protocol: ProtocolConfig
+    evaluators: Callable[[], set[str]]
+    """Tells the names of the evaluators that are present."""
+    seconds: Callable[[], float]
+    """Tells the run's time."""
+    now: Now = time.monotonic
 
-    def __init__(
-        self,
-        snapshots: Snapshots,
-        protocol: ProtocolConfig,
-        evaluators: Callable[[], set[str]],
-        seconds: Callable[[], float],
-        now: Now = time.monotonic,
-    ) -> None:
-        self._snapshots = snapshots
-        self._protocol = protocol
-        self._evaluators = evaluators
-        self._seconds = seconds
-        self._now = now
+    def __post_init__(self) -> None:
         self._lock = threading.Lock()
         self._tests: dict[int, EpochTest] = {}
         self._shards: dict[str, _Shard] = {}
@@ -88,8 +80,8 @@ class EvaluationCoordinator:
 
     def add(self, test: EpochTest, weights: bytes) -> None:
         """Have ``weights`` tested; where nobody tests, only the newest few wait for somebody."""
-        self._snapshots.write(test.epoch, weights)
-        nobody = not self._evaluators()
+        self.snapshots.write(test.epoch, weights)
+        nobody = not self.evaluators()
         with self._lock:
             self._tests[test.epoch] = test
             given = {shard.epoch for shard in self._shards.values()}
@@ -102,13 +94,13 @@ class EvaluationCoordinator:
         """Delete the snapshots of tests that are over or were given up, once no checkpoint needs
         them."""
         while self._unneeded:
-            self._snapshots.remove(self._unneeded[-1])
+            self.snapshots.remove(self._unneeded[-1])
             self._unneeded.pop()
 
     def take_finished(self) -> EpochTest | None:
         """Returns each test that is over, once; also notices evaluators that were lost."""
-        present = self._evaluators()
-        now = self._now()
+        present = self.evaluators()
+        now = self.now()
         with self._lock:
             for name, shard in list(self._shards.items()):
                 lost = name not in present and now - shard.given > NEWCOMER
@@ -126,17 +118,17 @@ class EvaluationCoordinator:
                 from the checkpoint before the last one.
         """
         mean = sum(test.scores) / len(test.scores) if test.scores else None
-        before = [each for each in (best_before, self._snapshots.best_score()) if each is not None]
+        before = [each for each in (best_before, self.snapshots.best_score()) if each is not None]
         if mean is not None and mean > max(before, default=-math.inf):
             card = {
                 "epoch": test.epoch,
                 "mean_score": mean,
                 "games": len(test.scores),
-                "epsilon": self._protocol.test_epsilon,
+                "epsilon": self.protocol.test_epsilon,
                 "train_steps": test.total_train_steps,
                 "updates": test.weight_updates,
             }
-            self._snapshots.keep_as_best(test.epoch, card)
+            self.snapshots.keep_as_best(test.epoch, card)
         self._unneeded.append(test.epoch)
 
     def finish(self) -> None:
@@ -152,13 +144,8 @@ class EvaluationCoordinator:
     def steps_left(self) -> int:
         """Agent steps that are still to be played."""
         with self._lock:
-            wanted = self._protocol.test_steps
+            wanted = self.protocol.test_steps
             return sum(max(wanted - test.steps, 0) for test in self._tests.values())
-
-    @property
-    def keeps_snapshots(self) -> bool:
-        """Whether each epoch's weights stay."""
-        return self._snapshots.keep
 
     def state(self) -> list[dict[str, Any]]:
         """Returns the tests whose result was not taken yet, of JSON's types; without their games,
@@ -174,10 +161,10 @@ class EvaluationCoordinator:
         before the last one knows of tests that were settled since.
         """
         untested = []
-        again = {"remaining": self._protocol.test_steps, "steps": 0, "scores": [], "began": None}
+        again = {"remaining": self.protocol.test_steps, "steps": 0, "scores": [], "began": None}
         for each in state:
             test = EpochTest(**each | again)
-            if not self._snapshots.file(test.epoch).is_file():
+            if not self.snapshots.file(test.epoch).is_file():
                 untested.append(test.epoch)
                 continue
             with self._lock:
@@ -191,20 +178,20 @@ class EvaluationCoordinator:
 
         One that asks again has given up the shard it had.
         """
-        everyone = len(self._evaluators() | {evaluator})
+        everyone = len(self.evaluators() | {evaluator})
         with self._lock:
             if evaluator in self._shards:
                 self._give_back(evaluator)
             test = next((each for each in self._tests.values() if each.remaining > 0), None)
             if test is None:
                 return EvaluationJob("finished" if self._over and not self._tests else "wait")
-            steps = min(math.ceil(self._protocol.test_steps / everyone), test.remaining)
+            steps = min(math.ceil(self.protocol.test_steps / everyone), test.remaining)
             test.remaining -= steps
-            test.began = self._seconds() if test.began is None else test.began
-            now = self._now()
+            test.began = self.seconds() if test.began is None else test.began
+            now = self.now()
             self._shards[evaluator] = _Shard(test.epoch, steps, given=now, heard=now)
-        weights = self._snapshots.read(test.epoch)
-        return EvaluationJob("test", test.epoch, steps, self._protocol.test_epsilon, weights)
+        weights = self.snapshots.read(test.epoch)
+        return EvaluationJob("test", test.epoch, steps, self.protocol.test_epsilon, weights)
 
     def take_report(self, report: EvaluationReport) -> None:
         """Count what an evaluator has played since its last report.
@@ -221,7 +208,7 @@ class EvaluationCoordinator:
                 raise MessageError("all its steps are played")
             test.steps += report.steps
             shard.left -= report.steps
-            shard.heard = self._now()
+            shard.heard = self.now()
             test.scores += [game.score for game in report.games]
             if report.done:
                 self._give_back(report.evaluator)  # with what another of its name has not played

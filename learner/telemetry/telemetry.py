@@ -4,6 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import Any
 
 from common.metrics import METRICS, Value, Values, number
@@ -31,48 +32,29 @@ _OF_2017 = PRESETS["paper"].protocol
 """Its epochs are the unit of ``run/epochs_per_day``, whatever the run's own length."""
 
 
+@dataclass
 class Telemetry:
-    """All that a run tells people and leaves for its readers, but for checkpoints and snapshots.
+    """All that a run tells people and leaves for its readers, but for checkpoints and snapshots."""
 
-    Args:
-        constants: figures that stay as they are, such as the run's name.
-        epochs: takes a row for each phase.
-        sinks: take the figures, each as often as it wants.
-        max_q: returns how max-Q is spread over the held-out states; None while it is unknown.
-        gpu: returns what is taken of the GPU, if there is one.
-    """
+    config: RunConfig
+    constants: Values
+    """Figures that stay as they are, such as the run's name."""
+    phases: Phases
+    registry: ActorRegistry
+    epochs: EpochTable
+    """Takes a row for each phase."""
+    sinks: Sequence[Sink]
+    """Take the figures, each as often as it wants."""
+    now: Now
+    max_q: Callable[[], Histogram | None] = lambda: None
+    """Returns how max-Q is spread over the held-out states; None while it is unknown."""
+    gpu: Callable[[], Values] = dict
+    """Returns what is taken of the GPU, if there is one."""
 
-    def __init__(
-        self,
-        config: RunConfig,
-        constants: Values,
-        phases: Phases,
-        registry: ActorRegistry,
-        epochs: EpochTable,
-        sinks: Sequence[Sink],
-        now: Now,
-        max_q: Callable[[], Histogram | None] = lambda: None,
-        gpu: Callable[[], Values] = dict,
-    ) -> None:
-        self._config = config
-        self._constants = {
-            "run/preset": config.preset,
-            "run/env": config.env,
-            "run/game": config.game,
-            "run/seed": config.seed,
-            "stream/samples_per_insert_goal": config.samples_per_insert,
-            "stream/capacity": config.replay.capacity,
-            **constants,
-        }
-        self._phases = phases
-        self._registry = registry
-        self._epochs = epochs
-        self._sinks = [(sink, Every(sink.period, now)) for sink in sinks]
-        self._now = now
-        self._max_q = max_q
-        self._gpu = gpu
+    def __post_init__(self) -> None:
+        self._due = [Every(sink.period, self.now) for sink in self.sinks]
         self._means = RunningMeans()
-        self._latency = RecentLatency(now)
+        self._latency = RecentLatency(self.now)
         self.rows: list[EpochRow] = []
         """The rows of all complete phases and tests."""
         self._ticks: deque[tuple[float, int, int, float]] = deque()
@@ -83,9 +65,9 @@ class Telemetry:
 
         Raises InputError if the table of epochs is damaged, or lacks rows.
         """
-        self.rows = self._epochs.keep(0 if checkpoint is None else int(checkpoint["rows"]))
+        self.rows = self.epochs.keep(0 if checkpoint is None else int(checkpoint["rows"]))
         resumed_at = None if checkpoint is None else int(checkpoint["books"]["agent_steps"])
-        for sink, _ in self._sinks:
+        for sink in self.sinks:
             sink.start(resumed_at)
 
     def update(self, batch: DeviceBatch, result: Update) -> None:
@@ -94,10 +76,10 @@ class Telemetry:
 
     def add(self, row: EpochRow) -> None:
         """Record a phase or a test that is complete."""
-        self._epochs.append(row)
+        self.epochs.append(row)
         self.rows.append(row)
-        agent_steps = row.total_train_steps + self._config.replay.learning_starts
-        for sink, _ in self._sinks:
+        agent_steps = row.total_train_steps + self.config.replay.learning_starts
+        for sink in self.sinks:
             sink.phase(row, agent_steps)
 
     def rewards(self, phase: str) -> tuple[float, ...]:
@@ -111,12 +93,12 @@ class Telemetry:
     def note(self, text: str) -> None:
         """Tell an event, and keep it among the notes of snapshots."""
         self._notes.append(text)
-        for sink, _ in self._sinks:
+        for sink in self.sinks:
             sink.event(text)
 
     def say(self, text: str) -> None:
         """Say a sentence that stays."""
-        for sink, _ in self._sinks:
+        for sink in self.sinks:
             sink.line(text)
 
     def report(self, values: Values, replay: Progress) -> Sequence[HealthCheck]:
@@ -126,7 +108,7 @@ class Telemetry:
             values: figures that only the training loop knows.
         """
         snapshot = self._snapshot(values, replay)
-        for sink, schedule in self._sinks:
+        for sink, schedule in zip(self.sinks, self._due, strict=True):
             if schedule.is_due():
                 try:
                     sink.write(snapshot)
@@ -139,19 +121,26 @@ class Telemetry:
         """Write the last figures and close the files, all of them even if one fails."""
         snapshot = self._snapshot(values, replay)
         with ExitStack() as end:
-            for sink, _ in reversed(self._sinks):
+            for sink in reversed(self.sinks):
                 end.callback(sink.close)
                 end.callback(sink.write, snapshot)
 
     def _snapshot(self, loop: Values, replay: Progress) -> Snapshot:
-        for text in self._registry.take_notes():
+        for text in self.registry.take_notes():
             self.note(text)
-        actors, (totals, key_times) = self._registry.actors(), self._registry.totals()
-        updates, train_steps = number(loop, "learning/updates") or 0, self._phases.train_steps
+        config = self.config
+        actors, (totals, key_times) = self.registry.actors(), self.registry.totals()
+        updates, train_steps = number(loop, "learning/updates") or 0, self.phases.train_steps
         values: dict[str, Value] = {
-            **self._constants,
+            "run/preset": config.preset,
+            "run/env": config.env,
+            "run/game": config.game,
+            "run/seed": config.seed,
+            "stream/samples_per_insert_goal": config.samples_per_insert,
+            "stream/capacity": config.replay.capacity,
+            **self.constants,
             **replay.values(),
-            **self._phases.values(finishing=loop["run/phase"] == "finishing"),
+            **self.phases.values(finishing=loop["run/phase"] == "finishing"),
             **self._means.values(),
             **totals,
             **self._latency.values(key_times),
@@ -159,14 +148,14 @@ class Telemetry:
             **self._rates(int(updates)),
             **loop,
             "stream/samples_per_insert": (
-                updates * self._config.learning.batch_size / train_steps if train_steps else None
+                updates * self.config.learning.batch_size / train_steps if train_steps else None
             ),
             "run/memory_bytes": footprint().private,
-            **self._gpu(),
+            **self.gpu(),
             "stream/actors_alive": sum(actor.alive for actor in actors),
             "stream/actors_present": sum(not actor.left for actor in actors),
         }
-        if train_steps < self._config.exploration.steps:
+        if train_steps < self.config.exploration.steps:
             # Before it has explored, a network cannot be better than a blind one.
             values["learning/relative_td_error"] = None
         if loop["run/phase"] == "finishing":
@@ -174,9 +163,9 @@ class Telemetry:
             left = number(loop, "evaluation/steps_left")
         else:
             rate = number(values, "stream/steps_per_second") or 0.0
-            left = max(self._phases.phase_length - self._phases.phase_steps, 0)
+            left = max(self.phases.phase_length - self.phases.phase_steps, 0)
         values["run/seconds_left"] = left / rate if rate and left is not None else None
-        checks = judge(values, self._config)
+        checks = judge(values, self.config)
         values["gates/failed"] = sum(check.passed is False for check in checks)
         if unknown := values.keys() - METRICS.keys():
             raise KeyError(f"declare {sorted(unknown)} in common/metrics.py")
@@ -191,7 +180,7 @@ class Telemetry:
 
     def _histograms(self, key_times: tuple[int, ...]) -> dict[str, Histogram]:
         found = {}
-        if (max_q := self._max_q()) is not None:
+        if (max_q := self.max_q()) is not None:
             found["learning/max_q"] = max_q
         for goal in ("press", "release") if key_times else ():
             counts = reached_by_age(key_times, goal)
@@ -201,13 +190,13 @@ class Telemetry:
     def _rates(self, updates: int) -> dict[str, Value]:
         """Returns agent steps, updates and processor time per second, of late, and steps per second
         over whole phases."""
-        now, busy = self._now(), time.process_time()
-        self._ticks.append((now, self._phases.agent_steps, updates, busy))
+        now, busy = self.now(), time.process_time()
+        self._ticks.append((now, self.phases.agent_steps, updates, busy))
         while now - self._ticks[0][0] > _RATE_WINDOW:
             self._ticks.popleft()
         then, steps, before, idle = self._ticks[0]
         seconds = now - then
-        steps_rate = (self._phases.agent_steps - steps) / seconds if seconds >= 1 else None
+        steps_rate = (self.phases.agent_steps - steps) / seconds if seconds >= 1 else None
         train, test = self._rate("train"), self._rate("test")
         train = steps_rate if train is None else train
         return {

@@ -132,7 +132,7 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
 
     with place(tmp_path, actor, resume=True, steps_goal=18 * 8) as again:
         again.learner.start()
-        assert again.learner.evaluation.keeps_snapshots  # though it is not told so again
+        assert again.learner.evaluation.snapshots.keep  # though it is not told so again
         assert not any(thread.name.startswith("prefetch") for thread in threading.enumerate())
         assert again.checkpoint() | {"seconds": 0} == before | {"seconds": 0}
         again.play(1)

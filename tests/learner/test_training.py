@@ -232,7 +232,7 @@ class World:
             ),
             "evaluation": _Evaluation(
                 world=self,
-                keeps_snapshots=False,
+                snapshots=SimpleNamespace(keep=False),
                 add=self.add,
                 take_finished=self.take_finished,
                 state=lambda: [test.epoch for test in self.pending],

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.robots.room.camera import Camera, Rendering
-from actors.robots.room.furniture import PICTURE_CORNERS
 from actors.robots.room.projector import Projection
 from actors.robots.room.rotation import Vector, about
 from actors.robots.room.scene import Scene
@@ -73,30 +72,21 @@ class _View:
     """Where each link was when it was rendered last."""
 
 
+@dataclass
 class Views:
-    """Renders one room with the game on its screen, from any viewpoint."""
+    """Renders the room of ``engine`` with the game on its screen, from any viewpoint."""
 
-    def __init__(
-        self,
-        engine: Any,
-        screen_body: int,
-        game_size: tuple[int, int],
-        picture_corners: NDArray[np.float64] = PICTURE_CORNERS,
-        scene: Callable[[], Scene] | None = None,
-    ) -> None:
-        """Views of the room of ``engine``.
+    engine: Any
+    screen_body: int
+    """Shows the game."""
+    game_size: tuple[int, int]
+    """Rows and columns of the game."""
+    corners: NDArray[np.float64]
+    """Between which the game is shown."""
+    find_scene: Callable[[], Scene] | None = None
+    """Tells where all is that is drawn, if somebody knows: less has to be rendered."""
 
-        Args:
-            screen_body: shows the game.
-            game_size: rows and columns of the game.
-            picture_corners: between which the game is shown.
-            scene: tells where all is that is drawn, if somebody knows: less has to be rendered.
-        """
-        self._engine = engine
-        self._screen_body = screen_body
-        self._game_size = game_size
-        self._corners = picture_corners
-        self._find_scene = scene
+    def __post_init__(self) -> None:
         self._scene: Scene | None = None
         self._views: dict[tuple[Viewpoint, int, int], _View] = {}
         """Those that were used last, the latest last."""
@@ -133,17 +123,17 @@ class Views:
         return view.projection.draw(view.rendering, game)
 
     def _prepare(self, viewpoint: Viewpoint, width: int, height: int, turn: float) -> _View:
-        camera = viewpoint.turned(turn).camera(self._engine, width, height)
-        if not camera.may_see(self._corners.tolist(), [0.0] * len(self._corners)):
+        camera = viewpoint.turned(turn).camera(self.engine, width, height)
+        if not camera.may_see(self.corners.tolist(), [0.0] * len(self.corners)):
             return _View(turn, camera, None)
-        projection = Projection(camera, self._corners, self._screen_body, self._game_size)
+        projection = Projection(camera, self.corners, self.screen_body, self.game_size)
         return _View(turn, camera, projection)
 
     def _rendering(self, view: _View, appearance: object) -> Rendering:
         """Returns the present rendering: the last one, with the window in which something moved
         rendered anew."""
-        if self._scene is None and self._find_scene is not None:
-            self._scene = self._find_scene()
+        if self._scene is None and self.find_scene is not None:
+            self._scene = self.find_scene()
         if self._scene is None or not self._scene.whole:
             return _rendered(view.camera)
         last, before, now = view.rendering, view.corners, self._scene.corners()

@@ -5,6 +5,7 @@ import logging
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ class _Epoch(NamedTuple):
     """At its end."""
 
 
+@dataclass
 class FilmsSink(Sink):
     """Films in the run's folder, named as the snapshots, which the run must keep.
 
@@ -32,31 +34,23 @@ class FilmsSink(Sink):
     between are left out, and so is one that the run's end breaks off: `ale-robot film --weights`
     makes them later. A resumed run begins with that of its newest epoch. The warm-up, which is
     random play in a run without --initial, is epoch 0.
-
-    Args:
-        seconds: of play in each film.
-        epsilon: share of random actions in the warm-up.
-        module: makes a film.
-        others: take each film that is complete.
     """
+
+    folder: RunFolder
+    seconds: float
+    """Of play in each film."""
+    epsilon: float
+    """Share of random actions in the warm-up."""
+    module: str = "viewer"
+    """Makes a film."""
+    others: Sequence[Sink] = ()
+    """Take each film that is complete."""
 
     period = 1.0
 
-    def __init__(
-        self,
-        folder: RunFolder,
-        seconds: float,
-        epsilon: float,
-        module: str = "viewer",
-        others: Sequence[Sink] = (),
-    ) -> None:
-        self._folder = folder
-        self._making = folder.films / "making"
-        self._snapshots = Snapshots(folder.snapshots)
-        self._seconds = seconds
-        self._epsilon = epsilon
-        self._module = module
-        self._others = others
+    def __post_init__(self) -> None:
+        self._making = self.folder.films / "making"
+        self._snapshots = Snapshots(self.folder.snapshots)
         self._next: _Epoch | None = None
         self._epoch = _Epoch(0, 0)
         self._child: Child | None = None
@@ -65,8 +59,8 @@ class FilmsSink(Sink):
     def start(self, resumed_at: int | None) -> None:
         """Take up the newest epoch, as of the checkpoint's agent steps, if it has no film yet."""
         shutil.rmtree(self._making, ignore_errors=True)
-        newest = max(kept_networks(self._folder.snapshots), default=0)
-        rows = EpochTable(self._folder.epochs).rows()
+        newest = max(kept_networks(self.folder.snapshots), default=0)
+        rows = EpochTable(self.folder.epochs).rows()
         if newest:
             epoch = _Epoch(newest, resumed_at or 0)
         elif [row.epoch for row in rows] == [0]:
@@ -115,24 +109,24 @@ class FilmsSink(Sink):
 
     def _begin_film(self) -> Child:
         self._making.mkdir(parents=True, exist_ok=True)
-        self._folder.logs.mkdir(parents=True, exist_ok=True)
+        self.folder.logs.mkdir(parents=True, exist_ok=True)
         self._video = self._making / self._file(self._epoch.number).name
         return Child(
-            *(self._module, "film", *self._policy(), "--video", str(self._video)),
-            *("--seconds", f"{self._seconds:g}"),
+            *(self.module, "film", *self._policy(), "--video", str(self._video)),
+            *("--seconds", f"{self.seconds:g}"),
             leash=True,
             low_priority=True,
-            log=self._folder.logs / "films.log",
+            log=self.folder.logs / "films.log",
         )
 
     def _policy(self) -> list[str]:
         """Returns the flags of the network that plays."""
         if self._epoch.number:
             return ["--weights", str(self._snapshots.file(self._epoch.number))]
-        if self._folder.initial.exists():
-            return ["--weights", str(self._folder.initial), "--epsilon", f"{self._epsilon:g}"]
+        if self.folder.initial.exists():
+            return ["--weights", str(self.folder.initial), "--epsilon", f"{self.epsilon:g}"]
         # A checkpoint may have learned already: of it count its settings alone.
-        return ["--weights", str(self._folder.checkpoint), "--epsilon", "1"]
+        return ["--weights", str(self.folder.checkpoint), "--epsilon", "1"]
 
     def _end_film(self, child: Child) -> None:
         number, agent_steps = self._epoch
@@ -140,11 +134,11 @@ class FilmsSink(Sink):
             _log.warning("there is no film of epoch %d: %s", number, child.last_line())
             return
         film = self._video.replace(self._file(number))
-        for sink in self._others:
+        for sink in self.others:
             try:
                 sink.filmed(film, agent_steps)
             except Exception as error:  # such as a film that cannot be read
                 _log.warning("the film of epoch %d is not shown: %s", number, error)
 
     def _file(self, epoch: int) -> Path:
-        return self._folder.films / f"{epoch_name(epoch)}.mp4"
+        return self.folder.films / f"{epoch_name(epoch)}.mp4"

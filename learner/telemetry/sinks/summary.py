@@ -17,15 +17,15 @@ from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import ActorView, Snapshot
 
 
+@dataclasses.dataclass
 class SummarySink(Sink):
     """Replaces the file at ``path`` atomically, once a minute and at the end."""
 
-    period = 60.0
+    path: Path
+    config: RunConfig
+    provenance: Mapping[str, Any]
 
-    def __init__(self, path: Path, config: RunConfig, provenance: Mapping[str, Any]) -> None:
-        self._path = path
-        self._config = config
-        self._provenance = provenance
+    period = 60.0
 
     def write(self, snapshot: Snapshot) -> None:
         """Write the figures that the table has for it, health checks, actors and settings."""
@@ -38,11 +38,11 @@ class SummarySink(Sink):
         summary |= {
             "gates": [check._asdict() for check in snapshot.checks],
             "actors": [_of_actor(actor) for actor in snapshot.actors],
-            "config": dataclasses.asdict(self._config),
-            **self._provenance,
+            "config": dataclasses.asdict(self.config),
+            **self.provenance,
         }
         text = json.dumps(strict(summary), indent=2, ensure_ascii=False, allow_nan=False)
-        write_atomically(self._path, (text + "\n").encode())
+        write_atomically(self.path, (text + "\n").encode())
 
 
 def _of_actor(actor: ActorView) -> dict[str, Any]:
