@@ -14,7 +14,7 @@ from concurrent.futures import Future
 from pathlib import Path
 
 from benchmarks.child import serve
-from benchmarks.synthetic import Streams
+from benchmarks.synthetic import noise_chunks
 from common.errors import InputError, MessageError
 from common.process.allocator import keep_large_blocks
 from common.process.threads import guarded
@@ -60,7 +60,7 @@ class Flooder:
             threading.Thread(target=work, daemon=True)
             for work in (self._send_chunks, self._send_heartbeats, self._ask_for_weights)
         ]
-        self._chunks = Streams(keys.run_id, (name,), config)
+        self._chunks = noise_chunks(keys.run_id, (name,), config)
         self._inserts = transport.requester(keys.insert(name), _DEADLINE)
         self._questions = transport.requester(keys.latest_weights, _QUESTION_DEADLINE)
         self._heartbeats = transport.publisher(keys.stats("actor", name))
@@ -107,7 +107,7 @@ class Flooder:
             self._count(f"chunks {told}")
 
         while room.acquire() and self._goes_on():
-            payload = self._chunks.next().encode()
+            payload = next(self._chunks).encode()
             self._count("chunk bytes", len(payload))
             self._count("chunks")
             self._inserts.request(payload).add_done_callback(_heard(hear))

@@ -12,7 +12,7 @@ from typing import Any
 from actors.member import Member
 from actors.stream.insert_client import InsertClient
 from benchmarks.child import serve
-from benchmarks.synthetic import Streams
+from benchmarks.synthetic import noise_chunks
 from benchmarks.transport_client import time_requests
 from common.run.join import find_run
 from common.transport.zenoh_transport import connect
@@ -39,7 +39,7 @@ class Crowd:
             member = Member(name, transport, keys, config, _PATIENCE, threading.Event())
             self._clients.append(InsertClient(member))
         self._steps = config.stream.chunk_steps
-        self._streams = Streams(keys.run_id, names, config)
+        self._chunks = noise_chunks(keys.run_id, names, config)
         self._join_seconds = time.monotonic() - began
 
     def join_seconds(self) -> float:
@@ -61,7 +61,7 @@ class Crowd:
             wait = began + n * period - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
-            payload = self._streams.next().encode()
+            payload = next(self._chunks).encode()
             held_back += client.unacknowledged >= client.window
             client.send(payload)
         late = time.monotonic() - began - (due - 1) * period

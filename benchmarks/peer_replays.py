@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from benchmarks.child import serve
 from benchmarks.pace import slice_per_second
 from benchmarks.replay import BATCH, draw, draw_and_rate, fill, prioritised, unlimited
-from benchmarks.synthetic import Streams
+from benchmarks.synthetic import noise_chunks
 from replay.replay_buffer import ReplayBuffer
 
 _POOL = 64
@@ -50,11 +50,11 @@ def ours(wanted: Wanted) -> Filled:
     """`ReplayBuffer`, in files."""
     config = unlimited(wanted.size)
     buffer = ReplayBuffer(prioritised(config) if wanted.prioritised else config, wanted.folder)
-    streams = Streams("bench", ("actor-1",), config)
-    fill(buffer, streams, wanted.size)
+    chunks = noise_chunks("bench", ("actor-1",), config)
+    fill(buffer, chunks, wanted.size)
     rated = draw_and_rate(buffer, np.random.default_rng(1))
     return Filled(
-        lambda: buffer.insert(streams.next()),
+        lambda: buffer.insert(next(chunks)),
         rated if wanted.prioritised else lambda: draw(buffer),
         config.stream.chunk_steps,
     )

@@ -7,7 +7,7 @@ meanwhile: a real replay also decodes what comes, see `benchmarks.transport`.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,11 @@ import numpy as np
 from benchmarks.child import scratch
 from benchmarks.pace import per_second
 from benchmarks.report import BenchmarkOptions, Numbers, Report, Seconds, main
-from benchmarks.synthetic import Streams
+from benchmarks.synthetic import noise_chunks
 from common.checked import FromOne
 from common.errors import InputError, writing
 from common.process.footprint import footprint
+from common.protocol.chunk import Chunk
 from common.run.config import ReplayConfig, RunConfig, StreamConfig
 from common.run.presets import PRESETS
 from replay.batch import Batch
@@ -67,11 +68,11 @@ def prioritised(config: RunConfig) -> RunConfig:
     return replace(config, replay=replace(config.replay, sampler="prioritised"))
 
 
-def fill(buffer: ReplayBuffer, streams: Streams, capacity: int) -> int:
+def fill(buffer: ReplayBuffer, chunks: Iterator[Chunk], capacity: int) -> int:
     """Insert until the ring has turned once; the steps that it took."""
     steps = 0
     while steps < capacity:
-        chunk = streams.next()
+        chunk = next(chunks)
         buffer.insert(chunk)
         steps += len(chunk)
     return steps
@@ -96,20 +97,20 @@ def draw_and_rate(buffer: ReplayBuffer, rng: np.random.Generator) -> Callable[[]
 def measure_size(capacity: int, options: Options, folder: Path) -> dict[str, Any]:
     config = replace(unlimited(capacity), stream=StreamConfig(chunk_steps=options.chunk_steps))
     names = tuple(f"actor-{number}" for number in range(1, options.actors + 1))
-    streams = Streams("bench", names, config)
+    chunks = noise_chunks("bench", names, config)
     before = footprint().private
     buffer = ReplayBuffer(config, folder)
     began = time.perf_counter()
-    filled = fill(buffer, streams, capacity)
+    filled = fill(buffer, chunks, capacity)
     fill_seconds = time.perf_counter() - began
-    inserts = per_second(lambda: buffer.insert(streams.next()), options.seconds)
+    inserts = per_second(lambda: buffer.insert(next(chunks)), options.seconds)
     uniform = per_second(lambda: draw(buffer), options.seconds)
     told = buffer.progress(_NO_BOUND)
     buffer.close()
     began = time.perf_counter()
     buffer = ReplayBuffer(prioritised(config), folder)
     reopen_seconds = time.perf_counter() - began
-    inserts_prioritised = per_second(lambda: buffer.insert(streams.next()), options.seconds)
+    inserts_prioritised = per_second(lambda: buffer.insert(next(chunks)), options.seconds)
     rated = per_second(draw_and_rate(buffer, np.random.default_rng(1)), options.seconds)
     told_prioritised = buffer.progress(_NO_BOUND)
     buffer.close()

@@ -1,5 +1,7 @@
-"""`Streams`: endless chunks of noise, as several actors would send them, made ahead of time."""
+"""`noise_chunks`: endless chunks, as several actors would send them, made ahead of time."""
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -12,49 +14,44 @@ _GAME_STEPS = 500
 _POOL = 16
 
 
-class Streams:
-    """Chunks in the order in which ``actors`` that play equally fast would hand them in.
+def noise_chunks(run: str, actors: tuple[str, ...], config: RunConfig) -> Iterator[Chunk]:
+    """Returns chunks in the order in which ``actors`` that play equally fast would hand them in.
 
     Their frames come from a small pool, for what is measured copies pixels without looking at them.
     A step field that matters to nothing measured is 0.
+
+    Args:
+        run: its id.
+        config: says how long the chunks are, and with how much context.
     """
-
-    def __init__(self, run: str, actors: tuple[str, ...], config: RunConfig) -> None:
-        """Chunks of the run with this id, as long and with as much context as ``config`` says."""
-        steps, older = config.stream.chunk_steps, config.play.frame_stack - 1
-        rng = np.random.default_rng(1)
-        self._actors = actors
-        self._made = 0
-        blank = zero_steps(steps)
-        self._pool = [
-            Chunk(
-                run_id=run,
-                actor=actors[0],
-                incarnation=1,
-                stream=0,
-                sequence=0,
-                weights_version=0,
-                epsilon=0.1,
-                context=frames[:older],
-                final_frames=np.zeros((0, *FRAME_SHAPE), np.uint8),
-                final_vectors=np.zeros((0, 0), np.float32),
-                **blank
-                | {name: np.ones_like(blank[name]) for name in ("elapsed", "valid", "matched")}
-                | {
-                    "frames": frames[older:],
-                    "actions": rng.integers(6, size=steps, dtype=np.uint8),
-                    "rewards": rng.integers(-1, 2, size=steps).astype(np.float32),
-                    "terminated": rng.random(steps) < 1 / _GAME_STEPS,
-                },
-            )
-            for frames in rng.integers(
-                256, size=(_POOL, older + steps, *FRAME_SHAPE), dtype=np.uint8
-            )
-        ]
-
-    def next(self) -> Chunk:
-        """The next chunk of the actor whose turn it is."""
-        sequence, actor = divmod(self._made, len(self._actors))
-        pooled = self._pool[self._made % len(self._pool)]
-        self._made += 1
-        return replace(pooled, actor=self._actors[actor], sequence=sequence)
+    steps, older = config.stream.chunk_steps, config.play.frame_stack - 1
+    rng = np.random.default_rng(1)
+    blank = zero_steps(steps)
+    pool = [
+        Chunk(
+            run_id=run,
+            actor=actors[0],
+            incarnation=1,
+            stream=0,
+            sequence=0,
+            weights_version=0,
+            epsilon=0.1,
+            context=frames[:older],
+            final_frames=np.zeros((0, *FRAME_SHAPE), np.uint8),
+            final_vectors=np.zeros((0, 0), np.float32),
+            **blank
+            | {name: np.ones_like(blank[name]) for name in ("elapsed", "valid", "matched")}
+            | {
+                "frames": frames[older:],
+                "actions": rng.integers(6, size=steps, dtype=np.uint8),
+                "rewards": rng.integers(-1, 2, size=steps).astype(np.float32),
+                "terminated": rng.random(steps) < 1 / _GAME_STEPS,
+            },
+        )
+        for frames in rng.integers(256, size=(_POOL, older + steps, *FRAME_SHAPE), dtype=np.uint8)
+    ]
+    turns = ((sequence, actor) for sequence in itertools.count() for actor in actors)
+    return (
+        replace(pooled, actor=actor, sequence=sequence)
+        for pooled, (sequence, actor) in zip(itertools.cycle(pool), turns, strict=False)
+    )

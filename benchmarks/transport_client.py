@@ -17,7 +17,7 @@ from actors.member import Member
 from actors.stream.insert_client import InsertClient
 from benchmarks.child import serve
 from benchmarks.pace import repeat
-from benchmarks.synthetic import Streams
+from benchmarks.synthetic import noise_chunks
 from common.process.allocator import keep_large_blocks
 from common.run.join import find_run
 from common.transport.interface import Envelope, Requester, Transport, Unanswered
@@ -87,7 +87,7 @@ class Client:
                 *(_PATIENCE, threading.Event()),
             )
         )
-        streams = Streams(self._keys.run_id, (self._name,), self._config)
+        chunks = noise_chunks(self._keys.run_id, (self._name,), self._config)
         steps = self._config.stream.chunk_steps
         due = time.perf_counter()
 
@@ -96,7 +96,7 @@ class Client:
             if pace is not None:
                 time.sleep(max(due - time.perf_counter(), 0.0))
                 due += steps / pace
-            payload = streams.next().encode()
+            payload = next(chunks).encode()
             outbox.send(payload)
             return len(payload)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import replay, report
-from benchmarks.synthetic import Streams
+from benchmarks.synthetic import noise_chunks
 from common.errors import InputError
 from common.protocol.chunk import Chunk
 from common.run.config import RunConfig, StreamConfig
@@ -56,8 +56,8 @@ def test_settings_that_cannot_work(flags: list[str], complaint: str) -> None:
 
 
 def test_chunks_of_noise_are_chunks() -> None:
-    streams = Streams("r", ("a", "b"), RunConfig(stream=StreamConfig(chunk_steps=8)))
-    chunks = [Chunk.decode(streams.next().encode()) for _ in range(5)]
+    noise = noise_chunks("r", ("a", "b"), RunConfig(stream=StreamConfig(chunk_steps=8)))
+    chunks = [Chunk.decode(next(noise).encode()) for _ in range(5)]
     assert [(each.actor, each.sequence) for each in chunks] == [
         ("a", 0),
         ("b", 0),
