@@ -6,7 +6,7 @@ Nobody tells it. No game goes on meanwhile.
 from collections.abc import Callable
 from typing import NamedTuple
 
-from actors.envs.key_timing import LONGEST
+from actors.envs.key_forecast import LONGEST
 from actors.robots.interface import Hands
 from common.actions import Keys
 

@@ -6,35 +6,92 @@ which frame on a choice matters (a Smith predictor has the same two things of it
 tells it: it is found by timing the hands' own keys.
 """
 
+from collections import deque
+
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.envs.key_timing import KeyTiming
+from common.actions import Keys
 from common.proprioception import KEYS
 
+LONGEST = 60
+"""Latencies that are told apart: 0 to 59 emulator frames, just below 1 s."""
+_KEEP = 0.9
+"""Share of earlier votes that is kept at each change of the keys: some ten changes count."""
 FLAGS = np.array(
     [[bool(number & key) for key in KEYS] for number in range(2 ** len(KEYS))], np.float32
 )
 """Which keys are in each set of keys, ``[32, 5]``."""
 
 
-class KeyForecast(KeyTiming):
-    """Watches one pair of hands, and tells what they will press."""
+class _Latency:
+    """The latency that most changes of the keys agree on.
+
+    A change may come of each earlier command that asked for it, and votes for the latency of every
+    one of them. The right one is among them each time, the others only by chance.
+    """
+
+    def __init__(self) -> None:
+        self._votes = np.zeros(LONGEST, np.float32)
+        self.frames = 0
+        """Emulator frames between the frame that begins with a command and the first one that
+        ends with its keys; 0 before the first change."""
+
+    def vote(self, changed: int, wanted: list[int]) -> None:
+        """Count how many frames ago a command asked for one of the ``changed`` keys, once for each;
+        ``wanted`` are those of each frame."""
+        last = len(wanted) - 1
+        latencies = [
+            last - frame
+            for frame in range(1, len(wanted))
+            if changed & wanted[frame] & ~wanted[frame - 1]
+        ]
+        if latencies:
+            self._votes *= _KEEP
+            self._votes[latencies] += 1.0
+            self.frames = int(self._votes.argmax())
+
+
+class KeyForecast:
+    """Watches one pair of hands, what they were told and what they press, and tells what they will
+    press. It runs in every frame, hence whole numbers instead of `Keys`."""
 
     def __init__(self, frames: int) -> None:
         """Forecast ``frames`` emulator frames at a time."""
-        super().__init__()
         self._ahead = range(1, frames + 1)
+        self.restart()
+
+    def restart(self) -> None:
+        """Other hands may play: nothing is known of them, and they are at rest."""
+        self._wanted, self._felt = 0, 0
+        self._past: deque[int] = deque([0] * (LONGEST + 1), maxlen=LONGEST + 1)
+        """The keys that were commanded in each of the last frames."""
+        self._release, self._press = _Latency(), _Latency()
+
+    def command(self, keys: Keys) -> None:
+        """The hands are to hold ``keys`` from the next frame on."""
+        self._wanted = int(keys)
+
+    def feel(self, pressed: Keys) -> None:
+        """``pressed`` are held at the end of one more frame."""
+        self._past.append(self._wanted)
+        felt, before = int(pressed), self._felt
+        if felt == before:
+            return
+        self._felt = felt
+        past = list(self._past)
+        self._release.vote(before & ~felt, [~wanted for wanted in past])
+        self._press.vote(felt & ~before, past)
 
     def rows(self) -> NDArray[np.float32]:
         """Returns the forecast, ``float32 [frames, 7]``, as in `common.proprioception`."""
-        release, press = self.release.frames or 0, self.press.frames or 0
-        past, last = self.past, len(self.past) - 1
+        release, press = self._release.frames, self._press.frames
+        past, last = self._past, len(self._past) - 1
         keys = []
         for ahead in self._ahead:
             # The hands hold what both agree on: the slower of the two is still on its way.
-            by_release = past[last + ahead - release] if ahead <= release else self.wanted
-            by_press = past[last + ahead - press] if ahead <= press else self.wanted
+            by_release = past[last + ahead - release] if ahead <= release else self._wanted
+            by_press = past[last + ahead - press] if ahead <= press else self._wanted
             keys.append(by_release & by_press if release <= press else by_release | by_press)
         too_late = [[ahead <= release, ahead <= press] for ahead in self._ahead]
         return np.concatenate([np.array(too_late, np.float32), FLAGS[keys]], axis=1)

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.envs.ale import AtariEnv
-from actors.envs.key_forecast import KeyForecast
-from actors.envs.key_timing import LONGEST
+from actors.envs.key_forecast import LONGEST, KeyForecast
 from actors.envs.late_commands import hands_of
 from actors.envs.proprioception import Proprioception
 from actors.envs.robot import RobotEnv
