@@ -13,7 +13,7 @@ import pytest
 import viewer.check
 from actors.envs.robot import RobotEnv
 from actors.robots.latency import Change
-from actors.robots.nao.assembly import write_urdf
+from actors.robots.nao.assembly import write_nao
 from common.errors import InputError
 from common.network import build_network
 from common.process.command_line import parse
@@ -140,7 +140,7 @@ def test_check_is_green_and_writes_four_panels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "new" / "check.png"
-    urdf = write_urdf(tmp_path)
+    urdf = write_nao(tmp_path)
     assert command(monkeypatch, "check", "-o", str(path), "--nao-urdf", str(urdf)) == 0
     said = capsys.readouterr().out
     for words in ("valid frames", "pixel deviation", "corners", "keys as", "p50", "p99"):

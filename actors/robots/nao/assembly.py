@@ -18,7 +18,7 @@ from actors.robots.nao.anatomy import JOINT_NAMED, JOINTS, LINK_NAMED, Link
 from actors.robots.nao.posture import HELD_ANGLES
 from actors.robots.nao.shapes import SHAPES
 from actors.robots.room.rotation import about, from_roll_pitch_yaw, to_roll_pitch_yaw
-from actors.robots.room.urdf import BALL_MESH, Joint, Part, urdf
+from actors.robots.room.urdf import BALL_MESH, Joint, Part, write_urdf
 
 
 @dataclass
@@ -68,14 +68,12 @@ def assemble() -> tuple[dict[str, Piece], list[Joint]]:
     return pieces, moving
 
 
-def write_urdf(folder: Path) -> Path:
-    """Write the robot's URDF, whose base is the torso, and the mesh of its eggs into ``folder``;
+def write_nao(folder: Path) -> Path:
+    """Writes the robot's URDF, whose base is the torso, and the mesh of its eggs into ``folder``;
     returns the URDF's path.
 
     It has moving joints only: a physics step then costs a fortieth of the whole robot's.
     """
     shutil.copy(Path(pybullet_data.getDataPath()) / "sphere_smooth.obj", folder / BALL_MESH)
     pieces, joints = assemble()
-    path = folder / "nao.urdf"
-    path.write_text(urdf("nao", pieces.values(), joints))
-    return path
+    return write_urdf(folder, "nao", pieces.values(), joints)

@@ -6,11 +6,11 @@ import numpy as np
 
 from actors.robots.nao.anatomy import TOP_CAMERA_ORIGIN, TOP_CAMERA_PITCH
 from actors.robots.nao.arms import Arms
-from actors.robots.nao.assembly import place_in_piece, write_urdf
+from actors.robots.nao.assembly import place_in_piece, write_nao
 from actors.robots.nao.controller import Controller
 from actors.robots.nao.posture import HIP_HEIGHT, TORSO_ORIGIN
 from actors.robots.room.camera import Mount
-from actors.robots.room.engine import angles_of
+from actors.robots.room.engine import angles_of, fixed_body
 from actors.robots.room.furniture import DESK_TOP, METAL, Box, Colour
 from actors.robots.room.room import Room
 from actors.robots.room.viewpoint import VISITOR, Viewpoint
@@ -51,13 +51,8 @@ class Nao(Room):
 
     def _build(self, folder: Path) -> None:
         engine = self._engine
-        self.body: int = engine.loadURDF(
-            str(write_urdf(folder)),
-            TORSO_ORIGIN,
-            useFixedBase=True,
-            flags=engine.URDF_USE_INERTIA_FROM_FILE,
-        )
-        for link in range(engine.getNumJoints(self.body)):
+        self.body, joints = fixed_body(engine, write_nao(folder), TORSO_ORIGIN)
+        for link in joints.values():
             engine.changeDynamics(self.body, link, linearDamping=0.0, angularDamping=0.0)
         self.controller = Controller(engine, folder, DESK_TOP)
         self.arms = Arms(engine, self.body, self.controller)

@@ -27,7 +27,7 @@ from actors.robots.room.body import Limbs
 from actors.robots.room.engine import fixed_body
 from actors.robots.room.rotation import Vector
 from actors.robots.room.shapes import ALONG_X, ALONG_Y, Colour, Shape, ball, rod
-from actors.robots.room.urdf import Joint, Part, urdf, weighed
+from actors.robots.room.urdf import Joint, Part, weighed, write_urdf
 from common.actions import Keys
 
 PLAY = 0.0002
@@ -68,12 +68,8 @@ class Arm(Limbs):
     """Three servos in a physics client."""
 
     def __init__(self, engine: Any, folder: Path, desk_top: float) -> None:
-        body, numbers = fixed_body(
-            engine,
-            folder / "robotroller.urdf",
-            urdf("robotroller", _PARTS, _JOINTS),
-            (CENTRE[0], CENTRE[1], desk_top),
-        )
+        file = write_urdf(folder, "robotroller", _PARTS, _JOINTS)
+        body, numbers = fixed_body(engine, file, (CENTRE[0], CENTRE[1], desk_top))
         joints = {numbers[joint.name]: joint for joint in _JOINTS}
         super().__init__(engine, body, joints, {part.name: part for part in _PARTS})
         for link in range(-1, len(numbers)):

@@ -13,7 +13,7 @@ from actors.robots.room.body import Pressed
 from actors.robots.room.engine import fixed_body
 from actors.robots.room.rotation import Vector
 from actors.robots.room.shapes import Colour, Shape, ball, rod
-from actors.robots.room.urdf import Joint, Part, urdf, weighed
+from actors.robots.room.urdf import Joint, Part, weighed, write_urdf
 from common.actions import Keys
 
 CENTRE: Vector = (0.205, 0.0, 0.0)
@@ -78,12 +78,8 @@ class Joystick(Pressed):
     release_depths = (RELEASE_LEAN,) * len(SIDES) + (RELEASE_DEPTH,)
 
     def __init__(self, engine: Any, folder: Path, desk_top: float) -> None:
-        body, numbers = fixed_body(
-            engine,
-            folder / "joystick.urdf",
-            urdf("joystick", _PARTS, _JOINTS),
-            (CENTRE[0], CENTRE[1], desk_top),
-        )
+        file = write_urdf(folder, "joystick", _PARTS, _JOINTS)
+        body, numbers = fixed_body(engine, file, (CENTRE[0], CENTRE[1], desk_top))
         super().__init__(engine, body, {numbers[joint.name]: joint.max_torque for joint in _JOINTS})
         for link in range(-1, len(numbers)):
             engine.changeDynamics(

@@ -53,16 +53,9 @@ def frame_of(engine: Any, body: int, link: int) -> Pose:
     return pose
 
 
-def fixed_body(
-    engine: Any, file: Path, content: str, position: Sequence[float]
-) -> tuple[int, dict[str, int]]:
-    """Returns a body that stands fixed at ``position``, m, and the numbers of its joints by name.
-
-    Args:
-        file: where the engine reads it; it is written.
-        content: its URDF, whose inertias are used as they are.
-    """
-    file.write_text(content)
+def fixed_body(engine: Any, file: Path, position: Sequence[float]) -> tuple[int, dict[str, int]]:
+    """Returns a body that stands fixed at ``position``, m, and the numbers of its joints by name;
+    the inertias in its URDF ``file`` are used as they are."""
     body: int = engine.loadURDF(
         str(file), position, useFixedBase=True, flags=engine.URDF_USE_INERTIA_FROM_FILE
     )

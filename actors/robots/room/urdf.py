@@ -7,6 +7,7 @@ predicts contacts only for links whose single shape is centred.
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import product
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -110,8 +111,9 @@ def _unit_inertia(shape: Shape) -> Vector:
     return ((b + c) / 5, (a + c) / 5, (a + b) / 5)
 
 
-def urdf(name: str, parts: Iterable[Part], joints: Iterable[Joint]) -> str:
-    """Returns the URDF of a body; its base is the first part."""
+def write_urdf(folder: Path, name: str, parts: Iterable[Part], joints: Iterable[Joint]) -> Path:
+    """Writes the URDF of a body, whose base is the first part, into ``folder``; returns the file's
+    path."""
     parts = list(parts)
     touching = [
         _touching(part, shape, number)
@@ -119,7 +121,9 @@ def urdf(name: str, parts: Iterable[Part], joints: Iterable[Joint]) -> str:
         for number, shape in enumerate(shape for shape in part.shapes if shape.solid)
     ]
     texts = [*map(_link, parts), *map(_joint, joints), *touching]
-    return "\n".join([f'<robot name="{name}">', *texts, "</robot>", ""])
+    path = folder / f"{name}.urdf"
+    path.write_text("\n".join([f'<robot name="{name}">', *texts, "</robot>", ""]))
+    return path
 
 
 def _link(part: Part) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from actors.robots.interface import ViewName
-from actors.robots.nao.assembly import write_urdf
+from actors.robots.nao.assembly import write_nao
 from actors.robots.nao.own_nao import OwnNao
 from actors.robots.nao.robot import Nao
 from common.actions import Keys
@@ -21,7 +21,7 @@ SIZE = (160, 120)
 @pytest.fixture
 def urdf(tmp_path: Path) -> Path:
     """Our robot's, with its mesh beside it."""
-    return write_urdf(tmp_path)
+    return write_nao(tmp_path)
 
 
 def hold(room: Nao, keys: Keys) -> None:

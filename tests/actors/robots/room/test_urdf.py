@@ -8,7 +8,7 @@ import pytest
 
 from actors.robots.room.engine import open_engine
 from actors.robots.room.shapes import ALONG_X, Shape, ball, rod
-from actors.robots.room.urdf import Joint, Part, urdf, weighed
+from actors.robots.room.urdf import Joint, Part, weighed, write_urdf
 
 GREY = (0.5, 0.5, 0.5)
 BOX = Shape("box", (1.0, 2.0, 3.0), (0.0, 0.0, 0.0), GREY)
@@ -59,8 +59,7 @@ def test_the_engine_reads_parts_joints_and_what_touches(tmp_path: Path) -> None:
     joint = Joint(
         "up", "foot", "lid", (0.0, 0.0, 2.0), (0.0, 0.0, 1.0), -0.5, 0.25, 3.0, 4.0, "prismatic"
     )
-    path = tmp_path / "b.urdf"
-    path.write_text(urdf("b", [foot, lid], [joint]))
+    path = write_urdf(tmp_path, "b", [foot, lid], [joint])
     engine = open_engine()
     body = engine.loadURDF(str(path), useFixedBase=True, flags=engine.URDF_USE_INERTIA_FROM_FILE)
     infos = {
