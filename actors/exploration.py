@@ -15,15 +15,10 @@ LEAST, MOST = 4, 12
 GREEDY = -1
 
 
-def _duration_law() -> NDArray[np.float64]:
-    """Probability of each duration from `LEAST` to `MOST`; Zipf(2) is 6/π² / k²."""
-    law = 6 / np.pi**2 / np.arange(1, MOST - LEAST + 2, dtype=np.float64) ** 2
-    law[-1] += 1 - law.sum()
-    return np.asarray(law)
-
-
 _DURATIONS = np.arange(LEAST, MOST + 1)
-DURATION_LAW = _duration_law()
+DURATION_LAW = 6 / np.pi**2 / np.arange(1, MOST - LEAST + 2, dtype=np.float64) ** 2
+"""Probability of each duration from `LEAST` to `MOST`; Zipf(2) is 6/π² / k²."""
+DURATION_LAW[-1] += 1 - DURATION_LAW.sum()
 MEAN_DURATION = float(DURATION_LAW @ _DURATIONS)
 
 

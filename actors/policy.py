@@ -54,12 +54,7 @@ class Policy:
         return policy
 
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
-        """One action for each environment, ``[E]``.
-
-        Args:
-            frames: states ``[E, frame_stack, 84, 84]``.
-            vectors: vector observations ``[E, P]``.
-        """
+        """See `actors.loop.Player`."""
         chosen = self._exploration.draw(self.epsilon)
         self.explored = chosen != GREEDY
         greedy = np.flatnonzero(~self.explored)

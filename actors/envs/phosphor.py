@@ -34,28 +34,25 @@ _COLOURS = """
 """
 
 
-def _palette() -> NDArray[np.int64]:
-    """Red, green and blue of the 128 colours, ``[128, 3]``."""
-    numbers = [[int(c[i : i + 2], 16) for i in (0, 2, 4)] for c in _COLOURS.split()]
-    return np.array(numbers)
+_PALETTE = np.array([[*bytes.fromhex(colour)] for colour in _COLOURS.split()])
+"""Red, green and blue of the 128 colours, ``[128, 3]``."""
 
 
-def _blends(palette: NDArray[np.int64]) -> NDArray[np.uint8]:
+def _blends() -> NDArray[np.uint8]:
     """The colour nearest to the blend of each two, ``uint8 [128, 128]``, by their numbers halved.
 
     ALE measures by the sum of the differences, in steps of 4.
     """
-    first, second = palette[:, None], palette[None]
+    first, second = _PALETTE[:, None], _PALETTE[None]
     dark, bright = np.minimum(first, second), np.maximum(first, second)
     blended = ((bright - dark) * _AFTERGLOW // 100 + dark) // 4 * 4
     nearest = np.empty((128, 128), np.uint8)
     for number, row in enumerate(blended):
-        nearest[number] = np.abs(row[:, None] - palette).sum(axis=2).argmin(axis=1)
+        nearest[number] = np.abs(row[:, None] - _PALETTE).sum(axis=2).argmin(axis=1)
     return nearest
 
 
-_PALETTE = _palette()
-_BLENDS = _blends(_PALETTE)
+_BLENDS = _blends()
 _RGB = _PALETTE.astype(np.uint8)
 _GREY = np.rint(_PALETTE @ np.array(_GREY_WEIGHTS)).astype(np.uint8)
 

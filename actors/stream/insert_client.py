@@ -81,17 +81,17 @@ class InsertClient:
         Raises:
             InputError: there was no hub for longer than the patience.
         """
+        answer = None
         try:
-            self.last_ack = Ack.decode(self._requester.request(b"").result().payload)
-            self._look_for_hub()
-            return self.last_ack
+            self.last_ack = answer = Ack.decode(self._requester.request(b"").result().payload)
         except Unanswered:
             pass
         except MessageError as error:
             self._member.warn(f"the replay gave a malformed reply: {error}")
         self._look_for_hub()
-        time.sleep(_PAUSE)
-        return None
+        if answer is None:
+            time.sleep(_PAUSE)
+        return answer
 
     def _look_for_hub(self) -> None:
         now = time.monotonic()

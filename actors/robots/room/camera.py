@@ -145,7 +145,6 @@ class Mount:
     def camera(
         self,
         engine: Any,
-        size: tuple[int, int] = CAMERA_SIZE,
         *,
         margin: tuple[int, int] = (0, 0),
         yaw: float = 0.0,
@@ -154,8 +153,6 @@ class Mount:
         """Returns the robot's camera.
 
         Args:
-            engine: The physics client.
-            size: Width and height of the picture.
             margin: Extra pixels beyond the picture's left and right, and upper and lower edges,
                 which a lens's distortion brings into view; the picture's own pixels do not change.
             yaw: Degrees by which the head is turned to its left, relative to its posture.
@@ -167,7 +164,9 @@ class Mount:
         gaze = turn @ about((0.0, 1.0, 0.0), self.pitch)
         wide, tall = (
             2 * math.degrees(math.atan(math.tan(math.radians(angle) / 2) * (1 + 2 * more / pixels)))
-            for angle, more, pixels in zip((WIDTH_ANGLE, HEIGHT_ANGLE), margin, size, strict=True)
+            for angle, more, pixels in zip(
+                (WIDTH_ANGLE, HEIGHT_ANGLE), margin, CAMERA_SIZE, strict=True
+            )
         )
-        whole = (size[0] + 2 * margin[0], size[1] + 2 * margin[1])
+        whole = (CAMERA_SIZE[0] + 2 * margin[0], CAMERA_SIZE[1] + 2 * margin[1])
         return Camera(engine, position, gaze[:, 0], gaze[:, 2], size=whole, angles=(wide, tall))
