@@ -78,7 +78,12 @@ class Report:
             "reasons": self.reasons,
             "version": VERSION,
             "replay": replay,
-            "learner": None if self.learner is None else _tables(self.learner),
+            "learner": self.learner
+            and {
+                **vars(self.learner),
+                "checks": [check._asdict() for check in self.learner.checks],
+                "actors": [actor._asdict() for actor in self.learner.actors],
+            },
         }
         return json.dumps(strict(told), indent=2, ensure_ascii=False, allow_nan=False)
 
@@ -118,14 +123,6 @@ class Report:
             console.print(one_line(f"RED: {reason}"), style="red")
         if not self.reasons:
             console.print("healthy", style="green")
-
-
-def _tables(status: RunStatus) -> dict[str, Any]:
-    return {
-        **vars(status),
-        "checks": [check._asdict() for check in status.checks],
-        "actors": [actor._asdict() for actor in status.actors],
-    }
 
 
 def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:

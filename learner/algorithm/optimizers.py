@@ -89,7 +89,7 @@ def build_optimizer(
     if adam:
         return optimizer
     # Adam whose gradients are their own means, and which corrects its second means no more because
-    # its first step is long ago, is RMSprop, but with a fused kernel, which takes half the time.
+    # its first step is long ago, is RMSprop.
     for weight in weights:
         optimizer.state[weight] = {
             "step": torch.tensor(_LONG_AGO, device=weight.device),

@@ -36,20 +36,16 @@ class Precision:
         self.network.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         if self._is_copy:
-            self._copy_gradients_to_master()
+            for master in self._masters:
+                if master.grad is None:
+                    master.grad = torch.zeros_like(master)
+            torch._foreach_copy_(_gradients(self._masters), _gradients(self._copies))
 
     @torch.no_grad()
     def sync_from_master(self) -> None:
         """Let `network` have the master weights as they are now."""
         if self._is_copy:
             torch._foreach_copy_(self._copies, self._masters)
-
-    @torch.no_grad()
-    def _copy_gradients_to_master(self) -> None:
-        for master in self._masters:
-            if master.grad is None:
-                master.grad = torch.zeros_like(master)
-        torch._foreach_copy_(_gradients(self._masters), _gradients(self._copies))
 
 
 def _bfloat16_copy(master: QNetwork) -> QNetwork:

@@ -69,11 +69,12 @@ def table(content: Mapping[str, Any]) -> Table:
     for name, columns in (("other than trained", trained), ("other than the preset", usual)):
         for change in dict.fromkeys(chain.from_iterable(columns)):
             shown.add_row(name, *(change if change in column else "" for column in columns))
-    lines = _LINES if len(rows) > 1 else (*_LINES, ("every game", _every_game))
-    for name, cell_of in lines:
+    for name, cell_of in _LINES:
         cells = [cell_of(row) for row in rows]
         if any(cells):
             shown.add_row(name, *cells)
+    if len(rows) == 1:
+        shown.add_row("every game", " ".join(f"{score:g}" for score in rows[0]["scores"]))
     return shown
 
 
@@ -87,23 +88,10 @@ def _hands(row: Mapping[str, Any]) -> str:
     )
 
 
-def _alike(row: Mapping[str, Any]) -> str:
-    """The most games with one ending, or that no two have."""
-    return "none" if row["same_ending"] == 1 else f"{row['same_ending']}"
-
-
 def _mean(row: Mapping[str, Any]) -> str:
     """One game has a score, but no spread."""
     spread = f" ± {row['deviation']:.2f}" if row["games"] > 1 else ""
     return f"{row['mean']:.2f}{spread}"
-
-
-def _interval(row: Mapping[str, Any]) -> str:
-    return f"{row['iqm_low']:.2f} to {row['iqm_high']:.2f}" if row["games"] > 1 else ""
-
-
-def _every_game(row: Mapping[str, Any]) -> str:
-    return " ".join(f"{score:g}" for score in row["scores"])
 
 
 def _pace(row: Mapping[str, Any]) -> str:
@@ -112,23 +100,21 @@ def _pace(row: Mapping[str, Any]) -> str:
     return "real time" if row["speed"] == 1 else f"real time × {row['speed']:g}"
 
 
-def _deadlines(row: Mapping[str, Any]) -> str:
-    return "" if row["speed"] is None else f"{row['deadlines_kept_share']:.2%}"
-
-
-def _late_frames(row: Mapping[str, Any]) -> str:
-    return "" if row["speed"] is None else f"{row['late_frames']:,}"
-
-
 _LINES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
     ("random actions ε", lambda row: f"{row['epsilon']:g}"),
     ("sticky actions", lambda row: f"{row['sticky']:g}"),
     ("games", lambda row: f"{row['games']}"),
     ("distinct games", lambda row: f"{row['distinct_games']}"),
-    (f"alike in their last {ENDING} steps", _alike),
+    (
+        f"alike in their last {ENDING} steps",
+        lambda row: "none" if row["same_ending"] == 1 else f"{row['same_ending']}",
+    ),
     ("mean ± deviation", _mean),
     ("interquartile mean", lambda row: f"{row['iqm']:.2f}"),
-    ("its 95 % interval", _interval),
+    (
+        "its 95 % interval",
+        lambda row: f"{row['iqm_low']:.2f} to {row['iqm_high']:.2f}" if row["games"] > 1 else "",
+    ),
     ("median", lambda row: f"{row['median']:g}"),
     ("least, most", lambda row: f"{row['least']:g}, {row['most']:g}"),
     ("agent steps", lambda row: f"{row['steps']:,}"),
@@ -137,7 +123,10 @@ _LINES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
     ("frames valid", lambda row: f"{row['valid_frame_share']:.1%}"),
     ("time", _pace),
     ("game ÷ wall seconds", lambda row: f"{row['game_per_wall']:.2f}"),
-    ("deadlines kept", _deadlines),
-    ("late frames", _late_frames),
+    (
+        "deadlines kept",
+        lambda row: "" if row["speed"] is None else f"{row['deadlines_kept_share']:.2%}",
+    ),
+    ("late frames", lambda row: "" if row["speed"] is None else f"{row['late_frames']:,}"),
 )
 """Names of the figures, and how each is written."""

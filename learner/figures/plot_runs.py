@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -130,8 +131,9 @@ def _name(names: Sequence[str]) -> str:
 def epochs_figure(groups: Sequence[Group]) -> Figure:
     """Average reward and mean max-Q by epoch, as in the report's Figures 6 to 9."""
     figure, (rewards, values) = panels(2)
-    draw_series(rewards, _series(groups, lambda run: run.rewards(_epoch)))
-    draw_series(values, _series(groups, lambda run: run.max_q(_epoch)))
+    epoch = attrgetter("epoch")
+    draw_series(rewards, _series(groups, lambda run: run.rewards(epoch)))
+    draw_series(values, _series(groups, lambda run: run.max_q(epoch)))
     draw_random(rewards, _random(groups))
     label(rewards, "epoch", _reward_name(groups))
     label(values, "epoch", "mean max-Q over held-out states")
@@ -169,10 +171,6 @@ def progress_figure(groups: Sequence[Group]) -> Figure:
     label(by_time, f"wall clock ({time_name})", "")
     legend(figure, by_steps)
     return figure
-
-
-def _epoch(row: EpochRow) -> float:
-    return row.epoch
 
 
 def _series(groups: Sequence[Group], line: Callable[[Run], Points]) -> list[Series]:

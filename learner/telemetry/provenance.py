@@ -8,6 +8,7 @@ import platform
 import re
 import subprocess
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -54,21 +55,16 @@ def package_versions() -> dict[str, str | None]:
     """Versions of ``python``, of this distribution and of those that it depends on; None for what
     is not installed."""
     versions: dict[str, str | None] = {"python": platform.python_version()}
-    for package in ("ale-robot", *_dependencies()):
+    packages = ["ale-robot"]
+    with suppress(metadata.PackageNotFoundError):  # a checkout without `pip`
+        required = metadata.requires("ale-robot") or []
+        packages += [re.split(r"[^\w.-]", each)[0] for each in required if "extra ==" not in each]
+    for package in packages:
         try:
             versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             versions[package] = None
     return versions
-
-
-def _dependencies() -> list[str]:
-    """Returns what `pyproject.toml` names, extras left out; none in a checkout without `pip`."""
-    try:
-        required = metadata.requires("ale-robot") or []
-    except metadata.PackageNotFoundError:
-        return []
-    return [re.split(r"[^\w.-]", each)[0] for each in required if "extra ==" not in each]
 
 
 def git_state(file: Path) -> tuple[str | None, bool | None]:
