@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from common.errors import InputError
 from common.press_latency import ms_of
-from learner.figures.plot_style import Series, draw_series, label, legend, panels
+from learner.figures.plot_style import Series, line_figure
 
 _AGENT_STEP_MS = ms_of(4)
 
@@ -66,9 +66,8 @@ def delay_figure(played: Sequence[Played]) -> Figure:
     for name, late_ms, mean in played:
         points[name].append((late_ms, mean))
     series = [Series(name, [np.array(sorted(line))]) for name, line in points.items()]
-    figure, (axes,) = panels(1, width=6.5, height=4.2)
-    draw_series(axes, series)
-    label(axes, "game time without the commanded keys (ms)", "mean score of the evaluation's games")
+    x, y = "game time without the commanded keys (ms)", "mean score of the evaluation's games"
+    figure, axes = line_figure(series, x, y, width=6.5, height=4.2)
     above = axes.secondary_xaxis(
         "top",
         functions=(
@@ -79,5 +78,4 @@ def delay_figure(played: Sequence[Played]) -> Figure:
     above.set_xlabel("in agent steps of 66.7 ms", color="#333333", fontsize=9)
     above.tick_params(colors="#333333", labelsize=8)
     above.spines["top"].set_visible(False)
-    legend(figure, axes)
     return figure

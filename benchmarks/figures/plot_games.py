@@ -1,24 +1,14 @@
 """The figure of games: scores of training, of robots and of their twins without a body."""
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.pyplot import subplots
 
 from benchmarks.lab.games import ANCHORS, BODIES
 from benchmarks.report import reading
-from learner.figures.plot_style import (
-    INK,
-    RANDOM,
-    Points,
-    Series,
-    draw_series,
-    dress,
-    legend,
-)
+from learner.figures.plot_style import INK, RANDOM, Points, Series, draw_series, legend, panels
 
 _COLUMNS = 4
 
@@ -44,13 +34,8 @@ def games_figure(path: Path) -> Figure:
         }
         if not games:
             raise ValueError("no run has ended")
-    columns = min(len(games), _COLUMNS)
-    height = math.ceil(len(games) / columns)
-    figure, axes = subplots(
-        height, columns, figsize=(3.2 * columns, 2.7 * height), layout="constrained", squeeze=False
-    )
-    for each, (game, series) in zip(axes.flat, lines.items(), strict=False):
-        dress(each)
+    figure, axes = panels(len(games), 3.2, 2.7, most=_COLUMNS)
+    for each, (game, series) in zip(axes, lines.items(), strict=True):
         draw_series(each, series)
         random = next(
             (r["random_reward"] for r in games[game] if r["random_reward"] is not None), None
@@ -70,12 +55,10 @@ def games_figure(path: Path) -> Figure:
                 label="human",
             )
         each.set_title(game.replace("_", " "), loc="left", fontsize=10, color=INK)
-    for each in axes.flat[len(games) :]:
-        each.set_visible(False)
     figure.supxlabel("agent steps, thousands", fontsize=10, color=INK)
     figure.supylabel("mean score of training games", fontsize=10, color=INK)
     # Of the panel that shows the most; not every one shows a human's score.
-    legend(figure, max(axes.flat, key=lambda each: len(each.get_legend_handles_labels()[1])))
+    legend(figure, max(axes, key=lambda each: len(each.get_legend_handles_labels()[1])))
     return figure
 
 

@@ -8,15 +8,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.lab.ladder import MILESTONES
 from benchmarks.report import reading
-from learner.figures.plot_style import (
-    INK,
-    Points,
-    Series,
-    draw_series,
-    label,
-    legend,
-    panels,
-)
+from learner.figures.plot_style import INK, Points, Series, line_figure
 
 
 def race_figure(paths: Sequence[Path]) -> Figure:
@@ -27,16 +19,14 @@ def race_figure(paths: Sequence[Path]) -> Figure:
         InputError: a file holds something else, or nothing was tested yet.
     """
     series = [each for path in paths for each in _read(path)]
-    figure, (axes,) = panels(1, width=8.0, height=4.6)
-    draw_series(axes, series, means=False)
+    x, y = "wall clock of training (minutes)", "mean score of a game"
+    figure, axes = line_figure(series, x, y, width=8.0, height=4.6, means=False)
     axes.set_xlim(left=0)
     for name, score in MILESTONES.items():
         axes.axhline(score, color="#888888", linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
         text = f"{score:g}" if name == f"{score:g}" else f"{score:g} ({name})"
         right = axes.get_yaxis_transform()
         axes.text(1.01, score, text, transform=right, va="center", fontsize=8, color=INK)
-    label(axes, "wall clock of training (minutes)", "mean score of a game")
-    legend(figure, axes)
     return figure
 
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.pyplot import subplots
 
 from benchmarks.report import reading
-from learner.figures.plot_style import INK, Series, draw_series, label, legend, panels
+from learner.figures.plot_style import INK, Series, line_figure
 
 _WORST, _BEST = -21.0, 21.0
 """Scores of Pong between which the colours go; other games have the colours of their own range."""
@@ -30,10 +30,6 @@ class Grid(NamedTuple):
     optics: list[str]
     added_ms: list[float]
     means: dict[tuple[str, float], float]
-
-    @property
-    def is_curve(self) -> bool:
-        return len(self.optics) == 1
 
 
 def read_grid(path: Path) -> Grid:
@@ -57,8 +53,9 @@ def read_grid(path: Path) -> Grid:
 
 def robustness_figure(grids: Sequence[Grid]) -> Figure:
     """Returns one heat map for each grid, or all of them as curves if each has one optics."""
-    if all(grid.is_curve for grid in grids):
-        return _curves(grids)
+    if all(len(grid.optics) == 1 for grid in grids):
+        x, y = "added actuation latency, ms", "mean score"
+        return line_figure([*map(_curve, grids)], x, y, width=5.2, height=3.8)[0]
     figure, axes = subplots(
         1, len(grids), figsize=(1.4 + 5.0 * len(grids), 3.6), layout="constrained", squeeze=False
     )
@@ -91,16 +88,6 @@ def _heat_map(axes: Axes, grid: Grid, low: float, high: float) -> Any:
     return image
 
 
-def _curves(grids: Sequence[Grid]) -> Figure:
-    figure, (axes,) = panels(1)
-    series = [
-        Series(
-            grid.name,
-            [np.array([(ms, grid.means[grid.optics[0], ms]) for ms in grid.added_ms])],
-        )
-        for grid in grids
-    ]
-    draw_series(axes, series)
-    label(axes, "added actuation latency, ms", "mean score")
-    legend(figure, axes)
-    return figure
+def _curve(grid: Grid) -> Series:
+    points = [(ms, grid.means[grid.optics[0], ms]) for ms in grid.added_ms]
+    return Series(grid.name, [np.array(points)])

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.report import reading
-from learner.figures.plot_style import Series, draw_series, label, legend, panels
+from learner.figures.plot_style import Series, line_figure
 
 _LINES = {
     "training, evaluator idle": "train_steps_per_second",
@@ -27,10 +27,7 @@ def scaling_figure(path: Path) -> Figure:
             Series(name, [np.array([(each["actors"], each[rate]) for each in found], np.float64)])
             for name, rate in _LINES.items()
         ]
-    figure, (axes,) = panels(1, width=6.5)
-    draw_series(axes, series)
+    figure, axes = line_figure(series, "actors", "agent steps per second", width=6.5, height=3.8)
     axes.set_xticks([each["actors"] for each in found])
     axes.set_ylim(bottom=0)
-    label(axes, "actors", "agent steps per second")
-    legend(figure, axes)
     return figure

@@ -99,14 +99,31 @@ def save(figure: Figure, path: Path) -> None:
     print(f"wrote {path}")
 
 
-def panels(count: int, width: float = 5.2, height: float = 3.8) -> tuple[Figure, list[Axes]]:
-    """``count`` axes side by side."""
+def panels(
+    count: int, width: float = 5.2, height: float = 3.8, most: int | None = None
+) -> tuple[Figure, list[Axes]]:
+    """``count`` axes side by side, at ``most`` so many."""
+    columns = min(count, most or count)
+    rows = math.ceil(count / columns)
     figure, axes = plt.subplots(
-        1, count, figsize=(width * count, height), layout="constrained", squeeze=False
+        rows, columns, figsize=(width * columns, height * rows), layout="constrained", squeeze=False
     )
-    for each in axes[0]:
+    for each in axes.flat:
         dress(each)
-    return figure, list(axes[0])
+    for spare in axes.flat[count:]:
+        spare.set_visible(False)
+    return figure, list(axes.flat[:count])
+
+
+def line_figure(
+    series: Sequence[Series], x: str, y: str, *, width: float, height: float, means: bool = True
+) -> tuple[Figure, Axes]:
+    """One panel of ``series``, and its axes."""
+    figure, (axes,) = panels(1, width, height)
+    draw_series(axes, series, means=means)
+    label(axes, x, y)
+    legend(figure, axes)
+    return figure, axes
 
 
 def dress(axes: Axes) -> None:
