@@ -181,9 +181,9 @@ def measure_turn(
     with ExitStack() as stack:
         run = stack.enter_context(Training(options.quota, certificates))
         run.await_seconds(options.settle)
-        flooder = stack.enter_context(run.flood()) if flooded else None
-        beside = flooder
-        if flooder is not None:
+        beside = None
+        if flooded:
+            beside = stack.enter_context(run.flood())
             run.await_flood()
         elif busy:
             beside = Helper("the busy process", "benchmarks.busy", cores=busy)
@@ -192,8 +192,8 @@ def measure_turn(
         first = run.mark(beside)
         run.await_seconds(options.seconds)
         last = run.mark(beside)
-        if flooder is not None:
-            flooder.ask("stop")
+        if flooded and beside is not None:
+            beside.ask("stop")
         run.check()
     return rates(first, last)
 
@@ -225,39 +225,35 @@ def measure(options: Options) -> Report:
         certificates = folder / "certificates"
         certify_actors(certificates, "localhost", (_ACTOR, _FLOODER))
         turn = partial(measure_turn, options, certificates)
-        took = 0.0
+        floods: list[dict[str, float]] = []
 
         def flooded() -> dict[str, float]:
-            nonlocal took
-            rates = turn(flooded=True)
-            took = rates["cpu"]
-            return rates
+            floods.append(turn(flooded=True))
+            return floods[-1]
 
         kinds: dict[str, Callable[[], dict[str, float]]]
-        kinds = {ALONE: turn, FLOODED: flooded, BUSY: lambda: turn(busy=took)}
-        found = in_turns(kinds, options.turns, warm_up=0, tell=True)
-    return report(found)
+        kinds = {ALONE: turn, FLOODED: flooded, BUSY: lambda: turn(busy=floods[-1]["cpu"])}
+        return report(in_turns(kinds, options.turns, warm_up=0, tell=True))
 
 
 def report(found: Mapping[str, Sequence[dict[str, float]]]) -> Report:
     """Returns what the turns of each kind came to; those of one number belong together."""
     rows = []
     for kind, turns in found.items():
-        updates, of_alone = Spread.of(_updates(turns)), _ratio(turns, found[ALONE])
+        updates = Spread.of([each["updates"] for each in turns])
         rows.append(
             {
                 "training": kind,
                 "updates/s": updates.median,
                 "least": updates.least,
                 "most": updates.most,
-                "of alone": of_alone.median,
+                "of alone": _ratio(turns, found[ALONE]).median,
                 "actor's steps/s": _median(turns, "agent_steps"),
                 "learner's cores": _median(turns, "learner_cores"),
                 "cores beside": _median(turns, "cpu"),
             }
         )
-    ratio = _ratio(found[FLOODED], found[BUSY])
-    refusals = _refusals(found[FLOODED])
+    ratio, refusals = _ratio(found[FLOODED], found[BUSY]), _refusals(found[FLOODED])
     title = (
         f"Training of Catch beside one certified client that floods its hub, {len(found[ALONE])} "
         "turns each"
@@ -276,14 +272,10 @@ def report(found: Mapping[str, Sequence[dict[str, float]]]) -> Report:
     )
 
 
-def _updates(turns: Sequence[dict[str, float]]) -> list[float]:
-    return [each["updates"] for each in turns]
-
-
 def _ratio(turns: Sequence[dict[str, float]], others: Sequence[dict[str, float]]) -> Spread:
     """Returns the updates of some turns, of those of others, turn by turn."""
-    pairs = zip(_updates(turns), _updates(others), strict=True)
-    return Spread.of([some / other for some, other in pairs])
+    pairs = zip(turns, others, strict=True)
+    return Spread.of([some["updates"] / other["updates"] for some, other in pairs])
 
 
 def _median(turns: Sequence[dict[str, float]], name: str) -> float:
@@ -293,16 +285,13 @@ def _median(turns: Sequence[dict[str, float]], name: str) -> float:
 def _refusals(turns: Sequence[dict[str, float]]) -> list[dict[str, Any]]:
     """Returns a row for each kind of message: how many the flooder sent a second, and how many the
     hub took."""
-    heard = {
-        "chunks": (
-            "chunks stored",
-            f"{_median(turns, 'chunk bytes') / 1e6:.0f} MB/s; over quota or turn",
-        ),
-        "heartbeats": ("heartbeats_heard", "too often"),
-        "requests": ("requests answered", "too often"),
-    }
+    size = f"{_median(turns, 'chunk bytes') / 1e6:.0f} MB/s"
     rows = []
-    for kind, (taken, why) in heard.items():
+    for kind, taken, why in (
+        ("chunks", "chunks stored", f"{size}; over quota or turn"),
+        ("heartbeats", "heartbeats_heard", "too often"),
+        ("requests", "requests answered", "too often"),
+    ):
         sent, took = _median(turns, kind), _median(turns, taken)
         rows.append(
             {

@@ -23,10 +23,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from benchmarks.lab.policy import EPSILON, evaluate, first_at, present_names, scores_of, train
+from benchmarks.lab.policy import EPSILON, evaluate, first_at, scores_of, train
 from common.checked import Count, Fraction, FromOne
 from common.errors import exit_on_input_error
-from common.process.command_line import parse
+from common.process.command_line import PRESENT_FLAGS, parse
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, write_atomically
 
@@ -107,13 +107,7 @@ def climb(options: Options, seed: int) -> dict[str, Any]:
     told = evaluate(folder.checkpoint, options.games, options.epsilon)
     evaluation.write_text(json.dumps(told, indent=2) + "\n")
     shutil.copyfile(folder.epochs, results / f"{folder.name}.csv")
-    return row_of(
-        options,
-        seed,
-        summary,
-        told,
-        EpochTable(folder.epochs).rows(),
-    )
+    return row_of(options, seed, summary, told, EpochTable(folder.epochs).rows())
 
 
 def row_of(
@@ -154,7 +148,8 @@ def add_row(path: Path, row: dict[str, Any]) -> None:
     """Adds ``row`` to the table at ``path``, in place of what it had of the same run."""
 
     def identity(of: Mapping[str, Any]) -> tuple[str, ...]:
-        return of["rung"], of["label"], *present_names(shlex.split(of["flags"]))
+        flags = (PRESENT_FLAGS.get(each, each) for each in shlex.split(of["flags"]))
+        return of["rung"], of["label"], *flags
 
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = list(csv.DictReader(path.read_text().splitlines())) if path.exists() else []

@@ -16,7 +16,7 @@ from benchmarks.child import free_endpoint, run_module, scratch
 from benchmarks.report import BenchmarkOptions
 from common.checked import Fraction, FromOne
 from common.errors import InputError
-from common.process.command_line import PRESENT_FLAGS, WeightsFile
+from common.process.command_line import WeightsFile
 from common.run.config import RunConfig
 from common.run.epochs import EpochPhase, EpochRow
 from common.run.folder import RunFolder
@@ -131,8 +131,3 @@ def settings_of(network: Path) -> RunConfig:
     if trained is None:
         raise InputError(f"{network} has neither a card nor a run's folder beside it: get them.")
     return trained
-
-
-def present_names(flags: Sequence[str]) -> list[str]:
-    """Returns ``flags``, as a table of results has them from a former commit, by present names."""
-    return [PRESENT_FLAGS.get(flag, flag) for flag in flags]

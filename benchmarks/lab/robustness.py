@@ -24,7 +24,9 @@ from common.checked import Fraction, FromOne
 from common.errors import InputError
 from common.press_latency import ms_of
 from common.run.conditions import MAX_ADDED
+from common.run.config import RunConfig
 from common.run.folder import write_atomically
+from common.run.stored_config import flat
 from viewer.policies import Grid
 
 Optics = Literal["nominal", "grain", "pose", "light", "late"]
@@ -37,17 +39,8 @@ OPTICS: dict[Optics, dict[str, str]] = {
 }
 """Settings of the eye. Noise in grey levels; the head's pose in degrees; the screen's distance, the
 ambient light and the glare as shares; 10 % of the pictures lost and all one agent step late."""
-_OFF = {
-    "camera.noise": "0",
-    "camera.blur": "0",
-    "camera.dropped": "0",
-    "camera.latency": "0",
-    "randomise.head-pose": "0",
-    "randomise.screen-distance": "0",
-    "randomise.gamma": "1",
-    "randomise.ambient": "0",
-    "randomise.glare": "0",
-}
+_USUAL = flat(RunConfig())
+_OFF = {name: f"{_USUAL[name.replace('-', '_')]}" for each in OPTICS.values() for name in each}
 """The same settings where they change nothing, so that a cell is the same for every network."""
 _KEPT = (
     "games", "mean", "deviation", "iqm", "iqm_low", "iqm_high", "least", "most", "steps", "scores",
@@ -119,8 +112,8 @@ def measure(options: Options) -> Report:
         {
             "optics": optics,
             **{
-                f"+{ms_of(latency):.0f} ms": _score(grid[optics, latency])
-                for latency in options.latencies
+                f"+{ms_of(cell['latency']):.0f} ms": f"{cell['mean']:.1f} ± {cell['deviation']:.1f}"
+                for cell in (grid[optics, latency] for latency in options.latencies)
             },
         }
         for optics in options.optics
@@ -157,10 +150,6 @@ def _add_to_card(network: Path, grid: Grid, sha256: str) -> None:
         raise InputError(f"{file} is of another network than {network.name}: publish it anew.")
     card["grid"] = grid._asdict()
     write_atomically(file, (json.dumps(card, indent=2) + "\n").encode())
-
-
-def _score(cell: dict[str, Any]) -> str:
-    return f"{cell['mean']:.1f} ± {cell['deviation']:.1f}"
 
 
 if __name__ == "__main__":

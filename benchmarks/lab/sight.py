@@ -5,6 +5,7 @@ the camera; the unwarped frame against the emulator's own; and whether a linear 
 and paddles off the frames.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -65,28 +66,12 @@ class Options(BenchmarkOptions):
             check_game(game)
 
 
-class Album:
-    """The first look of each case, at another game each time."""
-
-    def __init__(self, games: tuple[str, ...]) -> None:
-        self._games = games
-        self._looks: dict[str, Look] = {}
-
-    def keep(self, look: Look) -> None:
-        """Paste a look in if its case has none and it is its game's turn."""
-        name = look.case.name
-        if (
-            name not in self._looks
-            and look.game == self._games[len(self._looks) % len(self._games)]
-        ):
-            self._looks[name] = look
-
-    def page(self) -> NDArray[np.uint8]:
-        """All of them with the found corners drawn, ``uint8 [rows, columns, 3]``."""
-        pictures = [_drawn(look) for look in self._looks.values()]
-        pictures += [np.zeros_like(pictures[0])] * (-len(pictures) % _COLUMNS)
-        rows = [pictures[i : i + _COLUMNS] for i in range(0, len(pictures), _COLUMNS)]
-        return np.vstack([np.hstack(row) for row in rows])
+def page(looks: Sequence[Look]) -> NDArray[np.uint8]:
+    """All of ``looks`` with the found corners drawn, ``uint8 [rows, columns, 3]``."""
+    pictures = [_drawn(look) for look in looks]
+    pictures += [np.zeros_like(pictures[0])] * (-len(pictures) % _COLUMNS)
+    rows = [pictures[i : i + _COLUMNS] for i in range(0, len(pictures), _COLUMNS)]
+    return np.vstack([np.hstack(row) for row in rows])
 
 
 def _drawn(look: Look) -> NDArray[np.uint8]:
@@ -105,11 +90,15 @@ def _drawn(look: Look) -> NDArray[np.uint8]:
     return picture
 
 
-def look_around(options: Options, album: Album) -> dict[str, dict[str, Tally]]:
-    rng = np.random.default_rng(options.seed)
-    return {
-        case.name: measure(case, options.games, options.poses, rng, album.keep) for case in cases()
-    }
+def look_around(options: Options) -> tuple[dict[str, dict[str, Tally]], list[Look]]:
+    """Returns what came of each case, and its first look, at another game each time."""
+    rng, tallies, first = np.random.default_rng(options.seed), {}, []
+    for number, case in enumerate(cases()):
+        looks: list[Look] = []
+        tallies[case.name] = measure(case, options.games, options.poses, rng, looks.append)
+        game = options.games[number % len(options.games)]
+        first.append(next(look for look in looks if look.game == game))
+    return tallies, first
 
 
 def read_off(options: Options) -> list[dict[str, Any]]:
@@ -117,19 +106,11 @@ def read_off(options: Options) -> list[dict[str, Any]]:
     rows = []
     for title, eye in (("perfect camera", PERFECT), ("all faults", FAULTS)):
         frames = collect(options.frames, eye, options.seed)
-        if eye is PERFECT:
-            rows.append(_explained("the emulator itself", frames.own, frames.truth))
-        rows.append(_explained(title, frames.seen, frames.truth))
+        own = {"the emulator itself": frames.own} if eye is PERFECT else {}
+        for source, seen in {**own, title: frames.seen}.items():
+            found = dict(zip(QUANTITIES, probe(seen, frames.truth).tolist(), strict=True))
+            rows.append({"frames from": source, "frames": len(seen), **found})
     return rows
-
-
-def _explained(title: str, frames: NDArray[np.uint8], truth: NDArray[np.float64]) -> dict[str, Any]:
-    found = probe(frames, truth).tolist()
-    return {
-        "frames from": title,
-        "frames": len(frames),
-        **dict(zip(QUANTITIES, found, strict=True)),
-    }
 
 
 def goals(
@@ -150,8 +131,7 @@ def goals(
 
 def measure_sight(options: Options) -> Report:
     cv2.setNumThreads(1)
-    album = Album(options.games)
-    tallies = look_around(options, album)
+    tallies, looks = look_around(options)
     by_case = {name: sum(found.values(), Tally()).figures() for name, found in tallies.items()}
     by_game = [
         {
@@ -165,7 +145,7 @@ def measure_sight(options: Options) -> Report:
     kept = goals(by_case, by_game, read)
     if options.output is not None:
         options.output.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(options.output), album.page()[:, :, ::-1])
+        cv2.imwrite(str(options.output), page(looks)[:, :, ::-1])
         print(f"wrote {options.output}")
     return Report(
         [
