@@ -6,7 +6,6 @@
 import contextlib
 import json
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -48,11 +47,6 @@ def scratch(place: Path | None = None) -> Iterator[Path]:
     prefix = "ale-robot-bench-"
     with tempfile.TemporaryDirectory(prefix=prefix, dir=place, ignore_cleanup_errors=True) as name:
         yield Path(name)
-
-
-def end_as_by_ctrl_c() -> None:
-    """Let SIGTERM unwind this process, so that nothing it started is left behind."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 def run_module(module: str, *arguments: str, quiet: bool = False) -> None:

@@ -12,7 +12,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -147,18 +146,13 @@ def losses(algorithm: Algorithm, batches: Sequence[DeviceBatch], updates: int) -
     return total / updates
 
 
-def real_batches(count: int, folder: Path, device: torch.device) -> list[DeviceBatch]:
-    memory = random_play(_CONFIG, _RANDOM_STEPS, folder)
-    batches = [to_device(draw(memory), device) for _ in range(count)]
-    memory.close()
-    return batches
-
-
 def compare_precisions(updates: int, device: torch.device) -> list[dict[str, Any]]:
     """A row for each precision."""
     torch.set_num_threads(1)
     with scratch() as folder:
-        batches = real_batches(min(updates, 500), folder / "replay", device)
+        memory = random_play(_CONFIG, _RANDOM_STEPS, folder / "replay")
+        batches = [to_device(draw(memory), device) for _ in range(min(updates, 500))]
+        memory.close()
     often = replace(_CONFIG, learning=replace(_CONFIG.learning, target_update_period=100))
     found = {
         name: losses(algorithm_of(bfloat16, device, often), batches, updates)

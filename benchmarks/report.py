@@ -5,6 +5,7 @@ Report``, and ``main(NAME, Options, measure)`` at its end. `benchmarks.registry`
 """
 
 import json
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,7 +18,6 @@ from annotated_types import Gt, MinLen
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from benchmarks.child import end_as_by_ctrl_c
 from common.checked import FromOne
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
@@ -86,7 +86,8 @@ O = TypeVar("O", bound=BenchmarkOptions)  # noqa: E741
 
 def main(name: str, options: type[O], measure: Callable[[O], Report]) -> None:
     """Runs a benchmark as ``python -m benchmarks.NAME``; ends the process unless all went well."""
-    end_as_by_ctrl_c()
+    # So that it unwinds, and nothing that it started is left behind.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     exit_on_input_error(lambda: run(name, options, measure, sys.argv[1:]))
 
 

@@ -111,14 +111,10 @@ class ScreenDetector:
             # place.
             return bool((shares >= _SIDE_RIGHT).sum() >= 3)
         self._screen = Screen(outer, view.whole)
-        self._corners = self._as_shown(self._screen.corners)
+        self._corners = corners = self._screen.corners
+        if self._lens is not None:  # where the camera picture has them
+            self._corners = self._lens.bend(corners.astype(np.float64)).astype(np.float32)
         return True
-
-    def _as_shown(self, corners: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns the camera picture's pixels of points in the straightened picture."""
-        if self._lens is None:
-            return corners
-        return self._lens.bend(corners.astype(np.float64)).astype(np.float32)
 
 
 def is_blank(frame: NDArray[np.uint8]) -> bool:

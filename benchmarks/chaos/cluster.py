@@ -17,7 +17,6 @@ from benchmarks.chaos.link import Link
 from benchmarks.chaos.old_version import OldVersion
 from benchmarks.child import free_endpoint
 from common.errors import Unreachable
-from common.process.footprint import footprint
 from common.process.supervisor import Child
 from common.protocol.wire import decode_version
 from common.run.folder import RunFolder
@@ -263,13 +262,6 @@ class Cluster:
                 continue
             self.ended.append(f"{name} ended with status {status}: {process.last_line()}")
             self.start(name)
-
-    def private_mib(self, name: str) -> float:
-        return footprint(self.processes[name].pid).private / 2**20
-
-    def open_files(self, name: str) -> int:
-        """Files, connections and the like that a process holds."""
-        return len(os.listdir(f"/proc/{self.processes[name].pid}/fd"))
 
     # ------------------------------------------------------------------ the work
 

@@ -1,5 +1,6 @@
 """`Storm`: one fault after the other on a run, as a seed draws them."""
 
+import os
 import random
 import time
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 from benchmarks.chaos.cluster import HUB, LEARNER, Cluster
 from benchmarks.chaos.faults import FAULTS, PATIENCE
 from common.errors import InputError
+from common.process.footprint import footprint
 
 _SHORTEST, _LONGEST = 0.2, 3.0
 """Seconds of work between faults."""
@@ -59,12 +61,15 @@ class Storm:
                 f"the run did not recover in {PATIENCE:.0f} s from: {name}, {target}, "
                 f"{seconds:.1f} s{''.join(f'; {each}' for each in cluster.ended)}."
             )
+        pids = {each: cluster.processes[each].pid for each in (HUB, LEARNER)}
         self.struck.append(
             {
                 **{"fault": name, "target": target, "seconds": seconds, "recovery": recovery},
                 "ended": cluster.ended[before:],
-                "private_mib": {each: cluster.private_mib(each) for each in (HUB, LEARNER)},
-                "open_files": {each: cluster.open_files(each) for each in (HUB, LEARNER)},
+                "private_mib": {each: footprint(pid).private / 2**20 for each, pid in pids.items()},
+                "open_files": {
+                    each: len(os.listdir(f"/proc/{pid}/fd")) for each, pid in pids.items()
+                },
             }
         )
         told = f"{name}, {target}: all work again after {recovery:.1f} s"

@@ -23,10 +23,6 @@ class Source(NamedTuple):
     """Whether tracked files differed from the commit; None if the result does not tell."""
     note: str
 
-    @property
-    def reproducible(self) -> bool:
-        return self.dirty is False and not self.note
-
 
 def sources(folder: Path) -> Iterator[Source]:
     """Yields every result in the JSON files and tables of ``folder`` that names a commit."""

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.lab.games import ANCHORS, BODIES
 from benchmarks.report import reading
-from learner.figures.plot_style import INK, RANDOM, Points, Series, draw_series, legend, panels
+from learner.figures.plot_style import INK, RANDOM, Series, draw_series, legend, panels
 
 _COLUMNS = 4
 
@@ -27,7 +27,7 @@ def games_figure(path: Path) -> Figure:
         }
         lines = {
             game: [
-                Series(BODIES[run["env"]], [_curve(run["curve"])])
+                Series(BODIES[run["env"]], [np.array(run["curve"]).reshape(-1, 2) / (1_000, 1)])
                 for run in sorted(runs, key=lambda run: list(BODIES).index(run["env"]))
             ]
             for game, runs in games.items()
@@ -60,7 +60,3 @@ def games_figure(path: Path) -> Figure:
     # Of the panel that shows the most; not every one shows a human's score.
     legend(figure, max(axes, key=lambda each: len(each.get_legend_handles_labels()[1])))
     return figure
-
-
-def _curve(points: list[tuple[int, float]]) -> Points:
-    return np.array([(steps / 1_000, mean) for steps, mean in points]).reshape(-1, 2)

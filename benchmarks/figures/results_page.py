@@ -160,7 +160,7 @@ def not_reproducible(found: Iterable[Source]) -> str:
     """The results that their commit and flags alone do not bring back, and why."""
     reasons: dict[tuple[str, str, str], list[str]] = {}
     for each in found:
-        if not each.reproducible:
+        if each.dirty is not False or each.note:
             differed = "unknown whether tracked files differed" if each.dirty is None else ""
             differed = "tracked files differed" if each.dirty else differed
             reason = "; ".join(filter(None, (each.note, differed)))

@@ -37,16 +37,12 @@ def measure(options: Options) -> Report:
         import atheris  # noqa: F401
     about = {"title": "changed messages", "messages": options.messages, "seed": options.seed}
     found = resumed(options.json, about, "fuzzing with these flags")
-    known = _kinds()
+    known = _run().stdout.split()
     if unknown := sorted({*options.kinds} - {*known}):
         raise InputError(f"there is no kind {unknown[0]}: {choice(unknown[0], known)}")
     asked = [{"kind": kind} for kind in options.kinds or known]
     rows = measure_missing(options.json, found, "rows", asked, partial(_fuzz, options))
     return Report.of(found["title"], rows, about)
-
-
-def _kinds() -> list[str]:
-    return _run().stdout.split()
 
 
 def _fuzz(options: Options, kind: str) -> dict[str, Any]:

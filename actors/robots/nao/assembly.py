@@ -40,18 +40,17 @@ class Piece(Part):
             )
 
 
+_JOINT_ABOVE = {joint.child: joint for joint in JOINTS}
+
+
 def place_in_piece(link_name: str) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
     """Returns the name of a link's piece, and the link's rotation and position in its frame."""
     turn, origin = np.eye(3), np.zeros(3)
-    while (joint := _joint_above(link_name)) is not None and joint.name in HELD_ANGLES:
+    while (joint := _JOINT_ABOVE.get(link_name)) is not None and joint.name in HELD_ANGLES:
         held = about(joint.axis, HELD_ANGLES[joint.name])
         turn, origin = held @ turn, np.array(joint.origin) + held @ origin
         link_name = joint.parent
     return link_name, turn, origin
-
-
-def _joint_above(link_name: str) -> Joint | None:
-    return next((joint for joint in JOINTS if joint.child == link_name), None)
 
 
 @cache
