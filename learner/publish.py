@@ -24,7 +24,6 @@ from common.process.command_line import parse
 from common.process.lifeline import on_signals
 from common.protocol.weights import decode_weights, encode_weights, set_weights
 from common.run.clock import ClockConfig
-from common.run.config import RunConfig
 from common.run.folder import RunFolder, write_atomically
 from learner.evaluation.offline import evaluate
 from learner.evaluation.options import EvaluationOptions
@@ -99,7 +98,12 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     card["sha256"] = hashlib.sha256(published).hexdigest()
     write_atomically(weights, published)
     _write(options.output, card)
-    card["evaluation"] = _evaluation(weights, config.fixed, options.games, stop)
+    asked = EvaluationOptions(evaluate=weights, headline=True, games=options.games)
+    asked.check()
+    scores = evaluate(asked, config.fixed, config.fixed, ClockConfig(), stop)
+    if scores is None:
+        raise InputError("the evaluation was stopped: publish again, for the card has no scores.")
+    card["evaluation"] = scores | {"weights": weights.stem}  # not where they lie on this machine
     _write(options.output, card)
     return card
 
@@ -113,18 +117,6 @@ def _read(file: Path) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise InputError(f"{file} is damaged: {_WRITTEN_ANEW}.")
     return found
-
-
-def _evaluation(
-    weights: Path, config: RunConfig, games: int, stop: threading.Event
-) -> dict[str, Any]:
-    """Returns what `python -m learner --evaluate --headline` writes as JSON."""
-    asked = EvaluationOptions(evaluate=weights, headline=True, games=games)
-    asked.check()
-    found = evaluate(asked, config, config, ClockConfig(), stop)
-    if found is None:
-        raise InputError("the evaluation was stopped: publish again, for the card has no scores.")
-    return found | {"weights": weights.stem}  # not where they lie on this machine
 
 
 def _write(output: Path, card: dict[str, Any]) -> None:

@@ -7,9 +7,7 @@ that was interrupted.
 """
 
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from benchmarks.lab.policy import (
     PlayingOptions,
@@ -24,7 +22,7 @@ from benchmarks.report import Report, Table, main
 from common.checked import FromOne
 from common.registry import ENVIRONMENTS
 from common.run.config import RunConfig
-from common.run.epochs import EpochRow, EpochTable
+from common.run.epochs import EpochTable
 from common.run.folder import RunFolder
 from common.run.origin import SHAPING_SETTINGS
 from common.run.presets import PRESETS
@@ -67,43 +65,16 @@ def measure(options: Options) -> Report:
     trained = settings_of(options.network)
     to = shlex.split(options.to)
     folder = RunFolder(options.runs, options.run)
-    own = evaluate(options.network, options.games, options.epsilon)
-    before = evaluate(options.network, options.games, options.epsilon, to)
+    games = {
+        "own": evaluate(options.network, options.games, options.epsilon),
+        "before": evaluate(options.network, options.games, options.epsilon, to),
+    }
     fixed = ["--evaluators", "0", "--seed", f"{options.seed}"]
     flags = [*training_flags(trained, options.steps), *fixed, *to]
     initial = [] if folder.checkpoint.exists() else ["--initial", str(options.network)]
     train(folder, options.steps, [*flags, *shlex.split(options.learner), *initial])
-    after = evaluate(folder.checkpoint, options.games, options.epsilon)
+    games["after"] = evaluate(folder.checkpoint, options.games, options.epsilon)
     curve = scores_of(EpochTable(folder.epochs).rows())
-    return _report(options, flags, {"own": own, "before": before, "after": after}, curve)
-
-
-def training_flags(trained: RunConfig, steps: int) -> list[str]:
-    """Returns the flags of a run in the world of ``trained``, with the settings of `ADAPTING`."""
-    preset = PRESETS[ENVIRONMENTS.find(trained.env).preset]
-    schedule = {
-        "learning.annealing-steps": f"{steps}",
-        "protocol.epoch-steps": f"{max(steps // _EPOCHS, 1)}",
-    }
-    settings = {"preset": preset.preset, "env": trained.env, "game": trained.game}
-    usual = flat(preset)
-    world = {
-        name: value
-        for name, value in flat(trained).items()
-        if value != usual[name]
-        and name not in settings
-        and (name.startswith(_WORLD) or name in SHAPING_SETTINGS)
-    }
-    given = settings | ADAPTING | schedule | world
-    return [word for name, value in given.items() for word in flag_of(name, value)]
-
-
-def _report(
-    options: Options,
-    flags: Sequence[str],
-    games: dict[str, Any],
-    curve: Sequence[tuple[EpochRow, float]],
-) -> Report:
     reached = first_at(curve, games["own"]["mean"] - _NEAR)
     rows = [
         {
@@ -139,6 +110,26 @@ def _report(
         "steps_to_own": None if reached is None else reached.total_train_steps,
     }
     return Report(tables, content, (note,))
+
+
+def training_flags(trained: RunConfig, steps: int) -> list[str]:
+    """Returns the flags of a run in the world of ``trained``, with the settings of `ADAPTING`."""
+    preset = PRESETS[ENVIRONMENTS.find(trained.env).preset]
+    schedule = {
+        "learning.annealing-steps": f"{steps}",
+        "protocol.epoch-steps": f"{max(steps // _EPOCHS, 1)}",
+    }
+    settings = {"preset": preset.preset, "env": trained.env, "game": trained.game}
+    usual = flat(preset)
+    world = {
+        name: value
+        for name, value in flat(trained).items()
+        if value != usual[name]
+        and name not in settings
+        and (name.startswith(_WORLD) or name in SHAPING_SETTINGS)
+    }
+    given = settings | ADAPTING | schedule | world
+    return [word for name, value in given.items() for word in flag_of(name, value)]
 
 
 if __name__ == "__main__":
