@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import gymnasium
 import numpy as np
@@ -91,11 +92,6 @@ def installed(folder: Path) -> Iterator[None]:
     """
     ENVIRONMENTS.add(CATCH)
     install(folder)
-    before = os.environ.get("PYTHONPATH")
-    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(folder), before)))
-    try:
+    places = str(folder), os.environ.get("PYTHONPATH")
+    with patch.dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, places))):
         yield
-    finally:
-        os.environ.pop("PYTHONPATH")
-        if before is not None:
-            os.environ["PYTHONPATH"] = before

@@ -2,8 +2,8 @@
 
 import contextlib
 import math
-import threading
 import time
+from collections import deque
 
 from common.errors import MessageError
 from common.protocol.run_keys import RunKeys
@@ -22,20 +22,16 @@ class WeightsClient:
     """
 
     def __init__(self, transport: Transport, keys: RunKeys) -> None:
-        self._lock = threading.Lock()
         self._run_id = keys.run_id
-        self._latest: tuple[int, bytes, bytes] | None = None
+        # What the transport's thread puts in, the actor's alone takes out.
+        self._latest: deque[tuple[int, bytes, bytes]] = deque(maxlen=1)
         self._asked = -math.inf
         self._requester = transport.requester(keys.latest_weights, _FETCH_TIMEOUT)
         self._subscription = transport.subscribe(keys.weights, self._receive)
 
     def take(self) -> tuple[int, bytes, bytes] | None:
         """Version, safetensors bytes and their signature, all unchecked, once each."""
-        if self._latest is None:
-            return None
-        with self._lock:
-            found, self._latest = self._latest, None
-        return found
+        return self._latest.pop() if self._latest else None
 
     def fetch(self) -> None:
         """Ask for the latest weights, unless that was just now; broadcasts may be dropped."""
@@ -52,5 +48,4 @@ class WeightsClient:
             version, signature = decode_version(message.attachment, self._run_id)
         except MessageError:
             return
-        with self._lock:
-            self._latest = (version, message.payload, signature)
+        self._latest.append((version, message.payload, signature))
