@@ -7,6 +7,7 @@ them one by one from Python takes longer than they do
 
 import copy
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -39,6 +40,7 @@ def run_aside(kernels: Callable[[], None]) -> None:
     here.wait_stream(stream)
 
 
+@dataclass
 class RecordedStep:
     """Does what ``step`` does, from the fourth call on by a recording of its kernels.
 
@@ -46,15 +48,11 @@ class RecordedStep:
     stay in their places: a number of Python's would stay as it was when recorded.
     """
 
-    def __init__(
-        self,
-        step: Step,
-        record: Callable[[Callable[[], None]], Launch] = record_graph,
-        aside: Callable[[Callable[[], None]], None] = run_aside,
-    ) -> None:
-        self._step = step
-        self._record = record
-        self._aside = aside
+    step: Step
+    record: Callable[[Callable[[], None]], Launch] = record_graph
+    aside: Callable[[Callable[[], None]], None] = run_aside
+
+    def __post_init__(self) -> None:
         self._calls = 0
         self._launch: Launch | None = None
         self._input: Prepared
@@ -66,11 +64,11 @@ class RecordedStep:
         self._calls += 1
         if self._calls <= _EAGER:
             self._input = prepared
-            self._aside(self._run)
+            self.aside(self._run)
             return self._output
         if self._launch is None:
             self._input = copy.deepcopy(prepared)
-            self._launch = self._record(self._run)
+            self._launch = self.record(self._run)
         else:
             torch._foreach_copy_(_tensors(self._input), _tensors(prepared))
         self._launch()
@@ -80,7 +78,7 @@ class RecordedStep:
         return Update(loss.clone(), priorities.clone(), copies)
 
     def _run(self) -> None:
-        self._output = self._step(self._input)
+        self._output = self.step(self._input)
 
 
 def _tensors(prepared: Prepared) -> list[Tensor]:

@@ -6,32 +6,28 @@ if a movable body is or was in view. The reused picture equals a new rendering, 
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from actors.robots.room.camera import Camera, Rendering
 
 
+@dataclass
 class StillView:
-    """A camera that renders again only when the rendering would differ from the last one.
+    """A camera that renders again only when the rendering would differ from the last one."""
 
-    Args:
-        movables: links that move, by body, as `Limbs.movables`.
-        appearance: returns what changes the movables' rendering beside their positions; it is
-            called only while one of them may be in view.
-    """
+    engine: Any
+    camera: Camera
+    movables: Mapping[int, Sequence[tuple[int, float]]]
+    """Links that move, by body, as `Limbs.movables`."""
+    appearance: Callable[[], object]
+    """Returns what changes the movables' rendering beside their positions; it is called only while
+    one of them may be in view."""
 
-    def __init__(
-        self,
-        engine: Any,
-        camera: Camera,
-        movables: Mapping[int, Sequence[tuple[int, float]]],
-        appearance: Callable[[], object],
-    ) -> None:
-        self.camera = camera
-        self._engine = engine
-        self._appearance = appearance
-        self._links = {body: [link for link, _ in moving] for body, moving in movables.items()}
-        self._radii = [radius for moving in movables.values() for _, radius in moving]
+    def __post_init__(self) -> None:
+        moving = self.movables.items()
+        self._links = {body: [link for link, _ in links] for body, links in moving}
+        self._radii = [radius for _, links in moving for _, radius in links]
         self._drawn: object = None
         self._last: Rendering | None = None
 
@@ -48,8 +44,8 @@ class StillView:
         states = [
             state
             for body, links in self._links.items()
-            for state in self._engine.getLinkStates(body, links, computeForwardKinematics=1)
+            for state in self.engine.getLinkStates(body, links, computeForwardKinematics=1)
         ]
         if not self.camera.may_see((state[0] for state in states), self._radii):
             return "nothing that moves"
-        return (tuple(state[:2] for state in states), self._appearance())
+        return (tuple(state[:2] for state in states), self.appearance())
