@@ -44,36 +44,17 @@ class Paces(NamedTuple):
     @property
     def epochs_per_day(self) -> float | None:
         """Training and test one after the other."""
-        return epochs_per_day(
-            _REPORT.epoch_steps,
-            _REPORT.test_steps,
-            self.training.train_steps_per_second,
-            self.test_alone,
-        )
+        rates = self.training.train_steps_per_second, self.test_alone
+        return epochs_per_day(_REPORT.epoch_steps, _REPORT.test_steps, *rates)
 
     @property
     def epochs_per_day_overlapped(self) -> float | None:
         """Each test beside the next epoch's training."""
         if not self.testing.test_steps_per_second:
             return None
-        return overlapped(
-            self.training.train_steps_per_second,
-            self.testing.train_steps_per_second,
-            self.testing.test_steps_per_second,
-        )
-
-
-def overlapped(alone: float, beside: float, test: float) -> float:
-    """Epochs a day where a test goes on beside training.
-
-    Args:
-        alone: training steps per second while no test goes on.
-        beside: training steps per second while one does.
-        test: test steps per second meanwhile.
-    """
-    testing = _REPORT.test_steps / test
-    rest = max(_REPORT.epoch_steps - beside * testing, 0.0)
-    return _DAY / (testing + rest / alone)
+        testing = _REPORT.test_steps / self.testing.test_steps_per_second
+        rest = max(_REPORT.epoch_steps - self.testing.train_steps_per_second * testing, 0.0)
+        return _DAY / (testing + rest / self.training.train_steps_per_second)
 
 
 def paces_of(setting: Setting, seconds: float) -> Paces:

@@ -9,7 +9,7 @@ import itertools
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -23,7 +23,6 @@ from replay.replay_buffer import ReplayBuffer
 
 _POOL = 64
 _ALPHA, _BETA = 0.6, 0.4
-Who = Literal["ours", "cpprb", "cpprb-stacks", "cpprb-states", "stable-baselines3"]
 
 
 class Wanted(NamedTuple):
@@ -124,7 +123,6 @@ def stable_baselines3(wanted: Wanted) -> Filled:
 class Peer(NamedTuple):
     """A replay that is compared."""
 
-    name: str
     make: Callable[[Wanted], Filled]
     package: str | None
     """That it comes from, if it is not this one."""
@@ -134,21 +132,19 @@ class Peer(NamedTuple):
 
 _STACKS = partial(cpprb, stack_compress=["obs", "next_obs"])
 _STATES = partial(cpprb, stack_compress="obs", next_of="obs")
-REPLAYS: dict[Who, Peer] = {
-    "ours": Peer("ours", ours, None),
-    "cpprb": Peer("cpprb", cpprb, "cpprb", rated=False),
-    "cpprb-stacks": Peer("cpprb stack_compress", _STACKS, "cpprb"),
-    "cpprb-states": Peer("cpprb stack_compress next_of", _STATES, "cpprb"),
-    "stable-baselines3": Peer(
-        "stable-baselines3", stable_baselines3, "stable_baselines3", rated=False
-    ),
+REPLAYS = {
+    "ours": Peer(ours, None),
+    "cpprb": Peer(cpprb, "cpprb", rated=False),
+    "cpprb stack_compress": Peer(_STACKS, "cpprb"),
+    "cpprb stack_compress next_of": Peer(_STATES, "cpprb"),
+    "stable-baselines3": Peer(stable_baselines3, "stable_baselines3", rated=False),
 }
 
 
 class Replay:
     """One of `REPLAYS` at work; rates are per second."""
 
-    def __init__(self, who: Who, size: int, folder: str, prioritised: bool) -> None:
+    def __init__(self, who: str, size: int, folder: str, prioritised: bool) -> None:
         torch.set_num_threads(1)  # two wait for each other on a busy machine
         self._filled = REPLAYS[who].make(Wanted(size, Path(folder), prioritised))
 

@@ -128,14 +128,14 @@ def compare_replays(options: Options) -> list[dict[str, Any]]:
             for who, peer in REPLAYS.items():
                 if is_installed(peer.package) and (peer.rated or not prioritised):
                     replay = Helper(
-                        peer.name,
+                        who,
                         "benchmarks.peer_replays",
                         who=who,
                         size=options.replay_steps,
                         folder=str(folder),
                         prioritised=prioritised,
                     )
-                    contenders[peer.name] = partial(stack.enter_context(replay).ask, work)
+                    contenders[who] = partial(stack.enter_context(replay).ask, work)
             found += in_short_turns(name, contenders)
     return found
 

@@ -118,7 +118,8 @@ def test_epochs_a_day_end_to_end_and_overlapped() -> None:
 
 
 def test_a_test_slower_than_training_sets_the_pace() -> None:
-    assert epochs_per_day.overlapped(300.0, 250.0, 50.0) == pytest.approx(86_400 / 2_500)
+    paces = epochs_per_day.Paces(pace(300.0), pace(250.0, 50.0), 1_000.0)
+    assert paces.epochs_per_day_overlapped == pytest.approx(86_400 / 2_500)
 
 
 def test_no_test_no_epochs() -> None:
