@@ -5,9 +5,12 @@ Each row says which of its numbers were measured, by the file, and which are com
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.many_actors import STEPS_PER_SECOND, WEIGHTS_BYTES
 from benchmarks.report import cell
@@ -60,70 +63,56 @@ def _rows(found: Mapping[str, Any]) -> Iterator[list[str]]:
     step_bytes = insert["megabytes_per_second"] * 1e6 / insert["transitions_per_second"]
     batch_bytes = sample["megabytes_per_second"] * 1e6 / sample["calls_per_second"]
 
-    def nearest(robots: int) -> Mapping[str, Any]:
-        """Returns the hub with the number of actors next to ``robots`` at which it was measured."""
-        hubs: list[Mapping[str, Any]] = found["many_actors"]["many_actors"]
-        return min(hubs, key=lambda each: abs(math.log(each["actors"] / robots)))
-
-    def row(what: str, value: Callable[[int], float], how: str, limit: str = "") -> list[str]:
-        return [what, *(cell(float(value(robots))) for robots in ROBOTS), how, limit]
-
-    def hub(name: str, robots: int) -> float:
-        near = nearest(robots)
-        return float(near[name] / near["actors"] * robots)
-
-    def steps(robots: int) -> float:
-        return float(robots * STEPS_PER_SECOND)
-
-    def due(robots: int) -> float:
-        return steps(robots) / _PAPER.train_period
-
-    def made(robots: int) -> float:
-        return min(due(robots), updates)
-
-    def weights(robots: int) -> float:
-        return made(robots) / _PAPER.publish_period * WEIGHTS_BYTES * robots
+    def row(what: str, values: NDArray[np.float64], how: str, limit: str = "") -> list[str]:
+        return [what, *map(cell, values.tolist()), how, limit]
 
     def at(robots: float) -> str:
         return f"at {robots:,.0f} robots"
 
+    robots = np.array(ROBOTS, np.float64)
+    # The hubs with the numbers of actors next to these at which they were measured.
+    hubs: list[Mapping[str, Any]] = [
+        min(found["many_actors"]["many_actors"], key=lambda hub: abs(math.log(hub["actors"] / n)))
+        for n in ROBOTS
+    ]
+    steps = robots * STEPS_PER_SECOND
+    due = steps / _PAPER.train_period
+    made = np.minimum(due, updates)
+    weights = made / _PAPER.publish_period * WEIGHTS_BYTES * robots
     # More robots make more updates due, up to what a learner makes, and all take the weights.
     pace = _GIGABIT * _PAPER.publish_period / WEIGHTS_BYTES
     full = max(math.sqrt(pace * _PAPER.train_period / STEPS_PER_SECOND), pace / updates)
-    measured = "measured with " + ", ".join(f"{nearest(n)['actors']:,}" for n in ROBOTS) + " actors"
-    most, gigabit = nearest(max(ROBOTS)), "1 Gbit/s"
+    measured = "measured with " + ", ".join(f"{hub['actors']:,}" for hub in hubs) + " actors"
+    most, gigabit = hubs[-1], "1 Gbit/s"
     yield row("agent steps/s", steps, f"{STEPS_PER_SECOND} of each")
     yield row(
         "cores for actors",
-        lambda robots: steps(robots) / actor,
+        steps / actor,
         f"computed: one core plays {actor:.0f} steps/s",
         f"a core {at(actor / STEPS_PER_SECOND)}",
     )
     yield row(
         "cores for the hub",
-        lambda robots: hub("hub_cores", robots),
+        np.array([hub["hub_cores"] / hub["actors"] for hub in hubs]) * robots,
         f"{measured}; scaled to the number",
         f"a core {at(most['actors'] / most['hub_cores'])}; connections at {MOST_SESSIONS:,}",
     )
     yield row(
         "MB of the hub for connections",
-        lambda robots: nearest(robots)["hub_bytes_per_actor"] * robots / 1e6,
+        np.array([hub["hub_bytes_per_actor"] for hub in hubs]) * robots / 1e6,
         f"{measured}; scaled to the number",
     )
-    yield row(
-        "p99 ms until a chunk is acknowledged",
-        lambda robots: nearest(robots)["p99_ms"],
-        measured,
-    )
+    p99 = np.array([hub["p99_ms"] for hub in hubs])
+    yield row("p99 ms until a chunk is acknowledged", p99, measured)
     yield row(
         "share of what the replay takes",
-        lambda robots: steps(robots) / inserts,
+        steps / inserts,
         f"computed: it took {inserts:,.0f} steps/s beside draws over Zenoh",
         at(inserts / STEPS_PER_SECOND),
     )
     yield row(
         "MB/s of chunks",
-        lambda robots: steps(robots) * step_bytes / 1e6,
+        steps * step_bytes / 1e6,
         f"computed: {step_bytes / 1e3:.1f} kB a step",
         f"{gigabit} {at(_GIGABIT / step_bytes / STEPS_PER_SECOND)}",
     )
@@ -135,33 +124,31 @@ def _rows(found: Mapping[str, Any]) -> Iterator[list[str]]:
     )
     yield row(
         "learners of two cores that it would take",
-        lambda robots: due(robots) / updates,
+        due / updates,
         f"computed: two cores make {updates:.0f} updates/s; there is one learner",
     )
     yield row(
         "`--learning.train-period` that one such learner keeps up with",
-        lambda robots: max(_PAPER.train_period, math.ceil(steps(robots) / updates)),
+        np.maximum(_PAPER.train_period, np.ceil(steps / updates)),
         "computed",
     )
     yield row(
         "MB/s of minibatches, if replay and learner are on two machines",
-        lambda robots: made(robots) * batch_bytes / 1e6,
+        made * batch_bytes / 1e6,
         f"computed: {batch_bytes / 1e6:.1f} MB each, at most {updates:.0f}/s",
         f"{gigabit} at {_GIGABIT / batch_bytes:.0f} updates/s",
     )
     yield row(
         f"MB/s of weights, each {_PAPER.publish_period} updates",
-        lambda robots: weights(robots) / 1e6,
+        weights / 1e6,
         f"computed: {WEIGHTS_BYTES / 1e6:.1f} MB to each robot's process; measured: "
         f"{most['weights_arrived']:,} of {most['actors']:,} actors had one in "
         f"{most['weights_seconds']:.1f} s",
         f"{gigabit} {at(full)}",
     )
+    period = np.ceil(_PAPER.publish_period * weights / _FOR_WEIGHTS)
     yield row(
         f"`--learning.publish-period` for {_FOR_WEIGHTS / 1e6:.0f} MB/s of them",
-        lambda robots: max(
-            _PAPER.publish_period,
-            math.ceil(_PAPER.publish_period * weights(robots) / _FOR_WEIGHTS),
-        ),
+        np.maximum(_PAPER.publish_period, period),
         "computed",
     )
