@@ -46,31 +46,27 @@ def render(page: str, folder: Path) -> str:
     """
 
     def table(found: re.Match[str]) -> str:
-        if found["name"] == "not reproducible":
-            return _between(found["name"], not_reproducible(sources(folder)))
-        if found["name"] == "needs of robots":
-            return _between(found["name"], needed(folder))
-        if "*" in found["name"]:
-            return _between(found["name"], curves(sorted(folder.glob(found["name"]))))
-        file = folder / found["name"]
+        mark = " ".join(filter(None, found.group("name", "rows")))
+        return f"<!-- {mark} -->\n{body(found['name'], found['rows'])}\n<!-- end -->"
+
+    def body(name: str, rows: str | None) -> str:
+        if name == "not reproducible":
+            return not_reproducible(sources(folder))
+        if name == "needs of robots":
+            return needed(folder)
+        if "*" in name:
+            return curves(sorted(folder.glob(name)))
+        file = folder / name
         if not file.exists():
             raise InputError(f"{file} is not there: run the benchmark that makes it, with --json.")
-        rows = found["rows"]
-        mark = f"{file.name} {rows}" if rows else file.name
         text = file.read_text(encoding="utf-8")
         if file.suffix == ".csv":
-            body = learned(csv.DictReader(io.StringIO(text)))
-        elif file.name.startswith("race"):
-            body = raced(json.loads(text))
-        else:
-            body = markdown(json.loads(text), rows)
-        return _between(mark, body)
+            return learned(csv.DictReader(io.StringIO(text)))
+        if name.startswith("race"):
+            return raced(json.loads(text))
+        return markdown(json.loads(text), rows)
 
     return _TABLE.sub(table, page)
-
-
-def _between(mark: str, body: str) -> str:
-    return f"<!-- {mark} -->\n{body}\n<!-- end -->"
 
 
 def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
@@ -83,14 +79,8 @@ def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
     names = list(rows[0])
     aligned = ["---" if isinstance(rows[0][name], str) else "---:" for name in names]
     cells = [[cell(row[name]) for name in names] for row in rows]
-    return "\n".join(
-        (
-            *(() if which else (measurement["title"], "")),
-            *_lines(names, aligned, cells),
-            "",
-            _where(measurement),
-        )
-    )
+    title = "" if which else f"{measurement['title']}\n\n"
+    return title + _table(names, aligned, cells, "", _where(measurement))
 
 
 def raced(race: Mapping[str, Any]) -> str:
@@ -116,7 +106,7 @@ def raced(race: Mapping[str, Any]) -> str:
         ]
         for run in race["runs"]
     ]
-    return "\n".join((*_lines(names, ["---:"] * len(names), cells), "", _where(race)))
+    return _table(names, ["---:"] * len(names), cells, "", _where(race))
 
 
 def _where(measurement: Mapping[str, Any]) -> str:
@@ -153,7 +143,7 @@ def learned(rows: Iterable[Mapping[str, str]]) -> str:
         ]
         for row in sorted(rows, key=lambda row: (row["rung"], row["label"], int(row["seed"])))
     ]
-    return "\n".join(_lines(names, ["---"] * 2 + ["---:"] * (len(names) - 3) + ["---"], cells))
+    return _table(names, ["---"] * 2 + ["---:"] * (len(names) - 3) + ["---"], cells)
 
 
 def not_reproducible(found: Iterable[Source]) -> str:
@@ -170,7 +160,7 @@ def not_reproducible(found: Iterable[Source]) -> str:
         [file, "; ".join(dict.fromkeys(filter(None, parts))) or "all", commit, reason]
         for (file, commit, reason), parts in reasons.items()
     ]
-    return "\n".join(_lines(["file", "results", "commit", "what differs"], ["---"] * 4, cells))
+    return _table(["file", "results", "commit", "what differs"], ["---"] * 4, cells)
 
 
 def needed(folder: Path) -> str:
@@ -180,8 +170,7 @@ def needed(folder: Path) -> str:
         f"{name}.json: {_where(json.loads((folder / f'{name}.json').read_bytes()))}"
         for name in robots.SOURCES
     )
-    lines = _lines(robots.NAMES, aligned, list(robots.needs(folder)))
-    return "\n".join((*lines, "", *measured))
+    return _table(robots.NAMES, aligned, list(robots.needs(folder)), "", *measured)
 
 
 def curves(files: Iterable[Path]) -> str:
@@ -193,7 +182,7 @@ def curves(files: Iterable[Path]) -> str:
         told = ("–" if mean is None else f"{mean:.1f}" for mean in means)
         cells.append([file.stem.removeprefix("ladder-"), *told])
     names = ["run", *(_thousands(f"{steps}") for steps in CURVE)]
-    return "\n".join(_lines(names, ["---"] + ["---:"] * len(CURVE), cells))
+    return _table(names, ["---"] + ["---:"] * len(CURVE), cells)
 
 
 def _mean_near(steps: int, rows: Sequence[EpochRow]) -> float | None:
@@ -209,10 +198,11 @@ def _thousands(steps: str) -> str:
     return f"{round(float(steps) / 1000):,}K" if steps else "–"
 
 
-def _lines(
-    names: Sequence[str], aligned: Sequence[str], cells: Sequence[Sequence[str]]
-) -> list[str]:
-    return [f"| {' | '.join(line)} |" for line in (names, aligned, *cells)]
+def _table(
+    names: Sequence[str], aligned: Sequence[str], cells: Sequence[Sequence[str]], *below: str
+) -> str:
+    rows = (f"| {' | '.join(line)} |" for line in (names, aligned, *cells))
+    return "\n".join((*rows, *below))
 
 
 def main() -> None:
