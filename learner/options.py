@@ -216,10 +216,9 @@ def join_command(options: LearnerOptions) -> str | None:
     if options.local:
         return None
     address = from_here(options.connect or options.listen)
-    words = [
-        *("ale-robot", "join"),
-        *([] if address == DEFAULT_ENDPOINT else ["--connect", address]),
-    ]
+    words = ["ale-robot", "join"]
+    if address != DEFAULT_ENDPOINT:
+        words += ["--connect", address]
     if options.certificates is not None:
         words += ["--certificates", str(options.certificates)]
     return shlex.join(words)

@@ -64,13 +64,10 @@ class Case:
 def cases() -> list[Case]:
     """A perfect eye, each fault alone, all of them, and these two with an arm in front."""
     alone = [
-        Case(name.replace("_", " "), Eye(camera=replace(PERFECT_CAMERA, **{name: value})))
-        for name, value in vars(FAULTS.camera).items()
-        if value != getattr(PERFECT_CAMERA, name)
-    ] + [
-        Case(name.replace("_", " "), Eye(changes=replace(NOTHING_DRAWN, **{name: value})))
-        for name, value in vars(FAULTS.changes).items()
-        if value != getattr(NOTHING_DRAWN, name)
+        Case(name.replace("_", " "), replace(PERFECT, **{part: replace(usual, **{name: value})}))
+        for part, usual in vars(PERFECT).items()
+        for name, value in vars(getattr(FAULTS, part)).items()
+        if value != getattr(usual, name)
     ]
     return [
         Case("perfect"),
