@@ -109,7 +109,7 @@ def build_learner(
         # Before those that it tells of a film that is complete at the end, as they close too.
         epsilon = config.exploration.start
         sinks.insert(0, FilmsSink(folder, options.films, epsilon, others=sinks.copy()))
-    held_out = HeldOut(folder.held_out)
+    held_out = HeldOut(folder.held_out, config)
     telemetry = Telemetry(
         *(config, constants, phases, registry, epochs, sinks, clock.now),
         max_q=lambda: held_out.histogram,

@@ -1,5 +1,6 @@
 """Max-Q over states that were held out, and over those of late, by a network worked out by hand."""
 
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -7,9 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import save
 
 from common.errors import InputError
+from common.run.presets import PRESETS
 from learner.telemetry.held_out import LEAST_RECENT, RECENT, RECENT_STEPS, HeldOut
+
+CONFIG = PRESETS["fast"]
 
 
 class Memory:
@@ -33,7 +38,7 @@ FIRST_PIXEL: Any = SimpleNamespace(max_q=lambda frames, _: frames[:, 0, 0, 0].fl
 
 def test_both_sets_are_measured_apart(tmp_path: Path) -> None:
     memory: Any = Memory()
-    held = HeldOut(tmp_path / "held_out")
+    held = HeldOut(tmp_path / "held_out", CONFIG)
     held.draw(memory, 5)
     held.measure(FIRST_PIXEL, memory)
     assert memory.asked == [(5, None), (RECENT, RECENT_STEPS)]
@@ -46,7 +51,7 @@ def test_both_sets_are_measured_apart(tmp_path: Path) -> None:
 
 def test_a_frozen_camera_leaves_the_recent_states_without_deviation(tmp_path: Path) -> None:
     memory: Any = Memory()
-    held = HeldOut(tmp_path / "held_out")
+    held = HeldOut(tmp_path / "held_out", CONFIG)
     held.draw(memory, 50)
     memory.recent = np.full(32, 7)
     held.measure(FIRST_PIXEL, memory)
@@ -58,14 +63,14 @@ def test_a_frozen_camera_leaves_the_recent_states_without_deviation(tmp_path: Pa
 def test_too_few_recent_states_tell_nothing(tmp_path: Path) -> None:
     memory: Any = Memory()
     memory.recent = np.arange(LEAST_RECENT - 1)
-    held = HeldOut(tmp_path / "held_out")
+    held = HeldOut(tmp_path / "held_out", CONFIG)
     held.measure(FIRST_PIXEL, memory)
     assert (held.max_q, held.recent_std) == (None, None)
 
 
 def test_too_few_recent_states_leave_no_older_value(tmp_path: Path) -> None:
     memory: Any = Memory()
-    held = HeldOut(tmp_path / "held_out")
+    held = HeldOut(tmp_path / "held_out", CONFIG)
     held.measure(FIRST_PIXEL, memory)
     assert held.recent_std
     memory.recent = np.arange(LEAST_RECENT - 1)
@@ -76,19 +81,67 @@ def test_too_few_recent_states_leave_no_older_value(tmp_path: Path) -> None:
 def test_the_held_out_states_are_kept_for_who_resumes(tmp_path: Path) -> None:
     path = tmp_path / "held_out"
     memory: Any = Memory()
-    HeldOut(path).draw(memory, 3)
-    again = HeldOut(path)
+    HeldOut(path, CONFIG).draw(memory, 3)
+    again = HeldOut(path, CONFIG)
     again.measure(FIRST_PIXEL, memory)
     assert again.max_q == (1.0, pytest.approx((2 / 3) ** 0.5))
     path.write_bytes(b"no tensors")
     with pytest.raises(InputError, match="is damaged"):
-        HeldOut(path)
+        HeldOut(path, CONFIG)
+
+
+@pytest.mark.parametrize(
+    "tensors",
+    [
+        {"frames": torch.zeros(2, 3, 84, 84, dtype=torch.uint8), "vectors": torch.zeros(2, 0)},
+        {"frames": torch.zeros(2, 4, 84, 84), "vectors": torch.zeros(2, 0)},
+        {"frames": torch.zeros(2, 4, 84, 84, dtype=torch.uint8), "vectors": torch.zeros(2, 1)},
+        {"frames": torch.zeros(0, 4, 84, 84, dtype=torch.uint8), "vectors": torch.zeros(0, 0)},
+        {"frames": torch.tensor(1, dtype=torch.uint8), "vectors": torch.zeros(1, 0)},
+        {"frames": torch.zeros(2, 4, 84, 84, dtype=torch.uint8)},
+    ],
+)
+def test_states_of_another_run_are_refused(tmp_path: Path, tensors: Any) -> None:
+    path = tmp_path / "held_out"
+    path.write_bytes(save(tensors))
+    with pytest.raises(InputError, match="held_out is damaged"):
+        HeldOut(path, CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("least", "most"),
+    [
+        (1.0, float(np.nextafter(np.float32(1), np.float32(2)))),  # float32 has none between them
+        (0.0, 1e-45),
+        (5.0, 5.0),
+        (-1e6, -1e6),
+        (3e38, 3e38),
+        (-3e38, 3e38),
+    ],
+)
+def test_a_network_that_has_collapsed_is_measured_too(
+    tmp_path: Path, least: float, most: float
+) -> None:
+    """Its values are all one, but for the last bit, by which batches of other sizes differ."""
+    memory: Any = Memory()
+    held = HeldOut(tmp_path / "held_out", CONFIG)
+    held.draw(memory, 5)
+    values: Any = SimpleNamespace(
+        max_q=lambda frames, _: torch.tensor([most, *[least] * (len(frames) - 1)])
+    )
+    held.measure(values, memory)
+    assert held.histogram is not None
+    assert sum(held.histogram.counts) == 5
+    assert max(held.histogram.counts) == (5 if least == most else 4)
+    edges = held.histogram.edges
+    assert all(low < high for low, high in pairwise(edges))
+    assert edges[0] <= least <= most <= edges[-1]
 
 
 def test_values_are_of_states_as_they_are(tmp_path: Path) -> None:
     """No gradient, and no change of what the replay gave."""
     memory: Any = Memory()
-    held = HeldOut(tmp_path / "held_out")
+    held = HeldOut(tmp_path / "held_out", CONFIG)
     held.draw(memory, 2)
     seen: list[torch.Tensor] = []
     algorithm: Any = SimpleNamespace(
