@@ -11,7 +11,7 @@ from common.checked import Patience
 from common.errors import InputError
 from common.pinned_file import path_of
 from common.run.clock import ClockConfig
-from common.run.config import MAX_SEED, RunConfig
+from common.run.config import MAX_ENVS, MAX_SEED, RunConfig
 from common.transport.endpoint import DEFAULT_ENDPOINT
 
 
@@ -37,7 +37,7 @@ class ActorOptions:
     """Game that the run must play, or it is not joined."""
     robot: str | None = None
     """Robot that the run must have, or it is not joined."""
-    envs: Annotated[int, Ge(1), Le(256)] = 1
+    envs: Annotated[int, Ge(1), Le(MAX_ENVS)] = 1
     """Number of environments in this process, played with one forward pass."""
     evaluator: bool = False
     """Role: play the learner's evaluation jobs instead of training."""

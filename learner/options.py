@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from annotated_types import Gt
+from annotated_types import Ge, Gt, Le
 from pydantic import AllowInfNan
 
-from common.checked import Amount, Count, FromOne, Patience
+from common.checked import Amount, Patience
 from common.errors import InputError
 from common.metrics import Value
 from common.process.command_line import RunOptions, WeightsFile, started_by
@@ -22,15 +22,18 @@ from common.process.http_endpoints import check_address
 from common.registry import ALGORITHMS
 from common.run.clock import ClockConfig
 from common.run.conditions import NOTHING_DRAWN
-from common.run.config import RunConfig
+from common.run.config import MAX_ENVS, RunConfig
 from common.run.folder import RunFolder
 from common.run.origin import origin_of
 from common.run.presets import PRESETS
+from common.transport.access_control import MOST_SESSIONS
 from common.transport.endpoint import DEFAULT_ENDPOINT, from_here
 from learner.device import DeviceChoice, PrecisionChoice
 from learner.evaluation.options import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
 from learner.telemetry.sinks.tracker import TrackerName
+
+_MOST_THREADS = 1_024
 
 
 @dataclass(frozen=True)
@@ -62,11 +65,11 @@ class LearnerOptions(RunOptions):
     epoch's weights too."""
     local: bool = False
     """Local mode: start actors and evaluators on this machine, and end them with the learner."""
-    actors: FromOne = 1
+    actors: Annotated[int, Ge(1), Le(MOST_SESSIONS)] = 1
     """Number of training actors, in local mode."""
-    envs: FromOne = 1
+    envs: Annotated[int, Ge(1), Le(MAX_ENVS)] = 1
     """Number of environments in each actor, in local mode."""
-    evaluators: Count = 1
+    evaluators: Annotated[int, Ge(0), Le(MOST_SESSIONS)] = 1
     """Number of evaluators, in local mode."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     device: DeviceChoice = "auto"
@@ -76,7 +79,7 @@ class LearnerOptions(RunOptions):
     cuda_graphs: bool = False
     """Record an update once as a CUDA graph, and launch it as a whole from then on; without
     CUDA it changes nothing."""
-    threads: Count = 0
+    threads: Annotated[int, Ge(0), Le(_MOST_THREADS)] = 0
     """Processor threads of an update; 0 for as many cores as local mode's actors leave free, or
     half of them when actors may run in other terminals."""
     connect: str | None = None

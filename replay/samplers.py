@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from replay.sum_tree import SumTree
 
 _SMALLEST = 1e-6  # a priority of 0 would never be drawn, nor corrected, again
+_LARGEST = float(np.finfo(np.float32).max)  # in which priorities come; α is at most 1
 
 Ids = NDArray[np.int64]
 
@@ -78,7 +79,7 @@ class PrioritisedSampler(UniformSampler):
         self._alpha = alpha
         self._beta = beta
         values = leaves[ids % capacity]
-        usable = np.isfinite(values) & (values > 0)
+        usable = (values > 0) & (values <= _LARGEST)  # a disk may have changed them
         self._largest = float(values.max(initial=0.0, where=usable)) or 1.0
         leaves[:] = 0.0
         leaves[ids % capacity] = np.where(usable, values, self._largest)

@@ -13,6 +13,7 @@ from common.actions import KEYS_OF_ACTION, Keys
 from common.checked import Count, Score, Values
 from common.errors import MessageError
 from common.protocol.message import Message
+from common.run.config import MAX_ENVS
 
 Viewpoint = Literal["none", "room", "hands", "front"]
 """Where to look at a robot from, beside its own camera's picture; ``none`` costs no rendering."""
@@ -38,7 +39,7 @@ _Share = Annotated[float, Ge(-10), Le(10)]
 class ViewRequest(Message):
     """Asks an actor for what one of its environments shows."""
 
-    stream: Annotated[int, Ge(0), Lt(256)] = 0
+    stream: Annotated[int, Ge(0), Lt(MAX_ENVS)] = 0
     """Index of the environment."""
     viewpoint: Viewpoint = "none"
 
@@ -47,7 +48,7 @@ class ViewRequest(Message):
 class LiveView(Message):
     """What one environment of an actor shows after a step."""
 
-    streams: Annotated[int, Ge(1), Le(256)]
+    streams: Annotated[int, Ge(1), Le(MAX_ENVS)]
     """Number of environments of that actor."""
     score: Score
     """Points of the game so far."""

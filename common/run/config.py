@@ -23,6 +23,7 @@ from common.run.stored_config import from_mapping
 MAX_CHUNK_STEPS = 1_024
 MAX_WINDOW = 64
 MAX_VECTOR = 1_024
+MAX_ENVS = 256
 MAX_SEED = 2**63
 MAX_SHIFT = 20
 MAX_QUANTILES = 256
@@ -59,9 +60,9 @@ class ReplayConfig:
     """Random agent steps before the first update; they are also the random-policy baseline."""
     sampler: Literal["uniform", "prioritised"] = "uniform"
     """Sampler: uniform, or in proportion to each step's last TD error."""
-    priority_exponent: Amount = 0.6
+    priority_exponent: Fraction = 0.6
     """α of prioritised replay (Schaul et al. 2016, equation 1)."""
-    importance_exponent: Amount = 0.4
+    importance_exponent: Fraction = 0.4
     """β of the importance weights of prioritised replay."""
     ratio_tolerance: Count = 1_000
     """Agent steps by which actors may run ahead of the learner, or the learner ahead of them."""

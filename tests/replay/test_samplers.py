@@ -91,3 +91,15 @@ def test_priorities_survive_in_their_leaves() -> None:
     second = PrioritisedSampler(CAPACITY, np.array([10, 11]), leaves, 1.0, 0.5)  # 12 is gone
     drawn, _ = second.draw(np.random.default_rng(0), 40_000)
     assert np.bincount(drawn)[10:] / 40_000 == pytest.approx([0.25, 0.75], abs=0.01)
+
+
+@pytest.mark.parametrize("found", [0.0, -1.0, np.nan, np.inf, 1e308])
+def test_leaves_that_no_priority_can_be_count_as_the_largest(found: float) -> None:
+    """The disk has changed them; two of 1e308 have a sum that is infinite."""
+    leaves = np.zeros(padded(CAPACITY))
+    leaves[10:15] = [1.0, 2.0, 1.0, found, found]
+    sampler = PrioritisedSampler(CAPACITY, np.arange(10, 15), leaves, 1.0, 0.5)
+    drawn, weights = sampler.draw(np.random.default_rng(0), 40_000)
+    shares = np.bincount(drawn)[10:] / 40_000
+    assert shares == pytest.approx([1 / 8, 1 / 4, 1 / 8, 1 / 4, 1 / 4], abs=0.01)
+    assert np.isfinite(weights).all()
