@@ -21,7 +21,7 @@ from rich.table import Table as RichTable
 from common.checked import FromOne
 from common.errors import InputError, exit_on_input_error
 from common.process.command_line import parse
-from common.run.folder import check_new_file
+from common.run.folder import check_new_file, write_atomically
 from learner.telemetry.provenance import machine_line, provenance
 
 Numbers = Annotated[tuple[FromOne, ...], MinLen(1)]
@@ -118,11 +118,14 @@ def show(title: str, rows: Sequence[Row]) -> None:
 
 
 def write(file: Path | None, content: Row) -> None:
-    """Writes ``content`` as JSON, with versions, commit and machine, unless ``file`` is None."""
+    """Writes ``content`` as JSON, with versions, commit and machine, unless ``file`` is None.
+
+    What was there stays until all is written: it may be the work of days.
+    """
     if file is None:
         return
     whole = {**content, **provenance()}
-    file.write_text(json.dumps(whole, indent=2) + "\n")
+    write_atomically(file, (json.dumps(whole, indent=2) + "\n").encode())
 
 
 def resumed(file: Path | None, about: Row, what: str) -> dict[str, Any]:

@@ -105,7 +105,7 @@ def climb(options: Options, seed: int) -> dict[str, Any]:
     results.mkdir(parents=True, exist_ok=True)
     evaluation = results / f"{folder.name}.json"
     told = evaluate(folder.checkpoint, options.games, options.epsilon)
-    evaluation.write_text(json.dumps(told, indent=2) + "\n")
+    write_atomically(evaluation, (json.dumps(told, indent=2) + "\n").encode())
     shutil.copyfile(folder.epochs, results / f"{folder.name}.csv")
     return row_of(options, seed, summary, told, EpochTable(folder.epochs).rows())
 

@@ -24,6 +24,8 @@ from common.run.origin import origin_of
 
 EPSILON = 0.001
 """Share of random actions in evaluations, unless another is asked for."""
+_MOST_OVER = 2_000
+"""Agent steps that actors may play, and a tenth of the run, until its learner has ended."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,13 +59,23 @@ def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]
         its ``summary.json``.
 
     Raises:
-        InputError: the run failed, why is on the terminal; or it was stopped before.
+        InputError: the run failed, why is on the terminal; or it was stopped before; or what is in
+            the folder was trained for longer.
     """
+    if folder.summary.exists() and _agent_steps(folder) > 1.1 * steps + _MOST_OVER:
+        raise InputError(
+            f"{folder.path} has {_agent_steps(folder):,} agent steps instead of {steps:,}, as a "
+            "run of another experiment: name another folder with --runs."
+        )
     resumed = ["--resume"] if folder.checkpoint.exists() else []
     place = ["--run", folder.name, "--runs", str(folder.path.parent)]
     address = ["--listen", free_endpoint()]
     run_module("learner", "--local", *place, "--steps", f"{steps}", *resumed, *address, *flags)
     return summary_of_all(folder, steps)
+
+
+def _agent_steps(folder: RunFolder) -> int:
+    return int(json.loads(folder.summary.read_bytes())["agent_steps"])
 
 
 def summary_of_all(folder: RunFolder, steps: int) -> dict[str, Any]:

@@ -25,6 +25,9 @@ def check_new_file(file: Path) -> None:
     """
     if file.is_dir():
         raise InputError(f"{file} is a folder: name a file in it.")
+    # What is written takes its place: as root, that of a device.
+    if file.is_symlink() or (file.exists() and not file.is_file()):
+        raise InputError(f"{file} is no regular file: name one, or one that is not there yet.")
     with writing(file):
         file.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=file.parent):

@@ -1,7 +1,9 @@
 """The registry: every benchmark that it names is a module, and nothing is measured outside it."""
 
+import errno
 import importlib
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -16,7 +18,7 @@ import tyro
 from benchmarks import __main__ as command
 from benchmarks import scaling
 from benchmarks.registry import BENCHMARKS, RESULTS
-from benchmarks.report import BenchmarkOptions, Report, run
+from benchmarks.report import BenchmarkOptions, Report, run, write
 from common.errors import InputError
 from common.process.command_line import check_bounds
 from tests.paths import ROOT
@@ -39,6 +41,20 @@ def test_numbers_out_of_bounds_are_refused_with_their_flag() -> None:
         with pytest.raises(InputError, match=name):
             check_bounds(scaling.Options(**{name: value}))  # type: ignore[arg-type]
     check_bounds(scaling.Options(learner="--threads 1 " * 100, numbers=(3,)))
+
+
+def test_results_outlast_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of an experiment of days are written anew after each of its runs."""
+    file = tmp_path / "results.json"
+    write(file, {"runs": [1]})
+
+    def refuse(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    with pytest.raises(OSError, match="No space left"):
+        write(file, {"runs": [1, 2]})
+    assert json.loads(file.read_bytes())["runs"] == [1]
 
 
 def test_every_module_that_measures_is_registered() -> None:

@@ -27,3 +27,17 @@ def test_a_training_that_was_stopped_is_not_evaluated(
     else:
         with pytest.raises(InputError, match="r was stopped after 299 of 300 agent steps"):
             policy.train(folder, 300, ["--env", "ale"])
+
+
+def test_a_run_that_was_trained_for_longer_is_not_taken_for_a_shorter_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two experiments of other budgets give their runs the same names."""
+    folder = RunFolder(tmp_path, "r")
+    folder.path.mkdir()
+    monkeypatch.setattr(policy, "run_module", lambda *_: None)
+    folder.summary.write_text('{"agent_steps": 102000}')  # as long as its actors played on
+    assert policy.train(folder, 100_000, []) == {"agent_steps": 102_000}
+    folder.summary.write_text('{"agent_steps": 300160}')
+    with pytest.raises(InputError, match=r"r has 300,160 agent steps instead of 100,000"):
+        policy.train(folder, 100_000, [])

@@ -324,6 +324,16 @@ def test_a_file_that_cannot_be_written_is_refused_before_it_is_needed(tmp_path: 
         check_new_file(tmp_path / "file" / "none" / "new.json")
 
 
+def test_a_device_a_pipe_and_a_link_are_not_replaced(tmp_path: Path) -> None:
+    """As root, `--json /dev/stdout` took the terminal's name from the whole machine."""
+    pipe, link = tmp_path / "pipe", tmp_path / "link"
+    os.mkfifo(pipe)
+    link.symlink_to("/dev/stdout")
+    for file in (pipe, link, Path("/dev/null")):
+        with pytest.raises(InputError, match=f"{file} is no regular file: name one"):
+            check_new_file(file)
+
+
 def test_a_folder_that_a_file_lacks_is_made_and_the_file_is_not(tmp_path: Path) -> None:
     check_new_file(tmp_path / "new" / "folder" / "new.json")
     assert list((tmp_path / "new" / "folder").iterdir()) == []
