@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from annotated_types import Gt
+from annotated_types import Ge, Gt, Le
 
 from common.checked import Count, FromOne
 from common.errors import InputError
@@ -18,7 +18,8 @@ from common.run.clock import ClockConfig
 from common.run.folder import JOURNAL, RunFolder
 from common.run.presets import PRESETS
 from common.run.stored_config import flag_of, flat
-from learner.options import LearnerOptions, resume_flags, run_name, stored_config
+from common.transport.access_control import MOST_SESSIONS
+from learner.options import MOST_THREADS, LearnerOptions, resume_flags, run_name, stored_config
 
 _SET_HERE = ("listen", "connect", "certificates", "local", "resume", "actors", "envs", "evaluators")
 """Fields of the learner that the engine sets."""
@@ -39,14 +40,14 @@ class LaunchOptions:
     """Name of the run; by default made of environment, game and preset."""
     runs: Path = Path("runs")
     """Folder that holds the runs; all nodes of Slurm or Ray must share it."""
-    actors: FromOne = 2
+    actors: Annotated[int, Ge(1), Le(MOST_SESSIONS)] = 2
     """Number of training actors, each a process with one core."""
-    max_actors: Count = 0
+    max_actors: Annotated[int, Ge(0), Le(MOST_SESSIONS)] = 0
     """Number of actors up to which Kubernetes may go while all are busy; 0 for no more."""
-    evaluators: Count = 1
+    evaluators: Annotated[int, Ge(0), Le(MOST_SESSIONS)] = 1
     """Number of evaluators, each a process with one core."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
-    cpus: FromOne = 4
+    cpus: Annotated[int, Ge(1), Le(MOST_THREADS)] = 4
     """Processor cores of the learner."""
     gpus: Count = 0
     """GPUs of the learner; it uses at most one."""

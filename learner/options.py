@@ -33,7 +33,7 @@ from learner.evaluation.options import EvaluationOptions
 from learner.health_guard import RED_MINUTES, STALL_MINUTES
 from learner.telemetry.sinks.tracker import TrackerName
 
-_MOST_THREADS = 1_024
+MOST_THREADS = 1_024
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class LearnerOptions(RunOptions):
     cuda_graphs: bool = False
     """Record an update once as a CUDA graph, and launch it as a whole from then on; without
     CUDA it changes nothing."""
-    threads: Annotated[int, Ge(0), Le(_MOST_THREADS)] = 0
+    threads: Annotated[int, Ge(0), Le(MOST_THREADS)] = 0
     """Processor threads of an update; 0 for as many cores as local mode's actors leave free, or
     half of them when actors may run in other terminals."""
     connect: str | None = None

@@ -36,6 +36,11 @@ def _replayed(step: Callable[[Prepared], Update]) -> RecordedStep:
     return RecordedStep(step, record=lambda kernels: kernels, aside=lambda kernels: kernels())
 
 
+def _tensors(prepared: Prepared) -> list[Tensor]:
+    """All that a step may read."""
+    return [*prepared.batch, prepared.pixels_tm1, prepared.pixels_t, *prepared.target_outputs]
+
+
 def _learner(device: Device, config: LearningConfig = CONFIG) -> ValueBased:
     torch.manual_seed(0)
     return double_dqn(QNetwork(6), config, device)
@@ -73,21 +78,51 @@ def test_a_recorded_step_has_the_same_updates(monkeypatch: pytest.MonkeyPatch) -
 
 def test_a_recording_reads_where_each_minibatch_is_copied_to() -> None:
     """What the step is called with stays in one place from the fourth call on."""
-    algorithm = _learner(Device(CPU, bfloat16=False))
-    places: list[int] = []
+    places: list[list[int]] = []
+    seen: list[list[Tensor]] = []
 
     def step(prepared: Prepared) -> Update:
-        places.append(prepared.pixels_t.data_ptr())
-        return Update(prepared.batch.r_t.sum(), prepared.batch.r_t.abs(), {})
+        tensors = _tensors(prepared)
+        places.append([each.data_ptr() for each in tensors])
+        seen.append([each.clone() for each in tensors])
+        return Update(torch.zeros(()), torch.zeros(8), {})
 
     recorded = _replayed(step)
-    batches = [random_batch(seed=seed) for seed in range(8)]
-    prepared = [algorithm.prepare(batch) for batch in batches]
-    losses = [recorded(each).loss for each in prepared]
+    torch.manual_seed(0)
+    given = [
+        Prepared(
+            DeviceBatch(*torch.rand(8, 8, 2)), *torch.rand(2, 8), (torch.rand(8), torch.ones(8) * n)
+        )
+        for n in range(6)
+    ]
+    for each in given:
+        recorded(each)
 
-    assert len(set(places[:3])) == 3
-    assert len(set(places[3:])) == 1
-    torch.testing.assert_close(losses, [batch.r_t.sum() for batch in batches])
+    first, *others = places[3:]
+    assert places[:3] == [[tensor.data_ptr() for tensor in _tensors(each)] for each in given[:3]]
+    assert all(other == first for other in others)
+    for found, each in zip(seen, given, strict=True):
+        assert all(map(torch.equal, found, _tensors(each)))
+
+
+def test_what_a_recording_returned_outlasts_the_next_launch() -> None:
+    """A recording writes into the same tensors at each launch."""
+    algorithm = _learner(Device(CPU, bfloat16=False))
+    written = Update(torch.zeros(()), torch.zeros(8), {"most": torch.zeros(())})
+
+    def step(prepared: Prepared) -> Update:
+        written.loss.copy_(prepared.batch.r_t.sum())
+        written.priorities.copy_(prepared.batch.r_t.abs())
+        written.metrics["most"].copy_(prepared.batch.r_t.max())
+        return written
+
+    recorded = _replayed(step)
+    batches = [random_batch(seed=seed) for seed in range(6)]
+    updates = [recorded(algorithm.prepare(batch)) for batch in batches]
+    for batch, update in zip(batches[3:], updates[3:], strict=True):
+        assert torch.equal(update.loss, batch.r_t.sum())
+        assert torch.equal(update.priorities, batch.r_t.abs())
+        assert torch.equal(update.metrics["most"], batch.r_t.max())
 
 
 def test_a_restored_state_is_recorded_anew(monkeypatch: pytest.MonkeyPatch) -> None:
