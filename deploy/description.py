@@ -175,14 +175,14 @@ def describe(options: LaunchOptions, flags: Sequence[str]) -> RunDescription:
     """
     options.check()
     runs = options.runs.absolute()
-    own = [*(("--run", options.run) if options.run else ()), "--runs", str(runs)]
+    own = [*(("--run", options.run) if options.run is not None else ()), "--runs", str(runs)]
     learner, _ = parse_run(LearnerOptions, "learner", [*own, *flags], stored_config)
     learner.check()
     default = LearnerOptions(learner.config)
     for name in _SET_HERE:
         if getattr(learner, name) != getattr(default, name):
             raise InputError(f"--{name} is the launcher's: omit it after `--`.")
-    if learner.runs != runs or (options.run and learner.run != options.run):
+    if learner.runs != runs or (options.run is not None and learner.run != options.run):
         raise InputError("--run and --runs are the launcher's: write them before `--`.")
     options.clock.check(learner.config.env)
     folder = RunFolder(runs, run_name(learner))

@@ -196,7 +196,8 @@ def opening(options: LearnerOptions) -> str | None:
 def run_name(options: LearnerOptions) -> str:
     """Returns the name of the run that was given, or else made of what is played."""
     config = options.config
-    return options.run or f"{config.env}-{config.game}-{config.preset}".replace("_", "-")
+    usual = f"{config.env}-{config.game}-{config.preset}".replace("_", "-")
+    return usual if options.run is None else options.run
 
 
 def stored_config(options: LearnerOptions) -> RunConfig | None:

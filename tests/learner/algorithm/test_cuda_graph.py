@@ -126,7 +126,13 @@ def test_what_a_recording_returned_outlasts_the_next_launch() -> None:
 
 
 def test_a_restored_state_is_recorded_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(value_based, "RecordedStep", _replayed)
+    made: list[RecordedStep] = []
+
+    def recording(step: Callable[[Prepared], Update]) -> RecordedStep:
+        made.append(_replayed(step))
+        return made[-1]
+
+    monkeypatch.setattr(value_based, "RecordedStep", recording)
     first = _learner(Device(CPU, bfloat16=False, graphs=True))
     _learned(first, CPU)
     before = copy.deepcopy(first.state())
@@ -134,6 +140,7 @@ def test_a_restored_state_is_recorded_anew(monkeypatch: pytest.MonkeyPatch) -> N
     first.load_state(before)
     first.reseed(20)
     assert _learned(first, CPU) == pytest.approx(expected, nan_ok=True)
+    assert len(made) == 2  # the former one knows where the optimizer's former tensors were
 
 
 @CUDA
