@@ -14,7 +14,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, get_type_hints
 import tyro
 from annotated_types import Ge, Le
 
-from common.checked import Amount, Count, Fraction, FromOne
+from common.checked import Amount, Count, Fraction
 from common.errors import InputError
 from common.pinned_file import path_of
 from common.proprioception import COMMANDS, KEY_FRAMES
@@ -23,6 +23,7 @@ from common.run.stored_config import from_mapping
 FRAMES_PER_SECOND = 60
 """Emulator frames in a second of game time."""
 MAX_FRAME_STACK = 16
+MAX_STARTS = 10_000
 MAX_WAIT = 50
 MAX_DELAY = 60
 MAX_ADDED = 36
@@ -46,9 +47,9 @@ class PlayConfig:
 
     frame_stack: Annotated[int, Ge(2), Le(MAX_FRAME_STACK)] = 4
     """Frames per state."""
-    frame_skip: FromOne = 4
+    frame_skip: Annotated[int, Ge(1), Le(FRAMES_PER_SECOND)] = 4
     """Emulator frames per agent step; 4 at 60 Hz are 66.7 ms."""
-    random_starts: Count = 30
+    random_starts: Annotated[int, Ge(0), Le(MAX_STARTS)] = 30
     """Maximum number of random actions at the start of a game."""
     minimal_actions: bool = False
     """Action set: the game's own actions (Pong: 6) instead of all 18."""

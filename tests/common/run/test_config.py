@@ -55,6 +55,8 @@ SHARES = [
     "exploration.end",
     "protocol.test_epsilon",
     "learning.discount",
+    "replay.priority_exponent",
+    "replay.importance_exponent",
 ]
 OF_EITHER_SIGN = ["camera.yaw", "camera.pitch", "camera.screen_tilt"]
 NUMBERS = [
@@ -191,6 +193,8 @@ def test_an_annealed_learning_rate_never_rises() -> None:
         ("play.actuation_jitter", 36, 37),
         ("play.arm_speed", 1.1, 1.2),
         ("play.key_threshold", 1.4, 1.5),
+        ("play.frame_skip", 60, 61),
+        ("play.random_starts", 10_000, 10_001),
     ],
 )
 def test_upper_bounds(field: str, most: float, beyond: float) -> None:

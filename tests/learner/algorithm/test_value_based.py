@@ -246,3 +246,15 @@ def test_a_minibatch_that_is_not_finite_changes_no_weight(
     ours, theirs = algorithm.state(), never.state()
     for name, value in ours.items():
         assert torch.equal(value, theirs[name]), name
+
+
+@pytest.mark.parametrize("average", [0.0, 0.9])
+def test_a_state_with_other_networks_is_refused(average: float) -> None:
+    """One that publishes the mean of its weights has one network more."""
+    mine, other = (
+        double_dqn(_network(), LearningConfig(weights_average=each), CPU)
+        for each in (average, 0.9 - average)
+    )
+    mine.load_state(mine.state())
+    with pytest.raises(ValueError, match="it holds other tensors"):
+        mine.load_state(other.state())
