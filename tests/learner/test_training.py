@@ -551,6 +551,13 @@ def test_ten_recent_minibatches_that_are_not_finite_are_the_networks_fault(
     assert world.updates == last
 
 
+def test_more_than_ten_of_them_are_not_where_they_are_rare() -> None:
+    world = World(loss=lambda update: math.nan if update % 12 == 0 else 0.5, spoils=False)
+    world.stops_at(200)
+    run(world)
+    assert world.updates == 200
+
+
 def test_priorities_go_back_to_a_prioritised_replay() -> None:
     world = World(replace(CONFIG, replay=replace(CONFIG.replay, sampler="prioritised")))
     world.stops_at(3)
