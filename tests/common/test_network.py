@@ -294,6 +294,19 @@ def test_the_configuration_shapes_the_network() -> None:
     for center, scale in ((False, 1 / 255), (True, 1 / 64)):
         learning = replace(fast.learning, center_pixels=center)
         assert build_network(replace(fast, learning=learning), 6).pixel_scale == scale
+    learning = replace(
+        fast.learning,
+        center_pixels=False,
+        frame_differences=True,
+        layer_norm=True,
+        initial_weights="he",
+    )
+    found, frames = build_network(replace(fast, learning=learning), 6), frames_of(1)
+    assert torch.equal(
+        found.as_pixels(frames), network_of(frame_differences=True).as_pixels(frames)
+    )
+    assert found.norm is not None
+    assert found.actions.weight.std().item() == pytest.approx(0.1 * (2 / 512) ** 0.5, rel=0.1)
     paper = build_network(replace(PRESETS["paper"], play=PlayConfig(frame_stack=3)), 4)
     assert paper.pixel_scale == 1
     shapes = [tuple(weight.shape) for weight in paper.parameters()]

@@ -47,6 +47,15 @@ def changed(setting: str, value: Any) -> RunConfig:
             *("learning.scale_pixels", False),
             r"pixels that are scaled and centred, .* centred: add --learning\.scale-pixels",
         ),
+        (
+            *("learning.frame_differences", True),
+            r"scaled and centred, .* scaled, centred and differenced: "
+            r"add --learning\.no-frame-differences",
+        ),
+        (
+            *("learning.layer_norm", True),
+            r"layers of nature, .* of nature, normalised: add --learning\.no-layer-norm",
+        ),
         ("learning.algorithm", "qr_dqn", r"1 outputs per action, .*: add --learning.algorithm dqn"),
     ],
 )

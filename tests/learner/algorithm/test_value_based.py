@@ -258,3 +258,16 @@ def test_a_state_with_other_networks_is_refused(average: float) -> None:
     mine.load_state(mine.state())
     with pytest.raises(ValueError, match="it holds other tensors"):
         mine.load_state(other.state())
+
+
+def test_hidden_units_are_normalised_in_float32_whatever_the_precision() -> None:
+    torch.manual_seed(0)
+    algorithm = double_dqn(QNetwork(6, layer_norm=True), LearningConfig(), CPU_BFLOAT16)
+    norm = algorithm._precision.network.norm
+    assert norm is not None
+    seen: list[torch.dtype] = []
+    norm.register_forward_pre_hook(lambda _, given: seen.append(given[0].dtype))
+    before = norm.weight.detach().clone()
+    assert learn(algorithm, random_batch()).loss.isfinite()
+    assert set(seen) == {torch.float32}
+    assert not torch.equal(norm.weight, before)
