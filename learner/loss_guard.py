@@ -52,7 +52,7 @@ class LossGuard:
                 continue
             self.skipped += 1
             self._last_skipped.append(number)
-            if all(bool(each.isfinite().all()) for each in self.algorithm.published.parameters()):
+            if self.is_finite():
                 self._quarantine(ids, result.priorities.float().cpu().numpy())
                 first = self._last_skipped[0]
                 often = len(self._last_skipped) == _MOST_SKIPPED and number - first < _RECENTLY
@@ -61,6 +61,11 @@ class LossGuard:
             if often and self.diverged_at is None:
                 self.diverged_at = first
         return self.diverged_at is not None
+
+    def is_finite(self) -> bool:
+        """Whether all published weights are finite; waits for the device."""
+        weights = self.algorithm.published.parameters()
+        return all(bool(each.isfinite().all()) for each in weights)
 
     def was_skipped(self, number: int) -> bool:
         """Whether the loss of a recent update, which was looked at, is not finite."""

@@ -205,7 +205,7 @@ class Learner:
         self._insist(self._save)
 
     def _save(self) -> None:
-        self._check_loss()
+        self._check_network()
         self.replay.sync()  # or a power failure would leave a checkpoint that knows of more steps
         self.checkpoint.save(
             {
@@ -220,7 +220,7 @@ class Learner:
 
     def _publish(self) -> None:
         """Broadcast the weights; their version is the number of updates that made them."""
-        self._check_loss()
+        self._check_network()
         self._published = self.phases.updates
         weights, run_id = encode_weights(self.algorithm.published), self.replay.run_id
         signature = self.sign("training", self._published, run_id, weights)
@@ -234,14 +234,21 @@ class Learner:
             self.telemetry.say("stopping: writing a checkpoint ...")
         self._checkpoint()
 
-    def _check_loss(self) -> None:
+    def _check_network(self) -> None:
         """Called before anything of the network is kept or told: it may have diverged."""
+        self._check_loss()
+        if not self.losses.is_finite():  # which the next loss would tell
+            raise self._diverged(f"weights became non-finite by update {self.phases.updates}")
+
+    def _check_loss(self) -> None:
         if self.losses.have_diverged():
-            raise InputError(
-                f"the loss became non-finite at update {self.losses.diverged_at}: start another "
-                "run with a smaller --learning.learning-rate, from this one's last good network by "
-                f"--initial {self.checkpoint.path}."
-            )
+            raise self._diverged(f"the loss became non-finite at update {self.losses.diverged_at}")
+
+    def _diverged(self, how: str) -> InputError:
+        return InputError(
+            f"{how}: start another run with a smaller --learning.learning-rate, from this one's "
+            f"last good network by --initial {self.checkpoint.path}."
+        )
 
     # ------------------------------------------------------------------ phases, tests, health
 
@@ -276,6 +283,7 @@ class Learner:
         row, test = self.phases.close(self._replay_progress.stored, meanq)
         self._insist(lambda: self.telemetry.add(row))
         if row.epoch:
+            self._check_network()
             weights = encode_weights(self.algorithm.published, self.config)
             self._insist(lambda: self.evaluation.add(test, weights))
         self._checkpoint()

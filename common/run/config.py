@@ -99,7 +99,7 @@ class LearningConfig:
     """Learning rate after --learning.annealing-steps."""
     rmsprop_decay: Annotated[float, Ge(0), Lt(1)] = 0.95
     """ρ of RMSprop."""
-    optimizer_epsilon: Amount = 1.5e-4
+    optimizer_epsilon: Annotated[float, Ge(1e-12)] = 1.5e-4
     """ε in the optimizer's denominator."""
     gradient_norm: Amount = 10.0
     """Maximum norm of the gradient; 0 for no bound."""

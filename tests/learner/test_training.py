@@ -79,6 +79,8 @@ class World:
     log_syncs: bool = False
     spoils: bool = True
     """Whether a loss that is not finite spoils the network's weights."""
+    spoilt_at: int = 0
+    """The update that spoils them although its loss is finite."""
     updates: int = 0
     published: list[tuple[float, int, bytes]] = field(default_factory=list)
     """When, which version, and the payload."""
@@ -169,7 +171,8 @@ class World:
     def update(self, prepared: Any) -> Any:
         self.updates += 1
         loss = self.loss(self.updates)
-        weight = float("nan") if self.spoils and not math.isfinite(loss) else self.updates
+        spoilt = (self.spoils and not math.isfinite(loss)) or self.updates == self.spoilt_at
+        weight = float("nan") if spoilt else self.updates
         with torch.no_grad():
             self.network.weight.fill_(weight)
         return Update(torch.tensor(loss), torch.tensor(self.priorities_of(loss)), {})
@@ -512,6 +515,21 @@ def test_nothing_of_a_network_that_diverged_between_two_looks_is_published_or_ke
             learner.run()
         assert max(version for _, version, _ in world.published) < first
         assert max(state["updates"] for state in world.checkpoints) < first
+
+
+@pytest.mark.parametrize("spoilt", [10, 25, 50])
+def test_weights_that_became_non_finite_by_a_finite_loss_are_neither_published_nor_kept(
+    spoilt: int,
+) -> None:
+    """As of an optimizer that divided by zero, just when they are due."""
+    world = World(spoilt_at=spoilt)
+    world.stops_at(60)
+    learner = world.learner()
+    learner.start()
+    with pytest.raises(InputError, match=rf"^weights became non-finite by update {spoilt}: .*FILE"):
+        learner.run()
+    assert max(state["updates"] for state in world.checkpoints) < spoilt
+    assert max(version for _, version, _ in world.published) < spoilt
 
 
 @pytest.mark.parametrize("sampler", ["uniform", "prioritised"])
