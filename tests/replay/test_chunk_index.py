@@ -32,6 +32,13 @@ def test_gaps_are_bounded() -> None:
     assert 0 in received  # given up as lost
 
 
+def test_no_id_below_the_tail_is_used_again() -> None:
+    """Where the chunks' own lines are lost."""
+    index = ChunkIndex()
+    index.apply(json.loads(json.dumps(tail_entry(50))))
+    assert (index.tail, index.head) == (50, 50)
+
+
 def test_no_chunk_of_a_window_is_given_up() -> None:
     """It would be acknowledged as one that came before."""
     received, window = Received(), range(0, 2 * MAX_WINDOW, 2)

@@ -394,13 +394,13 @@ def test_steps_without_a_finite_priority_are_not_drawn_again_and_their_actor_is_
     actors = [Actor(name, 4) for name in "abc"]
     for actor in actors:
         buffer.insert(actor.live([GOES_ON] * 9 + [TERMINATES], rng))
-    buffer.update_priorities(np.array([3, 12, 3, 14]), np.array([bad, bad, bad, 1], np.float32))
-    assert caplog.messages == ["steps 3, 12 of a, b are not drawn again: their loss is not finite"]
-    # Nor when a chunk beside theirs makes other steps sampleable.
+    buffer.update_priorities(np.array([3, 18, 3, 14]), np.array([bad, bad, bad, 1], np.float32))
+    assert caplog.messages == ["steps 3, 18 of a, b are not drawn again: their loss is not finite"]
+    # Nor when a chunk after theirs lets its last steps be looked at once more.
     buffer.insert(actors[1].live([GOES_ON] * 10, rng))
     batch = buffer.sample(0, 0.0)
     assert batch is not None
-    assert set(range(37)) - set(batch.ids.tolist()) == {3, 12}
+    assert set(range(37)) - set(batch.ids.tolist()) == {3, 18}
     assert buffer.progress(0).samplable == 35
     buffer.update_priorities(np.array([3]), np.array([bad], np.float32))
     assert len(caplog.messages) == 1
@@ -601,7 +601,19 @@ def test_ids_of_damaged_chunks_are_not_used_again(tmp_path: Path, whole: int) ->
         check_batch(batch, [actor], config)
         newest = range(max(40, 10 * inserted), 40 + 10 * inserted)
         assert set(batch.ids.tolist()) == {*range(10 * inserted, 10 * whole), *newest}
+        ring = buffer._store.ring
+        assert ring.head - ring.tail <= 40  # what is overwritten is not alive
     buffer.close()
+
+
+def test_a_run_that_goes_on_draws_otherwise_than_at_its_start(tmp_path: Path) -> None:
+    actor, rng, drawn = Actor("0", 4), np.random.default_rng(0), []
+    for _ in range(3):
+        buffer = ReplayBuffer(make_config(), tmp_path)
+        drawn.append(buffer._rng.random())
+        buffer.insert(actor.live([GOES_ON], rng))
+        buffer.close()
+    assert len(set(drawn)) == 3
 
 
 def test_damaged_lines_are_reported_and_the_rest_is_used(

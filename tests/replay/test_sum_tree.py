@@ -94,3 +94,16 @@ def test_leaves_of_an_earlier_tree_are_summed() -> None:
     tree = SumTree(leaves)
     assert tree.total == 4.0
     assert tree.find(np.array([0.5, 1.5, 3.9])).tolist() == [5, 99, 99]
+
+
+def test_a_node_whose_children_come_to_less_by_rounding_finds_one_with_a_value() -> None:
+    """Added up one by one, they are not quite what they are in pairs."""
+    rng, less = np.random.default_rng(0), 0
+    for _ in range(200):
+        values = rng.random(FANOUT)
+        values[0] = 0.0  # where a search that found nothing would end
+        tree = SumTree(values.copy())
+        less += bool(values.cumsum()[-1] < tree.total)
+        (found,) = tree.find(np.array([np.nextafter(tree.total, 0.0)]))
+        assert values[found] > 0
+    assert less > 20
