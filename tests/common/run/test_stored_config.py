@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 
 from common.checked import MAX_COUNT
 from common.errors import InputError
-from common.run.conditions import CameraConfig, PlayConfig, RandomiseConfig
+from common.run.conditions import (
+    FRAMES_PER_SECOND,
+    MAX_STARTS,
+    CameraConfig,
+    PlayConfig,
+    RandomiseConfig,
+)
 from common.run.config import MAX_WINDOW, LearningConfig, RunConfig, StreamConfig
 from common.run.presets import PRESETS
 from common.run.stored_config import REMOVED, RENAMED, differences, from_mapping, to_json
@@ -29,8 +35,8 @@ def test_a_preset_survives_json(name: str) -> None:
     st.builds(
         PlayConfig,
         st.integers(2, 16),
-        st.integers(1, MAX_COUNT),
-        st.integers(0, MAX_COUNT),
+        st.integers(1, FRAMES_PER_SECOND),
+        st.integers(0, MAX_STARTS),
         st.booleans(),
         st.integers(0, MAX_COUNT),
     ),
