@@ -186,3 +186,12 @@ def test_each_game_tells_what_its_own_hands_took() -> None:
         assert 40 < changes <= 80  # most of 40 random commands among 18 release and press
         reached = {place_of("release", True, 1), place_of("press", True, 4)}
         assert {place for place, count in enumerate(each["key_times"]) if count} == reached
+
+
+@pytest.mark.parametrize(("least", "steps", "played"), [(1, 100, 3), (2, 1, 2), (1, 80, 2)])
+def test_there_are_enough_games_and_of_their_steps(least: int, steps: int, played: int) -> None:
+    """As in the tests of 2017, which played 125,000."""
+    play = PlayConfig(random_starts=0, max_game_frames=4 * 40)
+    config = replace(PRESETS["fast"], play=play)
+    asked = GamesOptions(None, "", 20, games=least, steps=steps, epsilon=1.0)  # type: ignore[arg-type]
+    assert len(list(games(config, asked, threading.Event()))) == played
