@@ -15,7 +15,7 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from common.errors import InputError
@@ -45,6 +45,7 @@ _HEADERS = {
     "cross-origin-opener-policy": "same-origin",
     "cache-control": "no-store",
 }
+"""What a browser must keep to."""
 _log = logging.getLogger(__name__)
 
 
@@ -84,6 +85,7 @@ class HttpServer:
                 log_level="error",  # what strangers send is no warning to whoever trains
                 access_log=False,
                 server_header=False,
+                headers=list(_HEADERS.items()),
                 proxy_headers=False,
                 timeout_graceful_shutdown=_FAREWELL,
             )
@@ -132,21 +134,13 @@ class _Connection(H11Protocol):
 
 
 def _guarded(app: ASGIApp, host: str | None) -> ASGIApp:
-    """Returns ``app``, which turns away whoever asks for another host, where there is one, and adds
-    what a browser must keep to."""
+    """Returns ``app``, which turns away whoever asks for another host, where there is one."""
 
     async def guarded(scope: Scope, receive: Receive, send: Send) -> None:
         told = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
         meant = host is None or may_be_asked_as(told, host)
-
-        async def send_with_headers(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                added = [(name.encode(), value.encode()) for name, value in _HEADERS.items()]
-                message["headers"] = [*message["headers"], *added]
-            await send(message)
-
         answer: ASGIApp = app if meant else PlainTextResponse(_WRONG_HOST, 421)
-        await answer(scope, receive, send_with_headers)
+        await answer(scope, receive, send)
 
     return guarded
 
