@@ -55,15 +55,16 @@ def line(
 
 def say(text: str, values: Mapping[str, Any] | None = None) -> None:
     """Print `line` at once; that nobody can read it is no reason to end."""
-    _print(line(text, values=values), sys.stdout)
+    write_line(line(text, values=values), sys.stdout)
 
 
 def say_aside(text: str, level: str = "info") -> None:
     """As `say`, on standard error."""
-    _print(line(text, level), sys.stderr)
+    write_line(line(text, level), sys.stderr)
 
 
-def _print(text: str, stream: TextIO) -> None:
+def write_line(text: str, stream: TextIO) -> None:
+    """Print ``text`` as it is, at once; nothing more is printed where nobody reads it any more."""
     try:
         print(text, file=stream, flush=True)
     except OSError:

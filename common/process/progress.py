@@ -9,8 +9,7 @@ from typing import Self, TextIO
 from rich import progress
 from rich.console import Console
 
-from common.process.log_lines import line
-from common.process.output import silence
+from common.process.log_lines import line, write_line
 from common.schedule import Every, Now
 
 PLAIN_SECONDS = 10.0
@@ -80,10 +79,7 @@ class Progress(AbstractContextManager["Progress"]):
         if (left := task.time_remaining) is not None:
             parts.append(f"{timedelta(seconds=left)} left")
         told = f"{task.description}: {', '.join(filter(None, parts))}"
-        try:
-            print(line(told, stamped=True), file=self._stream, flush=True)
-        except OSError:  # nobody reads it any more
-            silence(self._stream)
+        write_line(line(told, stamped=True), self._stream)
 
     def __enter__(self) -> Self:
         self._bar.start()
