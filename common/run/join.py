@@ -11,6 +11,7 @@ from common.process.log_lines import say_aside
 from common.protocol.announcement import Announcement
 from common.protocol.run_keys import RunKeys, check_name
 from common.run.config import RunConfig
+from common.schedule import Every, Now
 from common.transport.interface import Transport
 
 _log = logging.getLogger(__name__)
@@ -27,16 +28,14 @@ def patiently(
     stop: threading.Event,
     endpoint: str,
     say: Callable[[str], None] = say_aside,
-    now: Callable[[], float] = time.monotonic,
+    now: Now = time.monotonic,
 ) -> Callable[[], bool]:
     """Returns whether ``stop`` is set, for those who wait for a run and ask after each attempt;
     at the first and then every 10 s it says that they wait."""
-    due = now()
+    reminder = Every(_TELL_EVERY, now)
 
     def stopped() -> bool:
-        nonlocal due
-        if now() >= due and not stop.is_set():
-            due = now() + _TELL_EVERY
+        if not stop.is_set() and reminder.is_due():
             say(f"waiting for a run at {endpoint}; Ctrl-C ends it.")
         return stop.is_set()
 
