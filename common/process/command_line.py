@@ -13,8 +13,8 @@ import json
 import re
 import sys
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import dropwhile, takewhile
+from collections.abc import Callable, Sequence
+from itertools import chain, dropwhile, takewhile
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
@@ -29,7 +29,7 @@ from common.regular_file import read_file
 from common.run.config import RunConfig, all_ranges
 from common.run.origin import find_weights
 from common.run.presets import PRESETS
-from common.run.stored_config import REMOVED, RENAMED, flag_of, from_mapping
+from common.run.stored_config import REMOVED, RENAMED, flag_of, from_mapping, settings
 from common.transport.endpoint import DEFAULT_ENDPOINT
 from common.transport.leaky_bucket import STEPS_PER_SECOND
 from common.version import VERSION
@@ -250,15 +250,8 @@ def with_file(arguments: Sequence[str]) -> list[str]:
         told = dataclasses.asdict(from_mapping(RunConfig, stored, str(known.config), fill=True))
     elif "config" in told:
         raise InputError(f"{known.config} names a file of settings itself: remove config from it.")
-    return [*_flags_of(told), *rest]
-
-
-def _flags_of(table: Mapping[str, Any], group: str = "") -> Iterator[str]:
-    for name, value in table.items():
-        if isinstance(value, dict):
-            yield from _flags_of(value, f"{group}{name}.")
-        elif value is not None:
-            yield from flag_of(group + name, value)
+    flags = (flag_of(name, value) for name, value in settings(told) if value is not None)
+    return [*chain.from_iterable(flags), *rest]
 
 
 def check_bounds(options: Any) -> None:

@@ -50,16 +50,19 @@ def to_json(config: Any) -> str:
 def flat(config: Any) -> dict[str, bool | int | float | str]:
     """Returns the settings by their whole names, as ``learning.n_step``; any other kind of value
     as its text."""
+    return {
+        name: value if isinstance(value, bool | int | float | str) else str(value)
+        for name, value in settings(dataclasses.asdict(config))
+    }
 
-    def settings(of: Mapping[str, Any], group: str) -> Iterator[tuple[str, Any]]:
-        for name, value in of.items():
-            if isinstance(value, dict):
-                yield from settings(value, f"{group}{name}.")
-            else:
-                plain = isinstance(value, bool | int | float | str)
-                yield group + name, value if plain else str(value)
 
-    return dict(settings(dataclasses.asdict(config), ""))
+def settings(table: Mapping[str, Any], group: str = "") -> Iterator[tuple[str, Any]]:
+    """Yields the values of a table of tables by their whole names."""
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield from settings(value, f"{group}{name}.")
+        else:
+            yield group + name, value
 
 
 def flag_of(setting: str, value: Any) -> list[str]:
