@@ -172,7 +172,8 @@ def check_fit(
         if needed != given and (vector or settings is not _VECTOR):
             needs.append(words.format(needed))
             has.append(words.format(given))
-            found = [_flag(name, trained) for name in settings if _differ(name, trained, config)]
+            values = [(name, attrgetter(name)) for name in settings]
+            found = [_flag(name, trained) for name, of in values if of(trained) != of(config)]
             flags += found or [_flag("env", trained)]
     if flags:
         other = "" if trained.game == config.game else f", or name a network of {config.game}"
@@ -181,11 +182,6 @@ def check_fit(
             f"{', '.join(needs)}, and here it would have {', '.join(has)}: add "
             f"{' '.join(flags)}{other}."
         )
-
-
-def _differ(setting: str, trained: RunConfig, config: RunConfig) -> bool:
-    value = attrgetter(setting)
-    return bool(value(trained) != value(config))
 
 
 def _flag(setting: str, config: RunConfig) -> str:
