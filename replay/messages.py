@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from common.checked import Amount, Count
 from common.protocol.message import Array, Message
-from common.protocol.step_fields import FRAME_SHAPE
+from common.protocol.step_fields import FRAME_BYTES, FRAME_SHAPE
 from common.protocol.wire import MAX_MESSAGE_BYTES
 
 NO_BATCH = b""
 """The answer to a draw when the limiter does not let go of one."""
-MAX_HELD_OUT = MAX_MESSAGE_BYTES // (FRAME_SHAPE[0] * FRAME_SHAPE[1])
+MAX_HELD_OUT = MAX_MESSAGE_BYTES // FRAME_BYTES
 """States of one frame that fit a message."""
 
 

@@ -5,7 +5,6 @@ to every actor that asks, and refuses to resume a run under another one.
 """
 
 import dataclasses
-import math
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
@@ -14,7 +13,7 @@ from annotated_types import Ge, Le, Lt
 from common.checked import Amount, Count, Fraction, FromOne, Score
 from common.errors import InputError
 from common.pinned_file import path_of, pin
-from common.protocol.step_fields import FRAME_SHAPE, drawn_fields
+from common.protocol.step_fields import FRAME_BYTES, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.registry import ALGORITHMS, ENVIRONMENTS, ROBOTS
 from common.run.conditions import DRAWN, CameraConfig, PlayConfig, RandomiseConfig, check_ranges
@@ -28,8 +27,8 @@ MAX_SEED = 2**63
 MAX_SHIFT = 20
 MAX_QUANTILES = 256
 
-_FRAME_BYTES = math.prod(FRAME_SHAPE) + 4
-"""Size of a frame in a message, with its place in a state."""
+_PLACE_BYTES = 4
+"""Size in a message of a frame's place in a state."""
 _TRANSITION_BYTES = 32
 """Size in a minibatch of a transition's id, action, return, discount and weight."""
 _HEAD_BYTES = 65_536
@@ -280,7 +279,7 @@ class RunConfig:
                 f"{MAX_VECTOR}."
             )
         # They travel in one message, and a transition has two states.
-        state_bytes = self.play.frame_stack * _FRAME_BYTES + 4 * self.vector_width
+        state_bytes = self.play.frame_stack * (FRAME_BYTES + _PLACE_BYTES) + 4 * self.vector_width
         drawn_bytes = sum(field.step_bytes(self.vector_width) for field in drawn_fields().values())
         transition_bytes = 2 * state_bytes + _TRANSITION_BYTES + drawn_bytes
         for name, count, size in (
