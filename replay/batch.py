@@ -7,12 +7,11 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import GetCoreSchemaHandler, ValidationInfo
-from pydantic_core import CoreSchema, core_schema
+from pydantic import PlainValidator, ValidationInfo
 
 from common.errors import MessageError
 from common.protocol.message import Array, Message
-from common.protocol.step_fields import FRAME_SHAPE, drawn_fields
+from common.protocol.step_fields import FRAME_BYTES, FRAME_SHAPE, drawn_fields
 from common.protocol.wire import MAX_MESSAGE_BYTES
 
 
@@ -41,21 +40,16 @@ class Batch(NamedTuple):
     """The steps' values of each field of `STEP_FIELDS` that is declared as drawn, ``[B, ...]``."""
 
 
-class _DrawnArrays:
-    """The codec of `SharedBatch.drawn`."""
-
-    def __get_pydantic_core_schema__(self, _: Any, __: GetCoreSchemaHandler) -> CoreSchema:
-        def take(packed: Any, info: ValidationInfo[Any]) -> dict[str, NDArray[Any]]:
-            fields, (sizes, limits) = drawn_fields(), info.context
-            if not isinstance(packed, dict) or packed.keys() != fields.keys():
-                raise MessageError(f"drawn should be the fields {', '.join(fields) or 'none'}")
-            sizes["T"] = sizes.get("B", 0)  # without B all else is missing too, and is refused
-            return {
-                name: field.array.take(packed[name], name, field.dtype, sizes, limits)
-                for name, field in fields.items()
-            }
-
-        return core_schema.with_info_plain_validator_function(take)
+def _take_drawn(packed: Any, info: ValidationInfo[Any]) -> dict[str, NDArray[Any]]:
+    """Returns the arrays of `SharedBatch.drawn`, see `Array.take`."""
+    fields, (sizes, limits) = drawn_fields(), info.context
+    if not isinstance(packed, dict) or packed.keys() != fields.keys():
+        raise MessageError(f"drawn should be the fields {', '.join(fields) or 'none'}")
+    sizes["T"] = sizes.get("B", 0)  # without B all else is missing too, and is refused
+    return {
+        name: field.array.take(packed[name], name, field.dtype, sizes, limits)
+        for name, field in fields.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -73,14 +67,16 @@ class SharedBatch(Message):
     weights: Annotated[NDArray[np.float32], Array("B")]
     x_tm1: Annotated[NDArray[np.float32], Array("B", "P")]
     x_t: Annotated[NDArray[np.float32], Array("B", "P")]
-    drawn: Annotated[dict[str, NDArray[Any]], _DrawnArrays()] = field(default_factory=dict)
+    drawn: Annotated[dict[str, NDArray[Any]], PlainValidator(_take_drawn)] = field(
+        default_factory=dict
+    )
 
     def check(self) -> None:
         """See `Message.check`: frames that are there, and states no larger than a message."""
         stacks = self.stacks
         if stacks.size and not 0 <= stacks.min() <= stacks.max() < len(self.frames):
             raise MessageError(f"stacks should be of {len(self.frames)} frames")
-        if stacks.size * FRAME_SHAPE[0] * FRAME_SHAPE[1] > MAX_MESSAGE_BYTES:
+        if stacks.size * FRAME_BYTES > MAX_MESSAGE_BYTES:
             raise MessageError(f"stacks of {stacks.size} frames are over the bound")
 
     def whole(self) -> Batch:
