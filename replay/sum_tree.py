@@ -27,14 +27,10 @@ class SumTree:
         self._rows = [leaves]
         """The leaves, the sums of 32 leaves each, and so on to the top row."""
         while len(self._rows) == 1 or len(self._rows[-1]) > _WIDEST:
-            nodes = self._nodes(self._rows[-1])
+            nodes = self._rows[-1].reshape(-1, FANOUT)
             sums = np.zeros(padded(len(nodes)))
             sums[: len(nodes)] = nodes.sum(axis=1)
             self._rows.append(sums)
-
-    @staticmethod
-    def _nodes(row: NDArray[np.float64]) -> NDArray[np.float64]:
-        return row.reshape(-1, FANOUT)
 
     @property
     def total(self) -> float:
@@ -50,7 +46,7 @@ class SumTree:
         self._leaves[slots] = values
         for row, above in zip(self._rows, self._rows[1:], strict=False):
             slots = slots // FANOUT
-            above[slots] = self._nodes(row).take(slots, axis=0).sum(axis=1)
+            above[slots] = row.reshape(-1, FANOUT).take(slots, axis=0).sum(axis=1)
 
     def find(self, targets: NDArray[np.float64]) -> NDArray[np.int64]:
         """Returns, for each target in [0, total), the slot at which the running sum exceeds it."""
@@ -62,7 +58,7 @@ class SumTree:
         targets = targets - (sums[found] - top[found])
         each = np.arange(len(targets))
         for row in self._rows[-2::-1]:
-            children = self._nodes(row).take(found, axis=0)
+            children = row.reshape(-1, FANOUT).take(found, axis=0)
             sums = children.cumsum(axis=1)
             # Nor may it be below 0, which would find a first child of value 0.
             targets = np.minimum(np.maximum(targets, 0.0), np.nextafter(sums[:, -1], 0.0))
