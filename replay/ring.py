@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from common.crc32 import crc32
 from common.protocol.chunk import Chunk
 from common.protocol.step_fields import STEP_FIELDS, Column, Flag, bit_of, drawn_fields
+from common.run.config import RunConfig
 from replay.batch import Batch, SharedBatch
 from replay.columns import Columns
 
@@ -68,15 +69,7 @@ class Placement(NamedTuple):
 class Ring:
     """Stored chunks, and the transitions that can be read from them."""
 
-    def __init__(
-        self,
-        columns: Columns,
-        *,
-        frame_stack: int,
-        n_step: int,
-        discount: float,
-        clip_rewards: bool,
-    ) -> None:
+    def __init__(self, columns: Columns, config: RunConfig) -> None:
         self.head = 0
         """The next id."""
         self.tail = 0
@@ -85,12 +78,12 @@ class Ring:
         self._rows = columns.rows
         self._drawn = tuple(drawn_fields())
         self._capacity = columns.capacity
-        self._frame_stack = frame_stack
-        self._n_step = n_step
-        self._clip_rewards = clip_rewards
+        self._frame_stack = config.play.frame_stack
+        self._n_step = config.learning.n_step
+        self._clip_rewards = config.learning.clip_rewards
         self._previous = np.full(columns.capacity, -1, np.int64)
         self._next = np.full(columns.capacity, -1, np.int64)
-        self._discounts = discount ** np.arange(256, dtype=np.float64)
+        self._discounts = config.learning.discount ** np.arange(256, dtype=np.float64)
         """γ to the power of the agent steps that a step took."""
 
     def write(self, placement: Placement, chunk: Chunk) -> Placement:

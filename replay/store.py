@@ -66,14 +66,14 @@ class Store:
             priority_slots=padded(config.replay.capacity) if prioritised else 0,
             existing=path.exists(),
         )
-        self.ring = Ring(
-            self._columns,
-            frame_stack=config.play.frame_stack,
-            n_step=config.learning.n_step,
-            discount=config.learning.discount,
-            clip_rewards=config.learning.clip_rewards,
-        )
-        self.sampler = self._new_sampler(self._rebuild())
+        self.ring = Ring(self._columns, config)
+        ids, capacity = self._rebuild(), config.replay.capacity
+        if prioritised:
+            exponents = config.replay.priority_exponent, config.replay.importance_exponent
+            leaves = self._columns.priorities
+            self.sampler: UniformSampler = PrioritisedSampler(capacity, ids, leaves, *exponents)
+        else:
+            self.sampler = UniformSampler(capacity, ids)
         self._journal = Journal(path, self._entries())
         self._compacted_size = self._journal.size
 
@@ -124,18 +124,6 @@ class Store:
         index.evict(max(index.tail, index.head - self._config.replay.capacity))
         return index
 
-    def _new_sampler(self, ids: NDArray[np.int64]) -> UniformSampler:
-        settings = self._config.replay
-        if settings.sampler == "uniform":
-            return UniformSampler(settings.capacity, ids)
-        return PrioritisedSampler(
-            settings.capacity,
-            ids,
-            self._columns.priorities,
-            settings.priority_exponent,
-            settings.importance_exponent,
-        )
-
     def _rebuild(self) -> NDArray[np.int64]:
         """Makes the links from the index and the files, as far as these are whole; returns the
         sampleable steps."""
@@ -168,12 +156,7 @@ class Store:
         return chain([{**self._header, "uuid": self.uuid}], self.index.entries())
 
     def insert(self, chunk: Chunk, staleness: int) -> bool:
-        """Store ``chunk``; False if it came before.
-
-        Raises:
-            MessageError: it does not fit this run; it is counted as refused.
-            OSError: the files could not be written; it may be sent again.
-        """
+        """See `ReplayBuffer.insert`; False if it came before."""
         try:
             self._check(chunk)
         except MessageError:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from common.protocol.chunk import Chunk
+from common.run.conditions import PlayConfig
+from common.run.config import LearningConfig, RunConfig
 from replay.columns import Columns
 from replay.ring import Placement, Ring
 from tests.replay.replay_reference import (
@@ -21,14 +23,9 @@ RNG = np.random.default_rng(0)
 
 
 def make_ring(folder: Path, n_step: int = 1, clip: bool = False, frame_stack: int = 4) -> Ring:
-    columns = Columns(folder, 40, 0)
-    return Ring(
-        columns,
-        frame_stack=frame_stack,
-        n_step=n_step,
-        discount=0.5,
-        clip_rewards=clip,
-    )
+    learning = LearningConfig(n_step=n_step, discount=0.5, clip_rewards=clip)
+    config = RunConfig(play=PlayConfig(frame_stack=frame_stack), learning=learning)
+    return Ring(Columns(folder, 40, 0), config)
 
 
 def put(ring: Ring, chunk: Chunk, previous: int = -1) -> Placement:
