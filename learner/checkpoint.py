@@ -8,7 +8,6 @@ noise of their own.
 import errno
 import json
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from torch import Tensor
 from common.crc32 import crc32
 from common.errors import InputError
 from common.run.config import RunConfig
-from common.run.folder import write_atomically
+from common.run.folder import has_room, write_atomically
 from common.run.origin import origin_metadata
 from learner.algorithm.interface import Algorithm
 
@@ -103,8 +102,7 @@ class Checkpoint:
         needed = _ROOM * self.path.stat().st_size if self.path.exists() else 0
         if os.statvfs(folder).f_flag & os.ST_RDONLY:
             raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(folder))
-        disk = shutil.disk_usage(folder)
-        if disk.total and disk.free < needed:  # a file system without a limit tells of none
+        if not has_room(folder, needed):
             needs = f"{os.strerror(errno.ENOSPC)}; it needs {-(-needed // 2**20)} MiB"
             raise OSError(errno.ENOSPC, needs, str(folder))
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from common.errors import InputError
 from common.protocol.step_fields import STEP_FIELDS, Column
+from common.run.folder import has_room
 from replay.journal import damaged, put_on_disk
 
 
@@ -80,7 +81,9 @@ class Columns:
         created: list[Path] = []
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._expect_room(sizes)
+            new = sum(size for name, size in sizes.items() if not self._path(name).exists())
+            if not has_room(self.folder, new):  # or they would fill the disk before they fail
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             for name, size in sizes.items():
                 path = self._path(name)
                 if not path.exists():
@@ -105,14 +108,6 @@ class Columns:
                 f"them ({error.strerror}): free some space, name another folder with --runs, "
                 "or lower --replay.capacity."
             ) from None
-
-    def _expect_room(self, sizes: dict[str, int]) -> None:
-        """Raises OSError rather than let files that cannot fit fill the disk before they fail."""
-        disk = os.statvfs(self.folder)
-        new = sum(size for name, size in sizes.items() if not self._path(name).exists())
-        # One without a limit, as ramfs and a tmpfs of size 0, tells of no blocks at all.
-        if disk.f_blocks and new > disk.f_bavail * disk.f_frsize:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _map(self, name: str, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
         if 0 in shape:

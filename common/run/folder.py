@@ -86,6 +86,12 @@ def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
         os.close(file)
 
 
+def has_room(folder: Path, count: int) -> bool:
+    """Whether the disk of ``folder`` has so many free bytes; one without a limit tells of none."""
+    disk = shutil.disk_usage(folder)
+    return not disk.total or count <= disk.free
+
+
 _EPOCH = "epoch-"
 
 
@@ -137,9 +143,9 @@ class RunFolder:
         self.films = path / "films"
         self.logs = path / "logs"
         """Output of local mode's actors and of films, and what `kept_log` keeps."""
-        self._locks: list[IO[str]] = []
+        self._locks: dict[Part, IO[str]] = {}
+        """Of the parts that it has claimed."""
         self._made = False
-        self._claimed: set[Part] = set()
 
     @property
     def has_begun(self) -> bool:
@@ -201,8 +207,7 @@ class RunFolder:
             raise InputError(f"another {part} is at work in {self.path}.") from None
         except OSError as error:
             raise cannot_write(self.path, error) from None
-        self._locks.append(lock)  # held until the process ends, however it ends
-        self._claimed.add(part)
+        self._locks[part] = lock  # held until the process ends, however it ends
         if stored != config:
             write_atomically(self.config_file, to_json(config).encode())
 
@@ -218,7 +223,7 @@ class RunFolder:
                 self.initial,
                 self.demonstrations,
                 self.logs,
-                *map(self._lock, self._claimed),
+                *map(self._lock, self._locks),
             }
             if self._made and at_first.issuperset(self.path.iterdir()):
                 shutil.rmtree(self.path)

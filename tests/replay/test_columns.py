@@ -1,6 +1,7 @@
 """The ring's files: made only where there is room, and closed while threads still use them."""
 
 import os
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -50,12 +51,11 @@ def test_files_may_be_closed_while_their_bytes_are_counted(
     assert columns.file_bytes == expected > 0
 
 
-@pytest.mark.parametrize(("blocks", "fits"), [(1_000, False), (0, True)])
+@pytest.mark.parametrize(("total", "fits"), [(4_096_000, False), (0, True)])
 def test_a_file_system_without_a_limit_has_room(
-    blocks: int, fits: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    total: int, fits: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    full = SimpleNamespace(f_blocks=blocks, f_bavail=0, f_frsize=4096)
-    monkeypatch.setattr(os, "statvfs", lambda _: full)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0, total=total))
     if fits:
         Columns(tmp_path / "replay", 40, 0).close()
     else:
