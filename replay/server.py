@@ -9,7 +9,6 @@ import queue
 import threading
 import time
 from contextlib import AbstractContextManager
-from enum import Enum, auto
 
 from common.errors import MessageError
 from common.process.log_lines import Seldom
@@ -42,13 +41,6 @@ _log = logging.getLogger(__name__)
 _log.addFilter(Seldom())
 
 
-class _Event(Enum):
-    """What those who wait with a poll have to be told of."""
-
-    RELEASED = auto()
-    CLOSED = auto()
-
-
 class ReplayServer(AbstractContextManager["ReplayServer"]):
     """Answers for ``buffer`` until it is closed.
 
@@ -69,8 +61,10 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         self._keys = keys = RunKeys(run, buffer.run_id)
         self._announcement = Announcement(run, config, config.action_count, buffer.run_id).encode()
         self._weights: Envelope | None = None
-        self._polls: queue.SimpleQueue[Request | _Event] = queue.SimpleQueue()
-        buffer.released = lambda: self._polls.put(_Event.RELEASED)
+        self._polls: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
+        """None: those who wait may go on or leave, or nobody is answered any more."""
+        self._closed = False
+        buffer.released = lambda: self._polls.put(None)
         self._poll_thread = threading.Thread(
             target=self._answer_polls, name="replay-polls", daemon=True
         )
@@ -98,7 +92,8 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         self._subscription.close()
         self._shut_out.close()
         self._buffer.released = lambda: None
-        self._polls.put(_Event.CLOSED)
+        self._closed = True
+        self._polls.put(None)
         self._poll_thread.join(2 * LONGEST_WAIT)
 
     def _count_shut_out(self, name: str, address: str) -> None:
@@ -176,19 +171,19 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
                     break
                 answer(actor, in_any_case=True)
             try:
-                event = self._polls.get(timeout=left if waiting else None)
+                request = self._polls.get(timeout=left if waiting else None)
             except queue.Empty:
                 continue
-            if event is _Event.CLOSED:
-                return
-            if event is _Event.RELEASED:
+            if request is None:
+                if self._closed:
+                    return
                 for actor in tuple(waiting):
                     answer(actor)
             else:
-                actor = name_in(event.key)
+                actor = name_in(request.key)
                 if actor in waiting:  # one of each, however often it asks
                     answer(actor, in_any_case=True)
-                waiting[actor] = time.monotonic() + LONGEST_WAIT, event
+                waiting[actor] = time.monotonic() + LONGEST_WAIT, request
                 answer(actor)
 
     def _sample(self, request: Request) -> bytes:
