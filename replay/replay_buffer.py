@@ -210,7 +210,7 @@ class ReplayBuffer:
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
         resident, private = footprint()
-        file_bytes = self._store.file_bytes  # asks the disk, which may be slow
+        file_bytes = self._store.columns.file_bytes  # asks the disk, which may be slow
         with self._state:
             if finished is not None and finished != self._finished:
                 self._finished = finished

@@ -59,18 +59,18 @@ class Store:
         """Tells this ring from every other; made with it."""
         self.index = self._read(path)
         prioritised = config.replay.sampler == "prioritised"
-        self._columns = Columns(
+        self.columns = Columns(
             folder,
             config.replay.capacity,
             config.vector_width,
             priority_slots=padded(config.replay.capacity) if prioritised else 0,
             existing=path.exists(),
         )
-        self.ring = Ring(self._columns, config)
+        self.ring = Ring(self.columns, config)
         ids, capacity = self._rebuild(), config.replay.capacity
         if prioritised:
             exponents = config.replay.priority_exponent, config.replay.importance_exponent
-            leaves = self._columns.priorities
+            leaves = self.columns.priorities
             self.sampler: UniformSampler = PrioritisedSampler(capacity, ids, leaves, *exponents)
         else:
             self.sampler = UniformSampler(capacity, ids)
@@ -140,7 +140,7 @@ class Store:
         if lost:
             _log.warning(
                 "%d of %d chunks in %s are damaged: they are not drawn, the rest is used",
-                *(len(lost), kept, self._columns.folder),
+                *(len(lost), kept, self.columns.folder),
             )
         ring.tail, ring.head = index.tail, index.head
         for key, place in index.chunks.items():
@@ -210,20 +210,15 @@ class Store:
 
     def sync(self) -> None:
         """Have all that was acknowledged before on the disk when this returns."""
-        self._columns.sync()
+        self.columns.sync()
         self._journal.sync()  # a file that took its place meanwhile was on the disk before it did
-
-    @property
-    def file_bytes(self) -> int:
-        """Bytes of disk that the ring takes, without the journal."""
-        return self._columns.file_bytes
 
     def close(self) -> None:
         """Refuse inserts and close the files; what was stored can still be read."""
         with self._writer:
             self._closed = True
             self._journal.close()
-            self._columns.close()
+            self.columns.close()
 
     def _check(self, chunk: Chunk) -> None:
         width = chunk.vectors.shape[1]
