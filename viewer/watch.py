@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from actors.envs.game_env import GameEnv
 from actors.envs.robot import RobotEnv
 from actors.loop import Step, play
-from actors.vision.layout import border_of
+from actors.vision.layout import ASPECT, border_of
 from common.actions import KEYS_OF_ACTION
 from common.checked import Count, Fraction
 from common.minus import minus_signed
@@ -36,7 +36,6 @@ from viewer.terminal.terminal import Terminal, check_terminal
 LEAST_SIZE = (60, 20)
 _HANDS = (160, 120)
 """Width and height of the picture of the hands: small, as the terminal's cells are large."""
-_ASPECT = 4 / 3
 _LEAST_SIDE, _MOST_SIDE = 30, 66
 """Columns beside the camera's picture: as few as the texts need, so that it is as large as can be;
 more leave the bars no easier to read."""
@@ -222,8 +221,8 @@ def _beside_score(step: Step, scores: Sequence[float], width: int) -> str:
 
 def _fitting(columns: int, pixel_rows: int) -> tuple[int, int]:
     """Returns width and height of the largest picture there, in half blocks or pixels."""
-    width = min(columns, round(pixel_rows * _ASPECT), _WIDEST)
-    return width, round(width / _ASPECT)
+    width = min(columns, round(pixel_rows * ASPECT), _WIDEST)
+    return width, round(width / ASPECT)
 
 
 def _scaled(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:

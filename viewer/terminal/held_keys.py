@@ -7,7 +7,7 @@ when an arrow key is let go (kitty's keyboard protocol, `Terminal` asks for it).
 
 import re
 
-from common.actions import Keys
+from common.actions import OPPOSITES, Keys
 
 HOLD = 0.15
 """Seconds after its last repeat that a key still counts as held."""
@@ -20,12 +20,7 @@ _SENT: dict[bytes, Keys] = {
     b"C": Keys.RIGHT,
     b"D": Keys.LEFT,
 }
-_OPPOSITE = {
-    Keys.UP: Keys.DOWN,
-    Keys.DOWN: Keys.UP,
-    Keys.LEFT: Keys.RIGHT,
-    Keys.RIGHT: Keys.LEFT,
-}
+_OPPOSITE = {key: pair & ~key for pair in OPPOSITES for key in pair}
 # An arrow key, with modifiers or without, in the cursor keys' two modes, and what became of it; the
 # answer whether arrow keys that are let go are told of; any other sequence or answer; or a single
 # character.
