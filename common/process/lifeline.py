@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 
 _TOGETHER = 1.0
 LEASH = "--leash"
@@ -38,7 +38,23 @@ def on_signals(stop: threading.Event) -> None:
     """
     heeded = heeded_signals()
     told = signal_pipe(heeded)
-    threading.Thread(target=_heed, args=(told, heeded, stop), name="signals", daemon=True).start()
+
+    def heed() -> None:
+        global _was_asked
+        first: float | None = None
+        while True:
+            number = os.read(told, 1)[0]
+            if number not in heeded:
+                continue
+            _was_asked = True
+            now = time.monotonic()
+            if first is None:
+                first = now
+                stop.set()
+            elif now - first > _TOGETHER and number != signal.SIGHUP:
+                os._exit(128 + number)
+
+    threading.Thread(target=heed, name="signals", daemon=True).start()
 
 
 def heeded_signals() -> list[signal.Signals]:
@@ -60,24 +76,6 @@ def signal_pipe(numbers: Iterable[signal.Signals]) -> int:
     for number in numbers:
         signal.signal(number, lambda number, frame: None)
     return told
-
-
-def _heed(told: int, heeded: Collection[int], stop: threading.Event) -> None:
-    """Set ``stop`` at the first of these signals that ``told`` tells of; end the process at a later
-    one."""
-    global _was_asked
-    first: float | None = None
-    while True:
-        number = os.read(told, 1)[0]
-        if number not in heeded:
-            continue
-        _was_asked = True
-        now = time.monotonic()
-        if first is None:
-            first = now
-            stop.set()
-        elif now - first > _TOGETHER and number != signal.SIGHUP:
-            os._exit(128 + number)
 
 
 def leave_on_leash() -> None:
