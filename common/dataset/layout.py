@@ -6,6 +6,7 @@ video, the keys, the joints. An episode is a whole game, or what there is of one
 """
 
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -53,8 +54,7 @@ class Feature(NamedTuple):
     @property
     def width(self) -> int:
         """Numbers of one row."""
-        rows, *columns = self.shape
-        return rows * columns[0] if columns else rows
+        return prod(self.shape)
 
 
 def step_features(vector_width: int) -> dict[str, Feature]:

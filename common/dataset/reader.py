@@ -107,8 +107,7 @@ class Dataset:
         for group in range(file.metadata.num_row_groups):
             for at in range(file.metadata.num_columns):
                 column = file.metadata.row_group(group).column(at)
-                name = column.path_in_schema.removesuffix(".list.element" * 2)
-                name = name.removesuffix(".list.element")
+                name = column.path_in_schema.replace(".list.element", "")
                 held[name] = held.get(name, 0) + column.num_values
                 unpacked += column.total_uncompressed_size
         if unpacked > _MAX_UNPACKED_BYTES:
