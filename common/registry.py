@@ -16,7 +16,7 @@ import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from common.actions import KEYS_OF_ACTION
 from common.errors import InputError, choice
@@ -31,13 +31,19 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Environment:
-    """What is known of an environment without loading it."""
+class Entry:
+    """What is known of something without loading it."""
 
     name: str
     factory: str | Callable[..., Any]
-    """``factory(config: RunConfig, clock: ClockConfig, *, training: bool)`` returns the
-    `gymnasium.Env`; or ``"module:factory"``. With ``training`` episodes may end at a lost life."""
+    """What makes it, or ``"module:factory"``."""
+
+
+@dataclass(frozen=True)
+class Environment(Entry):
+    """An environment: ``factory(config: RunConfig, clock: ClockConfig, *, training: bool)`` returns
+    the `gymnasium.Env`. With ``training`` episodes may end at a lost life."""
+
     actions: Callable[["RunConfig"], int]
     """Number of actions. Raises InputError for a game that there is not."""
     vector_width: Callable[["PlayConfig"], int] = lambda play: vector_width(play, 0)
@@ -53,13 +59,10 @@ class Environment:
 
 
 @dataclass(frozen=True)
-class RobotKind:
-    """What is known of a robot without loading it."""
+class RobotKind(Entry):
+    """A robot: ``factory(screen_shape: tuple[int, int], camera: CameraConfig, play: PlayConfig)``
+    returns the `actors.robots.interface.Robot`."""
 
-    name: str
-    factory: str | Callable[..., Any]
-    """``factory(screen_shape: tuple[int, int], camera: CameraConfig, play: PlayConfig)`` returns
-    the `actors.robots.interface.Robot`; or ``"module:factory"``."""
     joints: int
     """Joints of its arms, whose angles and speeds are in the vector observation."""
     prompt: bool = True
@@ -67,26 +70,16 @@ class RobotKind:
 
 
 @dataclass(frozen=True)
-class AlgorithmKind:
-    """What is known of an algorithm without loading it."""
+class AlgorithmKind(Entry):
+    """An algorithm: ``factory(network, config: LearningConfig, device: learner.device.Device,
+    seed: int)`` returns the `learner.algorithm.interface.Algorithm`."""
 
-    name: str
-    factory: str | Callable[..., Any]
-    """``factory(network, config: LearningConfig, device: learner.device.Device, seed: int)``
-    returns the `learner.algorithm.interface.Algorithm`; or ``"module:factory"``."""
     network: str | Callable[..., Any] = "common.network:QNetwork"
     """Class of its network, a `common.network.QNetwork`; or ``"module:class"``."""
     atoms: Callable[["LearningConfig"], int] = lambda learning: 1
     """Numbers that the network has for each action; `QNetwork` takes their mean for its value."""
     ignores: tuple[str, ...] = ()
     """Fields of `LearningConfig` that mean nothing to it."""
-
-
-class _Named(Protocol):
-    @property
-    def name(self) -> str: ...
-    @property
-    def factory(self) -> str | Callable[..., Any]: ...
 
 
 def resolve(factory: str | Callable[..., Any]) -> Callable[..., Any]:
@@ -97,7 +90,7 @@ def resolve(factory: str | Callable[..., Any]) -> Callable[..., Any]:
     return found
 
 
-T = TypeVar("T", bound=_Named)
+T = TypeVar("T", bound=Entry)
 
 
 class Registry(Generic[T]):
