@@ -1,11 +1,11 @@
 """An actor's presence, and its counters once a second."""
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
 
 from actors.member import Member
+from common.process.threads import repeat
 from common.protocol.actor_stats import MOST_HEARTBEATS, ActorStats, Role
 
 PERIOD = 1.0
@@ -20,21 +20,14 @@ class Heartbeat:
         self._run_id = keys.run_id
         self._publisher = transport.publisher(keys.stats(role, member.name))
         self._presence = transport.announce(keys.live(role, member.name))
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
-        self._thread.start()
+        self._end = repeat("heartbeat", PERIOD, lambda _: self._publish(leaving=False))
 
     def close(self) -> None:
         """Say the last counters and be present no longer."""
-        self._ended.set()
-        self._thread.join()
+        self._end()
         time.sleep(2 / MOST_HEARTBEATS)  # the last one may have been just now
         self._publish(leaving=True)
         self._presence.close()
-
-    def _beat(self) -> None:
-        while not self._ended.wait(PERIOD):
-            self._publish(leaving=False)
 
     def _publish(self, *, leaving: bool) -> None:
         self._publisher.publish(replace(self._stats(leaving), run_id=self._run_id).encode())

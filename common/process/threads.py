@@ -1,4 +1,4 @@
-"""How a process learns that one of its threads died."""
+"""Threads that do something again and again, and how a process learns that one of them died."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -8,6 +8,29 @@ from typing import ParamSpec
 from common.errors import InputError, ThreadDied
 
 P = ParamSpec("P")
+
+
+def repeat(
+    name: str, seconds: float, work: Callable[[threading.Event], None]
+) -> Callable[[], None]:
+    """Does ``work`` every so many seconds in a thread; returns what ends that, and waits for it.
+
+    Args:
+        work: its argument is set once it is to end.
+    """
+    ended = threading.Event()
+
+    def run() -> None:
+        while not ended.wait(seconds):
+            work(ended)
+
+    def end() -> None:
+        ended.set()
+        thread.join()
+
+    thread = threading.Thread(target=run, name=name, daemon=True)
+    thread.start()
+    return end
 
 
 @contextmanager

@@ -8,6 +8,7 @@ counts none of them, and then lets go of ten a second only (its pause after each
 import logging
 import threading
 
+from common.process.threads import repeat
 from common.transport.hub_sockets import Door, open_files
 
 _LOOK = 0.05
@@ -29,23 +30,19 @@ class FileGuard:
         self._port = port
         self._enough = most * 5 // 8
         self._door = Door(port, most // 8)
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._work, name="file-guard", daemon=True)
-        self._thread.start()
+        self._end = repeat("file-guard", _LOOK, self._look)
 
     def close(self) -> None:
         """Count no more."""
-        self._closed.set()
-        self._thread.join()
+        self._end()
         self._door.close()
 
-    def _work(self) -> None:
-        while not self._closed.wait(_LOOK):
-            if (count := open_files()) <= self._enough:
-                continue
-            self._door.shut()
-            text = "%d files and connections are open: until some end nobody is let in at port %d"
-            _log.warning(text, count, self._port)
-            while open_files() > self._enough and not self._closed.wait(_LOOK_AGAIN):
-                pass
-            self._door.open()
+    def _look(self, closed: threading.Event) -> None:
+        if (count := open_files()) <= self._enough:
+            return
+        self._door.shut()
+        text = "%d files and connections are open: until some end nobody is let in at port %d"
+        _log.warning(text, count, self._port)
+        while open_files() > self._enough and not closed.wait(_LOOK_AGAIN):
+            pass
+        self._door.open()

@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Set
 
 from common.process.log_lines import Seldom
+from common.process.threads import repeat
 from common.protocol.step_fields import FRAME_BYTES
 from common.transport.hub_sockets import (
     Address,
@@ -69,14 +70,8 @@ class FloodGuard:
         """Connections of who is cut off, until they are ended."""
         self._looked = now()
         self._lock = threading.Lock()
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._work, name="flood-guard", daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Watch no more."""
-        self._closed.set()
-        self._thread.join()
+        self.close = repeat("flood-guard", _LOOK, lambda _: self.look())
+        """Watches no more."""
 
     def hear(self, name: str, address: Address, present: bool) -> None:
         """Take note of a connection that begins, or has ended."""
@@ -91,10 +86,6 @@ class FloodGuard:
             if self._cut_until.get(name, 0.0) > self._now():
                 self._ignored.add(address)
                 ignore_connections(self._port, {address})  # before a look can end it
-
-    def _work(self) -> None:
-        while not self._closed.wait(_LOOK):
-            self.look()
 
     def look(self) -> None:
         """Cut off who has sent too much since the last look."""
