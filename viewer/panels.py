@@ -1,6 +1,7 @@
 """What an environment shows after a step, as one picture of four panels: the room, the robot's
 camera with what was found in it, the hands on the keys, and what the network gets and answers."""
 
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from pathlib import Path
 
@@ -29,45 +30,40 @@ _INPUT = 336
 """Edge of the enlarged input: four pixels for each."""
 
 
+@dataclass
 class Panels:
     """Draws one environment.
 
-    Args:
-        room_every: pictures per rendering of the whole room, which takes more time than all else;
-            the game on its screen is always new.
-        orbiting: whether the view of the room turns slowly, which renders it for each picture.
-        nao_urdf: another NAO to show in place of the one that plays, see `OwnNao`.
-
     Raises:
-        InputError: that robot cannot be shown, or no NAO plays.
+        InputError: the other robot cannot be shown, or no NAO plays.
     """
 
-    def __init__(
-        self,
-        env: GameEnv,
-        nao_urdf: Path | None = None,
-        *,
-        room_every: int = 1,
-        orbiting: bool = False,
-    ) -> None:
-        self._env = env
+    env: GameEnv
+    nao_urdf: Path | None = None
+    """Another NAO to show in place of the one that plays, see `OwnNao`."""
+    _: KW_ONLY
+    room_every: int = 1
+    """Pictures per rendering of the whole room, which takes more time than all else; the game on
+    its screen is always new."""
+    orbiting: bool = False
+    """Whether the view of the room turns slowly, which renders it for each picture."""
+
+    def __post_init__(self) -> None:
         self._drawn = 0
-        self._room_every = room_every
-        self._orbiting = orbiting
         self._own_nao: OwnNao | None = None
-        if isinstance(env, RobotEnv):
-            self._view = env.robot.view
-        if nao_urdf is not None:
-            nao = env.robot if isinstance(env, RobotEnv) else None
+        nao = None
+        if isinstance(self.env, RobotEnv):
+            nao, self._view = self.env.robot, self.env.robot.view
+        if self.nao_urdf is not None:
             if not isinstance(nao, Nao):
                 raise InputError("--nao-urdf shows another NAO, but no NAO plays here: omit it.")
-            self._own_nao = OwnNao(nao_urdf, env.emulator.screen_shape)
+            self._own_nao = OwnNao(self.nao_urdf, self.env.emulator.screen_shape)
             self._view = partial(self._own_nao.view, nao)
 
     def draw(self, step: Step, values: NDArray[np.float32] | None) -> NDArray[np.uint8]:
         """Returns the picture after ``step``, whose action was chosen by Q-values ``values``:
         ``uint8 [768, 1024, 3]``, of an emulator alone ``[384, 1024, 3]``."""
-        env, emulator = self._env, self._env.emulator
+        env, emulator = self.env, self.env.emulator
         network = network_panel(emulator.game, step, env.actions, values)
         if not isinstance(env, RobotEnv):
             # As wide as a television shows it.
@@ -86,10 +82,10 @@ class Panels:
         return picture
 
     def _room(self, screen: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        if self._orbiting:
+        if self.orbiting:
             turn = _ORBIT / 2 * (np.cos(2 * np.pi * self._drawn / _ORBIT_PICTURES) - 1)
             return self._view(screen, *PANEL, "room", turn=turn)
-        moved = self._drawn % self._room_every == 0
+        moved = self._drawn % self.room_every == 0
         return self._view(screen, *PANEL, "room", moved=moved)
 
     def close(self) -> None:

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from common.process.backoff import SETTLED, growing_pause
 from common.process.exit_codes import BAD_INPUT
 from common.process.lifeline import GRACE, LEASH
 from common.process.service_manager import without
+from common.schedule import Now
 
 ROOT = Path(__file__).resolve().parents[2]
 _EARLY = 15.0
@@ -125,25 +127,19 @@ class Child(subprocess.Popen[str]):
                     stream.close()
 
 
+@dataclass
 class Supervisor:
-    """Children that are started again when they end before the work does, after growing pauses.
+    """Children that are started again when they end before the work does, after growing pauses."""
 
-    Args:
-        plans: what starts each child, by its name.
-        now: monotonic seconds.
-    """
+    plans: Mapping[str, Callable[[], Child]]
+    """What starts each child, by its name."""
+    now: Now = time.monotonic
 
-    def __init__(
-        self,
-        plans: Mapping[str, Callable[[], Child]],
-        now: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._plans = plans
-        self._now = now
-        self._children = {name: start() for name, start in plans.items()}
-        self._started = dict.fromkeys(plans, now())
-        self._early_ends = dict.fromkeys(plans, 0)
-        self._restarts = dict.fromkeys(plans, 0)
+    def __post_init__(self) -> None:
+        self._children = {name: start() for name, start in self.plans.items()}
+        self._started = dict.fromkeys(self.plans, self.now())
+        self._early_ends = dict.fromkeys(self.plans, 0)
+        self._restarts = dict.fromkeys(self.plans, 0)
         """Restarts of each child in a row."""
         self._due: dict[str, float] = {}
         """When each child that ended and waits is started again."""
@@ -163,7 +159,7 @@ class Supervisor:
         """
         notes = []
         for name, child in self._children.items():
-            now, status = self._now(), child.poll()
+            now, status = self.now(), child.poll()
             if status == 0 and finished:
                 self._due.pop(name, None)
                 continue
@@ -196,7 +192,7 @@ class Supervisor:
 
     def _start(self, name: str, now: float) -> None:
         self._due.pop(name, None)
-        self._children[name] = self._plans[name]()
+        self._children[name] = self.plans[name]()
         self._started[name] = now
 
     def works(self, role: str) -> bool:

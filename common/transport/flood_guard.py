@@ -11,11 +11,13 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Set
+from collections.abc import Set
+from dataclasses import dataclass
 
 from common.process.log_lines import Seldom
 from common.process.threads import repeat
 from common.protocol.step_fields import FRAME_BYTES
+from common.schedule import Now
 from common.transport.hub_sockets import (
     Address,
     bytes_received,
@@ -41,25 +43,18 @@ def tolerated(quota: float) -> float:
     return _TOLERANCE * max(quota, STEPS_PER_SECOND) * FRAME_BYTES
 
 
+@dataclass
 class FloodGuard:
-    """Watches the connections to a hub's ``port``, of which it is told, until it is closed.
+    """Watches the connections to a hub's ``port``, of which it is told, until it is closed."""
 
-    Args:
-        trusted: names in certificates that may send as much as they like, such as the learner's.
-        most: bytes per second that are received of any other name.
-    """
+    port: int
+    trusted: Set[str]
+    """Names in certificates that may send as much as they like, such as the learner's."""
+    most: float
+    """Bytes per second that are received of any other name."""
+    now: Now = time.monotonic
 
-    def __init__(
-        self,
-        port: int,
-        trusted: Set[str],
-        most: float,
-        now: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._port = port
-        self._trusted = trusted
-        self._most = most
-        self._now = now
+    def __post_init__(self) -> None:
         self._names: dict[Address, str] = {}
         """The name in the certificate of each connection that is watched."""
         self._received: dict[Address, int] = {}
@@ -68,14 +63,14 @@ class FloodGuard:
         self._cut_until: dict[str, float] = {}
         self._ignored: set[Address] = set()
         """Connections of who is cut off, until they are ended."""
-        self._looked = now()
+        self._looked = self.now()
         self._lock = threading.Lock()
         self.close = repeat("flood-guard", _LOOK, lambda _: self.look())
         """Watches no more."""
 
     def hear(self, name: str, address: Address, present: bool) -> None:
         """Take note of a connection that begins, or has ended."""
-        if name in self._trusted:
+        if name in self.trusted:
             return
         with self._lock:
             if not present:
@@ -83,17 +78,17 @@ class FloodGuard:
                 self._ignored.discard(address)
                 return
             self._names[address] = name
-            if self._cut_until.get(name, 0.0) > self._now():
+            if self._cut_until.get(name, 0.0) > self.now():
                 self._ignored.add(address)
-                ignore_connections(self._port, {address})  # before a look can end it
+                ignore_connections(self.port, {address})  # before a look can end it
 
     def look(self) -> None:
         """Cut off who has sent too much since the last look."""
         # To ask the kernel of 1,000 connections takes 40 ms and more.
-        received = bytes_received(self._port) if self._names else {}
+        received = bytes_received(self.port) if self._names else {}
         with self._lock:
-            now = self._now()
-            taken = (now - self._looked) * self._most
+            now = self.now()
+            taken = (now - self._looked) * self.most
             self._looked = now
             for address, name in self._names.items():
                 more = received.get(address, 0) - self._received.get(address, 0)
@@ -101,7 +96,7 @@ class FloodGuard:
             self._received = received
             # Who is ahead no more is forgotten.
             self._ahead = +Counter({name: ahead - taken for name, ahead in self._ahead.items()})
-            floods = {name for name, ahead in self._ahead.items() if ahead > self._most * _AHEAD}
+            floods = {name for name, ahead in self._ahead.items() if ahead > self.most * _AHEAD}
             for name in floods:
                 del self._ahead[name]
                 self._cut_until[name] = now + CUT_OFF
@@ -110,6 +105,6 @@ class FloodGuard:
             self._ignored.clear()
         for name in floods:
             text = "%s sends more than %.0f MB/s: its connections are ended for %.0f s"
-            _log.warning(text, name, self._most / 1e6, CUT_OFF)
+            _log.warning(text, name, self.most / 1e6, CUT_OFF)
         if ended:
-            end_connections(self._port, ended)
+            end_connections(self.port, ended)
