@@ -60,11 +60,8 @@ GAMES: tuple[str, ...] = tuple(sorted(MINIMAL_ACTIONS))
 
 
 def check_game(game: str) -> str:
-    """Returns ``game`` if ale-py bundles it.
-
-    Raises:
-        InputError: it does not; names that look alike are suggested.
-    """
+    """Returns ``game`` if ale-py bundles it. Raises InputError if it does not, and suggests names
+    that look alike."""
     if game not in MINIMAL_ACTIONS:
         alike = get_close_matches(game.lower().replace("-", "_").replace(" ", "_"), GAMES, n=3)
         hint = (

@@ -182,9 +182,6 @@ def build_network(config: RunConfig, actions: int, *, vector_width: int | None =
 
 def count_actions_of(config: RunConfig, weights: Mapping[str, Tensor]) -> int:
     """Returns between how many actions a network of ``config`` with these ``weights`` chooses.
-
-    Raises:
-        KeyError: they are no weights of such a network.
-    """
+    Raises KeyError if they are no weights of such a network."""
     kind = ALGORITHMS.find(config.learning.algorithm)
     return len(weights["actions.bias"]) // kind.atoms(config.learning)

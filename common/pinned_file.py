@@ -24,10 +24,8 @@ def path_of(name: str) -> Path:
 
 def pin(name: str) -> str:
     """Returns ``name`` with the hash of the file's present content; one that has a hash, as it is.
-
-    Raises:
-        InputError: as `read` does; or the path is too long to travel together with the hash.
-    """
+    Raises InputError as `read` does, and if the path is too long to travel together with the
+    hash."""
     if _MARK in name:
         return name
     pinned = f"{name}{_MARK}{hashlib.sha256(read(name)).hexdigest()}"
@@ -40,12 +38,8 @@ def pin(name: str) -> str:
 
 
 def read(name: str) -> bytes:
-    """Returns the content of the file that ``name`` stands for.
-
-    Raises:
-        InputError: it cannot be read, is larger than `MAX_BYTES`, or has another hash than
-            ``name`` says.
-    """
+    """Returns the content of the file that ``name`` stands for. Raises InputError if it cannot be
+    read, is larger than `MAX_BYTES`, or has another hash than ``name`` says."""
     path, (_, _, wanted) = path_of(name), name.partition(_MARK)
     try:
         content = read_file(path, MAX_BYTES + 1)

@@ -115,11 +115,7 @@ class Registry(Generic[T]):
         self._entries[entry.name] = entry
 
     def find(self, name: str) -> T:
-        """Returns the entry called ``name``.
-
-        Raises:
-            InputError: there is none.
-        """
+        """Returns the entry called ``name``. Raises InputError if there is none."""
         if name not in self._entries:
             for point in entry_points(group=self._group, name=name):
                 self.add(point.load())
@@ -132,11 +128,8 @@ class Registry(Generic[T]):
         return self._entries[key]
 
     def make(self, name: str, *arguments: Any, **named: Any) -> Any:
-        """Returns what the factory of ``name`` makes of the rest.
-
-        Raises:
-            InputError: there is no such entry.
-        """
+        """Returns what the factory of ``name`` makes of the rest. Raises InputError if there is no
+        such entry."""
         return resolve(self.find(name).factory)(*arguments, **named)
 
 

@@ -7,11 +7,8 @@ from pathlib import Path
 
 
 def read_file(path: Path, most: int = -1) -> bytes:
-    """Returns up to ``most`` bytes of ``path``, or all.
-
-    Raises:
-        OSError: it cannot be read, or is a pipe or a device, which might be waited for for ever.
-    """
+    """Returns up to ``most`` bytes of ``path``, or all. Raises OSError if it cannot be read, or is
+    a pipe or a device, which might be waited for for ever."""
     file = not_waiting(str(path), os.O_RDONLY)
     with os.fdopen(file, "rb") as opened:
         if not stat.S_ISREG(os.fstat(file).st_mode):

@@ -17,11 +17,8 @@ _RENEWED = timedelta(days=30)
 
 
 def ensure_certificates(folder: Path, host: str) -> None:
-    """Makes those of a hub that is called ``host``, unless the folder has some that last.
-
-    Raises:
-        InputError: the script says why it cannot.
-    """
+    """Makes those of a hub that is called ``host``, unless the folder has some that last. Raises
+    InputError if the script says why it cannot."""
     if not _lasts(folder / "hub.pem", host):
         make_certificates(folder, host)
 
@@ -62,11 +59,7 @@ def _lasts(file: Path, host: str | None = None) -> bool:
 
 def make_certificates(folder: Path, *asked: str) -> None:
     """Makes what is ``asked`` of the script, such as a hub's name, by the authority in ``folder``
-    if it has one.
-
-    Raises:
-        InputError: the script says why it cannot.
-    """
+    if it has one. Raises InputError with what the script says if it cannot."""
     said = subprocess.run(["sh", _SCRIPT, folder, *asked], capture_output=True, text=True)
     if said.returncode:
         raise InputError(f"no certificates can be made ({said.stderr.strip()}): install openssl.")

@@ -168,11 +168,8 @@ class RunDescription:
 
 
 def describe(options: LaunchOptions, flags: Sequence[str]) -> RunDescription:
-    """Returns the run of ``options`` whose learner has ``flags``.
-
-    Raises:
-        InputError: the learner would refuse the flags, or the engine sets them.
-    """
+    """Returns the run of ``options`` whose learner has ``flags``. Raises InputError if the learner
+    would refuse the flags, or the engine sets them."""
     options.check()
     runs = options.runs.absolute()
     own = [*(("--run", options.run) if options.run is not None else ()), "--runs", str(runs)]

@@ -20,11 +20,8 @@ _CONTAINER = f"{_POD}/containers/0"
 
 
 def launch(run: RunDescription) -> str:
-    """Writes the folder, with certificates, and returns what the user should do with it.
-
-    Raises:
-        InputError: the run's name is none for a namespace, or the folder cannot be written.
-    """
+    """Writes the folder, with certificates, and returns what the user should do with it. Raises
+    InputError if the run's name is none for a namespace, or the folder cannot be written."""
     name, place = run.folder.name, run.folder.path / "kubernetes"
     if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?", name):
         raise InputError(

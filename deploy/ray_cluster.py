@@ -179,11 +179,8 @@ def _stop(run: RunDescription, learner: Any) -> str:
 
 
 def _wait(run: RunDescription, learner: Any) -> str:
-    """Returns when the run is over, which Ctrl-C and SIGTERM bring about with a checkpoint.
-
-    Raises:
-        InputError: the learner failed; with its exit code.
-    """
+    """Returns when the run is over, which Ctrl-C and SIGTERM bring about with a checkpoint. Raises
+    InputError with the exit code of a learner that failed."""
     stop, status = threading.Event(), None
     on_signals(stop)
     while not stop.wait(_LOOK):

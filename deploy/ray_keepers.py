@@ -223,11 +223,8 @@ def end_run() -> None:
 
 
 def _ask(hub: str) -> Join | None:
-    """Asks the hub's keeper how to join; None while it is on its way.
-
-    Raises:
-        ValueError: there is none.
-    """
+    """Asks the hub's keeper how to join; None while it is on its way. Raises ValueError if there is
+    none."""
     try:
         told: Join = ray.get(ray.get_actor(hub).join.remote(), timeout=_LOOK)
     except RayError:

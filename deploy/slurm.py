@@ -54,11 +54,8 @@ def launch(run: RunDescription) -> str:
 
 
 def _slurm(command: str, *arguments: str) -> str:
-    """Returns what a command of Slurm prints.
-
-    Raises:
-        InputError: there is none here, or it fails.
-    """
+    """Returns what a command of Slurm prints. Raises InputError if there is none here, or it
+    fails."""
     try:
         said = subprocess.run([command, *arguments], capture_output=True, text=True)
     except FileNotFoundError:

@@ -182,11 +182,8 @@ class ChunkIndex:
         return {"kind": "counts", "duplicates": self.duplicates, "refused": self.refused}
 
     def apply(self, entry: Entry) -> None:
-        """Do what a journal entry says.
-
-        Raises:
-            KeyError, TypeError, ValueError: it is not a valid entry.
-        """
+        """Do what a journal entry says. Raises KeyError, TypeError or ValueError if it is not a
+        valid entry."""
         kind = entry["kind"]
         if kind == "state":
             self.agent_steps = entry["agent_steps"]

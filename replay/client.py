@@ -124,22 +124,15 @@ class RemoteReplay:
     def held_out(
         self, count: int, newest: int | None = None
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """See `Replay.held_out`.
-
-        Raises:
-            InputError: `close` was called while the server was away, or so many states do not fit
-                a message.
-        """
+        """See `Replay.held_out`. Raises InputError if `close` was called while the server was away,
+        or so many states do not fit a message."""
         request = HeldOutRequest(count, newest).encode()
         held = _decoded(HeldOutStates, self._insist(self._held_out, request))
         return held.frames, held.vectors
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
-        """See `Replay.progress`; works after `close` too, unless the server is away.
-
-        Raises:
-            InputError: `close` was called while the server was away, or it serves another run now.
-        """
+        """See `Replay.progress`; works after `close` too, unless the server is away. Raises
+        InputError if `close` was called while the server was away, or it serves another run now."""
         requester = self._last if self._closed.is_set() else self._progress
         request = ProgressRequest(since, finished).encode()
         found = _decoded(Progress, self._insist(requester, request))
@@ -182,10 +175,7 @@ class RemoteReplay:
 
 def _answer(future: Future[Envelope]) -> bytes | None:
     """The answer, once it is there; None if there is no server, or none that answers in time.
-
-    Raises:
-        InputError: the server refused.
-    """
+    Raises InputError if the server refused."""
     try:
         return future.result().payload
     except Unanswered:

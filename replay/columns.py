@@ -40,11 +40,8 @@ class Columns:
         existing: bool = False,
     ) -> None:
         """Create the files with all the space they will ever need, or open ``existing`` ones.
-
-        Raises:
-            InputError: no space, no permission, another process uses the folder, or files that
-                should be there are not.
-        """
+        Raises InputError if there is no space or no permission, another process uses the folder, or
+        files that should be there are not."""
         self.capacity = capacity
         self.folder = folder
         self._files: dict[str, int] = {}

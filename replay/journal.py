@@ -22,11 +22,8 @@ _MARK = b',"crc":'
 
 
 def read_journal(path: Path) -> list[Entry | None]:
-    """All lines, None for one that is damaged; an empty list if there is no file.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
+    """All lines, None for one that is damaged; an empty list if there is no file. Raises InputError
+    if the file cannot be read."""
     try:
         lines = read_file(path).split(b"\n")
     except FileNotFoundError:
@@ -72,11 +69,7 @@ class Journal:
     """The file, open for appending."""
 
     def __init__(self, path: Path, entries: Iterable[Entry]) -> None:
-        """Replace the file by ``entries``.
-
-        Raises:
-            InputError: the file cannot be written.
-        """
+        """Replace the file by ``entries``. Raises InputError if the file cannot be written."""
         self._path = path
         self._file = -1
         self.size = 0

@@ -36,12 +36,9 @@ class ReplayBuffer:
     """The replay buffer of one run; implements `replay.interface.Replay`."""
 
     def __init__(self, config: RunConfig, folder: Path) -> None:
-        """Open the replay in ``folder``, or create it where there is none.
-
-        Raises:
-            InputError: no space, a replay of other sizes, a damaged one, or one in use; or an
-                environment or game that there is not.
-        """
+        """Open the replay in ``folder``, or create it where there is none. Raises InputError for no
+        space, a replay of other sizes, a damaged one, or one in use; or an environment or game that
+        there is not."""
         self.weights_version = 0
         """Version of the newest weights, which each acknowledgement carries."""
         self.over_quota = 0
@@ -178,11 +175,8 @@ class ReplayBuffer:
         return len(self._store.sampler) > 0 and self._limiter.may_sample(inserted, drawn)
 
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
-        """See `Replay.update_priorities`.
-
-        Raises:
-            MessageError: a priority or an id is negative.
-        """
+        """See `Replay.update_priorities`. Raises MessageError if a priority or an id is
+        negative."""
         if (priorities < 0).any() or (ids < 0).any():
             raise MessageError("priorities and ids should not be negative")
         finite = np.isfinite(priorities)

@@ -136,11 +136,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         return False
 
     def _ack_of(self, payload: bytes, actor: str) -> Ack:
-        """Stores a chunk.
-
-        Raises:
-            MessageError: it was refused, and counted so.
-        """
+        """Stores a chunk. Raises MessageError if it was refused, and counted so."""
         try:
             chunk = Chunk.decode(payload)
             if chunk.actor != actor:

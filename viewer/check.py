@@ -53,11 +53,8 @@ class Check(Played):
     """URDF of another NAO, with meshes, to show in the picture; the physics stay the same."""
 
     def run(self, stop: threading.Event) -> int:
-        """Returns the exit status.
-
-        Raises:
-            InputError: the picture cannot be written, the user's robot not shown.
-        """
+        """Returns the exit status. Raises InputError if the picture cannot be written, or the
+        user's robot not shown."""
         config = self.config()
         console = Console(highlight=False)
         with (

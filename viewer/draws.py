@@ -50,11 +50,8 @@ class Draws(Played):
     """File of the picture."""
 
     def run(self, stop: threading.Event) -> None:
-        """Write the picture.
-
-        Raises:
-            InputError: the picture cannot be written, or what is drawn means nothing there.
-        """
+        """Write the picture. Raises InputError if it cannot be written, or what is drawn means
+        nothing there."""
         usual = self.config()
         ranges = self.randomise
         if ranges == all_ranges("robot"):
@@ -69,11 +66,8 @@ class Draws(Played):
 
 
 def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[np.uint8]]:
-    """Returns a tile of each of so many games, fewer if ``stop`` is set.
-
-    Raises:
-        InputError: it is neither a robot nor an emulator that plays.
-    """
+    """Returns a tile of each of so many games, fewer if ``stop`` is set. Raises InputError if it is
+    neither a robot nor an emulator that plays."""
     tiles: list[NDArray[np.uint8]] = []
     with closing(make_env(config, training=False)) as env:
         if not isinstance(env, GameEnv):

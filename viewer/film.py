@@ -70,11 +70,8 @@ class Film(Played):
             raise InputError("the networks of a run are its snapshots: omit --weights.")
 
     def run(self, stop: threading.Event) -> None:
-        """Film until the end, or until ``stop``.
-
-        Raises:
-            InputError: there is nothing to film, or the film cannot be written.
-        """
+        """Film until the end, or until ``stop``. Raises InputError if there is nothing to film, or
+        the film cannot be written."""
         if self.folder is not None:
             self._time_lapse(self.folder, stop)
         else:
@@ -119,11 +116,8 @@ class Film(Played):
 
 
 def chapters_of(folder: Path) -> list[Chapter]:
-    """Returns what a run began with and its kept snapshots, the oldest first.
-
-    Raises:
-        InputError: it is no run, or has kept none.
-    """
+    """Returns what a run began with and its kept snapshots, the oldest first. Raises InputError if
+    it is no run, or has kept none."""
     if (run := RunFolder.at(folder)) is None:
         raise InputError(f"{folder} is no run's folder: name one, such as runs/NAME.")
     networks = kept_networks(run.snapshots)

@@ -71,12 +71,9 @@ class Human(Played):
             check_new_folder(self.record)
 
     def run(self, stop: threading.Event) -> None:
-        """Play until the person leaves.
-
-        Raises:
-            InputError: standard input or output is no terminal, or it is too small; no such game,
-                or one without a robot; there is a recording already.
-        """
+        """Play until the person leaves. Raises InputError if standard input or output is no
+        terminal, or it is too small; if there is no such game, or it has no robot; and if there is
+        a recording already."""
         config = self.config()
         config = replace(config, play=replace(config.play, vector=self.vector))
         if not ENVIRONMENTS.find(config.env).robot:

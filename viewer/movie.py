@@ -21,11 +21,8 @@ Add = Callable[[NDArray[np.uint8]], None]
 
 
 def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
-    """Returns a film at ``rate`` pictures a second, complete once its context is left.
-
-    Raises:
-        InputError: neither .mp4 nor .gif; the file cannot be written.
-    """
+    """Returns a film at ``rate`` pictures a second, complete once its context is left. Raises
+    InputError if it is neither .mp4 nor .gif, or the file cannot be written."""
     kind = {".mp4": _mp4, ".gif": _gif}.get(path.suffix.lower())
     if kind is None:
         raise InputError(f"{path} is no film's name: let it end in .mp4 or .gif.")

@@ -32,11 +32,8 @@ _INPUT = 336
 
 @dataclass
 class Panels:
-    """Draws one environment.
-
-    Raises:
-        InputError: the other robot cannot be shown, or no NAO plays.
-    """
+    """Draws one environment. Raises InputError if the other robot cannot be shown, or no NAO
+    plays."""
 
     env: GameEnv
     nao_urdf: Path | None = None

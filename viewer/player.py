@@ -27,10 +27,7 @@ File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 @contextmanager
 def shown_env(config: RunConfig, clock: ClockConfig | None = None) -> Iterator[GameEnv]:
     """Makes the environment of ``config``, of which there is something to show, and closes it.
-
-    Raises:
-        InputError: it is an environment of another kind.
-    """
+    Raises InputError if it is an environment of another kind."""
     with closing(make_env(config, clock, training=False)) as env:
         if not isinstance(env, GameEnv):
             raise InputError("only robots and emulators are shown: choose another --env.")
@@ -56,11 +53,8 @@ class Played:
     """Action set: the game's own actions (Pong: 6) instead of all 18."""
 
     def check(self) -> None:
-        """Refuse what cannot work, before PyTorch is loaded, which takes seconds.
-
-        Raises:
-            InputError: naming the flag.
-        """
+        """Refuse what cannot work, before PyTorch is loaded, which takes seconds. Raises InputError
+        that names the flag."""
 
     def config(self, weights: Path | None = None) -> RunConfig:
         """Returns the settings: those of the run of ``weights``, changed by what else is given.

@@ -49,11 +49,8 @@ class Record(Played):
             raise InputError("a recording has --games or --minutes: omit one of them.")
 
     def run(self, stop: threading.Event) -> None:
-        """Record the games, or for the minutes, or until ``stop``.
-
-        Raises:
-            InputError: clock, weights or folder cannot be used.
-        """
+        """Record the games, or for the minutes, or until ``stop``. Raises InputError if clock,
+        weights or folder cannot be used."""
         config = self.config(self.weights)
         self.clock.check(config.env)
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))

@@ -46,11 +46,8 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], config: RunConfig, folder: Path) -> None:
-        """Begin a recording.
-
-        Raises:
-            InputError: something is at ``folder``, it cannot be written, or pyarrow is missing.
-        """
+        """Begin a recording. Raises InputError if something is at ``folder``, it cannot be written,
+        or pyarrow is missing."""
         with extra_for("a recording", "record"):
             from common.dataset.writer import DatasetWriter
         super().__init__(env)
@@ -110,11 +107,8 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             self.cut()
 
     def cut(self) -> None:
-        """End the present game here: its last step is truncated, unless it ended by itself.
-
-        Raises:
-            InputError: it cannot be written.
-        """
+        """End the present game here: its last step is truncated, unless it ended by itself. Raises
+        InputError if it cannot be written."""
         rows, self._rows = self._rows, []
         sampled, self._sampled = self._sampled, []
         with self._writing():

@@ -23,10 +23,7 @@ _PATIENCE = 30.0
 
 class RerunViewer:
     """Finds the viewer that runs or opens a window; without a display, serves a page on loopback.
-
-    Raises:
-        InputError: the page's server cannot be started.
-    """
+    Raises InputError if the page's server cannot be started."""
 
     def __init__(self, rerun: ModuleType) -> None:
         self._server: subprocess.Popen[bytes] | None = None

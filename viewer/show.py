@@ -67,11 +67,8 @@ class Play(Played):
             raise InputError("--nao-urdf shows another NAO in a film: add --video FILE.")
 
     def run(self, stop: threading.Event) -> None:
-        """Play the games, or for the seconds, or until ``stop``.
-
-        Raises:
-            InputError: clock, weights, film, viewer or the user's robot cannot be used.
-        """
+        """Play the games, or for the seconds, or until ``stop``. Raises InputError if clock,
+        weights, film, viewer or the user's robot cannot be used."""
         config = self.config(self.weights)
         self.clock.check(config.env)
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))

@@ -70,11 +70,8 @@ class Watch(Played):
         check_terminal(LEAST_SIZE)
 
     def run(self, stop: threading.Event) -> None:
-        """Play until there are enough games, or the person leaves.
-
-        Raises:
-            InputError: there is no terminal, or it is too small; the network cannot be used.
-        """
+        """Play until there are enough games, or the person leaves. Raises InputError if there is no
+        terminal, or it is too small, or the network cannot be used."""
         weights = self.weights or shown_weights(self.env)
         config = self.config(weights)
         policy = ShownPolicy.of_file(config, weights, self.epsilon, config.seed)

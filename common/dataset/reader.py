@@ -40,11 +40,8 @@ class Dataset:
     """A recording of `common.dataset.writer`, of which the fields of `STEP_FIELDS` are read."""
 
     def __init__(self, folder: Path) -> None:
-        """Read what is said of it.
-
-        Raises:
-            InputError: the folder is not a recording, or is damaged.
-        """
+        """Read what is said of it. Raises InputError if the folder is not a recording, or is
+        damaged."""
         self._folder = folder
         path = folder / INFO
         try:
@@ -74,11 +71,8 @@ class Dataset:
         """SHA-256, in hexadecimal digits, of all that `read` has read to its end."""
 
     def read(self) -> Iterator[Rows]:
-        """The rows of one episode after the other.
-
-        Raises:
-            InputError: a file is missing or damaged.
-        """
+        """The rows of one episode after the other. Raises InputError if a file is missing or
+        damaged."""
         digest = hashlib.sha256(self._info)
         for episode in range(self.episodes):
             path = file_of(self._folder, DATA_PATH, episode)

@@ -20,11 +20,8 @@ PACKAGES = {
 
 
 def check_extra(flag: str, extra: str) -> None:
-    """Looks whether the packages of ``extra`` are there, before anything is loaded or built.
-
-    Raises:
-        InputError: as of `extra_for`, which tells also of what these packages lack.
-    """
+    """Looks whether the packages of ``extra`` are there, before anything is loaded or built. Raises
+    InputError as `extra_for` does, which tells also of what these packages lack."""
     with extra_for(flag, extra):
         for package in PACKAGES[extra]:
             if find_spec(package) is None:
@@ -33,11 +30,8 @@ def check_extra(flag: str, extra: str) -> None:
 
 @contextmanager
 def extra_for(flag: str, extra: str) -> Iterator[None]:
-    """Says how to install what an import needs.
-
-    Raises:
-        InputError: a package of ``extra`` is not installed.
-    """
+    """Says how to install what an import needs. Raises InputError if a package of ``extra`` is not
+    installed."""
     try:
         yield
     except ModuleNotFoundError as error:

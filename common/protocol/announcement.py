@@ -26,12 +26,8 @@ class Announcement(Message):
     """
 
     def check(self) -> None:
-        """See `Message.check`.
-
-        Raises:
-            InputError: settings that cannot work here, or an environment that has another number of
-                actions.
-        """
+        """See `Message.check`. Raises InputError for settings that cannot work here, or an
+        environment that has another number of actions."""
         self.config.check()
         if self.actions != self.config.action_count:
             raise InputError(

@@ -92,11 +92,8 @@ class LiveView(Message):
 
 
 def size_of(jpeg: bytes) -> tuple[int, int]:
-    """Returns width and height of a JPEG picture, by its headers alone.
-
-    Raises:
-        MessageError: there are none.
-    """
+    """Returns width and height of a JPEG picture, by its headers alone. Raises MessageError if
+    there are none."""
     at = 0
     while len(jpeg) >= at + 2 and jpeg[at] == 0xFF and jpeg[at + 1] != _SCAN:
         marker = jpeg[at + 1]

@@ -54,11 +54,8 @@ class Array:
         limits: Mapping[str, tuple[int, int]],
     ) -> NDArray[Any]:
         """Returns the array that ``packed`` holds (read-only, no copy), and notes the ``sizes`` of
-        its letters.
-
-        Raises:
-            MessageError: it is another array than declared, or breaks a bound or limit.
-        """
+        its letters. Raises MessageError if it is another array than declared, or breaks a bound or
+        limit."""
         if not isinstance(packed, dict):
             raise MessageError(f"{name} should be an array")
         if packed.get("dtype") != dtype.str:
@@ -104,20 +101,14 @@ class Message:
     """Least and most for the letters of its arrays' shapes, where they are bounded."""
 
     def encode(self) -> bytes:
-        """Returns the message as msgpack.
-
-        Raises:
-            MessageError: it is larger than a receiver accepts.
-        """
+        """Returns the message as msgpack. Raises MessageError if it is larger than a receiver
+        accepts."""
         return pack(vars(self))
 
     @classmethod
     def decode(cls, payload: bytes) -> Self:
         """Returns the message inside ``payload``; its arrays are read-only views of the payload.
-
-        Raises:
-            MessageError: the payload is not what `encode` writes, or breaks a bound.
-        """
+        Raises MessageError if the payload is not what `encode` writes, or breaks a bound."""
         fields = unpack(payload)
         del fields["schema"]
         try:
@@ -128,8 +119,4 @@ class Message:
         return message
 
     def check(self) -> None:
-        """Checks what holds between the fields.
-
-        Raises:
-            MessageError: it does not hold.
-        """
+        """Checks what holds between the fields. Raises MessageError if it does not."""

@@ -12,11 +12,8 @@ DEMONSTRATIONS = "demonstrations"
 
 
 def check_name(kind: str, name: str) -> str:
-    """``name`` if it can be part of a key expression and of a path.
-
-    Raises:
-        InputError: it cannot; ``kind`` says what was being named.
-    """
+    """``name`` if it can be part of a key expression and of a path. Raises InputError if it cannot;
+    ``kind`` says what was being named."""
     if not re.fullmatch(NAME, name):
         raise InputError(
             f"{kind} {name!r} cannot be used: up to 64 letters, digits, '.', '_' or '-', "

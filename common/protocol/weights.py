@@ -52,11 +52,7 @@ def load_weights(network: nn.Module, payload: bytes) -> None:
 
 def decode_weights(payload: bytes) -> dict[str, Tensor]:
     """Returns the weights inside ``payload``; of a checkpoint of the learner, those that it
-    published.
-
-    Raises:
-        NotSafetensors: it is no file of weights.
-    """
+    published. Raises NotSafetensors if it is no file of weights."""
     try:
         return _published(load(payload))
     except (SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
@@ -64,12 +60,9 @@ def decode_weights(payload: bytes) -> dict[str, Tensor]:
 
 
 def set_weights(network: nn.Module, found: Mapping[str, Tensor]) -> None:
-    """Put weights into ``network``, all or none; those of float16 are taken for float32.
-
-    Raises:
-        MessageError: other names, shapes or types than the network's, or a weight that is not
-            finite.
-    """
+    """Put weights into ``network``, all or none; those of float16 are taken for float32. Raises
+    MessageError for other names, shapes or types than the network's, and for a weight that is not
+    finite."""
     expected = network.state_dict()
     if found.keys() != expected.keys():
         raise MessageError(f"weights {sorted(found.keys() ^ expected.keys())} differ in name")

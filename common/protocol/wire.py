@@ -26,10 +26,7 @@ _MAX_VALUES = 200_000
 
 def pack(message: dict[str, Any]) -> bytes:
     """Returns ``message`` with the schema's version, as msgpack; arrays and dataclasses as maps.
-
-    Raises:
-        MessageError: it is larger than a receiver accepts.
-    """
+    Raises MessageError if it is larger than a receiver accepts."""
     payload: bytes = msgpack.packb({"schema": SCHEMA, **message}, default=_plain)
     if len(payload) > MAX_MESSAGE_BYTES:
         raise MessageError(f"{len(payload)} bytes are over the bound of {MAX_MESSAGE_BYTES}")
@@ -98,10 +95,7 @@ def encode_version(version: int, run_id: str, signature: bytes = b"") -> bytes:
 
 def decode_version(attachment: bytes, run_id: str) -> tuple[int, bytes]:
     """Returns the version that is sent beside weights of the run, and their unchecked signature.
-
-    Raises:
-        MessageError: it is not a number from 0 to `MAX_COUNT`, or of another run.
-    """
+    Raises MessageError if it is not a number from 0 to `MAX_COUNT`, or of another run."""
     about, _, signature = attachment.partition(b"\n")
     version, _, sender = about.partition(b" ")
     if not version.isdigit() or len(version) > 19 or int(version) > MAX_COUNT:

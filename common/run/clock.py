@@ -21,10 +21,7 @@ class ClockConfig:
 
     def check(self, env: str | None = None) -> None:
         """Refuse settings that cannot work, in the environment called ``env`` if it is known.
-
-        Raises:
-            InputError: with the flag at fault and what to do.
-        """
+        Raises InputError with the flag at fault and what to do."""
         if not 0 < self.speed < float("inf"):
             raise InputError(f"--speed is {self.speed}: choose a number above 0.")
         if self.sync and self.speed != 1.0:

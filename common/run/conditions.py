@@ -309,11 +309,8 @@ def draw(
 
 
 def check_ranges(play: PlayConfig, camera: CameraConfig, ranges: RandomiseConfig) -> None:
-    """Refuses ranges that reach beyond the bounds of a setting.
-
-    Raises:
-        InputError: with the setting at fault.
-    """
+    """Refuses ranges that reach beyond the bounds of a setting. Raises InputError with the setting
+    at fault."""
     for least_or_most in (lambda: 0.0, lambda: 1.0):
         drawn = draw(play, camera, ranges, least_or_most)
         for group, settings in drawn._asdict().items():

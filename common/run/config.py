@@ -236,21 +236,15 @@ class RunConfig:
         return min(curriculum_steps / whole, 1.0) if whole else 1.0
 
     def pinned(self) -> "RunConfig":
-        """Returns the settings with the hash of each file that they name.
-
-        Raises:
-            InputError: a file cannot be read.
-        """
+        """Returns the settings with the hash of each file that they name. Raises InputError if a
+        file cannot be read."""
         if not self.play.latency_model:
             return self
         return replace(self, play=replace(self.play, robot=pin(self.play.latency_model)))
 
     def check(self) -> None:
         """Refuses settings that cannot work, alone (the bounds beside each field) or together.
-
-        Raises:
-            InputError: with the field at fault and what to choose.
-        """
+        Raises InputError with the field at fault and what to choose."""
         from_mapping(RunConfig, dataclasses.asdict(self), "")
         environment = ENVIRONMENTS.find(self.env)
         environment.actions(self)  # knows the game, or refuses it

@@ -103,11 +103,8 @@ class EpochTable:
         append_whole(self._path, line.getvalue().encode(), durable=True)
 
     def rows(self) -> list[EpochRow]:
-        """All rows; none where there is no file yet.
-
-        Raises:
-            InputError: the file is not what `append` writes.
-        """
+        """All rows; none where there is no file yet. Raises InputError if the file is not what
+        `append` writes."""
         return self._rows(self._lines())
 
     def keep(self, count: int) -> list[EpochRow]:

@@ -23,11 +23,8 @@ SHOWN = {"robot": "robot_pong_sticky", "ale": "ale_pong_sticky"}
 
 def find_weights(name: str | Path) -> Path:
     """Returns the file called ``name``; the newest network of the run in that folder; or the
-    published policy of that name, as robot_pong or policies/robot_pong.safetensors.
-
-    Raises:
-        InputError: there is none.
-    """
+    published policy of that name, as robot_pong or policies/robot_pong.safetensors. Raises
+    InputError if there is none."""
     path = Path(name)
     shipped = SHIPPED / f"{path.stem}.safetensors"
     if (run := RunFolder.at(path)) is not None:
@@ -50,10 +47,7 @@ def name_of(weights: Path) -> str:
 
 def shown_weights(env: str | None) -> Path:
     """Returns the network that plays in environment ``env``, or the usual one, where none is named.
-
-    Raises:
-        InputError: none is published.
-    """
+    Raises InputError if none is published."""
     env = env or RunConfig.env
     return find_weights(SHOWN.get(env, env))
 
@@ -70,11 +64,8 @@ def origin_metadata(trained: RunConfig) -> dict[str, str]:
 def origin_of(weights: Path) -> RunConfig | None:
     """The settings of a network's training: those in the file ``weights`` itself; or, of files of
     former versions, those in the card of a published policy, or of the run whose folder it lies in,
-    or in whose snapshots; None where none are found.
-
-    Raises:
-        InputError: they are there and cannot be read.
-    """
+    or in whose snapshots; None where none are found. Raises InputError if they are there and cannot
+    be read."""
     card, config, where = weights.with_suffix(".json"), None, weights
     if (told := _metadata(weights).get(_CONFIG)) is not None:
         config = _json(told, weights)

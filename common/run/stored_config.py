@@ -92,11 +92,7 @@ def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool 
 
 def _with_present_fields(data: Any, where: str) -> Any:
     """Returns ``data`` with the fields that a former version named otherwise under their names, and
-    without those that are gone.
-
-    Raises:
-        Invalid: one that is gone was in use.
-    """
+    without those that are gone. Raises Invalid if one that is gone was in use."""
     if not isinstance(data, dict):
         return data
     named = {group: dict(each) if isinstance(each, dict) else each for group, each in data.items()}

@@ -20,11 +20,8 @@ def seal(key: str, payload: bytes, attachment: bytes = b"") -> bytes:
 
 
 def unseal(key: str, payload: bytes, sealed: bytes) -> bytes:
-    """Returns the attachment that was sealed.
-
-    Raises:
-        DamagedMessage: the checksum does not match.
-    """
+    """Returns the attachment that was sealed. Raises DamagedMessage if the checksum does not
+    match."""
     attachment = sealed[_BYTES:]
     if sealed[:_BYTES] != _checksum(key, payload, attachment):
         raise DamagedMessage("it was damaged on its way, or its sender has another version")

@@ -89,10 +89,7 @@ def _names_in(path: Path) -> list[str] | None:
 
 def own_name(folder: Path) -> str | None:
     """The one actor that this folder has a certificate of by name; None where it has no such.
-
-    Raises:
-        InputError: it has several.
-    """
+    Raises InputError if it has several."""
     files = sorted(folder.glob(_KEYS_BY_NAME))
     names = [path.name.removeprefix("actor.").removesuffix("-key.pem") for path in files]
     if len(names) > 1:

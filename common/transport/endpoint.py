@@ -11,11 +11,7 @@ _ADDRESS = re.compile(r"(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,5})")
 
 
 def check_endpoint(endpoint: str) -> tuple[str, int]:
-    """Return host and port of ``endpoint``.
-
-    Raises:
-        InputError: it is not an address.
-    """
+    """Return host and port of ``endpoint``. Raises InputError if it is not an address."""
     scheme, _, address = endpoint.partition("/")
     found = host_and_port(address)
     if scheme not in ("tcp", "tls") or found is None:

@@ -37,11 +37,7 @@ class Request(Protocol):
 
     @property
     def payload(self) -> bytes:
-        """What the client sent.
-
-        Raises:
-            DamagedMessage: it is not that any more.
-        """
+        """What the client sent. Raises DamagedMessage if it is not that any more."""
 
     def reply(self, answer: bytes | Envelope) -> None:
         """Answer it."""

@@ -75,11 +75,8 @@ def signer(certificates: Path | None) -> Sign:
 
 
 def _pair(own: Credentials) -> tuple[ec.EllipticCurvePrivateKey, x509.Certificate]:
-    """The key and the certificate that lie there now.
-
-    Raises:
-        InputError: the key is of another kind.
-    """
+    """The key and the certificate that lie there now. Raises InputError if the key is of another
+    kind."""
     key = serialization.load_pem_private_key(own.key.read_bytes(), None)
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise InputError(
@@ -108,11 +105,8 @@ def checker(credentials: Credentials | None) -> Check:
 
 
 def _learners_key(told: bytes, authority: x509.Certificate) -> ec.EllipticCurvePublicKey:
-    """The public key of a certificate of the run's learner.
-
-    Raises:
-        MessageError: it is of somebody else, or out of date.
-    """
+    """The public key of a certificate of the run's learner. Raises MessageError if it is of
+    somebody else, or out of date."""
     try:
         certificate = x509.load_der_x509_certificate(told)
         certificate.verify_directly_issued_by(authority)
