@@ -56,7 +56,9 @@ def _name(metric: Metric) -> str:
     return metric.key.partition("/")[2].replace("_", " ")
 
 
-def _panel(title: str, metrics: Sequence[Metric], labels: str, legend: str) -> dict[str, Any]:
+def _panel(
+    title: str, metrics: Sequence[Metric], labels: str = _OF_LEARNER, legend: str = ""
+) -> dict[str, Any]:
     """Returns a panel of figures that have one unit.
 
     Args:
@@ -80,10 +82,6 @@ def _panel(title: str, metrics: Sequence[Metric], labels: str, legend: str) -> d
             for n, (metric, name) in enumerate(series)
         ],
     }
-
-
-def _of_run(title: str, metrics: Sequence[Metric]) -> dict[str, Any]:
-    return _panel(title, metrics, _OF_LEARNER, "")
 
 
 def _of_actor(metric: Metric) -> dict[str, Any]:
@@ -111,7 +109,7 @@ def _others() -> Iterator[tuple[str, list[dict[str, Any]]]]:
             each = list(metrics)
             what = "shares" if of == "percentunit" else unit
             what = _name(each[0]) if key else what + (" (rates)" if each[0].counter else "")
-            panels.append(_of_run(f"{name}: {what}".capitalize(), each))
+            panels.append(_panel(f"{name}: {what}".capitalize(), each))
         yield name, panels
 
 
@@ -134,7 +132,7 @@ def dashboard() -> dict[str, Any]:
     """Returns the dashboard, as Grafana imports it."""
     of_actors = {metric.key: _of_actor(metric) for metric in PER_ACTOR}
     first = [
-        *(_of_run(title, [METRICS[key] for key in keys]) for title, keys in _FIRST.items()),
+        *(_panel(title, [METRICS[key] for key in keys]) for title, keys in _FIRST.items()),
         _panel("Red health checks", [CHECK], "", "{{check}}"),
         *(of_actors.pop(key) for key in _FIRST_OF_ACTORS),
     ]
