@@ -71,11 +71,9 @@ class RemoteReplay:
         """See `Replay.sample`.
 
         While batches come, `AHEAD` more are asked for, each with the number that will have been
-        drawn when all before it have come. The limiter so never lets go of more than it should;
-        and after an answer without a batch, one at a time is asked for, with the true number.
-
-        Raises:
-            InputError: the server refuses the question, or answers with something else.
+        drawn when all before it have come. The limiter so never lets go of more than it should; and
+        after an answer without a batch, one at a time is asked for, with the true number. Raises
+        InputError if the server refuses the question, or answers with something else.
         """
         ends = time.monotonic() + timeout
         with self._drawing:
@@ -109,10 +107,7 @@ class RemoteReplay:
         It returns at once. Messages arrive in order; one is lost if the server is away, or if
         `MOST_PRIORITY_UPDATES` earlier ones are unanswered because it cannot keep up. That loses
         nothing but freshness: steps keep the priorities that they have, and a step that is drawn
-        again is given new ones.
-
-        Raises:
-            InputError: the server refused an earlier message.
+        again is given new ones. Raises InputError if the server refused an earlier message.
         """
         with self._updating:
             while self._priority_updates and self._priority_updates[0].done():

@@ -59,11 +59,9 @@ class Played:
     def config(self, weights: Path | None = None) -> RunConfig:
         """Returns the settings: those of the run of ``weights``, changed by what else is given.
 
-        Without a run or a card it is Pong, by the robot, with all 18 actions.
-
-        Raises:
-            InputError: the configuration of the run, or that in the card, cannot be read, or the
-                network does not fit what else is given.
+        Without a run or a card it is Pong, by the robot, with all 18 actions. Raises InputError if
+        the configuration of the run, or that in the card, cannot be read, or the network does not
+        fit what else is given.
         """
         trained = None if weights is None else origin_of(weights)
         config = trained

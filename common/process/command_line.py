@@ -227,10 +227,7 @@ def with_file(arguments: Sequence[str]) -> list[str]:
     which therefore win.
 
     The file is TOML whose tables are groups of flags, the ``config.json`` of a run, or the card of
-    a policy.
-
-    Raises:
-        InputError: it cannot be read.
+    a policy. Raises InputError if it cannot be read.
     """
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     first.add_argument("--config", type=Path)
@@ -257,10 +254,8 @@ def with_file(arguments: Sequence[str]) -> list[str]:
 def check_bounds(options: Any) -> None:
     """Refuses a flag that is beyond the bounds beside its field.
 
-    Groups check themselves, and a text of the command line may be long.
-
-    Raises:
-        InputError: with the flag and what to choose.
+    Groups check themselves, and a text of the command line may be long. Raises InputError with the
+    flag and what to choose.
     """
     for name, hint in get_type_hints(type(options), include_extras=True).items():
         value = getattr(options, name)

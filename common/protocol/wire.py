@@ -37,9 +37,8 @@ def unpack(payload: bytes) -> dict[str, Any]:
     """Returns the map inside ``payload``, its arrays still raw bytes.
 
     What it allocates is bounded: a list or map of one byte would take 60 and more as an object.
-
-    Raises:
-        MessageError: not msgpack, too large, of too many values, not a map, or of another schema.
+    Raises MessageError if it is not msgpack, too large, of too many values, not a map, or of
+    another schema.
     """
     if len(payload) > MAX_MESSAGE_BYTES:
         raise MessageError(f"{len(payload)} bytes are over the bound of {MAX_MESSAGE_BYTES}")

@@ -110,11 +110,9 @@ class EpochTable:
     def keep(self, count: int) -> list[EpochRow]:
         """Drop the rows after the first ``count``, atomically, and return those that stay.
 
-        For a resume: a checkpoint knows how many rows there were, and what follows it (perhaps
-        torn by the crash) will be written again.
-
-        Raises:
-            InputError: there are fewer rows, or one of them is damaged.
+        For a resume: a checkpoint knows how many rows there were, and what follows it (perhaps torn
+        by the crash) will be written again. Raises InputError if there are fewer rows, or one of
+        them is damaged.
         """
         lines = self._lines()
         if len(lines) < count:

@@ -116,10 +116,8 @@ class Credentials:
         """Those in ``folder`` of the process called ``name`` if there are such, or of its role.
 
         What is out of date is logged, and not refused: it may be replaced while a process waits.
-
-        Raises:
-            InputError: one is missing, is no certificate, key and certificate do not fit, or the
-                hub's folder, if it is that, does not list the actor.
+        Raises InputError if one is missing or is no certificate, if key and certificate do not fit,
+        or if the hub's folder, if it is that, does not list the actor.
         """
         whose = common_name(role, name)
         listed = allowed_actors(folder) if role == "actor" else None

@@ -51,10 +51,8 @@ def unchecked(*_: object) -> None:
 def signer(certificates: Path | None) -> Sign:
     """Returns what signs by the learner's certificate in this folder, if there is one.
 
-    It reads the files anew each time, as they may be renewed while the learner works.
-
-    Raises:
-        InputError: the folder lacks it, or it cannot be used.
+    It reads the files anew each time, as they may be renewed while the learner works. Raises
+    InputError if the folder lacks it, or it cannot be used.
     """
     if certificates is None:
         return unsigned

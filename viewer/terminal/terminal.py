@@ -63,11 +63,9 @@ def check_terminal(least: tuple[int, int]) -> None:
 class Terminal:
     """Takes over the terminal: pictures out on standard output, keys in from standard input.
 
-    A context manager. Ctrl-C still interrupts; Ctrl-Z does nothing, for it would leave the
-    terminal to the shell in the state that it is in here.
-
-    Raises:
-        InputError: at its beginning, as `check_terminal`.
+    A context manager. Ctrl-C still interrupts; Ctrl-Z does nothing, for it would leave the terminal
+    to the shell in the state that it is in here. Raises InputError at its beginning, as
+    `check_terminal` does.
     """
 
     def __init__(self, least: tuple[int, int]) -> None:
