@@ -157,11 +157,8 @@ class QNetwork(nn.Module):
 
 
 def build_network(config: RunConfig, actions: int, *, vector_width: int | None = None) -> QNetwork:
-    """Returns the run's network with its first weights; the same for every process of the run.
-
-    Args:
-        vector_width: of another vector observation than the run's.
-    """
+    """Returns the run's network with its first weights, the same for every process of the run;
+    ``vector_width`` is that of another vector observation than the run's."""
     kind = ALGORITHMS.find(config.learning.algorithm)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)

@@ -42,11 +42,8 @@ _log.addFilter(Seldom())
 
 
 class ReplayServer(AbstractContextManager["ReplayServer"]):
-    """Answers for ``buffer`` until it is closed.
-
-    Args:
-        quota: steps per second that are taken of one actor.
-    """
+    """Answers for ``buffer`` until it is closed, and takes at most ``quota`` steps per second of
+    one actor."""
 
     def __init__(
         self,

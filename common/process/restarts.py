@@ -71,14 +71,9 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
 
 
 def _await(child: int, told_by: int, heeded: Collection[int]) -> tuple[int, bool]:
-    """Waits for the end of ``child``, and hands on to it those signals that come until then.
-
-    Args:
-        told_by: the `signal_pipe`.
-
-    Returns:
-        Its exit status, negative for a signal; and whether it was asked to end.
-    """
+    """Waits for the end of ``child``, and hands on to it those signals of which the `signal_pipe`
+    tells until then. Returns its exit status, negative for a signal; and whether it was asked to
+    end."""
     asked = False
     while True:
         number = os.read(told_by, 1)[0]

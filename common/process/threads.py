@@ -13,11 +13,8 @@ P = ParamSpec("P")
 def repeat(
     name: str, seconds: float, work: Callable[[threading.Event], None]
 ) -> Callable[[], None]:
-    """Does ``work`` every so many seconds in a thread; returns what ends that, and waits for it.
-
-    Args:
-        work: its argument is set once it is to end.
-    """
+    """Does ``work``, whose argument is set once it is to end, every so many seconds in a thread;
+    returns what ends that, and waits for it."""
     ended = threading.Event()
 
     def run() -> None:

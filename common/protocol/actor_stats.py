@@ -21,11 +21,8 @@ MOST_HEARTBEATS = 100
 
 
 def counter(key: str, unit: Unit, meaning: str, **shown: Any) -> Any:
-    """A field that counts from the start of the process; ``key`` is its total over all of them.
-
-    Args:
-        shown: the total's further fields of `common.metrics.Metric`.
-    """
+    """A field that counts from the start of the process; ``key`` is its total over all of them,
+    with ``shown`` as further fields of its `common.metrics.Metric`."""
     declare(Metric(key, unit, "count", meaning, counter=True, **shown))
     return field(default=0, metadata={"total": key})
 

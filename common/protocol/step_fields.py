@@ -20,11 +20,8 @@ FRAME_BYTES = math.prod(FRAME_SHAPE)
 
 
 class StoredArray(Array):
-    """An array of T steps that the ring keeps.
-
-    Args:
-        drawn: whether minibatches carry it, in `replay.batch.Batch.drawn`.
-    """
+    """An array of T steps that the ring keeps, and, if it is ``drawn``, minibatches carry in
+    `replay.batch.Batch.drawn`."""
 
     def __init__(self, *shape: int | str, drawn: bool = False, most: float | None = None) -> None:
         super().__init__("T", *shape, most=most)

@@ -81,14 +81,8 @@ def set_weights(network: nn.Module, found: Mapping[str, Tensor]) -> None:
 
 
 def load_weights_file(network: nn.Module, file: Path, what: str) -> None:
-    """As `load_weights`, for a person who named ``file``.
-
-    Args:
-        what: the network is for, in words.
-
-    Raises:
-        InputError: the file cannot be read, or does not fit.
-    """
+    """As `load_weights`, for a person who named ``file``. Raises InputError if it cannot be read,
+    or does not fit ``what`` the network is for."""
     try:
         load_weights(network, read_file(file))
     except OSError as error:

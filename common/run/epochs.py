@@ -67,11 +67,8 @@ class EpochRow:
     def of_games(
         cls, scores: Sequence[float], *, steps: int, epoch_time: float, **columns: Any
     ) -> Self:
-        """The row of a phase in which games with these scores ended.
-
-        Args:
-            columns: those that do not follow from the scores, steps and time.
-        """
+        """The row of a phase in which games with these scores ended; ``columns`` are those that do
+        not follow from the scores, steps and time."""
         return cls(
             steps=steps,
             nr_games=len(scores),

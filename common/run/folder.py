@@ -66,11 +66,8 @@ def write_atomically(path: Path, content: bytes, former: Path | None = None) -> 
 
 
 def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
-    """Append ``content`` to the file at ``path``, whole or not at all; make it if need be.
-
-    Args:
-        durable: whether it is on the disk when this returns.
-    """
+    """Append ``content`` to the file at ``path``, whole or not at all; make it if need be. If it is
+    to be ``durable``, it is on the disk when this returns."""
     file = no_links(str(path), os.O_WRONLY | os.O_APPEND | os.O_CREAT)
     try:
         size, rest = os.fstat(file).st_size, content

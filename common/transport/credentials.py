@@ -37,13 +37,10 @@ _KEYS_BY_NAME = f"{common_name('actor', '*')}-key.pem"
 
 
 def allowed_actors(folder: Path, *, listed: bool = False) -> list[str] | None:
-    """The actors that a hub with this folder lets in; None for all with an actor's certificate.
+    """The actors that a hub with this folder lets in; None for all with an actor's certificate,
+    unless those that have certificates here have to be ``listed``.
 
-    Args:
-        listed: whether actors that have certificates here have to be on a list.
-
-    Raises:
-        InputError: the list is missing, cannot be read, or holds what cannot be a name.
+    Raises InputError if the list is missing, cannot be read, or holds what cannot be a name.
     """
     path = folder / _ACTORS
     names = _names_in(path)
@@ -58,11 +55,8 @@ def allowed_actors(folder: Path, *, listed: bool = False) -> list[str] | None:
 def allowed_runs(folder: Path, own: str | None = None) -> list[str]:
     """The runs whose replays a hub with this folder lets in, each by a certificate of its own.
 
-    Args:
-        own: the hub's own run.
-
-    Raises:
-        InputError: the list cannot be read, holds what cannot be a name, or the hub's own run.
+    Raises InputError if the list cannot be read, or holds what cannot be a name or the hub's
+    ``own`` run.
     """
     runs = _names_in(folder / _RUNS) or []
     if own in runs:

@@ -25,11 +25,8 @@ _ROOM_SIZE = (256, 192)
 
 
 class TerminalRendering(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Draws ``env``, which renders "rgb_array", after every reset and step.
-
-    Args:
-        aspect: width of a picture as a multiple of its height, where its pixels are not square.
-    """
+    """Draws ``env``, which renders "rgb_array", after every reset and step, ``aspect`` times as
+    wide as high where its pixels are not square."""
 
     def __init__(self, env: gymnasium.Env[Any, Any], aspect: float | None = None) -> None:
         super().__init__(env)
