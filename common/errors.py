@@ -21,31 +21,22 @@ _SHORT_ERRORS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 class InputError(Exception):
     """An invalid request of the user; its text is the whole message."""
 
-    exit_code = BAD_INPUT
+    def __init__(self, text: str, exit_code: int = BAD_INPUT) -> None:
+        super().__init__(text)
+        self.exit_code = exit_code
 
 
 class Unreachable(InputError):
     """Nobody answers at an address, or the run there has gone: another try may succeed."""
 
-    exit_code = UNREACHABLE
-
-
-class ThreadDied(InputError):
-    """A thread of this process died, so the process cannot work on; a new one can."""
-
-    exit_code = FAILED
-
-
-class NoRoom(InputError):
-    """The disk is full or read-only: another try may succeed once it is not."""
-
-    exit_code = NO_ROOM
+    def __init__(self, text: str) -> None:
+        super().__init__(text, UNREACHABLE)
 
 
 def cannot_write(path: Path, error: OSError) -> InputError:
     """Returns the error that tells that ``path`` cannot be written."""
-    kind = NoRoom if error.errno in NO_ROOM_ERRORS else InputError
-    return kind(f"{path} cannot be written: {error.strerror}.")
+    code = NO_ROOM if error.errno in NO_ROOM_ERRORS else BAD_INPUT
+    return InputError(f"{path} cannot be written: {error.strerror}.", code)
 
 
 def choice(given: str, known: Sequence[str]) -> str:

@@ -196,9 +196,6 @@ def _wait(run: RunDescription, learner: Any) -> str:
     else:
         return _stop(run, learner)
     if status:
-        error = InputError(
-            f"the learner ended with exit code {status}: read {run.folder.logs}/learner.log."
-        )
-        error.exit_code = status
-        raise error
+        told = f"the learner ended with exit code {status}: read {run.folder.logs}/learner.log."
+        raise InputError(told, status)
     return f"The run {run.folder.name} is over."

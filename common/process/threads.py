@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import ParamSpec
 
-from common.errors import InputError, ThreadDied
+from common.errors import InputError
+from common.process.exit_codes import FAILED
 
 P = ParamSpec("P")
 
@@ -38,7 +39,7 @@ def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
     started it, so that none can be forgotten; one that may end early catches what it expects.
 
     Raises:
-        ThreadDied: the first thread that died and why, once the block is left; also where the block
+        InputError: the first thread that died and why, once the block is left; also where the block
             then refuses to go on, as with a replay that was closed because ``stop`` was set.
     """
     reasons: list[str] = []
@@ -63,7 +64,7 @@ def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
     finally:
         threading.excepthook = before
     if reasons:
-        raise ThreadDied(reasons[0])
+        raise InputError(reasons[0], FAILED)
 
 
 def guarded(name: str, callback: Callable[P, None]) -> Callable[P, None]:

@@ -16,7 +16,7 @@ HEAD = """
 import os, signal, sys, threading
 from pathlib import Path
 from common.process import backoff, restarts
-from common.errors import exit_on_input_error, Unreachable, ThreadDied
+from common.errors import InputError, Unreachable, exit_on_input_error
 from common.process.lifeline import on_signals
 backoff.FIRST_PAUSE = 0.01
 for number in (signal.SIGINT, signal.SIGHUP):  # ignored where tests run in the background
@@ -106,7 +106,7 @@ def test_work_is_done_again_where_nobody_can_read_that(tmp_path: Path) -> None:
     [
         ("os.kill(os.getpid(), signal.SIGSEGV)", 128 + signal.SIGSEGV),
         ("raise ValueError('a mistake')", 1),
-        ("raise ThreadDied('x')", 1),
+        ("raise InputError('x', 1)", 1),
         ("raise Unreachable('nobody is there')", 4),
     ],
 )

@@ -5,7 +5,8 @@ import threading
 
 import pytest
 
-from common.errors import InputError, ThreadDied
+from common.errors import InputError
+from common.process.exit_codes import FAILED
 from common.process.threads import end_with_any_thread
 from tests.patience import PATIENCE
 
@@ -35,8 +36,9 @@ def test_the_first_thread_that_dies_stops_the_process_with_its_reason(
 ) -> None:
     """Whatever the process says of being stopped: its exit code tells to start it again."""
     reason = r"'answers' died \(ValueError: a version of twenty nines\)"
-    with pytest.raises(ThreadDied, match=reason):
+    with pytest.raises(InputError, match=reason) as ended:
         _live_with(failure)
+    assert ended.value.exit_code == FAILED
 
 
 def test_a_death_of_which_nobody_can_read_stops_the_process_too(
@@ -46,7 +48,7 @@ def test_a_death_of_which_nobody_can_read_stops_the_process_too(
         raise BrokenPipeError
 
     monkeypatch.setattr(threading, "excepthook", print_nowhere)
-    with pytest.raises(ThreadDied, match="'answers' died"):
+    with pytest.raises(InputError, match="'answers' died"):
         _live_with()
 
 
