@@ -68,15 +68,13 @@ def build(
     kind: type[T], data: Any, where: str = "", *, fill: bool = False, context: Any = None
 ) -> T:
     """Returns a ``kind`` made from plain data: dataclasses from tables, named tuples from lists.
+    Raises Invalid if a field is missing, unknown, of the wrong type, or out of bounds.
 
     Args:
         where: the place that ``data`` comes from, put before the names of its fields.
         fill: take the default of a field that is missing in a group. For files, which may be older
             than the field; so a new field's default is what was done before there was one.
         context: handed to the annotations that read one.
-
-    Raises:
-        Invalid: a field is missing, unknown, of the wrong type, or out of bounds.
     """
     of_kind: Any = kind
     try:

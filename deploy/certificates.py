@@ -27,13 +27,11 @@ def certify_actors(folder: Path, host: str, names: Sequence[str]) -> None:
     """Makes those of actors and evaluators that have none which lasts; a hub lets in no others
     then.
 
-    One that was taken off the hub's list stays out.
+    One that was taken off the hub's list stays out. Raises InputError as `make_certificates` does,
+    or if the list cannot be read.
 
     Args:
         host: the hub's name, if the folder has no authority yet.
-
-    Raises:
-        InputError: the script says why it cannot, or the list cannot be read.
     """
     if not (folder / "ca-key.pem").exists():
         make_certificates(folder, host)

@@ -14,13 +14,11 @@ PORTS = range(20_000, 30_000)
 
 
 def free_port(host: str, number: int) -> int:
-    """Returns the port in `PORTS` that ``number`` stands for, or the next one that is free.
+    """Returns the port in `PORTS` that ``number`` stands for, or the next one that is free. Raises
+    InputError if none is free.
 
     Args:
         host: an address of this machine, 0.0.0.0 for all of them.
-
-    Raises:
-        InputError: none is free.
     """
     for place in range(number, number + len(PORTS)):
         port = PORTS[place % len(PORTS)]

@@ -44,16 +44,13 @@ _FRUSTUM = 0.12
 
 
 class RerunStream:
-    """Sends what an environment shows after each step.
+    """Sends what an environment shows after each step. Raises InputError if Rerun is not installed,
+    its viewer cannot be started here, or the file cannot be written.
 
     Args:
         play: the environment's settings.
         live: whether a viewer shows it.
         save: file that records it; its name ends in .rrd.
-
-    Raises:
-        InputError: Rerun is not installed, its viewer cannot be started here, or the file cannot
-            be written.
     """
 
     def __init__(self, env: GameEnv, play: PlayConfig, *, live: bool, save: Path | None) -> None:

@@ -89,14 +89,12 @@ class DatasetWriter:
     def add(
         self, rows: Mapping[str, NDArray[Any]], pictures: Sequence[NDArray[np.uint8]] = ()
     ) -> None:
-        """Add an episode, whose video, if there is one, is complete at `video`.
+        """Add an episode, whose video, if there is one, is complete at `video`. Raises OSError if
+        it cannot be written; the episodes before are whole.
 
         Args:
             rows: the columns, ``[T, *shape]`` each.
             pictures: some of the video, ``uint8 [rows, columns, 3]``, for the statistics.
-
-        Raises:
-            OSError: it cannot be written; the episodes before are whole.
         """
         steps = len(next(iter(rows.values())))
         place, frame = place_of(self.episodes), np.arange(steps)

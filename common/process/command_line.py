@@ -112,16 +112,14 @@ def parse_run(
     stored: Callable[[R], RunConfig | None],
 ) -> tuple[R, RunConfig | None]:
     """As `parse`, with the defaults of a preset, or of a run that is there; `ALL_RANGES` sets the
-    default of every range.
+    default of every range. Raises InputError if there is no such preset, or for settings that
+    cannot work.
 
     Args:
         stored: finds the configuration of the run that the flags go on with; None for a new one.
 
     Returns:
         the options, and what ``stored`` found.
-
-    Raises:
-        InputError: no such preset, or settings that cannot work.
     """
     arguments = with_file(arguments)
     flags = [argument for argument in arguments if argument != ALL_RANGES]

@@ -36,14 +36,11 @@ def verdict(reasons: Sequence[str]) -> Page:
 def check_address(
     address: str, flag: str = "--http", usual: str = "127.0.0.1:9108", least_port: int = 1
 ) -> tuple[str, int]:
-    """Returns host and port.
+    """Returns host and port. Raises InputError if it is not an address.
 
     Args:
         flag: what asks for an address, such as the ``usual`` one.
         least_port: 0 where any free port will do.
-
-    Raises:
-        InputError: it is not an address.
     """
     found = host_and_port(address, least_port)
     if found is None:
@@ -56,12 +53,10 @@ def http_endpoints(
     address: str | None, pages: Callable[[], dict[str, Callable[[], Page]]]
 ) -> Iterator[None]:
     """Serves ``pages`` by their paths, from a thread of its own; nothing where there is no address.
+    Raises InputError if the address is none, or taken, or a package is missing.
 
     Args:
         pages: made only if they are served.
-
-    Raises:
-        InputError: the address is none, or taken; or a package is missing.
     """
     if address is None:
         yield

@@ -50,15 +50,13 @@ _log = logging.getLogger(__name__)
 
 
 class HttpServer:
-    """Listens from its making on, and answers from `start` to `close`.
+    """Listens from its making on, and answers from `start` to `close`. Raises InputError if nobody
+    can listen there.
 
     Args:
         flag: asked for it, such as ``--web``.
         any_name: whoever reaches it is answered, by whatever name of the host; see
             `may_be_asked_as`.
-
-    Raises:
-        InputError: nobody can listen there.
     """
 
     def __init__(

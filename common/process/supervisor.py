@@ -149,13 +149,11 @@ class Supervisor:
         """Start those again that ended and have paused; returns what happened, as sentences.
 
         The first restart is at once, those after it come 1, 2, 4 … 60 s after the end. This method
-        never waits: a restart comes with the first call after its pause.
+        never waits: a restart comes with the first call after its pause. Raises InputError if a
+        child cannot start at all.
 
         Args:
             finished: whether the work is, so that children leave by themselves.
-
-        Raises:
-            InputError: a child cannot start at all.
         """
         notes = []
         for name, child in self._children.items():

@@ -166,16 +166,14 @@ class RunFolder:
             raise InputError(f"{self.config_file} cannot be read: {error}.") from None
 
     def claim(self, part: Part, config: RunConfig, *, begun: Path, resume: bool) -> None:
-        """Take ``part`` of the run for this process, and settle its configuration.
+        """Take ``part`` of the run for this process, and settle its configuration. Raises
+        InputError if another process holds the part; if there is something to resume but ``resume``
+        is false, or the reverse; or if the run has another configuration.
 
         Args:
             config: what this process is about to run with.
             begun: the file or folder that exists once this part has been started.
             resume: whether to go on with what is there.
-
-        Raises:
-            InputError: another process holds the part; there is something to resume but
-                ``resume`` is false, or the reverse; the run has another configuration.
         """
         stored = self.stored_config()
         if resume and stored is None:

@@ -145,13 +145,11 @@ def check_fit(
     weights: Path, trained: RunConfig | None, config: RunConfig, *, vector: bool = True
 ) -> None:
     """Refuses to play or learn under ``config`` with a network that was made for something else.
+    Raises InputError with the flags under which it fits.
 
     Args:
         trained: settings under which ``weights`` were trained; None if nobody knows.
         vector: the vector observation has to fit too.
-
-    Raises:
-        InputError: with the flags under which it fits.
     """
     if trained is None:
         return

@@ -74,15 +74,12 @@ def flag_of(setting: str, value: Any) -> list[str]:
 
 
 def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool = False) -> T:
-    """Returns configuration dataclass ``kind`` built from plain data, strictly.
+    """Returns configuration dataclass ``kind`` built from plain data, strictly. Raises InputError
+    if a field is missing, unknown, of the wrong type or out of bounds; ``where`` names the place.
 
     Args:
         fill: take the default of a field that is missing in a group, for files that are older than
             the field. The default of a new field must therefore be the former behaviour.
-
-    Raises:
-        InputError: a field is missing, unknown, of the wrong type or out of bounds; ``where`` names
-            the place.
     """
     try:
         return build(kind, _with_present_fields(data, where) if fill else data, where, fill=fill)

@@ -168,13 +168,11 @@ class Credentials:
 def check_certificates(
     endpoint: str, certificates: Path | None, role: Role, name: str | None = None
 ) -> Credentials | None:
-    """By what a process proves who it is at ``endpoint``; None at one where nobody asks.
+    """By what a process proves who it is at ``endpoint``; None at one where nobody asks. Raises
+    InputError if ``endpoint`` is no address, or it and the certificates do not fit each other.
 
     Args:
         certificates: the folder that holds them.
-
-    Raises:
-        InputError: ``endpoint`` is no address, or it and the certificates do not fit each other.
     """
     check_endpoint(endpoint)
     if endpoint.startswith("tcp/"):

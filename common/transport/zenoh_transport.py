@@ -241,17 +241,14 @@ def open_hub(
     most: float = tolerated(STEPS_PER_SECOND),
     run: str | None = None,
 ) -> ZenohTransport:
-    """Listen at ``endpoint`` for all processes of the run.
+    """Listen at ``endpoint`` for all processes of the run. Raises InputError if the port is taken,
+    the address is not one of this machine's, or the certificates cannot be used.
 
     Args:
         certificates: folder with the hub's, for a ``tls/`` endpoint.
         most: bytes per second of an actor with a certificate by name; one that sends more is cut
             off for a while.
         run: the hub's own, in whose name no other replay may answer.
-
-    Raises:
-        InputError: the port is taken, the address is not one of this machine's, or the
-            certificates cannot be used.
     """
     credentials = check_certificates(endpoint, certificates, "hub")
     host, port = check_endpoint(endpoint)
