@@ -61,7 +61,7 @@ class KeyLatency:
         reached, given_up = outcomes[int(goal == "press")]
         measured = int((reached + given_up).sum())
         if not measured:
-            return UNMEASURED
+            return cls()
         return cls(
             measured=measured,
             p50=_percentile(reached, measured, 50),
@@ -69,9 +69,6 @@ class KeyLatency:
             watched=ms_of(int(np.flatnonzero(reached + given_up)[-1]) + 1),
             given_up=int(given_up.sum()) / measured,
         )
-
-
-UNMEASURED = KeyLatency()
 
 
 def reached_by_age(counts: Sequence[int], goal: Goal) -> list[int]:

@@ -27,11 +27,7 @@ if TYPE_CHECKING:
     from common.run.conditions import PlayConfig
 
 ACTIONS = len(KEYS_OF_ACTION)
-COMMANDS = 6
-"""Commands that are remembered, unless the settings say otherwise."""
 KEYS = tuple(key for key in Keys if key)
-KEY_FRAMES = 4
-"""Emulator frames whose keys are remembered, unless the settings say otherwise."""
 
 
 class VectorWidths(NamedTuple):

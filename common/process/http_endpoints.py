@@ -15,14 +15,12 @@ from common.transport.endpoint import host_and_port, is_loopback
 
 _log = logging.getLogger(__name__)
 
-TEXT = "text/plain; charset=utf-8"
-
 
 class Page(NamedTuple):
     """What a path shows."""
 
     body: bytes
-    kind: str = TEXT
+    kind: str = "text/plain; charset=utf-8"
     status: int = 200
 
 

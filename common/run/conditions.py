@@ -17,7 +17,6 @@ from annotated_types import Ge, Le
 from common.checked import Amount, Count, Fraction
 from common.errors import InputError
 from common.pinned_file import path_of
-from common.proprioception import COMMANDS, KEY_FRAMES
 from common.run.stored_config import from_mapping
 
 FRAMES_PER_SECOND = 60
@@ -25,7 +24,6 @@ FRAMES_PER_SECOND = 60
 MAX_FRAME_STACK = 16
 MAX_STARTS = 10_000
 MAX_WAIT = 50
-MAX_DELAY = 60
 MAX_ADDED = 36
 """Emulator frames of added latency, 600 ms."""
 MAX_PICTURE_LATENCY = 3
@@ -36,7 +34,7 @@ MAX_HISTORY = 60
 OF_A_ROBOT: Final = "of a robot"
 """Marks a setting of arms, colours or poses, which the emulator's grey picture has not."""
 
-Latency = Annotated[int, Ge(0), Le(MAX_DELAY)]
+Latency = Annotated[int, Ge(0), Le(60)]
 AddedLatency = Annotated[int, Ge(0), Le(MAX_ADDED)]
 Gain = Annotated[float, Ge(0.05), Le(2)]
 
@@ -66,10 +64,10 @@ class PlayConfig:
     """Maximum number of agent steps to wait for the commanded keys, with --wait-action."""
     vector: bool = False
     """Proprioception beside the frames: last commands, pressed keys, and a robot's joints."""
-    vector_commands: Annotated[int, Ge(1), Le(MAX_HISTORY)] = COMMANDS
+    vector_commands: Annotated[int, Ge(1), Le(MAX_HISTORY)] = 6
     """Number of the last commands in --play.vector, one per agent step; a latency can be inferred
     from them and the keys only if both reach as far back."""
-    vector_key_frames: Annotated[int, Ge(1), Le(4 * MAX_HISTORY)] = KEY_FRAMES
+    vector_key_frames: Annotated[int, Ge(1), Le(4 * MAX_HISTORY)] = 4
     """Number of the last emulator frames whose pressed keys are in --play.vector."""
     vector_joints: bool = True
     """Angles and speeds of a robot's joints in --play.vector; without them a network fits any

@@ -24,8 +24,6 @@ MAX_WINDOW = 64
 MAX_VECTOR = 1_024
 MAX_ENVS = 256
 MAX_SEED = 2**63
-MAX_SHIFT = 20
-MAX_QUANTILES = 256
 
 _PLACE_BYTES = 4
 """Size in a message of a frame's place in a state."""
@@ -74,7 +72,7 @@ class LearningConfig:
     algorithm: str = "dqn"
     """Algorithm: 'dqn' (with --learning.target double: Double DQN; equations 2 to 4 of 2017)
     or 'qr_dqn' (quantile regression, Dabney et al. 2018)."""
-    quantiles: Annotated[int, Ge(1), Le(MAX_QUANTILES)] = 51
+    quantiles: Annotated[int, Ge(1), Le(256)] = 51
     """Number of quantiles of each action's return that qr_dqn learns."""
     network: NetworkName = "nature"
     """Network: three convolutions and 512 hidden units (Mnih et al. 2015, and 2017), or two and 256
@@ -118,7 +116,7 @@ class LearningConfig:
     frame_differences: bool = False
     """Frames of a state as their differences from the frame before, the oldest as it is: what moves
     is then not added to what stands still, which is most of a picture."""
-    random_shift: Annotated[int, Ge(0), Le(MAX_SHIFT)] = 0
+    random_shift: Annotated[int, Ge(0), Le(20)] = 0
     """Maximum random shift of a sampled state in each direction, pixels (DrQ, Yarats et al.
     2021)."""
     curriculum_steps: Count = 0

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from common.press_latency import (
     COUNTS,
     MOST_FRAMES,
-    UNMEASURED,
     Goal,
     KeyLatency,
     ms_of,
@@ -54,12 +53,12 @@ def test_percentiles_by_hand() -> None:
 def test_goals_are_apart() -> None:
     counts = counted("release", [(True, 2)])
     assert KeyLatency.of(counts, "release") == KeyLatency(1, ms_of(2), ms_of(2), ms_of(2), 0.0)
-    assert KeyLatency.of(counts, "press") == UNMEASURED
+    assert KeyLatency.of(counts, "press") == KeyLatency()
 
 
 @pytest.mark.parametrize("counts", [(), [0] * COUNTS])
 def test_nothing_measured_is_not_known(counts: list[int]) -> None:
-    assert KeyLatency.of(counts, "press") == UNMEASURED == KeyLatency(0, None, None, 0.0, None)
+    assert KeyLatency.of(counts, "press") == KeyLatency() == KeyLatency(0, None, None, 0.0, None)
 
 
 def test_a_percentile_that_too_many_gave_up_is_infinite() -> None:
