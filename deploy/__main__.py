@@ -10,27 +10,12 @@ if __name__ == "__main__":
         os.environ["PYTHONSAFEPATH"] = "1"  # for the programs that this one starts
 
 import sys
+from importlib import import_module
 
 from common.errors import exit_on_input_error
 from common.process.command_line import parse
 from common.process.extras import extra_for
-from deploy import compose, kubernetes, slurm
-from deploy.description import LaunchOptions, RunDescription, describe
-
-
-def _ray(run: RunDescription) -> str:
-    """As the others; what talks to Ray is loaded only where it is wanted."""
-    with extra_for("launch ray", "ray"):
-        from deploy import ray_cluster
-    return ray_cluster.launch(run)
-
-
-_ENGINES = {
-    "slurm": slurm.launch,
-    "kubernetes": kubernetes.launch,
-    "compose": compose.launch,
-    "ray": _ray,
-}
+from deploy.description import LaunchOptions, describe
 
 
 def main() -> None:
@@ -38,7 +23,11 @@ def main() -> None:
     given = sys.argv[1:]
     at = given.index("--") if "--" in given else len(given)
     options = parse(LaunchOptions, "deploy", given[:at])
-    print(_ENGINES[options.engine](describe(options, given[at + 1 :])))
+    run = describe(options, given[at + 1 :])
+    with extra_for("launch ray", "ray"):  # no other engine needs a package of its own
+        name = "ray_cluster" if options.engine == "ray" else options.engine
+        engine = import_module(f"deploy.{name}")
+    print(engine.launch(run))
 
 
 if __name__ == "__main__":
