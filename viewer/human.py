@@ -94,7 +94,7 @@ class Human(Played):
                     recorder.add(step)
                 if step.info.game_over:
                     scores.append(step.info.game_score)
-                if stop.is_set() or seat.wants_out:
+                if stop.is_set() or seat.keys.wants_out:
                     break
                 seat.show(step)
         for number, score in enumerate(scores, 1):
@@ -116,23 +116,18 @@ class _Seat:
         self.explored = np.zeros(1, np.bool_)
         self._terminal = terminal
         self._env = env
-        self._keys = HeldKeys()
+        self.keys = HeldKeys()
         self._key_times = [0] * COUNTS
         self._late = 0
         self._blocks = HalfBlocks()
         self._shown = 0
         self._hands: NDArray[np.uint8] | None = None
 
-    @property
-    def wants_out(self) -> bool:
-        """Whether the person wishes to leave."""
-        return self._keys.wants_out
-
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
         """As `actors.loop.Player.act`: the action on offer of most of the keys that are held."""
         now = time.monotonic()
-        self._keys.feed(self._terminal.keys(), now)
-        held = KEYS_OF_ACTION[action_of_keys(self._keys.held(now))]
+        self.keys.feed(self._terminal.keys(), now)
+        held = KEYS_OF_ACTION[action_of_keys(self.keys.held(now))]
         offered = [KEYS_OF_ACTION[action] for action in self._env.actions]
         sizes = [keys.bit_count() if keys & held == keys else -1 for keys in offered]
         return np.array([int(np.argmax(sizes))])

@@ -10,8 +10,9 @@ import json
 import logging
 import time
 from collections.abc import Callable, Set
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import zenoh
 from zenoh.handlers import FifoChannel
@@ -66,7 +67,7 @@ _NOT_TRUSTED = (
 _T = TypeVar("_T", bound=Closeable)
 
 
-class ZenohTransport:
+class ZenohTransport(AbstractContextManager["ZenohTransport"]):
     """Implements `Transport`; made by `open_hub` and `connect`."""
 
     def __init__(self, session: zenoh.Session, let_in: Set[str] | None = None) -> None:
@@ -76,9 +77,6 @@ class ZenohTransport:
         self.session = session
         self._let_in = let_in
         self._declared: list[Closeable] = []
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
