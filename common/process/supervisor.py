@@ -26,7 +26,7 @@ _EARLY = 15.0
 """Seconds of life below which a child did not get to work."""
 _MOST_EARLY_ENDS = 3
 _TAIL = 4_096
-"""Characters that are kept of a piped standard error."""
+"""Characters of a log, or of a piped standard error, that may hold its last line."""
 _LOWER_PRIORITY = 10
 """Difference in niceness: a tenth of the processor where parent and child both want it.
 
@@ -94,7 +94,9 @@ class Child(subprocess.Popen[str]):
         Without the prefix and the full stop of an error, so that it fits into a sentence.
         """
         if self.log is not None:
-            said = self.log.read_text(errors="replace")
+            with self.log.open("rb") as log:
+                log.seek(max(log.seek(0, os.SEEK_END) - _TAIL, 0))
+                said = log.read().decode(errors="replace")
         else:
             if self.stderr is not None:
                 self._reader.join()
