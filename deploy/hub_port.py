@@ -5,6 +5,7 @@ choose its port look first.
 """
 
 import sys
+from contextlib import suppress
 
 from common.errors import InputError, exit_on_input_error
 from common.transport.endpoint import check_free
@@ -22,11 +23,9 @@ def free_port(host: str, number: int) -> int:
     """
     for place in range(number, number + len(PORTS)):
         port = PORTS[place % len(PORTS)]
-        try:
+        with suppress(OSError):
             check_free(host, port)
-        except OSError:
-            continue
-        return port
+            return port
     raise InputError(
         f"no port from {PORTS.start} to {PORTS.stop - 1} is free at {host}: end what listens there."
     )

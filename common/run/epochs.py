@@ -10,6 +10,7 @@ import dataclasses
 import io
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -165,8 +166,6 @@ def _cell(value: Any) -> Any:
 
 def _value(cell: str) -> int | float | str | None:
     for kind in (int, float):
-        try:
+        with suppress(ValueError):
             return kind(cell)
-        except ValueError:
-            continue
     return cell or None

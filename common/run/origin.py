@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -80,11 +81,9 @@ def origin_of(weights: Path) -> RunConfig | None:
 def _metadata(weights: Path) -> dict[str, str]:
     """Returns what the file ``weights`` tells beside its tensors; nothing if it is no network's,
     which whoever loads it will find."""
-    try:
-        with safe_open(weights, "np") as file:
-            return file.metadata() or {}
-    except (SafetensorError, OSError):
-        return {}
+    with suppress(SafetensorError, OSError), safe_open(weights, "np") as file:
+        return file.metadata() or {}
+    return {}
 
 
 def _json(text: str | bytes, file: Path) -> Any:
