@@ -79,7 +79,9 @@ class RemoteReplay:
         with self._drawing:
             while not self._closed.is_set():
                 left = max(ends - time.monotonic(), 0.0)
-                self._ask_for_batches(drawn, left)
+                for place in range(len(self._draws), 1 + AHEAD if self._going_well else 1):
+                    request = SampleRequest(drawn + place * self._batch_size, left)
+                    self._draws.append(self._sample.request(request.encode()))
                 if not wait([self._draws[0]], left).done:
                     return None
                 answer = _answer(self._draws.popleft())
@@ -94,12 +96,6 @@ class RemoteReplay:
                 if time.monotonic() >= ends:
                     break
             return None
-
-    def _ask_for_batches(self, drawn: int, timeout: float) -> None:
-        wanted = 1 + AHEAD if self._going_well else 1
-        for place in range(len(self._draws), wanted):
-            request = SampleRequest(drawn + place * self._batch_size, timeout)
-            self._draws.append(self._sample.request(request.encode()))
 
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """See `Replay.update_priorities`.
