@@ -13,7 +13,7 @@ from torch.nn.functional import conv2d, relu
 
 from common.protocol.step_fields import FRAME_SHAPE
 from common.registry import ALGORITHMS, resolve
-from common.run.config import InitialWeights, NetworkName, RunConfig
+from common.run.config import InitialWeights, LearningConfig, NetworkName, RunConfig
 
 
 class Layers(NamedTuple):
@@ -31,18 +31,14 @@ LAYERS: dict[NetworkName, Layers] = {
 }
 
 
+_USUAL = LearningConfig()
+
+
 class QNetwork(nn.Module):
     """Convolutions and two dense layers: state → value of each action.
 
     Args:
-        network: which `LAYERS`.
-        scale_pixels: grey levels are divided by 255, or, where they are centred, by 64, which is
-            about their deviation.
-        center_pixels: from each state the mean of its pixels is subtracted, rounded to a whole grey
-            level; with differences, from the oldest frame its own.
-        frame_differences: each frame but the oldest is taken as its difference from the one before.
-        layer_norm: the hidden units are normalised before they are rectified (Ba et al. 2016).
-        initial: which first weights; see `_initialise`.
+        learning: which layers there are, how they take pixels, and their first weights.
         atoms: numbers that the last layer has for each action; their mean is its value.
     """
 
@@ -51,21 +47,18 @@ class QNetwork(nn.Module):
         actions: int,
         frame_stack: int = 4,
         vector_width: int = 0,
+        learning: LearningConfig = _USUAL,
         *,
-        network: NetworkName = "nature",
-        scale_pixels: bool = True,
-        center_pixels: bool = False,
-        frame_differences: bool = False,
-        layer_norm: bool = False,
-        initial: InitialWeights = "torch",
         atoms: int = 1,
     ) -> None:
         super().__init__()
         self.action_count = actions
-        self.pixel_scale = (1 / 64 if center_pixels else 1 / 255) if scale_pixels else 1.0
-        self._center_pixels = center_pixels
-        self._frame_differences = frame_differences
-        layers = LAYERS[network]
+        # 64 grey levels are about the deviation of centred pixels.
+        scale = 1 / 64 if learning.center_pixels else 1 / 255
+        self.pixel_scale = scale if learning.scale_pixels else 1.0
+        self._center_pixels = learning.center_pixels
+        self._frame_differences = learning.frame_differences
+        layers = LAYERS[learning.network]
         convolutions: list[nn.Module] = []
         channels, side = frame_stack, FRAME_SHAPE[0]
         for filters, kernel, stride in layers.convolutions:
@@ -73,9 +66,9 @@ class QNetwork(nn.Module):
             channels, side = filters, (side - kernel) // stride + 1
         self.convolutions = nn.Sequential(*convolutions)
         self.hidden = nn.Linear(channels * side * side + vector_width, layers.hidden)
-        self.norm = nn.LayerNorm(layers.hidden) if layer_norm else None
+        self.norm = nn.LayerNorm(layers.hidden) if learning.layer_norm else None
         self.actions = nn.Linear(layers.hidden, actions * atoms)
-        self._initialise(initial)
+        self._initialise(learning.initial_weights)
         # Channels last is the layout in which the CPU's and the GPU's convolutions are fastest.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
@@ -116,7 +109,7 @@ class QNetwork(nn.Module):
             for frame in reversed(range(1, pixels.shape[1])):
                 pixels[:, frame] -= pixels[:, frame - 1]
             whole, frames = pixels[:, :1], frames[:, :1]
-        if self._center_pixels:
+        if self._center_pixels:  # with differences, from the oldest frame its own mean
             mean = frames.flatten(1).float().mean(dim=1).round()
             whole -= mean.to(dtype).view(-1, 1, 1, 1)
         return pixels
@@ -166,12 +159,7 @@ def build_network(config: RunConfig, actions: int, *, vector_width: int | None =
             actions,
             config.play.frame_stack,
             config.vector_width if vector_width is None else vector_width,
-            network=config.learning.network,
-            scale_pixels=config.learning.scale_pixels,
-            center_pixels=config.learning.center_pixels,
-            frame_differences=config.learning.frame_differences,
-            layer_norm=config.learning.layer_norm,
-            initial=config.learning.initial_weights,
+            config.learning,
             atoms=kind.atoms(config.learning),
         )
     return network

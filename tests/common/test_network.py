@@ -10,7 +10,7 @@ from torch.nn.functional import conv2d, linear, relu
 
 from common.network import QNetwork, build_network
 from common.run.conditions import PlayConfig
-from common.run.config import InitialWeights
+from common.run.config import InitialWeights, LearningConfig
 from common.run.presets import PRESETS
 
 
@@ -19,9 +19,16 @@ def frames_of(batch: int, frame_stack: int = 4, seed: int = 0) -> Tensor:
     return torch.randint(256, (batch, frame_stack, 84, 84), dtype=torch.uint8, generator=rng)
 
 
-def network_of(seed: int = 0, actions: int = 6, **settings: float | bool | str) -> QNetwork:
+def network_of(
+    seed: int = 0,
+    actions: int = 6,
+    frame_stack: int = 4,
+    vector_width: int = 0,
+    **settings: float | bool | str,
+) -> QNetwork:
     torch.manual_seed(seed)
-    return QNetwork(actions, **settings)  # type: ignore[arg-type]
+    learning = LearningConfig(**settings)  # type: ignore[arg-type]
+    return QNetwork(actions, frame_stack, vector_width, learning)
 
 
 def plain(
@@ -80,7 +87,7 @@ def test_values_of_differences_are_those_of_the_plain_network_of_them() -> None:
 
 
 def test_the_hidden_units_are_normalised_before_they_are_rectified() -> None:
-    network = network_of(layer_norm=True, initial="he")
+    network = network_of(layer_norm=True, initial_weights="he")
     assert network.norm is not None
     torch.nn.init.normal_(network.norm.weight)
     torch.nn.init.normal_(network.norm.bias)
@@ -223,7 +230,7 @@ def test_glorot_draws_between_its_bounds_with_zero_biases() -> None:
         "hidden": (3136, 512),
         "actions": (512, 6),
     }
-    weights = dict(network_of(initial="glorot").named_parameters())
+    weights = dict(network_of(initial_weights="glorot").named_parameters())
     assert len(weights) == 2 * len(fans)
     for layer, (fan_in, fan_out) in fans.items():
         bound = math.sqrt(6 / (fan_in + fan_out))
@@ -234,7 +241,7 @@ def test_glorot_draws_between_its_bounds_with_zero_biases() -> None:
 
 
 def test_a_black_screen_is_worth_exactly_nothing_to_fresh_glorot_weights() -> None:
-    values = network_of(initial="glorot")(
+    values = network_of(initial_weights="glorot")(
         torch.zeros(2, 4, 84, 84, dtype=torch.uint8), torch.zeros(2, 0)
     )
     assert (values == 0).all()
@@ -242,7 +249,7 @@ def test_a_black_screen_is_worth_exactly_nothing_to_fresh_glorot_weights() -> No
 
 def test_he_draws_with_his_deviation_and_zero_biases() -> None:
     """He et al. 2015, equation 10: a variance of 2 / fan-in; here a tenth in the last layer."""
-    network = network_of(initial="he")
+    network = network_of(initial_weights="he")
     fans = {"convolutions.0": 256, "convolutions.2": 512, "convolutions.4": 576, "hidden": 3136}
     weights = dict(network.named_parameters())
     for layer, fan_in in fans.items():
@@ -259,7 +266,7 @@ def test_what_distinguishes_pictures_reaches_the_hidden_units_with_hes_weights(
     initial: InitialWeights,
 ) -> None:
     """What `QNetwork._initialise` says of the two."""
-    network = network_of(initial=initial, center_pixels=True)
+    network = network_of(initial_weights=initial, center_pixels=True)
     pixels = torch.randn(64, 4, 84, 84)
     seen: list[Tensor] = []
     network.hidden.register_forward_hook(lambda *args: seen.append(args[2].detach()))
