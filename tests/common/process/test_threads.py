@@ -1,14 +1,29 @@
-"""A process does not outlive one of its threads."""
+"""What is done again and again ends as it is told, and a process with any of its threads."""
 
 import sys
 import threading
+from itertools import count
 
 import pytest
 
 from common.errors import InputError
 from common.process.exit_codes import FAILED
-from common.process.threads import end_with_any_thread
+from common.process.threads import end_with_any_thread, repeat
 from tests.patience import PATIENCE
+
+
+def test_what_is_repeated_is_told_of_its_end_and_over_then() -> None:
+    number, again, over = count(1), threading.Event(), list[bool]()
+
+    def work(ended: threading.Event) -> None:
+        if next(number) == 2:
+            again.set()
+            over.append(ended.wait(PATIENCE))
+
+    end = repeat("again", 0.0, work)
+    assert again.wait(PATIENCE)
+    end()
+    assert over == [True]
 
 
 def _die() -> None:
