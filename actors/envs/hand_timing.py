@@ -18,7 +18,7 @@ _PAUSE = 4
 of an agent step, as most games are played."""
 
 
-class KeyLatency(NamedTuple):
+class HandLatency(NamedTuple):
     """How soon a key is as commanded, emulator frames: 0 for at the end of the frame that begins
     with the command."""
 
@@ -31,7 +31,7 @@ class KeyLatency(NamedTuple):
 
 def key_latencies(
     hands: Hands, keys: Keys, give: Callable[[int], None] = lambda ago: None
-) -> dict[Keys, KeyLatency]:
+) -> dict[Keys, HandLatency]:
     """Returns how soon ``hands`` release and press each of ``keys``.
 
     Args:
@@ -48,7 +48,7 @@ def key_latencies(
             _wait(hands, rest)
             releases.append(_until(hands, Keys.NONE, key, give))
             _wait(hands, rest)
-        latencies[key] = KeyLatency(min(releases), min(presses), min(in_play))
+        latencies[key] = HandLatency(min(releases), min(presses), min(in_play))
     return latencies
 
 

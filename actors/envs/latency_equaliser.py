@@ -11,7 +11,7 @@ from collections.abc import Callable
 from functools import reduce
 from operator import and_, or_
 
-from actors.envs.hand_timing import KeyLatency, key_latencies
+from actors.envs.hand_timing import HandLatency, key_latencies
 from actors.robots.interface import Hands
 from common.actions import OPPOSITES, Keys
 from common.run.conditions import MAX_ADDED
@@ -48,7 +48,7 @@ class LatencyEqualiser:
         self._give = give
         self.seen_late = 0
         """Emulator frames by which the eye's pictures are late."""
-        self._keys_by_latency: dict[KeyLatency, int] = {KeyLatency(0, 0, 0): ~0}
+        self._keys_by_latency: dict[HandLatency, int] = {HandLatency(0, 0, 0): ~0}
         """The quickest first."""
         self._passed_on: int
         """What the hands were told last."""
@@ -57,11 +57,11 @@ class LatencyEqualiser:
     def time(self, keys: Keys) -> None:
         """Find out how long the hands take to release and to press each of ``keys``; let them rest
         afterwards."""
-        keys_by_latency: dict[KeyLatency, int] = {}
+        keys_by_latency: dict[HandLatency, int] = {}
         for key, (release, *presses) in key_latencies(self._hands, keys, self._give).items():
             # A command that pressed a key sooner than it releases another would take two.
             gaps = zip(presses, (GAP, GAP + TRAVEL), strict=True)
-            latency = KeyLatency(release, *(min(press, release + gap) for press, gap in gaps))
+            latency = HandLatency(release, *(min(press, release + gap) for press, gap in gaps))
             keys_by_latency[latency] = keys_by_latency.get(latency, 0) | key
         self._keys_by_latency = dict(sorted(keys_by_latency.items()))
 

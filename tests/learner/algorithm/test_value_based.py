@@ -262,7 +262,8 @@ def test_a_state_with_other_networks_is_refused(average: float) -> None:
 
 def test_hidden_units_are_normalised_in_float32_whatever_the_precision() -> None:
     torch.manual_seed(0)
-    algorithm = double_dqn(QNetwork(6, layer_norm=True), LearningConfig(), CPU_BFLOAT16)
+    learning = LearningConfig(layer_norm=True)
+    algorithm = double_dqn(QNetwork(6, learning=learning), learning, CPU_BFLOAT16)
     norm = algorithm._precision.network.norm
     assert norm is not None
     seen: list[torch.dtype] = []

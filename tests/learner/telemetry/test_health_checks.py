@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from common.metrics import METRICS, Bound, Metric, Value, declare
-from common.press_latency import UNMEASURED, KeyLatency, ms_of
+from common.press_latency import KeyLatency, ms_of
 from common.protocol.run_status import HealthCheck
 from common.run.conditions import PlayConfig, RandomiseConfig
 from common.run.presets import PRESETS
@@ -154,7 +154,7 @@ def told(press: KeyLatency) -> dict[str, Value]:
         (KeyLatency(5_000, math.inf, math.inf, 500.0), False),  # broken hands
         (KeyLatency(5_000, 50.0, math.inf, ms_of(8)), False),  # more than two decisions
         (KeyLatency(5_000, 50.0, math.inf, ms_of(7)), None),  # nobody waited for the eighth frame
-        (UNMEASURED, None),
+        (KeyLatency(), None),
     ],
 )
 def test_the_slowest_hundredth_of_presses_has_two_decisions(
