@@ -10,7 +10,7 @@ from pathlib import Path
 
 from common.process.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, NO_ROOM, UNREACHABLE
 from common.process.log_lines import say_aside
-from common.process.output import escape, has_reader, open_closed, silence
+from common.process.output import escape, has_reader, open_closed, silence, widen
 
 NO_ROOM_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """What the system says where a disk is full or read-only, which may pass."""
@@ -68,6 +68,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
     status: int | str | None
     open_closed()
     escape(sys.stdout)
+    widen()
     try:
         try:
             status = main()

@@ -3,12 +3,14 @@ has no encoding."""
 
 import os
 import select
+import shutil
 import sys
 from io import TextIOWrapper
 from typing import TextIO
 
 _LAST_STREAM = 2
 """Number of standard error."""
+_LEAST_COLUMNS, _USUAL_COLUMNS = 20, 80
 
 
 def has_reader(stream: TextIO) -> bool:
@@ -49,3 +51,12 @@ def escape(stream: TextIO) -> None:
     """Let what has no encoding, such as the name of a file that is not UTF-8, be escaped."""
     if isinstance(stream, TextIOWrapper):
         stream.reconfigure(errors="backslashreplace")
+
+
+def widen() -> None:
+    """Let a terminal that tells of next to no columns have some: in three of them a help never
+    comes to its end, and in none a table is empty."""
+    told = os.environ.get("COLUMNS", "")
+    columns = int(told) if told.isdecimal() else shutil.get_terminal_size().columns
+    if columns < _LEAST_COLUMNS:
+        os.environ["COLUMNS"] = str(_USUAL_COLUMNS)

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from common.errors import InputError, MessageError, exit_on_input_error, writing
 
@@ -26,6 +27,26 @@ def test_an_input_error_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
         exit_on_input_error(main)
     assert caught.value.code == 2
     assert capsys.readouterr() == ("", "error: the port is taken: choose another.\n")
+
+
+@pytest.mark.parametrize(
+    ("told", "columns"), [("0", 80), ("3", 80), ("19", 80), ("20", 20), ("100", 100)]
+)
+def test_a_terminal_without_columns_has_some(
+    told: str, columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In three of them ``--help`` went on for ever, and in none a table was empty."""
+    monkeypatch.setenv("COLUMNS", told)
+    with pytest.raises(SystemExit) as caught:
+        exit_on_input_error(lambda: Console().width)
+    assert caught.value.code == columns
+
+
+def test_a_program_is_as_wide_as_its_terminal_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    with pytest.raises(SystemExit):
+        exit_on_input_error(lambda: None)
+    assert "COLUMNS" not in os.environ
 
 
 def test_ctrl_c_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
