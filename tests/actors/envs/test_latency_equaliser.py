@@ -91,6 +91,14 @@ def test_the_schedule_by_hand() -> None:
     assert felt[16:] == [none, none, *[Keys.RIGHT] * 2][: len(felt) - 16]
 
 
+@given(st.integers(GAP + 1, 6), ACTIONS)
+@example(5, [2, 0, 4, 3])
+def test_hands_that_are_slow_to_press_release_in_time(press: int, actions: list[int]) -> None:
+    """Whoever pressed one key sooner would release the one before it sooner too."""
+    felt = play(equal(0, press), actions, frames=8)
+    assert felt == schedule(actions, EQUAL, EQUAL + press, frames=8)
+
+
 UNEVEN = {
     Keys.LEFT: (5, 6), Keys.RIGHT: (0, 0), Keys.UP: (3, 1), Keys.DOWN: (0, 2), Keys.FIRE: (2, 2),
 }  # fmt: skip
