@@ -174,3 +174,15 @@ def test_the_robots_keys_come_as_forecast() -> None:
     assert len(sure) == 98 * 6
     # Arms need a frame more for some keys than for others.
     assert sure.mean() > 0.9
+
+
+def test_hands_that_become_slower_are_followed_after_some_changes() -> None:
+    """However many there were before: some ten changes count."""
+    forecast, told = KeyForecast(FRAMES), [Keys.NONE] * 9
+    for latency, presses in ((5, 40), (9, 8)):
+        for keys in [Keys.UP, Keys.NONE] * presses:
+            for _ in range(20):
+                forecast.command(keys)
+                told.append(keys)
+                forecast.feel(told[-1 - latency])
+        assert (forecast._press.frames, forecast._release.frames) == (latency, latency)

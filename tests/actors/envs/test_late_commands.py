@@ -1,6 +1,8 @@
 """Added latency: when a command reaches the hands, by hand-written sequences and on the arms."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,6 +54,20 @@ def pressed_after(hands: Hands, keys: Keys, frames: int = 60) -> list[Keys]:
 def test_a_command_arrives_after_its_latency(latency: int) -> None:
     hands = late(PromptHands(), latency)
     assert pressed_after(hands, UP, latency + 2) == [NONE] * latency + [UP] * 2
+
+
+def test_a_command_waits_for_an_earlier_one_that_is_later() -> None:
+    """Neither overtakes the other, nor is the earlier one sooner for it."""
+    lateness = iter([5, 0])
+    rng: Any = SimpleNamespace(integers=lambda _: next(lateness))
+    prompt = PromptHands()
+    hands = LateCommands(prompt, 2, 5, rng)
+    for keys in (UP, DOWN):
+        hands.command(keys)
+        hands.step_frame()
+    for _ in range(9):
+        hands.step_frame()
+    assert prompt.told == [(7, UP), (7, DOWN)]
 
 
 def test_commands_follow_one_another_at_the_pace_at_which_they_were_given() -> None:

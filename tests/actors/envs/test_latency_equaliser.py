@@ -91,12 +91,25 @@ def test_the_schedule_by_hand() -> None:
     assert felt[16:] == [none, none, *[Keys.RIGHT] * 2][: len(felt) - 16]
 
 
-@given(st.integers(GAP + 1, 6), ACTIONS)
+@given(st.integers(3, 6), st.lists(st.sampled_from([0, 2, 3, 4, 5]), min_size=1, max_size=30))
 @example(5, [2, 0, 4, 3])
 def test_hands_that_are_slow_to_press_release_in_time(press: int, actions: list[int]) -> None:
     """Whoever pressed one key sooner would release the one before it sooner too."""
-    felt = play(equal(0, press), actions, frames=8)
-    assert felt == schedule(actions, EQUAL, EQUAL + press, frames=8)
+    felt, due = play(equal(0, press), actions, 8), schedule(actions, EQUAL, 8)
+    assert not any(keys & ~wanted for keys, wanted in zip(felt, due, strict=True))
+    last = [now for now in range(len(due) - 1) if due[now] and due[now] != due[now + 1]]
+    assert [felt[now] for now in last] == [due[now] for now in last]
+
+
+def test_a_command_that_waited_is_timed_from_when_it_was_given() -> None:
+    """Of a press, from its key's first command on; of a release, from the command without it."""
+    moments: list[int] = []
+    prompt = LatencyEqualiser(hands(), EQUAL, give=lambda ago: moments.append(frame - ago))
+    prompt.rest()
+    for frame in range(40):
+        prompt.command(Keys.UP if 3 <= frame < 11 else Keys.NONE)
+        prompt.step_frame()
+    assert moments == [3, 11]
 
 
 UNEVEN = {

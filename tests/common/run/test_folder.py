@@ -334,6 +334,17 @@ def test_a_device_a_pipe_and_a_link_are_not_replaced(tmp_path: Path) -> None:
             check_new_file(file)
 
 
+def test_what_a_killed_process_left_beside_a_file_is_in_nobodys_way(tmp_path: Path) -> None:
+    path, former = tmp_path / "file", tmp_path / "former"
+    for name, content in (("file", "1"), ("file.tmp", "torn"), ("file.kept", "0")):
+        (tmp_path / name).write_text(content)
+    write_atomically(path, b"2", former)
+    assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {
+        "file": "2",
+        "former": "1",
+    }
+
+
 def test_a_folder_that_a_file_lacks_is_made_and_the_file_is_not(tmp_path: Path) -> None:
     check_new_file(tmp_path / "new" / "folder" / "new.json")
     assert list((tmp_path / "new" / "folder").iterdir()) == []
