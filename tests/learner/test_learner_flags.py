@@ -26,6 +26,7 @@ from learner.options import (
     join_command,
     opening,
     resume_command,
+    run_name,
     stored_config,
 )
 
@@ -100,6 +101,13 @@ QR = ("--learning.algorithm", "qr_dqn")
 def test_what_would_have_no_effect_is_refused(arguments: list[str], words: str) -> None:
     with pytest.raises(InputError, match=words):
         learner(*arguments)
+
+
+def test_an_empty_name_is_not_that_of_the_usual_run() -> None:
+    """As of `--run "$NAME"` in a script without a NAME."""
+    assert run_name(learner()) == "robot-pong-robot"
+    with pytest.raises(InputError, match="run '' cannot be used"):
+        RunFolder(Path(), run_name(learner("--run", "")))
 
 
 def test_presets_and_runs_may_have_what_the_algorithm_ignores() -> None:
