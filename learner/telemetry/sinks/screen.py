@@ -1,10 +1,11 @@
 """The one screen of a run: its figures, laid out for the terminal's size.
 
-At 80 × 24 all of it fits; a larger terminal shows more actors and events, and then a taller chart.
+At 80 × 24 all of it fits; a larger terminal shows more figures, actors and events, and then a
+taller chart.
 Nothing wraps, so the number of lines is known before they are drawn.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.progress_bar import ProgressBar
@@ -38,7 +39,8 @@ _ROWS = 23
 _LIST_ROWS = 7
 """Lines for actors, and for health checks beside them."""
 _LARGE = 35
-"""Lines from which there are gaps, two more figures of each panel, and a chart of five lines."""
+"""Lines from which there are gaps, two more figures of each panel, and a chart of five lines; each
+further line is first given to a figure for which there was none."""
 
 
 class Screen:
@@ -80,6 +82,11 @@ def picture_width(columns: int, rows: int) -> int:
 def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:
     large = rows >= _LARGE
     spare = max(rows - (_LARGE if large else _ROWS), 0)
+    panels = panels_of(snapshot.values)
+    figures = 6
+    if large:
+        figures = min(max(8, *map(len, panels.values())), 8 + spare)
+        spare -= figures - 8
     wanted = max(len(snapshot.present), len(snapshot.checks)) - _LIST_ROWS
     more_rows = min(max(wanted, 0), spare)
     taller = (spare - more_rows) * 2 // 3 if large else 0
@@ -90,7 +97,7 @@ def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType
     yield from [page] if large else []
     yield _progress(snapshot.values)
     yield from gap
-    yield _figures(snapshot.values, 8 if large else 6)
+    yield _figures(panels, snapshot.values, figures)
     yield from gap
     yield from _history(snapshot, width, 5 + taller if large else 1)
     yield Text() if large else page
@@ -160,9 +167,8 @@ def _progress(values: Values) -> Table:
     return grid
 
 
-def _figures(values: Values, rows: int) -> Table:
+def _figures(panels: Mapping[str, Sequence[Metric]], values: Values, rows: int) -> Table:
     """The panels of the table, the first so many rows of each."""
-    panels = panels_of(values)
     grid = _grid(*(Column(ratio=1) for _ in panels), gap=3)
     grid.add_row(*(_panel(*panel, values, rows) for panel in panels.items()))
     return grid

@@ -18,13 +18,13 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from common.metrics import Value
+from common.metrics import Metric, Value
 from common.protocol.actor_stats import ActorStats
 from common.protocol.run_status import HealthCheck
 from common.run.conditions import PlayConfig
 from common.run.presets import PRESETS
 from learner.telemetry.health_checks import judge
-from learner.telemetry.sinks import formats
+from learner.telemetry.sinks import formats, screen
 from learner.telemetry.sinks.display import LiveDisplay, PlainDisplay, open_display
 from learner.telemetry.sinks.screen import Screen
 from learner.telemetry.snapshot import ActorView, Snapshot
@@ -235,6 +235,22 @@ def test_every_figure_is_there_at_80_by_24() -> None:
         r"actor-3 was lost, restarted",
     ):
         assert re.search(pattern, text), pattern
+
+
+@pytest.mark.parametrize(("height", "shown"), [(24, 6), (36, 8), (38, 10), (45, 10)])
+def test_a_taller_screen_shows_further_figures_of_a_panel(
+    height: int, shown: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    panels = formats.panels_of(STATUS.values)
+    figures = [
+        Metric(f"learning/extra_{place}", "none", ".3", "", f"extra {place}", ("Learning", place))
+        for place in range(1, 11)
+    ]
+    monkeypatch.setattr(screen, "panels_of", lambda _: {**panels, "Learning": figures})
+    monkeypatch.setattr(screen, "label_and_text", lambda metric, _: (metric.label, "1.000"))
+    lines = drawn(STATUS, 120, height)
+    assert len(re.findall(r"extra \d+ ", "\n".join(lines))) == shown
+    assert "actor-3 was lost, restarted" in "".join(lines)  # they push nothing out
 
 
 def test_red_check_is_told_with_its_reason() -> None:
