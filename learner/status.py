@@ -99,7 +99,7 @@ class Report:
                 values,
             )
         console.print(one_line(words))
-        columns = ("process", "state", "version", "rate", "weights behind", "heard")
+        columns = ("process", "state", "version", "rate", "behind", "heard")
         table = Table(*columns, box=box.SIMPLE, padding=(0, 1, 0, 0))
         stored = f"{replay.stored:,} steps"
         for row in (("replay", stored, replay.version, UNKNOWN, UNKNOWN, "now"), *_rows(learner)):
@@ -134,7 +134,8 @@ def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
     rate = fill("{learning/updates_per_second} updates/s", learner.values)
     yield "learner", state, learner.version, rate, UNKNOWN, _ago(learner.silent_for)
     for actor in learner.actors:
-        held = f", throttled {actor.held_share:.0%}" if actor.held_share else ""
+        share = round(100 * actor.held_share)
+        held = f", throttled {share}%" if share else ""
         yield (
             actor.name,
             f"{actor.role}{held}" if actor.alive else f"{actor.role}, {ended(actor.leaving)}",

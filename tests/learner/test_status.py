@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import re
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import replace
@@ -101,9 +102,21 @@ def test_a_healthy_run(client: Transport) -> None:
     assert told["version"] == told["learner"]["version"] == told["replay"]["version"]
 
 
-def shown(report: Report) -> str:
+def test_the_row_of_a_throttled_actor_fits_80_columns(client: Transport) -> None:
+    stats = ActorStats("a-1", "actor", steps_per_second=22.5, weights_version=988)
+    actors = tuple(
+        ActorView(stats=replace(stats, name=name, held_share=share), alive=True)
+        for name, share in (("vm-00000001", 0.004), ("vm-00000002", 0.606))
+    )
+    StatusSink(client, KEYS).write(replace(NOW, actors=actors))
+    text = shown(ask(client, KEYS, "tcp/here"), 80)
+    assert re.search(r"vm-00000001 +actor +\d", text)
+    assert re.search(r"vm-00000002 +actor, throttled 61% +\d", text)
+
+
+def shown(report: Report, width: int = 120) -> str:
     out = io.StringIO()
-    report.show(Console(file=out, width=120))
+    report.show(Console(file=out, width=width))
     return out.getvalue()
 
 
