@@ -24,7 +24,7 @@ from common.minus import minus_signed
 from common.process.command_line import WeightsFile
 from common.q_bars import q_bars
 from common.run.config import RunConfig
-from common.run.origin import shown_weights
+from common.run.origin import name_of, shown_weights
 from viewer import overlay
 from viewer.human import keys_text
 from viewer.player import Played, ShownPolicy, shown_env
@@ -78,7 +78,7 @@ class Watch(Played):
         terminal = Terminal(LEAST_SIZE)
         keys, scores = HeldKeys(), list[float]()
         with shown_env(config) as env, terminal:
-            screen = WatchScreen(env, config, weights.stem)
+            screen = WatchScreen(env, config, name_of(weights))
             answers = GraphicsAnswers()
             terminal.write(QUESTIONS)
             period, due = 1 / config.play.steps_per_second, time.monotonic()
@@ -147,7 +147,7 @@ class WatchScreen:
         lines = self._lines(step, values, scores, min(columns - beside, _MOST_SIDE), free)
         for number, line in enumerate(lines[:free], rows - free):
             text += f"\x1b[{number};{beside + 1}H{_PLAIN}{line}{_PLAIN}\x1b[K"
-        last = f"{self._name} plays {self._title}, {len(scores)} games over; q leaves"
+        last = f"q leaves; {self._name} plays {self._title}, {len(scores)} games over"
         return f"{text}\x1b[{rows};1H{_PLAIN}{_DIM}{last[: columns - 1]}{_PLAIN}\x1b[K\x1b[0m"
 
     def _seen(self, size: tuple[int, int]) -> NDArray[np.uint8]:

@@ -65,7 +65,7 @@ def test_everything_is_there_and_within_the_terminal(robot: Any, size: tuple[int
         assert words in told
     assert re.search(r"···→· +1\.000 █+$", told, re.MULTILINE)
     assert re.search(r"^····· +0\.000 ?$", told, re.MULTILINE) or size == LEAST_SIZE
-    assert "robot_pong plays pong (robot), 2 games over; q leaves" in told
+    assert "q leaves; robot_pong plays pong (robot), 2 games over" in told
     # Yellow around the screen that was found, magenta around the game in it.
     assert re.search(r"38;2;2[0-9]{2};(1[0-9]|[0-9])?[0-9];2[0-9]{2}", written)
 
