@@ -44,3 +44,8 @@ def __getattr__(name: str) -> Any:
     from ale_robot import policy
 
     return getattr(policy, name)
+
+
+def __dir__() -> list[str]:
+    """Returns what is public, loaded or not, for those who complete a name by Tab."""
+    return __all__

@@ -17,6 +17,7 @@ def test_the_environments_are_registered_and_their_names_told() -> None:
     assert ale_robot.env_id("space_invaders", robot=True) == "ALERobot/SpaceInvaders-v0"
     assert "ALERobot/Pong-Emulator-v0" in gymnasium.registry
     assert ale_robot.__version__
+    assert dir(ale_robot) == sorted(ale_robot.__all__)  # those too that are loaded when asked for
 
 
 def test_a_shipped_policy_plays_in_its_own_environment() -> None:
