@@ -34,10 +34,10 @@ HELP = {
 Watch a trained robot play in this terminal.
 
   ale-robot watch                                  the shipped robot at Pong
-  ale-robot watch --weights runs/NAME/snapshots/best.safetensors
+  ale-robot watch --weights runs/NAME              newest network of a run
   ale-robot watch --env ale --weights ale_pong     the emulator, without a robot
 
-  --weights NAME|FILE  network that plays: robot_pong, ale_pong or a file
+  --weights NAME|FILE  network that plays: robot_pong, ale_pong, a run or a file
   --game GAME          game, such as breakout
   --epsilon SHARE      share of random actions, 0 to 1
   --games N            number of whole games; 0, the default, plays until q
@@ -159,6 +159,7 @@ Record a network's games as a LeRobot dataset.
   ale-robot record ale_pong -o FOLDER --games 3
   ale-robot train --demonstrations FOLDER          begin with them
 
+  NAME|FILE            network that plays: robot_pong, ale_pong, a run or a file
   -o FOLDER            folder of the recording, which must not exist yet
   --games N            number of whole games
   --minutes M          minutes of game time, instead of whole games
@@ -200,6 +201,7 @@ Test a network by whole games, in several processes.
   ale-robot evaluate runs/NAME/snapshots/best.safetensors --headline --json FILE
   ale-robot evaluate robot_pong --camera.noise 8   in another world
 
+  NAME|FILE            network that plays, as these: a policy, a run or a file
   --games N            number of games
   --headline           also with 5 % random actions, and with sticky actions
   --epsilon SHARE      share of random actions, 0 to 1
