@@ -183,7 +183,9 @@ def _sentence(box: str, command: str) -> str:
     flags = [line for line in lines if line.startswith("--") and not _is_rule(line)]
     alike = [line.split()[0].strip(",") for line in flags]
     hint = f"did you mean {alike[0]}?" if alike else f"`{command} --help` lists the flags."
-    return f"there is no {'flag ' if unknown.startswith('-') else ''}{unknown}: {hint}"
+    if not unknown.startswith("-"):
+        return f"{unknown} stands without a flag: {hint}"
+    return f"there is no flag {unknown}: {hint}"
 
 
 _SAID = {
@@ -238,7 +240,9 @@ def with_file(arguments: Sequence[str]) -> list[str]:
     try:
         text = read_file(known.config).decode()
         told = json.loads(text) if known.config.suffix == ".json" else tomllib.loads(text)
-    except (OSError, ValueError, RecursionError) as error:
+    except OSError as error:
+        raise InputError(f"--config {known.config} cannot be read: {error.strerror}.") from None
+    except (ValueError, RecursionError) as error:
         raise InputError(f"--config {known.config} cannot be read: {error}.") from None
     if known.config.suffix == ".json":
         stored = told.get("config", told) if isinstance(told, dict) else told

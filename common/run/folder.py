@@ -8,6 +8,7 @@ import struct
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Literal, Self, get_args
 
@@ -177,9 +178,10 @@ class RunFolder:
         """
         stored = self.stored_config()
         if resume and stored is None:
-            raise InputError(
-                f"there is no run in {self.path} to resume: start it without --resume."
-            )
+            runs = (path.parent.name for path in self.path.parent.glob("*/config.json"))
+            alike = get_close_matches(self.name, list(runs), n=1)
+            hint = f"did you mean {alike[0]}?" if alike else "start it without --resume."
+            raise InputError(f"there is no run in {self.path} to resume: {hint}")
         if not resume and begun.exists():
             raise InputError(
                 f"{self.path} already holds a run: go on with it by --resume, "
@@ -199,7 +201,9 @@ class RunFolder:
             lock = os.fdopen(no_links(str(self._lock(part)), os.O_WRONLY | os.O_CREAT), "w")
             fcntl.fcntl(lock, fcntl.F_OFD_SETLK, _WHOLE)
         except BlockingIOError:
-            raise InputError(f"another {part} is at work in {self.path}.") from None
+            raise InputError(
+                f"another {part} is at work in {self.path}: end it, or name another run with --run."
+            ) from None
         except OSError as error:
             raise cannot_write(self.path, error) from None
         self._locks[part] = lock  # held until the process ends, however it ends

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from contextlib import suppress
+from difflib import get_close_matches
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -33,12 +34,20 @@ def find_weights(name: str | Path) -> Path:
     elif not path.exists() and path.parent in (Path(), Path("policies")) and shipped.is_file():
         path = shipped
     if not path.is_file():
-        published = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.safetensors")))
-        raise InputError(
-            f"{path} is not a file: name a network's file, a run's folder, or a published policy: "
-            f"{published}."
-        )
+        raise InputError(f"{path} is not a file: {_what_there_is(path)}")
     return path
+
+
+def _what_there_is(missing: Path) -> str:
+    """Returns the end of a sentence that refuses ``missing``: which networks there are."""
+    run = run_of(missing)
+    if run is not None and run.checkpoint.is_file():
+        return f"name {run.path}, the newest network; a best one is there once a test has ended."
+    published = sorted(file.stem for file in SHIPPED.glob("*.safetensors"))
+    if missing.parent == Path() and (alike := get_close_matches(missing.stem, published, n=1)):
+        return f"did you mean {alike[0]}?"
+    known = ", ".join(published)
+    return f"name a network's file, a run's folder, or a published policy: {known}."
 
 
 def name_of(weights: Path) -> str:

@@ -45,10 +45,9 @@ def read_evaluations(path: Path) -> list[Evaluation]:
             _evaluation(f"{path.stem}, ε = {row['epsilon']:g}, sticky {row['sticky']:g}", row)
             for row in found.get("rows", ())
         ] or [_evaluation(path.stem, found)]
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
         raise InputError(
-            f"{path} holds no evaluation ({error!r}): write one with "
-            "python -m learner --evaluate FILE --json FILE."
+            f"{path} holds no evaluation: write one with ale-robot evaluate NETWORK --json FILE."
         ) from None
     if not all(each.scores and np.isfinite(each.scores).all() for each in evaluations):
         raise InputError(f"{path} holds no evaluation: it has no scores.")

@@ -406,6 +406,7 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
         ("delay", late(tmp_path / "headed.csv"), "is no table of"),
         ("delay", broken, "damaged in row 1"),
         ("histogram", text, "holds no evaluation"),
+        ("histogram", tmp_path, r"holds no evaluation: write one with ale-robot evaluate"),
         ("scaling", text, "holds no scaling"),
         ("robustness", text, "holds no grid"),
         ("robustness", robustness(tmp_path / "no.json", [], []), "none of its cells"),

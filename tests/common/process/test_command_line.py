@@ -251,7 +251,7 @@ def test_a_flag_that_is_gone_is_said_to_be(flag: str) -> None:
     [
         (["--gmae", "pong"], r"^there is no flag --gmae: did you mean --game\?$"),
         (["--zzz=1"], r"^there is no flag --zzz.*: `python -m program --help` lists the flags\.$"),
-        (["pong"], r"^there is no pong: `python -m program --help` lists the flags\.$"),
+        (["pong"], r"^pong stands without a flag: `python -m program --help` lists the flags\.$"),
         (["--seed"], r"^--seed needs a value: `python -m program --help` explains the flags\.$"),
         (["--seed", "two"], r"^--seed is 'two': give a whole number; `python -m program --help` "),
         (["--learning.discount", "x"], r"^--learning.discount is 'x': give a number; `python "),
@@ -353,7 +353,7 @@ def test_settings_of_a_stored_run_or_a_card_are_taken_whole(tmp_path: Path) -> N
         ("run.toml", "config = 'b.toml'", "remove config from it"),
         ("run.toml", "sede = 3", "there is no flag --sede: did you mean"),
         ("config.json", "[]", "should be a table"),
-        ("none.toml", None, "cannot be read: .*No such file"),
+        ("none.toml", None, r"none\.toml cannot be read: No such file or directory\.$"),
     ],
 )
 def test_a_file_of_settings_that_cannot_be_used_is_told(
@@ -393,6 +393,10 @@ def test_a_network_is_a_file_or_a_published_one(
     (run / "checkpoint.safetensors").touch()
     newest = Path("runs/r1/checkpoint.safetensors")
     assert parse(Shown, "program", ["--weights", "runs/r1"]).weights == newest
+    with pytest.raises(InputError, match=r"best\.safetensors is not a file: name .*/runs/r1, the"):
+        parse(Shown, "program", ["--weights", "runs/r1/snapshots/best.safetensors"])
+    with pytest.raises(InputError, match=r"robot_pnog is not a file: did you mean robot_pong\?$"):
+        parse(Shown, "program", ["--weights", "robot_pnog"])
     for name in ("other", "runs/robot_pong"):
         with pytest.raises(InputError, match=f"^{name} is not a file"):
             parse(Shown, "program", ["--weights", name])

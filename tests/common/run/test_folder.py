@@ -38,9 +38,10 @@ def claim(
     part: Part = "learner",
     config: RunConfig = FAST,
     *,
+    name: str = "r",
     resume: bool = False,
 ) -> RunFolder:
-    folder = RunFolder(runs, "r")
+    folder = RunFolder(runs, name)
     begun = folder.checkpoint if part == "learner" else folder.replay
     folder.claim(part, config, begun=begun, resume=resume)
     return folder
@@ -79,6 +80,16 @@ def test_resuming_needs_a_run(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"there is no run in .* to resume: start it without"):
         claim(tmp_path, resume=True)
     assert not (tmp_path / "r").exists()
+
+
+def test_resuming_a_name_that_is_almost_a_runs_names_that_run(tmp_path: Path) -> None:
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "first" / "config.json").touch()
+    with pytest.raises(InputError, match=r"frist to resume: did you mean first\?$"):
+        claim(tmp_path, name="frist", resume=True)
+    with pytest.raises(InputError, match=r"secnd to resume: start it without"):  # no run's folder
+        claim(tmp_path, name="secnd", resume=True)
 
 
 def test_a_run_that_has_begun_needs_resume(tmp_path: Path) -> None:
