@@ -42,7 +42,7 @@ def _what_there_is(missing: Path) -> str:
     """Returns the end of a sentence that refuses ``missing``: which networks there are."""
     run = run_of(missing)
     if run is not None and run.checkpoint.is_file():
-        return f"name {run.path}, the newest network; a best one is there once a test has ended."
+        return f"name {run.path} for its newest network; the best is there once a test has ended."
     published = sorted(file.stem for file in SHIPPED.glob("*.safetensors"))
     if missing.parent == Path() and (alike := get_close_matches(missing.stem, published, n=1)):
         return f"did you mean {alike[0]}?"
