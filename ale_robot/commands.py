@@ -29,15 +29,18 @@ arguments."""
 LOADING = {"watch", "play", "record", "check", "film", "evaluate"}
 """Commands that say at a terminal that they load PyTorch; training says it anywhere."""
 
+SHOWING = ("watch", "play")
+"""Commands that take a network also without its flag, as `evaluate` does."""
+
 HELP = {
     "watch": """\
 Watch a trained robot play in this terminal.
 
   ale-robot watch                                  the shipped robot at Pong
-  ale-robot watch --weights runs/NAME              newest network of a run
-  ale-robot watch --env ale --weights ale_pong     the emulator, without a robot
+  ale-robot watch runs/NAME                        newest network of a run
+  ale-robot watch ale_pong --env ale               the emulator, without a robot
 
-  --weights NAME|FILE  network that plays: robot_pong, ale_pong, a run or a file
+  NAME|FILE            network that plays: robot_pong, ale_pong, a run or a file
   --game GAME          game, such as breakout
   --epsilon SHARE      share of random actions, 0 to 1
   --games N            number of whole games; 0, the default, plays until q
@@ -124,11 +127,11 @@ Tell how a run does, wherever it is; the exit code says it too.
     "play": """\
 Play whole games, and print their scores.
 
-  ale-robot play --weights robot_pong --games 5
+  ale-robot play robot_pong --games 5
   ale-robot play --viewer rerun                    the room in 3-D, with figures
   ale-robot play --save game.rrd                   the same as a file
 
-  --weights NAME|FILE  network that plays; random actions without
+  NAME|FILE            network that plays; random actions without
   --env, --game, --robot, --seed    what is played
   --epsilon SHARE      share of random actions, 0 to 1
   --games N            number of games
@@ -234,7 +237,7 @@ Copy a run, also while it works, to go on with it elsewhere.
 List the trained policies that are shipped; push and pull others.
 
   ale-robot policies                               those that are shipped
-  ale-robot watch --weights ale_pong               watch one
+  ale-robot watch ale_pong                         watch one
   ale-robot policies pull OWNER/NAME -o FOLDER     from a hub of models
   ale-robot policies push robot_pong OWNER/NAME    to that hub
 

@@ -113,7 +113,7 @@ class Pull:
             self.output.mkdir(parents=True, exist_ok=True)
             write_atomically(self.output / weights, content)
             write_atomically(self.output / card, read_file(fetched.with_suffix(".json")))
-        print(f"pulled {self.output / weights}: ale-robot watch --weights {self.output / weights}")
+        print(f"pulled {self.output / weights}: ale-robot watch {self.output / weights}")
 
 
 def _pair(repository: str, files: dict[str, Any]) -> tuple[str, str]:

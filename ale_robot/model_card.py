@@ -24,7 +24,7 @@ Sticky actions: the probability that the console repeats the action of the frame
 {grid}
     pip install 'ale-robot[hub]'
     ale-robot policies pull {repository}
-    ale-robot watch --weights {name}.safetensors
+    ale-robot watch {name}.safetensors
 
 In Python, `ale_robot.load_policy("{name}.safetensors")` has `make_env`, `act` and `q_values`.
 

@@ -19,7 +19,7 @@ _LEGEND = """\
  25 worlds: mean/worst of worlds with other latencies, light, poses and pictures
  vector: commands, keys and joints, beside the frames of camera or emulator
 
- Watch one: ale-robot watch --weights NAME"""
+ Watch one: ale-robot watch NAME"""
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,18 @@ def test_a_command_is_its_program_with_its_flags_before_the_users(
     ]
 
 
+@pytest.mark.parametrize("name", ["watch", "play"])
+def test_a_network_that_is_to_be_shown_needs_no_flag(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    called = []
+    program = SimpleNamespace(main=lambda: called.append(sys.argv[1:]))
+    monkeypatch.setitem(sys.modules, "viewer.__main__", program)  # type: ignore[arg-type]
+    run(monkeypatch, name, "ale_pong", "--seed", "2")
+    run(monkeypatch, name, "--seed", "2")
+    assert called == [[name, "--weights", "ale_pong", "--seed", "2"], [name, "--seed", "2"]]
+
+
 def test_training_says_at_once_that_it_starts_but_for_programs_that_read_json(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -176,7 +188,7 @@ def test_the_shipped_policies_are_listed(
     assert re.search(r"robot_pong_robust .* 19\.8/19\.2 *\n", said)  # as README has it
     assert re.search(r"robot_pong_sticky .* −13\.5/−21\.0 *\n", said)
     assert re.search(r"ale_pong .* 15\.13 *\n", said)
-    assert "Watch one: ale-robot watch --weights NAME\n" in said
+    assert "Watch one: ale-robot watch NAME\n" in said
     assert max(map(len, said.splitlines())) <= 80
     with pytest.raises(InputError, match=r"no command 'show': give none for the list"):
         run(monkeypatch, "policies", "show")

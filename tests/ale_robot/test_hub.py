@@ -129,7 +129,7 @@ def test_what_is_pushed_is_pulled_and_plays(
     Pull(REPOSITORY, tmp_path / "mine").run()
     there = {file.name: file.read_bytes() for file in (tmp_path / "mine").iterdir()}
     assert there == {name: pushed.files[name] for name in ("ale_pong.safetensors", "ale_pong.json")}
-    assert f"watch --weights {tmp_path}/mine/ale_pong.safetensors" in capsys.readouterr().out
+    assert f"watch {tmp_path}/mine/ale_pong.safetensors" in capsys.readouterr().out
     with pytest.raises(InputError, match="is there already"):
         Pull(REPOSITORY, tmp_path / "mine").run()
 
