@@ -31,7 +31,7 @@ class Policies:
             path.stem: json.loads(path.read_bytes()) for path in sorted(SHIPPED.glob("*.json"))
         }
         scores: dict[str, dict[str, str]] = {
-            name: {_chance(row): f"{row['mean']:.2f}" for row in evaluation_rows(card)}
+            name: {_chance(row): _score(row["mean"]) for row in evaluation_rows(card)}
             for name, card in cards.items()
         }
         for name, card in cards.items():
@@ -81,6 +81,11 @@ def evaluation_rows(card: Mapping[str, Any]) -> list[dict[str, Any]]:
     if (found := card.get("evaluation")) is None:
         return []
     return [{"sticky": 0.0} | row for row in found.get("rows", [found])]
+
+
+def _score(mean: float) -> str:
+    """A mean score, to hundredths only where they tell something."""
+    return minus_signed(f"{mean:.2f}" if abs(mean) < 100 else f"{mean:,.0f}")
 
 
 def _chance(row: dict[str, Any]) -> str:

@@ -31,7 +31,7 @@ def test_a_shipped_policy_plays_in_its_own_environment() -> None:
 
 
 def test_what_is_no_policy_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="published policy: ale_pong"):
+    with pytest.raises(InputError, match=r"published policy: .*ale_pong, "):
         ale_robot.load_policy("nobody")
     alone = tmp_path / "alone.safetensors"
     alone.write_bytes((ROOT / "policies" / "ale_pong.safetensors").read_bytes())
