@@ -55,10 +55,10 @@ Train a robot on this machine until Ctrl-C.
   ale-robot train --config run.toml --seed 2       a file of flags; flags win
 
   --run NAME           name of the run, a folder below runs/
-  --env robot|ale      camera and hands, or the emulator alone
-  --game GAME          game: pong, breakout, …; all 104: ale-robot --help-all
-  --preset NAME        settings to start from: robot, fast or paper
-  --actors N           number of robots that play at a time
+  --env robot|ale      camera and hands (the default), or the emulator alone
+  --game GAME          pong, the default, breakout, …; all: ale-robot --help-all
+  --preset NAME        settings to start from: robot (the default), fast, paper
+  --actors N           number of robots that play at a time; 1 by default
   --steps N            agent steps after which it ends; 500,000 take an hour
   --seed N             seed of weights, minibatches and games
   --initial NAME|FILE  network to begin with, instead of a fresh one
