@@ -15,6 +15,7 @@ from learner.algorithm import value_based
 from learner.algorithm.cuda_graph import RecordedStep
 from learner.algorithm.double_dqn import double_dqn
 from learner.algorithm.interface import DeviceBatch, Prepared, Update
+from learner.algorithm.qr_dqn import qr_dqn
 from learner.algorithm.value_based import ValueBased
 from learner.device import Device
 from tests.learner.small_batches import learn, random_batch
@@ -43,6 +44,8 @@ def _tensors(prepared: Prepared) -> list[Tensor]:
 
 def _learner(device: Device, config: LearningConfig = CONFIG) -> ValueBased:
     torch.manual_seed(0)
+    if config.algorithm == "qr_dqn":
+        return qr_dqn(QNetwork(6, atoms=config.quantiles), config, device)
     return double_dqn(QNetwork(6), config, device)
 
 
@@ -64,10 +67,14 @@ def _state(algorithm: ValueBased) -> dict[str, Tensor]:
     return {name: value.cpu() for name, value in algorithm.state().items()}
 
 
-def test_a_recorded_step_has_the_same_updates(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = _learner(Device(CPU, bfloat16=False))
+@pytest.mark.parametrize("algorithm", ["dqn", "qr_dqn"])
+def test_a_recorded_step_has_the_same_updates(
+    algorithm: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = replace(CONFIG, algorithm=algorithm)
+    plain = _learner(Device(CPU, bfloat16=False), config)
     monkeypatch.setattr(value_based, "RecordedStep", _replayed)
-    recorded = _learner(Device(CPU, bfloat16=False, graphs=True))
+    recorded = _learner(Device(CPU, bfloat16=False, graphs=True), config)
 
     expected, losses = _learned(plain, CPU), _learned(recorded, CPU)
 
@@ -144,13 +151,14 @@ def test_a_restored_state_is_recorded_anew(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @CUDA
+@pytest.mark.parametrize("algorithm", ["dqn", "qr_dqn"])
 @pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
 @pytest.mark.parametrize("bfloat16", [False, True])
 def test_a_graph_has_the_same_updates(
-    bfloat16: bool, optimizer: Literal["adam", "rmsprop"]
+    bfloat16: bool, optimizer: Literal["adam", "rmsprop"], algorithm: str
 ) -> None:
     device = torch.device("cuda")
-    config = replace(CONFIG, optimizer=optimizer)
+    config = replace(CONFIG, optimizer=optimizer, algorithm=algorithm)
     plain = _learner(Device(device, bfloat16), config)
     graph = _learner(Device(device, bfloat16, graphs=True), config)
 
