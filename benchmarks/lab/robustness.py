@@ -23,6 +23,7 @@ from benchmarks.report import Report, Table, main, measure_missing, resumed
 from common.checked import Fraction, FromOne
 from common.errors import InputError
 from common.press_latency import ms_of
+from common.registry import ROBOTS
 from common.run.conditions import MAX_ADDED
 from common.run.config import RunConfig
 from common.run.folder import write_atomically
@@ -61,6 +62,8 @@ class Options(PlayingOptions):
     and glare; late, lost and late pictures."""
     sticky: Fraction = 0.0
     """Repeat probability of the console."""
+    robot: str | None = None
+    """Robot by which it plays, instead of its own."""
     seed: FromOne = 1
     """Seed of the games."""
     card: bool = False
@@ -68,10 +71,13 @@ class Options(PlayingOptions):
 
     def check(self) -> None:
         super().check()
-        grid = self.latencies, self.optics, self.sticky
-        if self.card and grid != (_LATENCIES, tuple(OPTICS), 0.0):
+        if self.robot is not None:
+            ROBOTS.find(self.robot)
+        grid = self.latencies, self.optics, self.sticky, self.robot
+        if self.card and grid != (_LATENCIES, tuple(OPTICS), 0.0, None):
             raise InputError(
-                "--card tells of the whole grid: omit --latencies, --optics, --sticky."
+                "--card tells of the whole grid by its own robot: omit --latencies, --optics, "
+                "--sticky, --robot."
             )
         if self.card and not self.network.with_suffix(".json").is_file():
             raise InputError(
@@ -80,9 +86,10 @@ class Options(PlayingOptions):
             )
 
 
-def cell_flags(latency: int, optics: Optics, sticky: float) -> list[str]:
+def cell_flags(latency: int, optics: Optics, sticky: float, robot: str | None = None) -> list[str]:
     """Returns the flags of an evaluation in a cell of the grid."""
     settings = {
+        **({} if robot is None else {"play.robot": robot}),
         **_OFF,
         **OPTICS[optics],
         "play.actuation-latency": f"{latency}",
@@ -93,16 +100,19 @@ def cell_flags(latency: int, optics: Optics, sticky: float) -> list[str]:
 
 def measure(options: Options) -> Report:
     sha256 = hashlib.sha256(options.network.read_bytes()).hexdigest()
+    player = options.network.stem
+    if options.robot is not None:
+        player += f" by {options.robot}"
     about = {
-        "title": f"robustness of {options.network.stem}",
-        "network": options.network.stem,
+        "title": f"robustness of {player}",
+        "network": player,
         "sha256": sha256,
         "epsilon": options.epsilon,
         "sticky": options.sticky,
         "games": options.games,
         "seed": options.seed,
     }
-    found = resumed(options.json, about, "grid of this network, games, ε, sticky and seed")
+    found = resumed(options.json, about, "grid of this network, robot, games, ε, sticky and seed")
     found.pop("rows", None)  # they are of fewer cells
     asked = [(optics, late) for optics in options.optics for late in options.latencies]
     places = [{"optics": optics, "latency": late} for optics, late in asked]
@@ -130,7 +140,7 @@ def measure(options: Options) -> Report:
         )
         _add_to_card(options.network, told, sha256)
     title = (
-        f"{options.network.stem}: mean ± deviation of {options.games} games a cell, "
+        f"{player}: mean ± deviation of {options.games} games a cell, "
         f"ε = {options.epsilon:g}, sticky {options.sticky:g}"
     )
     note = f"mean of all cells {sum(means) / len(means):.2f}, worst {min(means):.2f}"
@@ -138,7 +148,8 @@ def measure(options: Options) -> Report:
 
 
 def _play(options: Options, optics: Optics, latency: int) -> dict[str, Any]:
-    flags = [*cell_flags(latency, optics, options.sticky), "--seed", f"{options.seed}"]
+    cell = cell_flags(latency, optics, options.sticky, options.robot)
+    flags = [*cell, "--seed", f"{options.seed}"]
     told = evaluate(options.network, options.games, options.epsilon, flags)
     return {"added_ms": ms_of(latency)} | {name: told[name] for name in _KEPT}
 

@@ -122,7 +122,7 @@ def test_the_card_is_told_mean_and_worst_of_a_grid(games: Games, tmp_path: Path)
     file = tmp_path / "grid.json"
     with pytest.raises(InputError, match=r"p\.safetensors has no card: publish it"):
         grid(file, "--card", network=games.network)
-    with pytest.raises(InputError, match="--card tells of the whole grid: omit"):
+    with pytest.raises(InputError, match="--card tells of the whole grid by its own robot: omit"):
         grid(file, "--card", "--latencies", "0", "2", network=games.network)
     assert not games.flags
     card = json.loads(POLICY.with_suffix(".json").read_bytes())
@@ -141,7 +141,20 @@ def test_the_card_is_told_mean_and_worst_of_a_grid(games: Games, tmp_path: Path)
         grid(file, "--card", network=games.network)
 
 
-@pytest.mark.parametrize("other", [("--sticky", "0.5"), ("--seed", "2")])
+def test_another_robot_may_play(games: Games, tmp_path: Path) -> None:
+    content = grid(tmp_path / "grid.json", "--robot", "robotroller", "--optics", "nominal")
+    assert content["network"] == f"{POLICY.stem} by robotroller"
+    assert {each["--play.robot"] for each in games.flags} == {"robotroller"}
+    assert played(cell_flags(0, "nominal", 0.0, "robotroller")).play.robot == "robotroller"
+    with pytest.raises(InputError, match="by its own robot: omit"):
+        grid(tmp_path / "card.json", "--card", "--robot", "robotroller")
+    with pytest.raises(InputError, match="robotrolla"):
+        grid(tmp_path / "none.json", "--robot", "robotrolla")
+
+
+@pytest.mark.parametrize(
+    "other", [("--sticky", "0.5"), ("--seed", "2"), ("--robot", "robotroller")]
+)
 def test_a_file_of_another_grid_is_refused(
     games: Games, tmp_path: Path, other: tuple[str, str]
 ) -> None:
