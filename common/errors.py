@@ -39,10 +39,12 @@ def cannot_write(path: Path, error: OSError) -> InputError:
     return InputError(f"{path} cannot be written: {error.strerror}.", code)
 
 
-def choice(given: str, known: Sequence[str]) -> str:
-    """Returns the end of a sentence that refuses ``given``: what was meant, or what there is."""
-    alike = get_close_matches(given, known, n=1)
-    return f"did you mean {alike[0]}?" if alike else f"choose one of {', '.join(known)}."
+def choice(given: str, known: Sequence[str], otherwise: str | None = None) -> str:
+    """Returns the end of a sentence that refuses ``given``: the name that was probably meant; or
+    ``otherwise``, which by default lists what there is."""
+    if alike := get_close_matches(given, known, n=1):
+        return f"did you mean {alike[0]}?"
+    return f"choose one of {', '.join(known)}." if otherwise is None else otherwise
 
 
 class MessageError(ValueError):

@@ -63,9 +63,9 @@ class LossGuard:
         return self.diverged_at is not None
 
     def is_finite(self) -> bool:
-        """Whether all published weights are finite; waits for the device."""
+        """Whether all published weights are finite; waits for the device, once."""
         weights = self.algorithm.published.parameters()
-        return all(bool(each.isfinite().all()) for each in weights)
+        return bool(torch.stack([each.isfinite().all() for each in weights]).all())
 
     def was_skipped(self, number: int) -> bool:
         """Whether the loss of a recent update, which was looked at, is not finite."""

@@ -14,19 +14,19 @@ _RESTS = (8, 9, 10)
 """Emulator frames in which hands come to rest on or above a key, one number for each try. The
 soonest try counts: commands may jitter."""
 _PAUSE = 4
-"""Emulator frames for which a key is let go, before a press that finds the hand on its way: those
-of an agent step, as most games are played."""
+"""Emulator frames from releasing a key to pressing it again, while the hand still moves: an agent
+step, as most games are played."""
 
 
 class HandLatency(NamedTuple):
-    """How soon a key is as commanded, emulator frames: 0 for at the end of the frame that begins
-    with the command."""
+    """Emulator frames from a command until its key is released or pressed; 0 if it is so at the end
+    of the frame that begins with the command."""
 
     release: int
     press: int
-    """By a hand that rests."""
+    """By a hand at rest."""
     press_in_play: int
-    """By a hand that has just left a key."""
+    """By a hand that has just released a key."""
 
 
 def key_latencies(

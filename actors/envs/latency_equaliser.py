@@ -17,13 +17,13 @@ from common.actions import OPPOSITES, Keys
 from common.run.conditions import MAX_ADDED
 
 _HANDS = tuple(map(int, (Keys.UP | Keys.DOWN | Keys.LEFT | Keys.RIGHT, Keys.FIRE)))
-"""Keys that one hand presses, or one stick: it moves from one set of them to another."""
+"""The keys of each hand, or stick. It moves from one set of its keys to another."""
 GAP = 1
-"""Emulator frames by which a hand presses keys later than it would let others go."""
+"""Emulator frames by which a hand presses its keys later than it releases others."""
 TRAVEL = 1
-"""Further frames that it takes if it left keys less than `REST` frames before: on its way from key
-to key it holds none."""
+"""Further frames for a hand that released keys less than `REST` frames ago: it is still moving."""
 REST = 6
+"""Emulator frames without a key after which a hand is at rest."""
 _REMEMBERED = MAX_ADDED + GAP + TRAVEL + REST + 1
 
 
@@ -124,9 +124,8 @@ class LatencyEqualiser:
         held = 0
         for hand in _HANDS:
             keys, *before = (each & hand for each in past)
-            setting_out, earlier = before[:GAP], before[GAP:]
-            rested = not any(earlier)
-            if all(each == keys for each in (*setting_out, *(() if rested else earlier[:TRAVEL]))):
+            moving = any(before[GAP:])
+            if all(each == keys for each in before[: GAP + TRAVEL * moving]):
                 held |= keys
         return held
 

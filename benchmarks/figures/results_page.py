@@ -70,17 +70,14 @@ def render(page: str, folder: Path) -> str:
 
 
 def markdown(measurement: Mapping[str, Any], which: str | None = None) -> str:
-    """A measurement, as `benchmarks.report` wrote it, as a table over machine and commit.
-
-    Args:
-        which: of its tables; None for the one that its title is of.
-    """
+    """Returns a measurement that `benchmarks.report` wrote as a table, with machine and commit
+    below it. ``which`` names one of its further tables; the main one (None) has a title."""
     rows = measurement[which or "rows"]
     names = list(rows[0])
     aligned = ["---" if isinstance(rows[0][name], str) else "---:" for name in names]
     cells = [[cell(row[name]) for name in names] for row in rows]
-    title = "" if which else f"{measurement['title']}\n\n"
-    return title + _table(names, aligned, cells, "", _where(measurement))
+    table = _table(names, aligned, cells, "", _where(measurement))
+    return table if which else f"{measurement['title']}\n\n{table}"
 
 
 def raced(race: Mapping[str, Any]) -> str:

@@ -62,20 +62,18 @@ def train(folder: RunFolder, steps: int, flags: Sequence[str]) -> dict[str, Any]
         InputError: the run failed, why is on the terminal; or it was stopped before; or what is in
             the folder was trained for longer.
     """
-    if folder.summary.exists() and _agent_steps(folder) > 1.1 * steps + _MOST_OVER:
-        raise InputError(
-            f"{folder.path} has {_agent_steps(folder):,} agent steps instead of {steps:,}, as a "
-            "run of another experiment: name another folder with --runs."
-        )
+    if folder.summary.exists():
+        trained = int(json.loads(folder.summary.read_bytes())["agent_steps"])
+        if trained > 1.1 * steps + _MOST_OVER:
+            raise InputError(
+                f"{folder.path} has {trained:,} agent steps instead of {steps:,}, as a run of "
+                "another experiment: name another folder with --runs."
+            )
     resumed = ["--resume"] if folder.checkpoint.exists() else []
     place = ["--run", folder.name, "--runs", str(folder.path.parent)]
     address = ["--listen", free_endpoint()]
     run_module("learner", "--local", *place, "--steps", f"{steps}", *resumed, *address, *flags)
     return summary_of_all(folder, steps)
-
-
-def _agent_steps(folder: RunFolder) -> int:
-    return int(json.loads(folder.summary.read_bytes())["agent_steps"])
 
 
 def summary_of_all(folder: RunFolder, steps: int) -> dict[str, Any]:

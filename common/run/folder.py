@@ -8,11 +8,10 @@ import struct
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Literal, Self, get_args
 
-from common.errors import InputError, cannot_write, writing
+from common.errors import InputError, cannot_write, choice, writing
 from common.protocol.run_keys import check_name
 from common.regular_file import no_links, not_waiting, read_file
 from common.run.config import RunConfig
@@ -142,7 +141,7 @@ class RunFolder:
         self.logs = path / "logs"
         """Output of local mode's actors and of films, and what `kept_log` keeps."""
         self._locks: dict[Part, IO[str]] = {}
-        """Of the parts that it has claimed."""
+        """The files that this process has locked, by the part that it claimed."""
         self._made = False
 
     @property
@@ -178,9 +177,8 @@ class RunFolder:
         """
         stored = self.stored_config()
         if resume and stored is None:
-            runs = (path.parent.name for path in self.path.parent.glob("*/config.json"))
-            alike = get_close_matches(self.name, list(runs), n=1)
-            hint = f"did you mean {alike[0]}?" if alike else "start it without --resume."
+            runs = [path.parent.name for path in self.path.parent.glob("*/config.json")]
+            hint = choice(self.name, runs, "start it without --resume.")
             raise InputError(f"there is no run in {self.path} to resume: {hint}")
         if not resume and begun.exists():
             raise InputError(

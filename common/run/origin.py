@@ -3,14 +3,13 @@
 import json
 from collections.abc import Callable
 from contextlib import suppress
-from difflib import get_close_matches
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from safetensors import SafetensorError, safe_open
 
-from common.errors import InputError
+from common.errors import InputError, choice
 from common.pinned_file import path_of
 from common.registry import ALGORITHMS
 from common.run.config import LearningConfig, RunConfig
@@ -44,10 +43,9 @@ def _what_there_is(missing: Path) -> str:
     if run is not None and run.checkpoint.is_file():
         return f"name {run.path} for its newest network; the best is there once a test has ended."
     published = sorted(file.stem for file in SHIPPED.glob("*.safetensors"))
-    if missing.parent == Path() and (alike := get_close_matches(missing.stem, published, n=1)):
-        return f"did you mean {alike[0]}?"
     known = ", ".join(published)
-    return f"name a network's file, a run's folder, or a published policy: {known}."
+    all_kinds = f"name a network's file, a run's folder, or a published policy: {known}."
+    return choice(missing.stem, published, all_kinds) if missing.parent == Path() else all_kinds
 
 
 def name_of(weights: Path) -> str:

@@ -38,13 +38,13 @@ class FilmsSink(Sink):
 
     folder: RunFolder
     seconds: float
-    """Of play in each film."""
+    """Seconds of play in each film."""
     epsilon: float
     """Share of random actions in the warm-up."""
     module: str = "viewer"
-    """Makes a film."""
+    """The module that is run to make a film."""
     others: Sequence[Sink] = ()
-    """Take each film that is complete."""
+    """Sinks that get each finished film."""
 
     period = 1.0
 

@@ -102,7 +102,7 @@ def test_hands_that_are_slow_to_press_release_in_time(press: int, actions: list[
 
 
 def test_a_command_that_waited_is_timed_from_when_it_was_given() -> None:
-    """Of a press, from its key's first command on; of a release, from the command without it."""
+    """A press counts from the first command of its key, a release from the first without it."""
     moments: list[int] = []
     prompt = LatencyEqualiser(hands(), EQUAL, give=lambda ago: moments.append(frame - ago))
     prompt.rest()
