@@ -187,12 +187,12 @@ Check a robot's sight and touch, and write a picture.
 Film a game, or how a run learned: room, camera, hands and network.
 
   ale-robot film                                   writes film.mp4
-  ale-robot film --weights runs/NAME/snapshots/best.safetensors --video best.mp4
-  ale-robot film --seconds 20 --video short.gif
+  ale-robot film ale_pong --seconds 20 --video short.gif
+  ale-robot film runs/NAME/snapshots/best.safetensors --video best.mp4
   ale-robot film runs/NAME                         each epoch of a run that was
                                                    trained with --keep-snapshots
 
-  --weights NAME|FILE  network that plays
+  NAME|FILE            network that plays; a run's folder films its epochs
   --video FILE         film: .mp4, or .gif of at most 120 s
   --seconds S          seconds of play, by default a whole game; of a run 8 for
                        each epoch

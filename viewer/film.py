@@ -19,7 +19,7 @@ from common.process.command_line import WeightsFile
 from common.process.progress import Progress
 from common.run.epochs import EpochRow, EpochTable
 from common.run.folder import RunFolder, kept_networks
-from common.run.origin import shown_weights
+from common.run.origin import find_weights, shown_weights
 from viewer import overlay
 from viewer.movie import open_movie
 from viewer.panels import Panels
@@ -45,42 +45,49 @@ class Chapter(NamedTuple):
 class Film(Played):
     """Film a game: room, camera, hands and network; or, with a run's folder, how it learned.
 
-    Such a film shows random play, or the network with which the run began, and then each epoch's
-    network for a few seconds. The run must keep its snapshots (--keep-snapshots).
+    The film of a run shows random play, or the network with which the run began, and then each
+    epoch's network for a few seconds. The run must keep its snapshots (--keep-snapshots).
     """
 
-    folder: tyro.conf.Positional[File] = None
-    """Folder of a run, such as runs/NAME."""
+    shown: tyro.conf.Positional[File] = None
+    """Folder of a run that is filmed epoch by epoch, such as runs/NAME; or a network, as in
+    --weights."""
     weights: WeightsFile | None = None
-    """Network that plays, where no run is given; by default the published one of --env."""
+    """Network that plays, such as robot_pong, or runs/NAME for the newest of a run; by default the
+    published one of --env."""
     epsilon: Fraction = 0.001
     """Share of random actions of the network's play."""
     seconds: Amount = 0.0
-    """Seconds of play, of a run for each epoch (8 by default); 0 films a whole game."""
+    """Seconds of play, for each epoch of a run (8 by default); 0 films a whole game."""
     video: File = None
-    """Film; its name ends in .mp4 or .gif. By default film.mp4, of a run films/learning.mp4 in its
-    folder."""
+    """Film; its name ends in .mp4 or .gif. By default film.mp4, or films/learning.mp4 in the folder
+    of a run that is filmed epoch by epoch."""
     nao_urdf: File = None
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
 
     def check(self) -> None:
-        if self.folder is None:
+        if self.shown is not None and self.weights is not None:
+            raise InputError(f"{self.shown} says what is filmed: omit --weights.")
+        if not self._shows_run:
             self._play().check()
-        elif self.weights is not None:
-            raise InputError("the networks of a run are its snapshots: omit --weights.")
 
     def run(self, stop: threading.Event) -> None:
         """Film until the end, or until ``stop``. Raises InputError if there is nothing to film, or
         the film cannot be written."""
-        if self.folder is not None:
-            self._time_lapse(self.folder, stop)
+        if self.shown is not None and self._shows_run:
+            self._time_lapse(self.shown, stop)
         else:
             self._play().run(stop)
 
+    @property
+    def _shows_run(self) -> bool:
+        return self.shown is not None and self.shown.is_dir()
+
     def _play(self) -> Play:
+        given = find_weights(self.shown) if self.shown else self.weights
         return Play(
             *(self.env, self.game, self.robot, self.seed, self.minimal_actions),
-            weights=self.weights or shown_weights(self.env),
+            weights=given or shown_weights(self.env),
             epsilon=self.epsilon,
             seconds=self.seconds,
             video=self.video or Path("film.mp4"),
@@ -117,9 +124,9 @@ class Film(Played):
 
 def chapters_of(folder: Path) -> list[Chapter]:
     """Returns what a run began with and its kept snapshots, the oldest first. Raises InputError if
-    it is no run, or has kept none."""
+    it is not a run's folder, or the run has kept none."""
     if (run := RunFolder.at(folder)) is None:
-        raise InputError(f"{folder} is no run's folder: name one, such as runs/NAME.")
+        raise InputError(f"{folder} is not the folder of a run: name one, such as runs/NAME.")
     networks = kept_networks(run.snapshots)
     if not networks:
         raise InputError(

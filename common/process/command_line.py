@@ -212,6 +212,7 @@ _SAID = {
 
 def _plainly(said: str) -> str:
     """Returns the beginning of a sentence that goes on with a command."""
+    said = re.sub(r"\{.*?\}", lambda names: names[0].replace(",", ", "), said)
     for pattern, plainly in _SAID.items():
         if found := re.fullmatch(pattern, said):
             return found.expand(plainly)

@@ -67,7 +67,7 @@ def test_a_run_is_filmed_chapter_by_chapter(
     run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("common.process.progress.PLAIN_SECONDS", 0.0)
-    Film(folder=run, seconds=0.2).run(threading.Event())
+    Film(shown=run, seconds=0.2).run(threading.Event())
     video = run / "films" / "learning.mp4"
     told = capsys.readouterr()
     assert told.out == f"wrote {video}\n"
@@ -92,10 +92,12 @@ def test_a_title_stands_above_the_picture() -> None:
 
 
 def test_what_cannot_be_filmed_is_told(run: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is no run's folder"):
-        Film(folder=tmp_path).run(threading.Event())
+    with pytest.raises(InputError, match="is not the folder of a run"):
+        Film(shown=tmp_path).run(threading.Event())
     with pytest.raises(InputError, match="omit --weights"):
-        Film(folder=run, weights=run / "x").check()
+        Film(shown=run, weights=run / "x").check()
+    with pytest.raises(InputError, match="did you mean robot_pong"):
+        Film(shown=Path("robot_pnog")).check()
     (run / "epochs.csv").write_text(",".join(COLUMNS) + "\n1,train,soon\n")
     with pytest.raises(InputError, match=r"epochs\.csv is damaged"):
         chapters_of(run)

@@ -31,7 +31,7 @@ class FilmsSink(Sink):
     """Films in the run's folder, named as the snapshots, which the run must keep.
 
     One is made at a time, at low priority. Where epochs pass faster than films are made, those
-    between are left out, and so is one that the run's end breaks off: `ale-robot film --weights`
+    between are left out, and so is one that the run's end breaks off: `ale-robot film`
     makes them later. A resumed run begins with that of its newest epoch. The warm-up, which is
     random play in a run without --initial, is epoch 0.
     """
