@@ -115,7 +115,8 @@ def build_learner(
         max_q=lambda: held_out.histogram,
         gpu=device.figures,
     )
-    telemetry.start(state)
+    with checkpoint.restoring():
+        telemetry.start(state)
     learner = Learner(
         config=config,
         steps_goal=options.steps,
@@ -146,6 +147,7 @@ def build_learner(
         stop=stop,
     )
     if state is not None:
-        learner.restore(state)
+        with checkpoint.restoring():
+            learner.restore(state)
     serve_evaluators(transport, keys, evaluation, sign)
     return learner

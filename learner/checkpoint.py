@@ -8,7 +8,8 @@ noise of their own.
 import errno
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +92,21 @@ class Checkpoint:
             ) from None
         return state
 
+    @contextmanager
+    def restoring(self) -> Iterator[None]:
+        """Within it, the counters that `load` returned are taken up.
+
+        Raises:
+            InputError: they are not of the form that `save` writes, for the file was changed.
+        """
+        try:
+            yield
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            raise InputError(
+                f"the counters in the checkpoint {self.path} are not those of a run "
+                f"({type(error).__name__}: {error}): put the file back from a backup."
+            ) from None
+
     def check_room(self) -> None:
         """Refuse to begin the next one on a disk that has no room for it.
 
@@ -124,7 +140,10 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         whole = metadata["crc32"] == str(_crc32(tensors))
     if not whole:
         raise ValueError("its checksum does not match")
-    return tensors, json.loads(metadata["state"])
+    state = json.loads(metadata["state"])
+    if not isinstance(state, dict):
+        raise ValueError("its counters are not a table")
+    return tensors, state
 
 
 def _crc32(tensors: dict[str, Tensor], text: str = "") -> int:

@@ -159,6 +159,36 @@ def test_a_run_is_learned_stopped_and_continued(tmp_path: Path) -> None:
     assert again.folder.epochs.read_bytes() == table
 
 
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {},
+        {"rows": None},
+        {"updates": "many"},
+        {"seconds": []},
+        {"books": [1]},
+        {"tests": [{"epoch": 1, "unheard_of": 2}]},
+        {"actors": {"processes": [{}]}},
+        {"actors": None},
+    ],
+)
+def test_a_checkpoint_with_other_counters_is_refused(
+    tmp_path: Path, changed: dict[str, Any]
+) -> None:
+    """Somebody else's run may have a checkpoint whose checksum is right."""
+    actor = Actor("a", CONFIG.play.frame_stack)
+    with place(tmp_path, actor, resume=False, steps_goal=None) as run:
+        run.play(1)
+        run.learner.start()
+        whole = run.checkpoint()
+        run.learner.checkpoint.save(whole | changed if changed else {})
+    with (
+        pytest.raises(InputError, match=r"^the counters in .*\.safetensors are not those"),
+        place(tmp_path, actor, resume=True, steps_goal=None),
+    ):
+        pass
+
+
 def test_the_gpu_that_is_told_of_is_the_learners(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

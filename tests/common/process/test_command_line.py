@@ -310,7 +310,7 @@ class Named:
 @pytest.mark.parametrize(
     ("kind", "arguments", "words"),
     [
-        (Choosing, [], r"^name one of one, two \(Engine that runs it\): `python -m program --help`"),
+        (Choosing, [], r"^name one of one, two \(Engine that runs it\): `python -m program "),
         (Choosing, ["one", "--steps", "x"], r"^--steps is 'x': give a whole number; `python -m "),
         (Named, [], r"^a name is missing \(OWNER/NAME at the hub\): `python -m program --help` "),
     ],
