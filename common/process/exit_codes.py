@@ -23,13 +23,13 @@ INTERRUPTED = 130
 
 EXIT_CODES = (
     ExitCode(DONE, "done, or ended by Ctrl-C or SIGTERM with everything saved", False),
+    ExitCode(FAILED, "failed, and said why; from check and status: a health check is red", True),
+    ExitCode(BAD_INPUT, "cannot do what was asked: wrong flags, settings or files", False),
     ExitCode(
-        FAILED, "failed inside, and said how; of check and status: a health check is red", True
+        RED, "the run ended itself: a health check stayed red, or the run made no progress", False
     ),
-    ExitCode(BAD_INPUT, "cannot work as asked: flags, settings, files", False),
-    ExitCode(RED, "the run ended itself: a health check stayed red, or nothing moved", False),
-    ExitCode(UNREACHABLE, "nobody answers at the address, or the run there has gone", True),
-    ExitCode(NO_ROOM, "no room on the disk, or it is read-only: works once that has changed", True),
+    ExitCode(UNREACHABLE, "nobody answers at the address, or the run there has ended", True),
+    ExitCode(NO_ROOM, "the disk is full or read-only: works once that has changed", True),
     ExitCode(INTERRUPTED, "interrupted before it began, or by a second Ctrl-C", False),
 )
 """All of them; a process that is killed by signal N has 128 + N in a shell, and may go on."""
