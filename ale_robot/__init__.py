@@ -1,7 +1,7 @@
-"""ALE-Robot's public face: Gymnasium environments, trained policies, evaluations.
+"""The public API of ALE-Robot: Gymnasium environments, trained policies, evaluations.
 
-Importing it registers ``ALERobot/<Game>-v0``, the robot, and ``ALERobot/<Game>-Emulator-v0``, the
-emulator alone, with Gymnasium::
+Importing it registers two environments per game with Gymnasium: ``ALERobot/<Game>-v0``, the robot,
+and ``ALERobot/<Game>-Emulator-v0``, the emulator alone::
 
     import ale_robot, gymnasium
 
@@ -28,7 +28,7 @@ for _name in ("actors", "common", "deploy", "learner", "replay", "viewer"):
             f"{_file.parent} hides the package {_name} of ale-robot: run it in another folder."
         )
 
-if Path(sys.argv[0]).name == "ale-robot":  # whose program begins after what is imported here
+if Path(sys.argv[0]).name == "ale-robot":  # the imports below come before its `main`
     from common.process.lifeline import leave_at_interrupt
 
     leave_at_interrupt()
@@ -38,7 +38,7 @@ from common.version import VERSION as __version__  # noqa: E402
 
 
 def __getattr__(name: str) -> Any:
-    """Loads what needs PyTorch when it is asked for."""
+    """Loads the names that need PyTorch on first use."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from ale_robot import policy
@@ -47,5 +47,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Returns what is public, loaded or not, for those who complete a name by Tab."""
+    """Returns the public names, loaded or not, for tab completion."""
     return __all__

@@ -1,4 +1,4 @@
-"""`ale-robot COMMAND`: one command for what the programs of each package do."""
+"""`ale-robot COMMAND`: one command in front of the programs of all packages."""
 
 import os
 import sys
@@ -12,7 +12,7 @@ from common.process.lifeline import leave_at_interrupt
 
 
 def run() -> int | None:
-    """Hands the command line over to the program that it is for; returns its exit status."""
+    """Runs the program that the command line names; returns its exit status."""
     name, *arguments = sys.argv[1:] or ["--help"]
     if name == "--version":
         print(f"ale-robot {__version__}")
@@ -29,13 +29,13 @@ def run() -> int | None:
     if "--help-all" in arguments:
         given, arguments = [*takewhile(str.isalpha, given)], ["--help"]
     elif name == "evaluate" and (not arguments or arguments[0].startswith("-")):
-        raise InputError("name a network first, as in `ale-robot evaluate robot_pong`.")
+        raise InputError("no network is named: name one, as in `ale-robot evaluate robot_pong`.")
     elif name in SHOWING and arguments and not arguments[0].startswith("-"):
         arguments = ["--weights", *arguments]
     sys.argv = [f"ale-robot {name}", *given, *arguments]
     seen = name == "train" or (name in LOADING and sys.stdout.isatty())
     if seen and not {"--help", "--version", "--log-json"} & {*arguments}:
-        print("starting ... (to load PyTorch takes some seconds)", flush=True)
+        print("starting ... (loading PyTorch takes some seconds)", flush=True)
     try:
         program = import_module(module)
     except ModuleNotFoundError as error:
@@ -50,7 +50,7 @@ def run() -> int | None:
 def main() -> None:
     """Runs the command and exits with its status."""
     leave_at_interrupt()
-    # Programs that this one starts import the same packages, whatever lies where it is called.
+    # Child processes must import the same packages, whatever is in the working directory.
     os.environ["PYTHONSAFEPATH"] = "1"
     exit_on_input_error(run)
 

@@ -1,6 +1,7 @@
 """The commands of `ale-robot`: the program behind each, and its short help.
 
-`--help` shows this text at once; `--help-all` loads the program, whose own help has every flag.
+`--help` prints the short help at once. `--help-all` loads the program, whose own help lists every
+flag.
 """
 
 import textwrap
@@ -24,75 +25,75 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
     "backup": ("learner.backup",),
     "policies": ("ale_robot.hub",),
 }
-"""By the command's name, the module whose ``main`` it calls, and what comes before the user's
-arguments."""
+"""Programs by command: the module whose ``main`` is called, and the arguments that come before the
+user's."""
 LOADING = {"watch", "play", "record", "check", "film", "evaluate"}
-"""Commands that say at a terminal that they load PyTorch; training says it anywhere."""
+"""Commands that announce at a terminal that they load PyTorch; `train` announces it everywhere."""
 
 SHOWING = ("watch", "play")
-"""Commands that take a network also without its flag, as `evaluate` does."""
+"""Commands that accept a network without ``--weights``, as `evaluate` does."""
 
 HELP = {
     "watch": """\
 Watch a trained robot play in this terminal.
 
   ale-robot watch                                  the shipped robot at Pong
-  ale-robot watch runs/NAME                        newest network of a run
+  ale-robot watch runs/NAME                        the newest network of a run
   ale-robot watch ale_pong --env ale               the emulator, without a robot
 
-  NAME|FILE            network that plays: robot_pong, ale_pong, a run or a file
-  --game GAME          game, such as breakout
+  NAME|FILE            network: robot_pong, ale_pong, a run's folder or a file
+  --game GAME          game to play, such as breakout
   --epsilon SHARE      share of random actions, 0 to 1
-  --games N            number of whole games; 0, the default, plays until q
+  --games N            number of games; 0, the default, plays until you press q
   --seed N             seed of the games
 """,
     "train": """\
 Train a robot on this machine until Ctrl-C.
 
   ale-robot train --run first                      NAO learns Pong
-  ale-robot train --run first --resume             go on
+  ale-robot train --run first --resume             continue that run
   ale-robot train --env ale --game breakout        the emulator, without a robot
-  ale-robot train --config run.toml --seed 2       a file of flags; flags win
+  ale-robot train --config run.toml --seed 2       flags from a file; these win
 
-  --run NAME           name of the run, a folder below runs/
-  --env robot|ale      camera and hands (the default), or the emulator alone
-  --game GAME          pong, the default, breakout, …; all: ale-robot --help-all
-  --preset NAME        settings to start from: robot (the default), fast, paper
-  --actors N           number of robots that play at a time; 1 by default
-  --steps N            agent steps after which it ends; 500,000 take an hour
+  --run NAME           name of the run and of its folder in runs/
+  --env robot|ale      camera and hands (default), or the emulator alone
+  --game GAME          pong (default), breakout, …; list: ale-robot --help-all
+  --preset NAME        settings to start from: robot (default), fast or paper
+  --actors N           number of robots that play at the same time (default 1)
+  --steps N            agent steps at which the run ends; 500,000 take an hour
   --seed N             seed of weights, minibatches and games
-  --initial NAME|FILE  network to begin with, instead of a fresh one
-  --demonstrations FOLDER   recorded games with which the replay begins
-  --play.vector        commands, keys and joints too, beside the camera's frames
-  --no-sync            robots in real time
-  --web ADDRESS        page of the run for a browser, such as 127.0.0.1:8080
+  --initial NAME|FILE  network to start from, instead of a fresh one
+  --demonstrations FOLDER   recorded games with which the replay starts
+  --play.vector        commands, keys and joints as input, beside the frames
+  --no-sync            real time, instead of as fast as the machine allows
+  --web ADDRESS        address of the run's web page, such as 127.0.0.1:8080
   --no-local           replay and learner only; actors join from elsewhere
-  --listen ADDRESS     where they find it; tcp/0.0.0.0:7447 lets other hosts in
+  --listen ADDRESS     address for actors; tcp/0.0.0.0:7447 admits other hosts
 """,
     "join": """\
 Join a run as an actor, from another terminal or machine.
 
   ale-robot join                                   a run on this machine
-  ale-robot join --connect tcp/HOST:7447           a run elsewhere
+  ale-robot join --connect tcp/HOST:7447           a run on another machine
   ale-robot join --evaluator                       play the tests of epochs
 
   --connect ADDRESS    address of the run's learner or replay
-  --certificates DIR   certificates, where the address begins with tls/
-  --name NAME          name of this actor, where the folder has several names
-  --run NAME           name of the run, where an address serves several
+  --certificates DIR   folder of certificates, for a tls/ address
+  --name NAME          name of this actor, if DIR has several certificates
+  --run NAME           name of the run, if the address serves several
   --envs N             number of environments in this process
-  --no-sync            play in real time
-  --patience SECONDS   time to wait for the run; inf for ever
+  --no-sync            real time, instead of as fast as the machine allows
+  --patience SECONDS   time to wait for the run; inf waits for ever
 """,
     "replay": """\
-Serve the replay of a run as a process of its own.
+Serve a run's replay from a process of its own.
 
   ale-robot replay --run pong
   ale-robot train --no-local --run pong --connect tcp/127.0.0.1:7447
 
   --run NAME           name of the run
-  --listen ADDRESS     address where learner and actors find it
-  --resume             go on with what is stored
+  --listen ADDRESS     address to which learner and actors connect
+  --resume             continue with the stored steps
 """,
     "launch": """\
 Launch a run on Slurm, Kubernetes, Compose or Ray.
@@ -100,45 +101,45 @@ Launch a run on Slurm, Kubernetes, Compose or Ray.
   ale-robot launch slurm --actors 8 --submit       the robot learns Pong
   ale-robot launch slurm --gpus 1 --time 04:00:00 -- --game breakout
   ale-robot launch kubernetes --image HOST/ale-robot:1
-  ale-robot launch ray --run pong --actors 8       on a Ray cluster; again, with
-                                                   another number, to scale it
+  ale-robot launch ray --run pong --actors 8       on a Ray cluster; repeat with
+                                                   another number to scale it
 
   -- FLAGS             flags of ale-robot train
-  --run NAME           name of the run, a folder below runs/
-  --actors N           number of robots that play at a time
-  --evaluators N       number of those that play the tests of epochs
-  --submit             submit the jobs of Slurm too, rather than only write them
+  --run NAME           name of the run and of its folder in runs/
+  --actors N           number of robots that play at the same time
+  --evaluators N       number of evaluators, which play the tests of epochs
+  --submit             submit the Slurm jobs, instead of only writing them
   --address HOST:PORT  address of the Ray cluster
   --stop               end the run on Ray, with a checkpoint
 """,
     "status": """\
-Tell how a run does, wherever it is; the exit code says it too.
+Show how a run is doing, on this machine or another.
 
   ale-robot status                                 a run on this machine
   ale-robot status --connect tcp/HOST:7447 --json
 
   --connect ADDRESS    address of the run's learner or replay
-  --certificates DIR   a learner's certificates, for a tls/ address
-  --run NAME           name of the run, where an address serves several
+  --certificates DIR   folder of a learner's certificates, for a tls/ address
+  --run NAME           name of the run, if the address serves several
   --json               JSON instead of a table
 
   exit code: 0 healthy, 1 something is red, 4 nobody answers
 """,
     "play": """\
-Play whole games, and print their scores.
+Play whole games and print their scores.
 
   ale-robot play robot_pong --games 5
-  ale-robot play --viewer rerun                    the room in 3-D, with figures
-  ale-robot play --save game.rrd                   the same as a file
+  ale-robot play --viewer rerun                    the room in 3-D, with plots
+  ale-robot play --save game.rrd                   the same, as a file
 
-  NAME|FILE            network that plays; random actions without
-  --env, --game, --robot, --seed    what is played
+  NAME|FILE            network that plays; actions are random without one
+  --env, --game, --robot, --seed    what to play
   --epsilon SHARE      share of random actions, 0 to 1
   --games N            number of games
   --seconds S          seconds of play, instead of whole games
-  --viewer rerun       Rerun's viewer: a window, or a page without a display
-  --save FILE.rrd      recording for that viewer
-  --no-sync            real time
+  --viewer rerun       Rerun's viewer: a window, or a web page without a display
+  --save FILE.rrd      recording for Rerun's viewer
+  --no-sync            real time, instead of as fast as the machine allows
 
   Rerun needs pip install 'ale-robot[viz]'.
 """,
@@ -149,9 +150,9 @@ Play yourself, through the robot's hands: arrow keys, space, q.
   ale-robot human --robot robotroller
   ale-robot human --record FOLDER                  for `train --demonstrations`
 
-  --game GAME          game, such as breakout
+  --game GAME          game to play, such as breakout
   --robot NAME         robot: nao or robotroller
-  --record FOLDER      LeRobot dataset of what is played
+  --record FOLDER      folder for a LeRobot dataset of your games
 
   --record needs pip install 'ale-robot[record]'.
 """,
@@ -160,15 +161,15 @@ Record a network's games as a LeRobot dataset.
 
   ale-robot record robot_pong -o FOLDER --minutes 10
   ale-robot record ale_pong -o FOLDER --games 3
-  ale-robot train --demonstrations FOLDER          begin with them
+  ale-robot train --demonstrations FOLDER          start a run with them
 
-  NAME|FILE            network that plays: robot_pong, ale_pong, a run or a file
+  NAME|FILE            network: robot_pong, ale_pong, a run's folder or a file
   -o FOLDER            folder of the recording, which must not exist yet
   --games N            number of whole games
   --minutes M          minutes of game time, instead of whole games
-  --env, --game, --robot, --seed    what is played
+  --env, --game, --robot, --seed    what to play
   --epsilon SHARE      share of random actions, 0 to 1
-  --no-sync            real time
+  --no-sync            real time, instead of as fast as the machine allows
 
   Recordings need pip install 'ale-robot[record]'.
 """,
@@ -178,13 +179,13 @@ Check a robot's sight and touch, and write a picture.
   ale-robot check
   ale-robot check --robot robotroller -o arm.png
 
-  --env, --game, --robot, --seed    what is checked
+  --env, --game, --robot, --seed    what to check
   -o FILE.png          picture; check.png by default
 
   exit code: 0 healthy, 1 a health check is red
 """,
     "film": """\
-Film a game, or how a run learned: room, camera, hands and network.
+Film a game, or a run's progress: room, camera, hands and network.
 
   ale-robot film                                   writes film.mp4
   ale-robot film ale_pong --seconds 20 --video short.gif
@@ -194,26 +195,26 @@ Film a game, or how a run learned: room, camera, hands and network.
 
   NAME|FILE            network that plays; a run's folder films its epochs
   --video FILE         film: .mp4, or .gif of at most 120 s
-  --seconds S          seconds of play, by default a whole game; of a run 8 for
-                       each epoch
+  --seconds S          seconds of play: by default a whole game, or, of a run,
+                       8 for each epoch
 """,
     "evaluate": """\
-Test a network by whole games, in several processes.
+Evaluate a network over whole games, in several processes.
 
   ale-robot evaluate robot_pong
   ale-robot evaluate runs/NAME/snapshots/best.safetensors --headline --json FILE
-  ale-robot evaluate robot_pong --camera.noise 8   in another world
+  ale-robot evaluate robot_pong --camera.noise 8   under camera noise
 
-  NAME|FILE            network that plays, as these: a policy, a run or a file
+  NAME|FILE            network: a shipped policy, a run's folder or a file
   --games N            number of games
-  --headline           also with 5 % random actions, and with sticky actions
+  --headline           two more scores: 5 % random actions, and sticky actions
   --epsilon SHARE      share of random actions, 0 to 1
-  --processes N        games played at a time
-  --json FILE          file of the results
-  --no-sync            real time
+  --processes N        number of games played at the same time
+  --json FILE          file for the results
+  --no-sync            real time, instead of as fast as the machine allows
 """,
     "plot": """\
-Draw runs: reward and mean max-Q by epoch.
+Plot runs: reward and mean max-Q by epoch.
 
   ale-robot plot runs/A runs/B -o figure.png
   ale-robot plot runs/A --figure progress --phase train -o figure.png
@@ -223,29 +224,29 @@ Draw runs: reward and mean max-Q by epoch.
   --phase NAME         test or train
   -o FILE              picture: .png, .svg or .pdf
 
-  A run needs a complete epoch; --web and TensorBoard draw from its start.
+  A run needs one complete epoch; before that, use --web or TensorBoard.
 """,
     "backup": """\
-Copy a run, also while it works, to go on with it elsewhere.
+Copy a run, even while it is training, to continue it elsewhere.
 
   ale-robot backup runs/NAME -o /mnt/backup/NAME
-  ale-robot train --runs /mnt/backup --run NAME --resume       go on with it
+  ale-robot train --runs /mnt/backup --run NAME --resume       continue the copy
 
   -o FOLDER            folder of the copy, which must not exist yet
 """,
     "policies": """\
-List the trained policies that are shipped; push and pull others.
+List the shipped policies; share policies through a model hub.
 
-  ale-robot policies                               those that are shipped
-  ale-robot watch ale_pong                         watch one
-  ale-robot policies pull OWNER/NAME -o FOLDER     from a hub of models
-  ale-robot policies push robot_pong OWNER/NAME    to that hub
+  ale-robot policies                               list the shipped policies
+  ale-robot watch ale_pong                         watch one of them
+  ale-robot policies pull OWNER/NAME -o FOLDER     fetch one from the hub
+  ale-robot policies push robot_pong OWNER/NAME    upload one to the hub
 
-  Both need pip install 'ale-robot[hub]'.
+  pull and push need pip install 'ale-robot[hub]'.
 """,
 }
-"""One line of what the command does, examples, and the flags that are used most: with the last line
-of `help_of` at most one screen of 24 lines and 80 columns."""
+"""Short help by command: what it does in one line, examples, and the most common flags. With the
+last line of `help_of` it fits one screen of 24 lines and 80 columns."""
 
 
 def help_of(name: str) -> str:
@@ -254,14 +255,14 @@ def help_of(name: str) -> str:
 
 
 def overview(*, everything: bool) -> str:
-    """Returns what the commands are; with ``everything``, the games too."""
+    """Returns the list of commands; with ``everything``, also the list of games."""
     lines = [
         "A simulated robot learns Atari games through its camera and its hands.",
-        "Begin with `ale-robot watch`, and then `ale-robot train`.",
+        "Begin with `ale-robot watch`, then `ale-robot train`.",
         "",
         *(f"  {name:<10} {text.splitlines()[0]}" for name, text in HELP.items()),
         "",
-        "  ale-robot COMMAND --help        examples, and the flags that are used most",
+        "  ale-robot COMMAND --help        examples, and the most common flags",
         "  ale-robot COMMAND --help-all    every flag",
         "  ale-robot --version             version of this program",
     ]

@@ -1,8 +1,9 @@
-"""`ale-robot policies`: those that are shipped; `push` and `pull` share them through a model hub.
+"""`ale-robot policies`: lists the shipped policies; `push` and `pull` share them through a model
+hub.
 
-A policy at the hub is three files: weights as safetensors, our card as JSON with their SHA-256, and
-README.md, the same for people and for the hub. Where the hub is, and who one is there, is the
-business of huggingface_hub: ``HF_ENDPOINT``, ``HF_TOKEN``, ``hf auth login``.
+At the hub a policy is three files: the weights as safetensors; our card as JSON, with the SHA-256
+of the weights; and README.md, the model card for people and for the hub. Address and login are
+settings of huggingface_hub: ``HF_ENDPOINT``, ``HF_TOKEN``, ``hf auth login``.
 """
 
 import hashlib
@@ -29,33 +30,34 @@ from viewer.policies import Policies
 
 MAX_WEIGHTS = 64 * 2**20
 MAX_CARD = 2**20
-"""Bytes of a file that is fetched, at most."""
+"""Maximum size of a fetched file, bytes."""
 
 
 @dataclass(frozen=True)
 class Push:
-    """Put a policy with its card into a repository of a model hub."""
+    """Upload a policy and its card to a repository of a model hub."""
 
     policy: tyro.conf.Positional[str]
-    """A published policy, as `python -m learner.publish` makes it, or a shipped one by its name."""
+    """Policy to upload: the name of a shipped one, or a file that `python -m learner.publish`
+    made."""
     repository: tyro.conf.Positional[str]
-    """OWNER/NAME at the hub; made if it is not there."""
+    """Repository at the hub, OWNER/NAME; created if it does not exist."""
     private: bool = False
-    """Make a repository that only its owner sees."""
+    """Make a created repository visible to its owner only."""
 
     def run(self) -> None:
-        """Uploads three files in one commit.
+        """Uploads the three files in one commit.
 
         Raises:
-            InputError: the policy has no card, or the hub does not take it.
+            InputError: the policy has no card, or the hub refuses it.
         """
         check_extra("a model hub", "hub")
-        from ale_robot.policy import load_policy  # PyTorch, which the list does without
+        from ale_robot.policy import load_policy  # loads PyTorch, which listing does not need
 
         weights = find_weights(self.policy)
         card, content = _card_of(weights), read_file(weights)
         card["sha256"] = hashlib.sha256(content).hexdigest()
-        config = load_policy(weights).config  # whoever pulls it must be able to load it
+        config = load_policy(weights).config  # what cannot be loaded must not be pushed
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             (folder / weights.name).write_bytes(content)
@@ -73,17 +75,18 @@ class Pull:
     """Fetch a policy from a model hub, and check it."""
 
     repository: tyro.conf.Positional[str]
-    """OWNER/NAME at the hub."""
+    """Repository at the hub, OWNER/NAME."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path()
     """Folder for weights and card."""
     revision: str = "main"
-    """Branch, tag or commit."""
+    """Branch, tag or commit of the repository."""
 
     def run(self) -> None:
         """Writes NAME.safetensors and NAME.json.
 
         Raises:
-            InputError: there is no policy, it is not what its card says, or a file is in the way.
+            InputError: the repository has no policy, the policy does not match its card, or a file
+                of that name exists already.
         """
         check_extra("a model hub", "hub")
         from ale_robot.policy import load_policy
@@ -94,21 +97,23 @@ class Pull:
             weights, card = names = _pair(self.repository, sizes)
             for name in names:
                 if (self.output / name).exists():
-                    raise InputError(f"{self.output / name} is there already: choose a folder, -o.")
+                    raise InputError(
+                        f"{self.output / name} already exists: choose another folder with -o."
+                    )
             for name, most in zip(names, (MAX_WEIGHTS, MAX_CARD), strict=True):
                 if not 0 < (sizes[name] or 0) <= most:
                     raise InputError(
                         f"{name} of {self.repository} has {sizes[name]} bytes: a policy has at "
                         f"most {most:,} there."
                     )
-                # Of the very commit that was looked at.
+                # The commit whose sizes were checked, even if the branch has moved since.
                 of_commit = {"filename": name, "revision": info.sha}
                 _ask("hf_hub_download", self.repository, **of_commit, local_dir=temporary)
             fetched = Path(temporary) / weights
             content = read_file(fetched, MAX_WEIGHTS)
             told = _card_of(fetched)
             if told.get("sha256") != hashlib.sha256(content).hexdigest():
-                raise InputError(f"{weights} of {self.repository} is not what its card says.")
+                raise InputError(f"{weights} of {self.repository} does not match its card.")
             load_policy(fetched)
             self.output.mkdir(parents=True, exist_ok=True)
             write_atomically(self.output / weights, content)
@@ -117,7 +122,7 @@ class Pull:
 
 
 def _pair(repository: str, files: dict[str, Any]) -> tuple[str, str]:
-    """Returns the names of weights and card; all other files are left where they are."""
+    """Returns the file names of weights and card; other files of the repository are ignored."""
     stems = [
         name.removesuffix(".safetensors")
         for name in files
@@ -125,8 +130,8 @@ def _pair(repository: str, files: dict[str, Any]) -> tuple[str, str]:
     ]
     if len(stems) != 1 or not re.fullmatch(NAME, stems[0]):
         raise InputError(
-            f"{repository} holds no policy of ale-robot: it should have NAME.safetensors and "
-            "NAME.json once."
+            f"{repository} holds no policy of ale-robot: it needs exactly one NAME.safetensors "
+            "with its NAME.json."
         )
     return f"{stems[0]}.safetensors", f"{stems[0]}.json"
 
@@ -135,7 +140,7 @@ def _card_of(weights: Path) -> dict[str, Any]:
     """Returns the card beside ``weights``.
 
     Raises:
-        InputError: there is none, or its publishing was broken off before the evaluation.
+        InputError: there is none, or publishing was interrupted before the evaluation.
     """
     lacks = "card beside it"
     try:
@@ -147,12 +152,12 @@ def _card_of(weights: Path) -> dict[str, Any]:
     except (OSError, ValueError, AttributeError, RecursionError):
         pass
     raise InputError(
-        f"{weights} has no {lacks}: make it by python -m learner.publish runs/NAME -o NAME."
+        f"{weights} has no {lacks}: make it with python -m learner.publish runs/NAME -o NAME."
     )
 
 
 def _ask(what: str, repository: str, **arguments: Any) -> Any:
-    """Returns what the method ``what`` of huggingface_hub's API does.
+    """Calls the method ``what`` of huggingface_hub's API, and returns its result.
 
     Raises:
         InputError: huggingface_hub is not installed, or the hub refuses.
@@ -161,20 +166,20 @@ def _ask(what: str, repository: str, **arguments: Any) -> Any:
         from huggingface_hub import HfApi
     try:
         return getattr(HfApi(), what)(repo_id=repository, **arguments)
-    except Exception as error:  # its own, and those of whatever HTTP client it uses
+    except Exception as error:  # its own errors, and those of any HTTP client that it uses
         reason = str(error).strip().partition("\n")[0].rstrip(".")
         raise InputError(f"the hub does not serve {repository}: {reason}.") from None
 
 
 def main() -> None:
-    """Lists what is shipped, or pushes or pulls."""
+    """Lists the shipped policies, or pushes or pulls one."""
     if not sys.argv[1:]:
         Policies().run(threading.Event())
         return
     if (name := sys.argv[1]) not in ("push", "pull") and not name.startswith("-"):
         raise InputError(
-            f"`ale-robot policies` has no command {name!r}: give none for the list of shipped "
-            "policies, or push or pull."
+            f"`ale-robot policies` has no command {name!r}: omit it to list the shipped policies, "
+            "or choose push or pull."
         )
     commands: Any = Push | Pull
     parse(commands, "policies", sys.argv[1:]).run()

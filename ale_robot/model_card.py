@@ -1,4 +1,4 @@
-"""The model card of a policy: README.md of a model hub, for people and, on top, for the hub."""
+"""The model card of a policy: a README.md for people, with the metadata that a model hub reads."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -30,8 +30,9 @@ In Python, `ale_robot.load_policy("{name}.safetensors")` has `make_env`, `act` a
 
 The weights have the SHA-256 `{sha256}`.
 `{name}.json` has all settings of the training, and the score of each game.
-The network is for this game, this robot and these settings: in another world, such as with another
-latency or camera, measure it first (`ale-robot evaluate {name}.safetensors --camera.noise 8`).
+The network was trained for this game, this robot and these settings. Before using it with others,
+such as another latency or camera, evaluate it there
+(`ale-robot evaluate {name}.safetensors --camera.noise 8`).
 """
 
 
@@ -39,8 +40,8 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
     """Returns the text of README.md.
 
     Args:
-        card: as `learner.publish` writes it.
-        config: the settings in it.
+        card: the card, as `learner.publish` writes it.
+        config: the settings in the card.
 
     Raises:
         InputError: huggingface_hub is not installed.
@@ -85,23 +86,24 @@ def model_card(name: str, card: Mapping[str, Any], config: RunConfig, repository
         input=f"the last {play.frame_stack} frames of 84×84 pixels"
         + (", its commands, keys and joints" if play.vector else ""),
         actions="the game's own actions" if play.minimal_actions else "all 18 actions",
-        trained="fine-tuned, from another network," if card.get("initial") else "trained",
+        trained="fine-tuned from another network" if card.get("initial") else "trained",
         steps=card["agent_steps"],
         milliseconds=ms_of(play.frame_skip),
         rows="\n".join(
             f"| {e:g} | {s:g} | {score} | {row['games']} |" for e, s, score, row in rows
         ),
-        grid="" if (grid := Grid.of(card)) is None else _told(grid),
+        grid="" if (grid := Grid.of(card)) is None else _grid_text(grid),
         repository=repository,
         sha256=card["sha256"],
     )
     return f"---\n{about.to_yaml()}\n---\n{text}"
 
 
-def _told(grid: Grid) -> str:
+def _grid_text(grid: Grid) -> str:
+    """Returns the paragraph on the grid of worlds."""
     mean, worst = (minus_signed(f"{score:.2f}") for score in (grid.mean, grid.worst))
     return (
-        f"\nIn {grid.worlds} worlds, of {grid.games} games each, its mean score is {mean}, and "
-        f"{worst} in the worst: hands up to\n{grid.added_ms:.0f} ms later, with noise and blur, "
+        f"\nIn {grid.worlds} other worlds, with {grid.games} games each, its mean score is {mean}, "
+        f"and {worst} in the worst:\nhands up to {grid.added_ms:.0f} ms later, noise and blur, "
         "other light, other poses, or late pictures.\n"
     )

@@ -1,4 +1,4 @@
-"""Trained policies: loaded with the settings under which they were trained, played, measured."""
+"""Trained policies: loads them with the settings of their training, plays them, evaluates them."""
 
 import threading
 from dataclasses import replace
@@ -22,10 +22,12 @@ from viewer.player import Played, ShownPolicy
 
 
 class TrainedPolicy:
-    """A network, greedy but for a share of random actions, and the settings it was trained under.
+    """A network and the settings that it was trained under; it plays ε-greedily.
 
     Args:
-        weights: a file, or a shipped policy by its name, as "robot_pong".
+        weights: a file, or the name of a shipped policy, such as "robot_pong".
+        epsilon: share of random actions.
+        seed: seed of the random actions.
 
     Raises:
         InputError: there is no such network, or it cannot be read.
@@ -37,7 +39,8 @@ class TrainedPolicy:
         self._policy = ShownPolicy.of_file(self.config, self.weights, epsilon, seed)
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
-        """Returns the environment in which it was trained, with whole games as episodes."""
+        """Returns an environment with the settings of its training, whose episodes are whole
+        games."""
         return make_env(self.config, training=False)
 
     def act(self, observation: Observation) -> int:
@@ -68,13 +71,13 @@ def evaluate(
     """Plays whole games in several processes, as ``ale-robot evaluate`` does.
 
     Args:
-        processes: games played at a time; 0 for as many as there are cores.
+        processes: number of games played at the same time; 0 for as many as there are cores.
 
     Returns:
-        what ``ale-robot evaluate --json`` writes: "mean", "deviation", "iqm", "scores", …
+        What ``ale-robot evaluate --json`` writes: "mean", "deviation", "iqm", "scores", …
 
     Raises:
-        InputError: there is no such network, or nobody knows what it was trained for.
+        InputError: there is no such network, or the settings of its training are unknown.
     """
     file = find_weights(weights)
     if (trained := origin_of(file)) is None:

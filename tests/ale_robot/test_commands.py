@@ -84,7 +84,7 @@ def test_training_says_at_once_that_it_starts_but_for_programs_that_read_json(
         with pytest.raises(InputError):
             run(monkeypatch, "train", flag)
         said.append(capsys.readouterr().out)
-    assert said == ["starting ... (to load PyTorch takes some seconds)\n", ""]
+    assert said == ["starting ... (loading PyTorch takes some seconds)\n", ""]
 
 
 def test_what_takes_long_to_load_says_so_at_a_terminal_alone(
@@ -140,7 +140,7 @@ def test_what_is_no_command_is_told_with_those_that_are(monkeypatch: pytest.Monk
 
 def test_an_evaluation_without_a_network_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     for arguments in ([], ["--games", "2"]):
-        with pytest.raises(InputError, match="name a network first, as in `ale-robot evaluate"):
+        with pytest.raises(InputError, match="name one, as in `ale-robot evaluate robot_pong`"):
             run(monkeypatch, "evaluate", *arguments)
 
 
@@ -191,7 +191,7 @@ def test_the_shipped_policies_are_listed(
     assert re.search(r"ale_kangaroo +kangaroo \(ale\) frames +5,380 +2,713 +5,260 *\n", said)
     assert "Watch one: ale-robot watch NAME\n" in said
     assert max(map(len, said.splitlines())) <= 80
-    with pytest.raises(InputError, match=r"no command 'show': give none for the list"):
+    with pytest.raises(InputError, match=r"no command 'show': omit it to list"):
         run(monkeypatch, "policies", "show")
 
 

@@ -130,7 +130,7 @@ def test_what_is_pushed_is_pulled_and_plays(
     there = {file.name: file.read_bytes() for file in (tmp_path / "mine").iterdir()}
     assert there == {name: pushed.files[name] for name in ("ale_pong.safetensors", "ale_pong.json")}
     assert f"watch {tmp_path}/mine/ale_pong.safetensors" in capsys.readouterr().out
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         Pull(REPOSITORY, tmp_path / "mine").run()
 
 
@@ -152,7 +152,7 @@ def test_the_card_tells_people_and_the_hub_the_scores(pushed: Hub) -> None:
 
 
 def test_the_card_tells_of_other_worlds_where_they_were_played(hub: Hub, pushed: Hub) -> None:
-    assert "25 worlds" not in pushed.files["README.md"].decode()
+    assert "25 other worlds" not in pushed.files["README.md"].decode()
     Push("robot_pong_robust", REPOSITORY).run()
     told = " ".join(hub.files["README.md"].decode().split())
     measured = json.loads(
@@ -160,7 +160,7 @@ def test_the_card_tells_of_other_worlds_where_they_were_played(hub: Hub, pushed:
     )["cells"]
     means = [cell["mean"] for cell in measured]
     words = f"its mean score is {sum(means) / 25:.2f}, and {min(means):.2f} in the worst"
-    assert f"In 25 worlds, of 10 games each, {words}" in told
+    assert f"In 25 other worlds, with 10 games each, {words}" in told
     assert "the worst: hands up to 200 ms later" in told
 
 
@@ -211,7 +211,7 @@ def rename(name: str) -> Any:
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (damage, "is not what its card says"),
+        (damage, "does not match its card"),
         (replace_by_noise, "holds no network"),
         (rename("../up"), "holds no policy"),
         (rename("a/b"), "holds no policy"),
