@@ -26,7 +26,7 @@ from common.process.restarts import with_restarts
 from learner import status
 from learner.options import LearnerOptions, opening, stored_config
 
-# PyTorch is loaded by what computes with it: help, a wrong flag and a status come at once.
+# PyTorch is loaded only where it is needed: help, a wrong flag and a status appear at once.
 
 
 def main() -> int | None:

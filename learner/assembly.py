@@ -1,4 +1,4 @@
-"""What a learner is made of: builds its parts, from a checkpoint if there is one."""
+"""Builds a learner from its parts, and restores them from a checkpoint if there is one."""
 
 import threading
 from functools import partial
@@ -56,7 +56,8 @@ def build_learner(
     """Returns the learner of the run in ``folder``, not yet started.
 
     Args:
-        sign: signs the weights that others play by.
+        more_sinks: sinks that take the run's figures beside the usual ones.
+        sign: signs the weights that actors and evaluators play by.
         page: address of the page that shows the run, if there is one.
 
     Raises:
@@ -65,7 +66,7 @@ def build_learner(
     config = options.config
     checkpoint = Checkpoint(folder.checkpoint, folder.previous, algorithm, config)
     state = checkpoint.load(display.line) if options.resume and folder.has_begun else None
-    # A run that began so goes on so; its films would have gaps otherwise.
+    # A run that began with kept snapshots goes on keeping them, or its films would have gaps.
     keep = (
         options.keep_snapshots or options.films > 0 or (state or {}).get("keeps_snapshots", False)
     )
@@ -106,7 +107,7 @@ def build_learner(
         tracked = TrackedRun(folder.name, replay.run_id, settings)
         sinks.append(TrackerSink(options.track, tracked))
     if options.films:
-        # Before those that it tells of a film that is complete at the end, as they close too.
+        # First in the list, so that it closes last films before the sinks that receive them close.
         epsilon = config.exploration.start
         sinks.insert(0, FilmsSink(folder, options.films, epsilon, others=sinks.copy()))
     held_out = HeldOut(folder.held_out, config)

@@ -1,9 +1,11 @@
-"""`python -m learner.backup runs/NAME -o FOLDER`: copies a run, also while it works.
+"""`python -m learner.backup runs/NAME -o FOLDER`: copies a run, even while it is training.
 
-The copy is what a power failure would have left: `--resume` goes on from its checkpoint. The order
-of copying makes that so. The checkpoint comes first, because a replay may know of more steps than
-the checkpoint but not of fewer; then the replay's journal, because a chunk that came later is then
-not asked for. Rows that were overwritten meanwhile no longer have their checksum, and are left out.
+The copy is what a power failure would have left: `--resume` continues from its checkpoint. The
+order of copying guarantees this:
+
+1. the checkpoint, because a replay may know of more steps than the checkpoint, but not of fewer;
+2. the replay's journal, so that it names no chunk that arrives later;
+3. everything else. Rows that are overwritten during the copy fail their checksum and are left out.
 """
 
 import os
@@ -28,31 +30,32 @@ _BLOCK = 64 * 2**20
 
 @dataclass(frozen=True)
 class BackupOptions:
-    """Copy a run, also while it works, to go on with the copy somewhere else."""
+    """Copy a run, even while it is training, to continue it elsewhere."""
 
     run: tyro.conf.Positional[Path]
     """Folder of the run."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Folder of the copy, which must not exist yet; its name is the name of the run there."""
+    """Folder of the copy, which must not exist yet; its name becomes the copy's run name."""
 
 
 def back_up(options: BackupOptions) -> Path:
-    """Copies the run; returns the folder of the copy, which is whole and on the disk.
+    """Copies the run; returns the folder of the copy, which is complete and on the disk.
 
     Raises:
-        InputError: there is no run, something is where the copy should be, or the disk is full.
+        InputError: there is no run, the copy's folder exists already or is inside of the run, or
+            the disk is full.
     """
     source = RunFolder.at(options.run.resolve())
     if source is None:
-        raise InputError(f"{options.run} is no run: name its folder, such as runs/first.")
+        raise InputError(f"{options.run} is not a run: name a run's folder, such as runs/first.")
     target = RunFolder(options.output.resolve().parent, options.output.resolve().name)
     if target.path.exists():
-        raise InputError(f"{options.output} is there already: name a folder that is not.")
+        raise InputError(f"{options.output} already exists: name a new folder.")
     if target.path.is_relative_to(source.path):
-        raise InputError(f"{options.output} is inside of the run: name a folder that is not.")
+        raise InputError(f"{options.output} is inside of the run: name a folder outside.")
     with writing(target.path):
         target.path.parent.mkdir(parents=True, exist_ok=True)
-    # A folder that its owner alone may read, as the keys of a run on Slurm are in it.
+    # Only its owner can read this folder: a run on Slurm has its keys in it.
     unfinished = Path(tempfile.mkdtemp(prefix=f"{target.name}.", dir=target.path.parent))
     try:
         _copy(source, unfinished)
@@ -66,10 +69,10 @@ def back_up(options: BackupOptions) -> Path:
 
 
 def _files(source: RunFolder) -> Iterator[Path]:
-    """All files in the order in which they have to be copied."""
+    """Yields all files in the order in which they have to be copied."""
     first = [source.checkpoint, source.previous, source.replay / JOURNAL]
     yield from (path for path in first if path.exists())
-    # The replay may be a link to another disk, which would not be followed.
+    # `rglob` does not follow links, and the replay may be a link to another disk.
     for path in sorted({*source.path.rglob("*"), *source.replay.rglob("*")}):
         if path.is_file() and path not in first and path.suffix not in (".tmp", ".kept", ".lock"):
             yield path
@@ -81,7 +84,7 @@ def _copy(source: RunFolder, place: Path) -> None:
         for path in _files(source):
             try:
                 file = path.open("rb")
-            except FileNotFoundError:  # deleted meanwhile
+            except FileNotFoundError:  # deleted since it was listed
                 continue
             fresh = place / path.relative_to(source.path)
             fresh.parent.mkdir(parents=True, exist_ok=True)
@@ -96,18 +99,18 @@ def main() -> None:
     options = parse(BackupOptions, "learner.backup", sys.argv[1:])
     copy = back_up(options)
     where = shlex.join(["--runs", str(copy.parent), "--run", copy.name])
-    # A replay that is a process of its own may have a folder of its own, without a checkpoint.
+    # A replay in a process of its own may have its own folder, without a checkpoint.
     folder = RunFolder(copy.parent, copy.name)
     replay_alone = folder.replay.exists() and not folder.checkpoint.exists()
     print(
-        f"{options.run} is copied to {copy}. Where it goes on: ale-robot "
-        f"{'replay' if replay_alone else 'train'} --resume {where}, with its other flags."
+        f"{options.run} is copied to {copy}. To continue the copy: ale-robot "
+        f"{'replay' if replay_alone else 'train'} --resume {where}, with the run's other flags."
     )
     name = options.run.resolve().name
     if copy.name != name:
         print(
-            f"There it is called {copy.name}: what joined {name} joins it only if the folder is "
-            f"renamed to {name}."
+            f"The copy is called {copy.name}: to let the actors of {name} join it, rename its "
+            f"folder to {name}."
         )
 
 

@@ -1,8 +1,8 @@
-"""The learner's whole state in one safetensors file: its algorithm's, and its counters as JSON.
+"""The learner's whole state in one safetensors file: the algorithm's tensors, and counters as JSON.
 
-There is no random state to keep: minibatches are drawn by a generator that the replay seeds anew at
-each start, random shifts by one that is seeded with the updates so far, and the networks have no
-noise of their own.
+There is no random state to keep. The replay seeds the generator of minibatches at each start, the
+generator of random shifts is seeded with the number of updates, and the networks have no noise of
+their own.
 """
 
 import errno
@@ -25,15 +25,15 @@ from common.run.origin import origin_metadata
 from learner.algorithm.interface import Algorithm
 
 _ROOM = 2
-"""Checkpoints for which there should be room; tables and snapshots are smaller."""
+"""Number of checkpoints that the disk should have room for; tables and snapshots are smaller."""
 
 
 class Checkpoint:
-    """The checkpoint of a run at ``path``, and ``previous``, the one before.
+    """The checkpoint of a run at ``path``, and the one before it at ``previous``.
 
     Args:
-        algorithm: what is kept and restored.
-        config: of the run.
+        algorithm: the algorithm whose state is saved and restored.
+        config: the run's configuration.
     """
 
     def __init__(self, path: Path, previous: Path, algorithm: Algorithm, config: RunConfig) -> None:
@@ -44,10 +44,10 @@ class Checkpoint:
         self._origin = origin_metadata(config)
 
     def save(self, state: dict[str, Any]) -> None:
-        """Write everything, atomically; what was there becomes the previous one.
+        """Writes the checkpoint atomically; the one that was there becomes the previous one.
 
         Args:
-            state: counters of the run, of JSON's types.
+            state: the run's counters, of JSON's types.
         """
         tensors = {
             name: value.detach().cpu().contiguous()
@@ -58,13 +58,13 @@ class Checkpoint:
         write_atomically(self.path, save(tensors, metadata), self.previous)
 
     def load(self, say: Callable[[str], None]) -> dict[str, Any]:
-        """Puts the newest state that is whole into the algorithm and returns the counters.
+        """Loads the newest intact checkpoint into the algorithm; returns the counters.
 
         Args:
             say: takes a sentence for people.
 
         Raises:
-            InputError: no file is whole, or it is of another network or optimizer.
+            InputError: no file is intact, or it belongs to another network or optimizer.
         """
         try:
             tensors, state = _read(self.path)
@@ -74,11 +74,11 @@ class Checkpoint:
             except _DAMAGE:
                 raise InputError(
                     f"the checkpoint {self.path} is damaged or missing ({error}), and there is "
-                    "none before it: start the run anew under another name."
+                    "none before it: start a new run under another name."
                 ) from None
             if self.path.exists():
                 self.path.replace(self.damaged)
-            self.previous.replace(self.path)  # or the next one would keep the damaged one
+            self.previous.replace(self.path)  # or the next save would drop the intact one
             say(
                 f"WARNING: the checkpoint {self.path} is damaged or missing ({error}): the run "
                 f"goes on from {self.previous.name}, the one before."
@@ -87,8 +87,8 @@ class Checkpoint:
             self._algorithm.load_state(tensors)
         except (LookupError, ValueError, RuntimeError) as error:
             raise InputError(
-                f"the checkpoint {self.path} is of another network or optimizer ({error}): give "
-                "the run the settings that it was made with."
+                f"the checkpoint {self.path} belongs to another network or optimizer ({error}): "
+                "give the run the settings that it was made with."
             ) from None
         return state
 
@@ -108,13 +108,13 @@ class Checkpoint:
             ) from None
 
     def check_room(self) -> None:
-        """Refuse to begin the next one on a disk that has no room for it.
+        """Checks that the disk has room for the next checkpoint.
 
         Raises:
-            OSError: as a write would, the disk is full or read-only.
+            OSError: the disk is full or read-only; the same error as from a write.
         """
         folder = self.path.parent
-        # Where somebody has removed it, the next one is needed all the more.
+        # If somebody removed the checkpoint, a new one must not be held up.
         needed = _ROOM * self.path.stat().st_size if self.path.exists() else 0
         if os.statvfs(folder).f_flag & os.ST_RDONLY:
             raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(folder))
@@ -124,11 +124,11 @@ class Checkpoint:
 
 
 _DAMAGE = (SafetensorError, FileNotFoundError, LookupError, ValueError, RecursionError)
-"""What reading raises of a file that is not what was written, or not there."""
+"""Errors that reading a damaged or missing file raises."""
 
 
 def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Returns tensors and counters of a checkpoint that is whole."""
+    """Returns tensors and counters of an intact checkpoint; raises one of `_DAMAGE` otherwise."""
     if path.exists() and not path.is_file():
         raise ValueError("it is not a regular file")
     with safe_open(path, "pt") as file:
@@ -136,7 +136,7 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     if "checksum" in metadata:
         whole = metadata["checksum"] == str(_crc32(tensors, metadata["state"]))
-    else:  # those of former versions left the counters out
+    else:  # former versions left the counters out of the checksum
         whole = metadata["crc32"] == str(_crc32(tensors))
     if not whole:
         raise ValueError("its checksum does not match")

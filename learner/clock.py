@@ -1,4 +1,4 @@
-"""The run's own clock."""
+"""The run's clock, which stands still while nobody trains."""
 
 import time
 
@@ -6,7 +6,7 @@ from common.schedule import Now
 
 
 class RunClock:
-    """Seconds of work on a run, those before a resume included."""
+    """A clock of the seconds of work on a run, including those before a resume."""
 
     def __init__(self, now: Now = time.monotonic) -> None:
         self.now = now
@@ -17,5 +17,5 @@ class RunClock:
         return self.now() - self._zero
 
     def restore(self, seconds: float) -> None:
-        """Continue a run that had been worked on for so long."""
+        """Continues a run that has been worked on for ``seconds``."""
         self._zero = self.now() - seconds

@@ -1,13 +1,15 @@
 """Recorded games with which a run's replay begins.
 
-They are sent as an actor named `DEMONSTRATIONS` would send them: the same chunks by the same
-requests, checked and counted like any other, so a replay of its own gets them as one in this
-process does. Their steps are steps of the run. So the warm-up is shorter by them, ε falls from
-after them, and before actors go on the limiter has the learner make the updates that they call
-for. Their games are not told, because the scores of a run are those of its own play.
+They are sent as an actor named `DEMONSTRATIONS` would send them: as ordinary chunks in ordinary
+requests, which are checked and counted like any other. So it does not matter whether the replay
+is in this process or in one of its own.
 
-A chunk is the same whenever it is made, down to the incarnation of its sender. So the replay
-recognises one that it has, and a start that was interrupted is repeated without harm.
+Their steps are steps of the run: they shorten the warm-up, the decay of ε starts after them, and
+the limiter holds actors back until the learner has made the updates that they call for. Their
+games are not counted, because the scores of a run are those of its own play.
+
+A recording always yields the same chunks, down to the incarnation of their sender. So the replay
+recognises those that it has, and an interrupted start can be repeated without harm.
 """
 
 import json
@@ -44,28 +46,28 @@ _ALIKE = (
     *VECTOR_SETTINGS,
     "learning.clip_rewards",
 )
-"""Settings that a state, an action or a reward depends on."""
+"""Settings that must be equal, because states, actions or rewards depend on them."""
 _DEADLINE = 5.0
-"""Seconds without an answer after which a chunk is sent again."""
+"""Seconds without a reply after which a chunk is sent again."""
 _PAUSE = 0.2
 _PATIENCE = 10.0
-"""Seconds after which people are told that the replay does not answer."""
+"""Seconds without a reply after which people are told so."""
 
 
 @dataclass(frozen=True)
 class Begun:
-    """What a run's folder says of its demonstrations."""
+    """The record of a run's demonstrations that is kept in its folder."""
 
     path: Annotated[str, StringConstraints(max_length=4_096)]  # as on Linux
     fingerprint: str
     """Hash of the recording, see `common.dataset.reader.Dataset`."""
     steps: Count
     complete: bool = False
-    """The replay has all of them."""
+    """Whether the replay has all of them."""
 
     @classmethod
     def of(cls, folder: RunFolder) -> "Begun | None":
-        """Returns it; None for a run without any.
+        """Returns the record in ``folder``; None for a run without demonstrations.
 
         Raises:
             InputError: the file is damaged.
@@ -76,23 +78,23 @@ class Begun:
             return None
         except (OSError, ValueError, RecursionError) as error:
             raise InputError(
-                f"{folder.demonstrations} is damaged ({error}): mend it, or put it back."
+                f"{folder.demonstrations} is damaged ({error}): repair or restore it."
             ) from None
 
     def encode(self) -> bytes:
-        """Returns it as `of` reads it: JSON."""
+        """Returns the record as JSON, which `of` reads."""
         return json.dumps(asdict(self)).encode()
 
 
 class Demonstrations:
-    """A recording as the chunks of a run."""
+    """A recording, turned into chunks of a run."""
 
     def __init__(self, path: Path, config: RunConfig) -> None:
-        """Read it all, and compare it with the run's ``config``.
+        """Reads the whole recording, and compares it with the run's ``config``.
 
         Raises:
-            InputError: it is damaged, was played under settings that are not the run's, or does not
-                fit its replay; or pyarrow is missing.
+            InputError: the recording is damaged, was played under other settings than the run's,
+                or does not fit into its replay; or pyarrow is missing.
         """
         with extra_for("--demonstrations", "record"):
             from common.dataset.reader import Dataset
@@ -112,7 +114,7 @@ class Demonstrations:
                 raise InputError(f"{path} is damaged ({error}): name another recording.") from None
             if (chunk.actions >= config.action_count).any():
                 raise InputError(
-                    f"{path} has actions that are not on offer in this run: record with the same "
+                    f"{path} has actions that this run does not have: record with the same "
                     "--play.minimal-actions."
                 )
         if not self._stats.steps:
@@ -125,7 +127,7 @@ class Demonstrations:
             )
         if self._stats.steps > config.replay.capacity:
             raise InputError(
-                f"{path} has {self._stats.steps:,} steps, which the replay does not hold: raise "
+                f"{path} has {self._stats.steps:,} steps, too many for the replay: raise "
                 "--replay.capacity, or record fewer."
             )
         self.begun = Begun(str(path.resolve()), self._dataset.fingerprint, self._stats.steps)
@@ -148,10 +150,10 @@ class Demonstrations:
             )
 
     def _chunks(self, run_id: str, incarnation: int) -> Iterator[Chunk]:
-        """The steps, episode by episode.
+        """Yields the steps, episode by episode.
 
-        The last state of an episode that was cut short is known only as that of its last step. So
-        this step is left out, and the one before it is truncated.
+        A recording has the state before each step, but not the state after the last one. So an
+        episode that was cut short loses its last step, and the step before it is truncated.
         """
         length, context = self._config.stream.chunk_steps, self._config.play.frame_stack - 1
         sequence = 0
@@ -192,10 +194,11 @@ class Demonstrations:
         stop: threading.Event,
         tell: Callable[[str], None],
     ) -> Begun | None:
-        """Send all to the run's replay; returns that it has them; None if ``stop`` was set.
+        """Sends all chunks to the run's replay; returns the complete record, None if ``stop`` was
+        set.
 
         Raises:
-            InputError: the replay refuses one.
+            InputError: the replay refuses a chunk, or the recording changed while it was read.
         """
         refusals: list[str] = []
 
@@ -216,7 +219,7 @@ class Demonstrations:
                     break
                 patience -= _PAUSE
                 if -_PAUSE < patience <= 0:
-                    tell("the replay does not answer; waiting for it with the demonstrations.")
+                    tell("the replay does not answer; the demonstrations wait for it.")
             if refusals:
                 raise InputError(f"the replay refused a demonstration: {refusals[0]}.")
             return not stop.is_set()
@@ -241,13 +244,16 @@ class Demonstrations:
 def begin_with(
     given: Path | None, config: RunConfig, folder: RunFolder, *, resume: bool
 ) -> Demonstrations | None:
-    """Returns the demonstrations that are still to be sent, of those ``given`` by the user.
+    """Returns the demonstrations that still have to be sent; None if there are none.
 
-    A run that was interrupted while they were sent goes on with them. One that has them does not
-    read them again.
+    A run that was interrupted while it sent them sends them again. A run whose replay has them all
+    does not read them again.
+
+    Args:
+        given: the folder that the user names.
 
     Raises:
-        InputError: they cannot be used, or the run did not begin with them.
+        InputError: the recording cannot be used, or the run did not begin with it.
     """
     begun = Begun.of(folder) if resume else None
     path = given

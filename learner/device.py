@@ -1,4 +1,4 @@
-"""Which hardware the network runs on, and in which precision."""
+"""The hardware that the network runs on, and the precision of its updates."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 from common.errors import InputError
 from common.metrics import Value
 
-if TYPE_CHECKING:  # a command line is read without PyTorch
+if TYPE_CHECKING:  # a command line is parsed without PyTorch
     import torch
 
 DeviceChoice = Literal["auto", "cpu", "cuda"]
@@ -16,24 +16,23 @@ PrecisionChoice = Literal["auto", "float32", "bfloat16"]
 
 @dataclass(frozen=True)
 class Device:
-    """Where to compute."""
+    """Where and how an update is computed."""
 
     torch: "torch.device"
     bfloat16: bool
-    """Whether an update computes its layers in that precision."""
+    """Whether an update computes its layers in bfloat16."""
     graphs: bool = False
-    """Whether it is recorded as a CUDA graph, see `learner.algorithm.cuda_graph`."""
+    """Whether an update is recorded as a CUDA graph, see `learner.algorithm.cuda_graph`."""
 
     @property
     def name(self) -> str:
-        """For people: ``cpu (bfloat16)``."""
+        """Device and precision for people: ``cpu (bfloat16)``."""
         return f"{self.torch.type} ({'bfloat16' if self.bfloat16 else 'float32'})"
 
     def figures(self) -> dict[str, Value]:
-        """Returns memory and utilisation of the GPU, by all programs; nothing unless it is CUDA.
+        """Returns memory and utilisation of the GPU, by all programs; nothing without CUDA.
 
-        PyTorch tells the utilisation only where the package nvidia-ml-py is installed, which this
-        program does without.
+        PyTorch knows the utilisation only if the optional package nvidia-ml-py is installed.
         """
         import torch
 
@@ -41,7 +40,7 @@ class Device:
             return {}
         free, total = torch.cuda.mem_get_info(self.torch)
         busy = None
-        # Without the package, or with a driver or a part of a GPU (MIG) that does not count it.
+        # The package is missing, or the driver or the GPU partition (MIG) does not measure it.
         with suppress(Exception):
             busy = torch.cuda.utilization(self.torch) / 100
         return {
@@ -54,14 +53,13 @@ class Device:
 def choose_device(
     device: DeviceChoice, precision: PrecisionChoice, *, graphs: bool = False
 ) -> Device:
-    """Returns the device asked for; 'auto' takes CUDA where there is one, and elsewhere ``graphs``
-    are none.
+    """Returns the requested device; 'auto' takes CUDA if it is available.
 
-    bfloat16 is chosen by itself where the processor multiplies it natively: there an update takes
-    half the time.
+    Precision 'auto' takes bfloat16 if the processor multiplies it natively: an update then takes
+    half the time. Without CUDA, ``graphs`` has no effect.
 
     Raises:
-        InputError: CUDA was asked for and there is none.
+        InputError: CUDA was requested but is not available.
     """
     import torch
 

@@ -1,4 +1,4 @@
-"""The endpoints of a learner: the hub with its replay, or those of --connect; pages over HTTP."""
+"""The endpoints of a learner: its own hub and replay, or those of --connect; pages over HTTP."""
 
 import threading
 from collections.abc import Iterator, Sequence
@@ -21,18 +21,18 @@ from replay.replay_buffer import ReplayBuffer
 from replay.server import ReplayServer
 
 _DEADLINE = 2.0
-"""Seconds that another learner has to say that it is there."""
+"""Seconds that another learner has to answer."""
 
 
 @contextmanager
 def open_replay(
     options: LearnerOptions, folder: RunFolder, stop: threading.Event
 ) -> Iterator[tuple[Transport, Replay, str]]:
-    """Hub and replay, in this process or where ``--connect`` says, and the hub's address.
+    """Yields transport, replay and the hub's address: in this process, or at ``--connect``.
 
     Raises:
-        InputError: nobody can listen there, nobody answers, another run is served, or another
-            learner trains this one.
+        InputError: this process cannot listen at the address, nobody answers there, another run
+            is served there, or another learner trains this run.
     """
     config, endpoint = options.config, options.connect
     if endpoint is None:
@@ -74,11 +74,12 @@ def open_replay(
 def open_pages(
     options: LearnerOptions, folder: RunFolder
 ) -> Iterator[tuple[Sequence[Sink], str | None]]:
-    """The pages of ``--http`` and ``--web``, which listen already, and the address of the one for
-    people; what serves them is loaded only where it is wanted.
+    """Yields the sinks behind ``--http`` and ``--web``, and the address of the page for people.
+
+    The servers listen already. Their packages are loaded only if the flags are given.
 
     Raises:
-        InputError: it is not installed, or nobody can listen there.
+        InputError: a package is not installed, or this process cannot listen at the address.
     """
     sinks: list[Sink] = []
     url = None

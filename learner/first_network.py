@@ -1,4 +1,4 @@
-"""The network that a run begins with: fresh, or another's, with the run's own proprioception."""
+"""The network that a run begins with: a fresh one, or another run's, adapted to this one's input."""
 
 from pathlib import Path
 
@@ -16,19 +16,20 @@ from learner.options import LearnerOptions
 
 
 def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
-    """Returns the network that a run begins with; one that has a checkpoint takes its weights from
-    there.
+    """Returns the network that a run begins with.
+
+    If the run has a checkpoint, the weights come from there later.
 
     Raises:
-        InputError: it cannot be read, is not for what the run plays, or is given to a run that
-            began with another one.
+        InputError: the network cannot be read, does not fit what the run plays, or is given to a
+            run that began with another one.
     """
     given, config = options.initial, options.config
     kept = folder.initial if options.resume and folder.initial.exists() else None
     if given is None:
         found = None if folder.checkpoint.exists() else kept
         return _fresh(config) if found is None else read_network(found, config)
-    # The same flags may start a run and go on with it, as a service's do.
+    # A service passes the same flags at the first start and at each restart.
     network = read_network(given, config)
     other = kept is not None and (
         encode_weights(read_network(kept, config)) != encode_weights(network)
@@ -44,12 +45,12 @@ def first_network(options: LearnerOptions, folder: RunFolder) -> QNetwork:
 def read_network(file: Path, config: RunConfig) -> QNetwork:
     """Returns the network in ``file`` for a run of ``config``.
 
-    Where the run's vector observation has more numbers than the network's, such as longer
-    histories, the new ones get zero weights, so that it plays as before. Where it lacks some, such
-    as joints, or those of another robot, the network has to learn to do without.
+    The vector observations of network and run may differ. Numbers that the network does not know,
+    such as longer histories, get zero weights, so that it plays as before. Numbers that the run
+    lacks, such as the joints of another robot, are dropped: the network has to learn without them.
 
     Raises:
-        InputError: it cannot be read, or is not for what the run plays.
+        InputError: the file cannot be read, or the network does not fit what the run plays.
     """
     trained = origin_of(file)
     told = None if trained is None else _told_to_both(trained, config)
@@ -76,8 +77,8 @@ def _fresh(config: RunConfig, vector_width: int | None = None) -> QNetwork:
 
 
 def _told_to_both(trained: RunConfig, config: RunConfig) -> tuple[list[int], list[int]] | None:
-    """Returns which numbers of the former vector observation mean the same as which of the run's;
-    None where a network cannot go from one to the other."""
+    """Returns the indices of the numbers that both vector observations have: in the network's
+    former one, and in the run's; None if the network cannot be adapted."""
     if not config.play.vector:
         return None
     if not trained.play.vector:
@@ -86,7 +87,7 @@ def _told_to_both(trained: RunConfig, config: RunConfig) -> tuple[list[int], lis
     if any(
         sum(each) != run.vector_width for each, run in zip(widths, (trained, config), strict=True)
     ):
-        return None  # an environment that was registered with a vector of its own
+        return None  # a registered environment with a vector of its own
     one_body = (trained.env, trained.play.robot) == (config.env, config.play.robot)
     before: list[int] = []
     now: list[int] = []

@@ -1,10 +1,14 @@
-"""Ends a run that is not healthy: nobody shall find after a week that it was blind, or stood still.
+"""Ends an unhealthy run, so that nobody finds out after a week that it was blind, or stood still.
 
-A healthy run is never ended. A health check must be red without interruption for `RED_MINUTES` of
-the learner's own work, and for so many agent steps that the fault itself, and not only its trace in
-the means over the newest steps, lasted for half of them. Nor may `STALL_MINUTES` pass without any
-agent step or update, once there has been one; a learner whose actors are still to be started is
-in good health.
+A run ends for one of two reasons:
+
+- A health check is red without interruption for `RED_MINUTES` of the learner's own work, and for
+  so many agent steps that the fault itself lasted for half of them. The other half may be only its
+  trace in the means over the newest steps.
+- `STALL_MINUTES` pass without an agent step or update, once there has been one. A learner that
+  still waits for its first actors is healthy.
+
+A healthy run is never ended.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -17,18 +21,18 @@ from learner.telemetry.sinks import formats
 RED_MINUTES = 5.0
 STALL_MINUTES = 10.0
 _LONGEST_LOOK = 2.0
-"""Seconds between two looks that count at most. The learner looks four times a second: if more has
-passed, the machine was suspended, or training waited for room on the disk."""
+"""Maximum number of seconds that count between two looks. The learner looks four times a second: if
+more time has passed, the machine was suspended, or training waited for room on the disk."""
 
 
 @dataclass
 class HealthGuard:
-    """Says why a run should end; with ``force`` it only warns, once for each reason."""
+    """Decides when a run should end; with ``force`` it only warns, once for each reason."""
 
     red_minutes: float
-    """Minutes for which a check that stops a run may be red."""
+    """Minutes for which a check that ends runs may be red."""
     stall_minutes: float
-    """Minutes in which neither an agent step nor an update may come."""
+    """Minutes that may pass without an agent step or update."""
     chunk_steps: int
     force: bool
     warn: Callable[[str], None]
@@ -41,18 +45,18 @@ class HealthGuard:
         self._warned: set[str] = set()
         self._looked = self.now()
         self._worked = 0.0
-        """Seconds of work so far, by which all else is timed."""
+        """Seconds of work so far; all other times are measured in them."""
         self._red_since: dict[str, tuple[float, int]] = {}
-        """Seconds of work and agent steps at which each check that is red became so."""
+        """Seconds of work and agent steps at which each red check became red."""
         self._progress: tuple[int, int] | None = None
         self._moved_at: float | None = None
-        """Seconds of work at the last step or update that came; None before the first."""
+        """Seconds of work at the last step or update; None before the first."""
 
     def check(self, checks: Sequence[HealthCheck], agent_steps: int, updates: int) -> str | None:
         """Returns why the run should end, without a full stop; None while it may go on.
 
         Args:
-            checks: none while they are not to be judged, in the warm-up.
+            checks: the health checks; none in the warm-up, when they are not judged.
         """
         now = self.now()
         self._worked += min(now - self._looked, _LONGEST_LOOK)
@@ -66,7 +70,7 @@ class HealthGuard:
         return None
 
     def _red(self, checks: Sequence[HealthCheck], agent_steps: int) -> Iterator[tuple[str, str]]:
-        """Yields name and verdict of each check that was red for too long."""
+        """Yields name and verdict of each check that has been red for too long."""
         red = [check for check in checks if check.stops and check.passed is False]
         this_look = self._worked, agent_steps
         self._red_since = {check.name: self._red_since.get(check.name, this_look) for check in red}
@@ -83,7 +87,7 @@ class HealthGuard:
                 )
 
     def _stall(self, agent_steps: int, updates: int) -> Iterator[tuple[str, str]]:
-        """Yields the reason if nothing has come for too long."""
+        """Yields name and reason if there has been no progress for too long."""
         before, self._progress = self._progress, (agent_steps, updates)
         if before is not None and before != self._progress:
             self._moved_at = self._worked

@@ -1,4 +1,4 @@
-"""`insist`: a run that has begun outlasts a disk that is full or read-only for a while."""
+"""`insist`: lets a run wait for a disk that is full or read-only for a while."""
 
 import threading
 from collections.abc import Callable
@@ -12,15 +12,15 @@ T = TypeVar("T")
 
 
 def insist(write: Callable[[], T], say: Callable[[str], None], stop: threading.Event) -> T:
-    """Returns what ``write`` returns, once the disk lets it.
+    """Calls ``write`` until the disk has room, and returns its result.
 
     Args:
-        write: is called until it succeeds; a try that fails must not stand in the way of the next.
+        write: is called until it succeeds; a failed call must not hinder the next one.
         say: takes a sentence for people.
-        stop: ends every wait.
+        stop: ends the wait.
 
     Raises:
-        OSError: the disk refused it for another reason, or still after ``stop`` was set.
+        OSError: the write failed for another reason, or still failed after ``stop`` was set.
     """
     told = False
     while True:

@@ -8,10 +8,10 @@ from learner.options import LearnerOptions
 
 
 def launch(options: LearnerOptions, endpoint: str, folder: RunFolder) -> Supervisor:
-    """Start the actors and evaluators of a run on this machine; they log into its folder.
+    """Starts the actors and evaluators of a run on this machine; they log into its folder.
 
-    Where the world waits for the agent they have a lower priority than the learner. Robots in real
-    time have not: their deadlines do not wait.
+    In lockstep they have a lower priority than the learner. In real time they do not, because
+    their deadlines do not wait.
     """
     folder.logs.mkdir(parents=True, exist_ok=True)
     roles = {f"actor-{i}": ["--envs", str(options.envs)] for i in range(1, options.actors + 1)}

@@ -1,4 +1,4 @@
-"""`LossGuard`: tells a network that has diverged from a few minibatches that spoil nothing."""
+"""`LossGuard`: tells a diverged network from a few bad minibatches, which do no harm."""
 
 import math
 from collections import deque
@@ -14,13 +14,13 @@ from replay.interface import Replay
 
 _MOST_SKIPPED = 10
 _RECENTLY = 100
-"""So many of the recent updates whose loss is not finite: then the network is at fault, not the
-minibatches."""
+"""If `_MOST_SKIPPED` of the `_RECENTLY` latest updates have a non-finite loss, the network is at
+fault, not the minibatches."""
 
 
 @dataclass
 class LossGuard:
-    """Has the steps of minibatches without a finite loss quarantined, and notices divergence."""
+    """Quarantines the steps of minibatches with a non-finite loss, and notices divergence."""
 
     algorithm: Algorithm
     replay: Replay
@@ -29,21 +29,21 @@ class LossGuard:
 
     def __post_init__(self) -> None:
         self.skipped = 0
-        """Updates, of this process, whose loss was not finite."""
+        """Updates of this process whose loss was not finite."""
         self.diverged_at: int | None = None
         """Number of the first update that is the network's fault."""
         self._last_skipped: deque[int] = deque(maxlen=_MOST_SKIPPED)
         self._unseen: list[tuple[int, NDArray[np.int64], Update]] = []
-        """Number, ids and result of each update since the losses were last looked at."""
+        """Number, ids and result of each update whose loss has not been looked at yet."""
 
     def add(self, number: int, ids: NDArray[np.int64], result: Update) -> None:
-        """Take an update, of the steps ``ids``; nothing waits for the device."""
+        """Takes an update of the steps ``ids``, without waiting for the device."""
         self._unseen.append((number, ids, result))
 
     def have_diverged(self) -> bool:
-        """Whether the network has diverged.
+        """Returns whether the network has diverged.
 
-        All losses since the last call are looked at together, for each look waits for the device.
+        It looks at all losses since the last call together, because each look waits for the device.
         """
         seen, self._unseen = self._unseen, []
         losses = torch.stack([result.loss for *_, result in seen]).tolist() if seen else []
@@ -63,16 +63,16 @@ class LossGuard:
         return self.diverged_at is not None
 
     def is_finite(self) -> bool:
-        """Whether all published weights are finite; waits for the device, once."""
+        """Returns whether all published weights are finite; waits for the device once."""
         weights = self.algorithm.published.parameters()
         return bool(torch.stack([each.isfinite().all() for each in weights]).all())
 
     def was_skipped(self, number: int) -> bool:
-        """Whether the loss of a recent update, which was looked at, is not finite."""
+        """Returns whether the loss of a recent update was non-finite, as `have_diverged` found."""
         return number in self._last_skipped
 
     def _quarantine(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
-        """Have the steps that are at fault for a loss never drawn again."""
+        """Makes the replay never draw the faulty steps again: all of them if none stands out."""
         faulty = ~np.isfinite(priorities)
         if not faulty.any():
             faulty[:] = True

@@ -66,7 +66,7 @@ def test_the_command_to_go_on_can_be_pasted(
     backup.main()
     told = capsys.readouterr().out
     assert f"train --resume --runs '{copy.parent}' --run r2, with" in told
-    assert "There it is called r2: what joined r joins it only if" in told
+    assert "The copy is called r2: to let the actors of r join it" in told
 
 
 def test_a_replay_alone_goes_on_as_a_replay(
@@ -82,7 +82,7 @@ def test_a_replay_alone_goes_on_as_a_replay(
     backup.main()
     told = capsys.readouterr().out
     assert f"ale-robot replay --resume --runs {tmp_path} --run r, with" in told
-    assert "There it is called" not in told
+    assert "The copy is called" not in told
 
 
 def test_the_copy_is_for_its_owner_alone(run: RunFolder, tmp_path: Path) -> None:
@@ -132,8 +132,8 @@ def test_what_the_copy_rests_on_comes_first(
 @pytest.mark.parametrize(
     ("source", "target", "words"),
     [
-        ("runs", "copy", r"runs is no run: name its folder"),
-        ("runs/r", "runs", r"runs is there already"),
+        ("runs", "copy", r"runs is not a run: name a run's folder"),
+        ("runs/r", "runs", r"runs already exists"),
         ("runs/r", "runs/r/copy", r"copy is inside of the run"),
         ("runs/r", "a b", r"run 'a b' cannot be used"),
     ],

@@ -168,7 +168,7 @@ def test_a_checkpoint_that_cannot_be_written_leaves_both_as_they_were(
 def test_another_networks_checkpoint_is_refused(tmp_path: Path) -> None:
     checkpoint_of(tmp_path, _algorithm(0)).save({"updates": 1})
     other = double_dqn(QNetwork(18), LearningConfig(), CPU)
-    with pytest.raises(InputError, match="is of another network or optimizer"):
+    with pytest.raises(InputError, match="belongs to another network or optimizer"):
         load(checkpoint_of(tmp_path, other))
 
 

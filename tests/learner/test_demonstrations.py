@@ -187,7 +187,7 @@ def test_a_replay_that_does_not_answer_is_waited_for_in_words(
 
     nobody = InProcessTransport(InProcessHub())
     assert not found.insert(nobody, RunKeys("r", "run"), stop, tell)
-    assert told == ["the replay does not answer; waiting for it with the demonstrations."]
+    assert told == ["the replay does not answer; the demonstrations wait for it."]
 
 
 def test_a_recording_without_a_whole_step_is_refused(tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_a_long_path_is_a_path(tmp_path: Path) -> None:
             replace(CONFIG, learning=replace(CONFIG.learning, discount=0.5)),
             r"discounted with another --learning.discount: give the run 0.99, or",
         ),
-        (run_config(capacity=40), "which the replay does not hold: raise --replay.capacity"),
+        (run_config(capacity=40), "too many for the replay: raise --replay.capacity"),
     ],
 )
 def test_other_settings_are_refused(tmp_path: Path, changed: RunConfig, reason: str) -> None:
@@ -272,5 +272,5 @@ def test_a_run_begins_with_one_recording_and_goes_on_where_that_was_interrupted(
             begun("d", resume=True)
         told.unlink()
     folder.demonstrations.write_text("{}")
-    with pytest.raises(InputError, match=r"demonstrations.json is damaged .*: mend it"):
+    with pytest.raises(InputError, match=r"demonstrations.json is damaged .*: repair or"):
         begun(None, resume=True)
