@@ -1,4 +1,4 @@
-"""The network that a run begins with: a fresh one, or another run's, adapted to this one's input."""
+"""The network that a run begins with: fresh, or another run's, adapted to this run's input."""
 
 from pathlib import Path
 

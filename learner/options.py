@@ -40,29 +40,29 @@ MOST_THREADS = 1_024
 class LearnerOptions(RunOptions):
     """Train a network on the actors' transitions, and send them its weights.
 
-    Hosts the run's replay and hub unless --connect names a replay of its own. Actors join from
-    other terminals or machines by `ale-robot join`; with --local they are started here.
-    `ale-robot status` tells how a run does.
+    The learner hosts the run's replay and hub, unless --connect names a replay in another process.
+    Actors join from other terminals or machines with `ale-robot join`; with --local they are
+    started here. `ale-robot status` shows how a run is doing.
     """
 
     run: str | None = None
     """Name of the run; by default made of environment, game and preset."""
     initial: WeightsFile | None = None
     """Network to begin with, such as ale_pong or a FILE, instead of a fresh one;
-    --exploration.start then says how much of its play is random at first."""
+    --exploration.start then sets how much of its play is random at first."""
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
-    """Recorded games, of `ale-robot record` or `human --record`, with which the replay begins. They
-    count as steps of the run."""
+    """Recorded games, from `ale-robot record` or `human --record`, with which the replay begins.
+    They count as steps of the run."""
     steps: int | None = None
-    """Agent steps, the warm-up included, after which the run ends by itself: at the first update
-    after them. What the actors play until then counts too."""
+    """Agent steps, including the warm-up, after which the run ends: at the first update after them.
+    Steps that actors play until then count too."""
     keep_snapshots: bool = False
-    """Keep each epoch's weights in the run's snapshots/, 1 to 7 MB each, as epoch-0001.safetensors
-    and so on, at each --resume too; epochs.csv tells their wall clock and steps."""
+    """Keep each epoch's weights in the run's snapshots/ as epoch-0001.safetensors and so on, 1 to 7
+    MB each; a resumed run goes on keeping them. epochs.csv has their wall clock and steps."""
     films: Amount = 0.0
-    """Seconds of a film of random play and of each epoch's network, as far as there is time to make
-    it, in the run's films/ as epoch-0000.mp4, epoch-0001.mp4 and so on; 0 for no films. Keeps each
-    epoch's weights too."""
+    """Seconds of each film; 0 for no films. The run's films/ gets one of the warm-up's random play
+    and one of each epoch's network, as far as there is time to make them: epoch-0000.mp4,
+    epoch-0001.mp4 and so on. Keeps each epoch's weights too."""
     local: bool = False
     """Local mode: start actors and evaluators on this machine, and end them with the learner."""
     actors: Annotated[int, Ge(1), Le(MOST_SESSIONS)] = 1
@@ -73,41 +73,41 @@ class LearnerOptions(RunOptions):
     """Number of evaluators, in local mode."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     device: DeviceChoice = "auto"
-    """Hardware of the learner; 'auto' takes CUDA where there is one."""
+    """Hardware of the learner; 'auto' takes CUDA if it is available."""
     precision: PrecisionChoice = "auto"
-    """Precision of the updates; 'auto' takes bfloat16 where the hardware multiplies it natively."""
+    """Precision of the updates; 'auto' takes bfloat16 if the hardware multiplies it natively."""
     cuda_graphs: bool = False
-    """Record an update once as a CUDA graph, and launch it as a whole from then on; without
-    CUDA it changes nothing."""
+    """Record an update once as a CUDA graph, and launch it as a whole from then on. No effect
+    without CUDA."""
     threads: Annotated[int, Ge(0), Le(MOST_THREADS)] = 0
     """Processor threads of an update; 0 for as many cores as local mode's actors leave free, or
-    half of them when actors may run in other terminals."""
+    half of the cores if actors may run in other terminals."""
     connect: str | None = None
     """Address of a `python -m replay` to use instead of a replay in this process."""
     patience: Patience = 60.0
-    """Seconds to wait for the replay of --connect."""
+    """Seconds to wait for the replay at --connect."""
     web: str | None = None
-    """Address of a page to watch the run in a browser, such as 127.0.0.1:8080; without it there is
-    none."""
+    """Address of a web page that shows the run, such as 127.0.0.1:8080; by default there is no
+    page."""
     track: TrackerName | None = None
-    """Program that compares runs and gets curves, histograms and films too: 'wandb', 'mlflow' or
-    'trackio'; where it keeps them is its own setting, such as WANDB_MODE=offline."""
+    """Experiment tracker that gets curves, histograms and films: 'wandb', 'mlflow' or 'trackio'.
+    Its own settings, such as WANDB_MODE=offline, decide where it keeps them."""
     gate_minutes: Annotated[float, Gt(0)] = RED_MINUTES
-    """Minutes that a health check may be red before the run ends by itself, with exit code 3."""
+    """Minutes that a health check may be red before the run ends with exit code 3."""
     stall_minutes: Annotated[float, Gt(0), AllowInfNan(True)] = STALL_MINUTES
-    """Minutes without any agent step or update after which the run ends by itself, with exit code
-    3; inf to wait for ever."""
+    """Minutes without an agent step or update after which the run ends with exit code 3; inf waits
+    for ever."""
     force: bool = False
-    """Only warn, and train on, where a health check stays red or no progress is made."""
+    """Only warn, and train on, if a health check stays red or no progress is made."""
     evaluation: tyro.conf.OmitArgPrefixes[EvaluationOptions] = field(
         default_factory=EvaluationOptions
     )
 
     def check(self) -> None:
-        """Refuse flags that do not go together.
+        """Refuses flags that do not go together.
 
         Raises:
-            InputError: naming them.
+            InputError: it names the flags.
         """
         self.evaluation.check()
         if self.web is not None:
@@ -119,31 +119,33 @@ class LearnerOptions(RunOptions):
             raise InputError(f"{flag} is for --local: give it to each `python -m actors`.")
         if self.steps is not None and self.steps <= self.config.replay.learning_starts:
             raise InputError(
-                f"--steps is {self.steps}, all of which the warm-up of "
-                f"{self.config.replay.learning_starts} takes: choose more, or lower "
+                f"--steps is {self.steps}, no more than the warm-up of "
+                f"{self.config.replay.learning_starts}: choose more, or lower "
                 "--replay.learning-starts."
             )
         steps = self.config.learning.curriculum_steps
         if steps and self.config.randomise == NOTHING_DRAWN:
             raise InputError(
-                f"--learning.curriculum-steps is {steps}, but no range is there to grow: give one "
-                "of --randomise, or --randomise.all."
+                f"--learning.curriculum-steps is {steps}, but there is no range that it could "
+                "widen: give one of --randomise, or --randomise.all."
             )
         if self.config.learning.curriculum_score is not None and not steps:
             raise InputError(
                 "--learning.curriculum-score judges a curriculum: give its "
                 "--learning.curriculum-steps too."
             )
-        if not self.resume:  # whose settings are as they are
+        if not self.resume:  # the settings of a resumed run are fixed
             self._check_algorithm()
 
     def check_installed(self) -> None:
-        """Refuse flags whose packages this machine lacks; where a run is launched from, they may.
+        """Refuses flags whose packages this machine lacks.
+
+        `check` leaves this out, because the machine that launches a run may lack them.
 
         Raises:
-            InputError: naming the flag.
+            InputError: it names the flag.
         """
-        # A run that goes on has its recording already, or reads it again.
+        # A resumed run has its recording already, or asks for the package when it reads it again.
         demonstrations = None if self.resume else self.demonstrations
         for flag, given, extra in (
             ("--demonstrations", demonstrations, "record"),
@@ -155,7 +157,7 @@ class LearnerOptions(RunOptions):
                 check_extra(flag, extra)
 
     def _check_algorithm(self) -> None:
-        """Refuse settings that the algorithm ignores, unless it is the preset that has them."""
+        """Refuses settings that the algorithm ignores, unless they come from the preset."""
         learning, preset = self.config.learning, PRESETS[self.config.preset].learning
         for name in ALGORITHMS.find(learning.algorithm).ignores:
             if getattr(learning, name) != getattr(preset, name):
@@ -166,22 +168,22 @@ class LearnerOptions(RunOptions):
 
 
 web_address = partial(check_address, flag="--web", usual="127.0.0.1:8080", least_port=0)
-"""Returns host and port of the page, see `check_address`; port 0 stands for any that is free."""
+"""Returns host and port of the page, see `check_address`; port 0 stands for any free port."""
 
 
 def going_on(options: LearnerOptions) -> LearnerOptions:
-    """Returns the options that continue the run, if it has begun."""
+    """Returns the options that continue the run; ``options`` themselves if it has not begun."""
     folder = RunFolder(options.runs, run_name(options))
     if folder.stored_config() is None:
         return options
-    # What the run has kept of it counts; the file may be another by now.
+    # The run has its own copy of the network, and the file may have changed since.
     initial = None if folder.initial.exists() else options.initial
     return replace(options, resume=True, initial=initial)
 
 
 def opening(options: LearnerOptions) -> str | None:
-    """Returns what is to be opened of the run that goes on, which may take a minute; None of
-    another."""
+    """Returns a line that says what a resumed run opens, which may take a minute; None for a run
+    that begins."""
     folder = RunFolder(options.runs, run_name(options))
     if not (options.resume and folder.has_begun):
         return None
@@ -194,7 +196,7 @@ def opening(options: LearnerOptions) -> str | None:
 
 
 def run_name(options: LearnerOptions) -> str:
-    """Returns the name of the run that was given, or else made of what is played."""
+    """Returns the given name of the run, or one made of environment, game and preset."""
     config = options.config
     usual = f"{config.env}-{config.game}-{config.preset}".replace("_", "-")
     return usual if options.run is None else options.run
@@ -211,12 +213,12 @@ def stored_config(options: LearnerOptions) -> RunConfig | None:
 
 
 def clock_figures(options: LearnerOptions) -> dict[str, Value]:
-    """Returns how time passes, for the run's records; nothing where actors start elsewhere."""
+    """Returns how time passes, for the run's records; nothing if actors are started elsewhere."""
     return {f"run/{name}": value for name, value in vars(options.clock).items() if options.local}
 
 
 def join_command(options: LearnerOptions) -> str | None:
-    """Returns the command that starts an actor of this run; None where local mode starts them."""
+    """Returns the command that starts an actor of this run; None in local mode."""
     if options.local:
         return None
     address = from_here(options.connect or options.listen)
@@ -229,10 +231,10 @@ def join_command(options: LearnerOptions) -> str | None:
 
 
 def free_cores(options: LearnerOptions) -> int:
-    """Cores for the update: those that actors here leave free.
+    """Returns the number of cores for the update: those that the actors here leave free.
 
-    Threads that share a core wait for each other at every layer: two on two busy cores are far
-    slower than one alone (benchmarks/LOG.md).
+    Threads that share a core wait for each other at every layer: two threads on two busy cores are
+    far slower than one alone (benchmarks/LOG.md).
     """
     cores = len(os.sched_getaffinity(0))
     return max(cores - options.actors if options.local else cores // 2, 1)
@@ -242,12 +244,12 @@ def resume_flags(arguments: Sequence[str], run: str, *, done: bool) -> list[str]
     """Returns the flags that continue a run which was started with ``arguments``.
 
     Args:
-        done: whether it has all the steps it was asked for.
+        done: whether the run has reached its --steps, which are then omitted.
     """
     known = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     for flag in ("--initial", "--demonstrations", *(["--steps"] if done else [])):
         known.add_argument(flag)
-    # `train` adds --local.
+    # `ale-robot train` adds --local by itself.
     added = started_by("learner").startswith("ale-robot ") or "--no-local" in arguments
     for flag in ("--force", *(["--local"] if added else [])):
         known.add_argument(flag, action="store_true")
@@ -259,5 +261,5 @@ def resume_flags(arguments: Sequence[str], run: str, *, done: bool) -> list[str]
 
 
 def resume_command(arguments: Sequence[str], run: str, *, done: bool) -> str:
-    """Returns the command of `resume_flags`, by the name that started this program."""
+    """Returns the command that continues a run, see `resume_flags`, by this program's name."""
     return shlex.join([*started_by("learner").split(), *resume_flags(arguments, run, done=done)])

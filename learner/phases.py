@@ -1,4 +1,4 @@
-"""The phases of a run: warm-up (epoch 0), then one epoch after another, and the tests of their
+"""The phases of a run: the warm-up (epoch 0), one epoch after another, and the tests of their
 snapshots."""
 
 from collections import deque
@@ -21,14 +21,14 @@ if TYPE_CHECKING:  # as in `learner.device`
 RECENT_GAMES = 50
 RECENT_CHUNKS = 500
 JUDGED_CHUNKS = 80
-"""Newest chunks that health checks judge: a fault that is over must not count for long."""
+"""Number of newest chunks that health checks judge: a fault that is over must not count for
+long."""
 
 
 class Phases:
-    """Counts the run's steps, games and updates into phases, and makes the rows of their table.
+    """Counts the run's steps, games and updates by phase, and makes the rows of their table.
 
-    Steps and games follow from the statistics of chunks alone, in the order in which they were
-    accepted.
+    Steps and games depend only on the statistics of chunks, in the order of their acceptance.
     """
 
     def __init__(self, config: RunConfig, clock: RunClock) -> None:
@@ -41,7 +41,7 @@ class Phases:
         """Games that ended after the warm-up."""
         self.updates = 0
         self.epoch = 0
-        """The phase that is going on; 0 during the warm-up."""
+        """The present phase; 0 during the warm-up."""
         self.phase_steps = 0
         self._scores: list[float] = []
         self._phase_updates = 0
@@ -53,10 +53,10 @@ class Phases:
     # ------------------------------------------------------------------ counting
 
     def count(self, chunk: ChunkStatistics) -> bool:
-        """Count the next chunk; returns whether the phase is complete now and calls for `close`.
+        """Counts the next chunk; returns whether the phase is now complete, so that `close` is due.
 
-        A chunk belongs whole to the phase in which it arrives. Demonstrations end none: those that
-        are longer than the warm-up make it longer.
+        A chunk belongs as a whole to the phase in which it arrives. Demonstrations never end a
+        phase: if they are longer than the warm-up, they make it longer.
         """
         self.chunks_seen = chunk.index + 1
         self.agent_steps = chunk.agent_steps
@@ -70,14 +70,14 @@ class Phases:
         return self.phase_steps >= self.phase_length and chunk.actor != DEMONSTRATIONS
 
     def add(self, loss: "Tensor") -> None:
-        """Count one update; a ``loss`` that is not finite changed nothing."""
+        """Counts one update; a ``loss`` that is not finite counts as 0."""
         self.updates += 1
         self._phase_updates += 1
         self._loss += loss.float().nan_to_num(0.0, 0.0, 0.0)
 
     @property
     def phase_length(self) -> int:
-        """Agent steps of the present phase when it is complete."""
+        """Agent steps of the present phase once it is complete."""
         config = self._config
         return config.protocol.epoch_steps if self.epoch else config.replay.learning_starts
 
@@ -89,12 +89,14 @@ class Phases:
     # ------------------------------------------------------------------ what came of them
 
     def close(self, stored: int, meanq: float | None) -> tuple[EpochRow, EpochTest]:
-        """End the present phase, complete or not, and begin the next; returns its row, and the test
-        that its snapshot calls for if it is an epoch.
+        """Ends the present phase, complete or not, and begins the next one.
 
         Args:
             stored: steps in the replay.
             meanq: mean max-Q over the held-out states.
+
+        Returns:
+            The phase's row, and the test of its snapshot, which only an epoch has.
         """
         config, now = self._config, self._clock.seconds()
         test = EpochTest(
@@ -133,8 +135,8 @@ class Phases:
         """Returns where the run is, and what its recent games and chunks were like.
 
         Args:
-            finishing: only tests are left. Between two phases at the very end, the last epoch is
-                told, whole.
+            finishing: whether only tests are left. If the run ends between two phases, the values
+                are those of the last epoch, complete.
         """
         ended = finishing and not self.phase_steps
         chunks, scores = list(self._recent_chunks), self._recent_scores
@@ -166,7 +168,7 @@ class Phases:
     _COUNTERS = ("agent_steps", "epoch", "phase_steps", "games")
 
     def state(self) -> dict[str, Any]:
-        """Everything, of JSON's types."""
+        """Returns all counters, of JSON's types."""
         return {
             "updates": self.updates,
             "phase_updates": self._phase_updates,
@@ -181,7 +183,7 @@ class Phases:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` returned."""
+        """Continues from what `state` returned."""
         self.updates = int(state["updates"])
         self._phase_updates = int(state["phase_updates"])
         self._loss = float(state["phase_loss"])
@@ -197,12 +199,12 @@ class Phases:
 def epochs_per_day(
     epoch_steps: int, test_steps: int, train_rate: float | None, test_rate: float | None
 ) -> float | None:
-    """Epochs of training, then testing, that fit in a day at these rates in steps per second.
+    """Returns how many epochs fit in a day at these rates, in steps per second.
 
-    One after the other, as in 2017, so that the figure compares with that experiment's 40 (ALE-
-    Only) and 2 to 4 (ALE-Robot) a day. Here evaluators play while training goes on, so a run does
-    no fewer than this when both rates were measured side by side. None where a needed rate is
-    unknown or 0.
+    It counts training and then testing, one after the other as in 2017, so that the figure can be
+    compared with that experiment's 40 (ALE-Only) and 2 to 4 (ALE-Robot) epochs a day. Here
+    evaluators play during training, so if both rates were measured side by side, a run makes at
+    least as many epochs. None if a needed rate is unknown or 0.
     """
     seconds = 0.0
     for steps, rate in ((epoch_steps, train_rate), (test_steps, test_rate)):
@@ -215,7 +217,7 @@ def epochs_per_day(
 def _row(
     epoch: EpochTest, scores: Sequence[float], began: float, ended: float, **columns: Any
 ) -> EpochRow:
-    """Returns the row of games in an epoch, with the ``columns`` that are its own."""
+    """Returns a row with the ``scores`` of its games, the columns of ``epoch``, and ``columns``."""
     return EpochRow.of_games(
         scores,
         epoch=epoch.epoch,

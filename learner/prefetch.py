@@ -1,4 +1,4 @@
-"""Draws minibatches and prepares them ahead of the update, in a thread of its own."""
+"""Draws and prepares minibatches ahead of the update, in a thread of its own."""
 
 import threading
 from collections import deque
@@ -17,20 +17,20 @@ from replay.batch import Batch
 from replay.interface import Replay
 
 DEPTH = 3
-"""Batches ahead, one of them in the making: enough to hide the drawing, few enough to stay
-fresh."""
+"""Number of batches ahead, including the one that is being drawn: enough to hide the drawing, few
+enough to stay fresh."""
 _WAIT = 0.2
 
 
 class Prefetched(NamedTuple):
-    """A minibatch ready to learn from, and the ids that its new priorities go to."""
+    """A prepared minibatch, and the ids of its steps, which receive the new priorities."""
 
     ids: NDArray[np.int64]
     prepared: Prepared
 
 
 def to_device(batch: Batch, device: torch.device) -> DeviceBatch:
-    """Returns the arrays of ``batch`` as tensors; copied without waiting where the device can."""
+    """Returns ``batch`` as tensors on ``device``; CUDA copies them without waiting."""
 
     def move(array: NDArray[np.generic]) -> Tensor:
         tensor = torch.from_numpy(array if array.flags.writeable else array.copy())
@@ -38,20 +38,20 @@ def to_device(batch: Batch, device: torch.device) -> DeviceBatch:
             return tensor.pin_memory().to(device, non_blocking=True)
         return tensor
 
-    batch = batch._replace(a_tm1=batch.a_tm1.astype(np.int64))  # PyTorch's type of an index
+    batch = batch._replace(a_tm1=batch.a_tm1.astype(np.int64))  # PyTorch's index type
     return DeviceBatch(*(move(getattr(batch, name)) for name in DeviceBatch._fields))
 
 
 @dataclass
 class Prefetcher:
-    """Takes minibatches from ``replay`` as the limiter allows."""
+    """Draws minibatches from ``replay`` as fast as the limiter allows."""
 
     replay: Replay
     prepare: Callable[[Batch], Prepared]
-    """Makes them ready to learn from."""
+    """Prepares a minibatch for the update."""
     batch_size: int
     batches: int
-    """Minibatches of the run drawn before, which the limiter must know."""
+    """Minibatches that the run has drawn so far, which the limiter must know."""
 
     def __post_init__(self) -> None:
         self._closing = threading.Event()
@@ -59,10 +59,10 @@ class Prefetcher:
         self._ahead = deque(self._thread.submit(self._draw) for _ in range(DEPTH))
 
     def next(self, timeout: float) -> Prefetched | None:
-        """The next minibatch, or None if none came in ``timeout`` seconds.
+        """Returns the next minibatch, or None if none came within ``timeout`` seconds.
 
         Raises:
-            BaseException: whatever ended the drawing.
+            BaseException: the error that ended the drawing.
         """
         wait([self._ahead[0]], timeout)
         if not self._ahead[0].done():
@@ -71,7 +71,7 @@ class Prefetcher:
         return self._ahead.popleft().result()
 
     def close(self) -> None:
-        """End the drawing; a second time does nothing."""
+        """Ends the drawing; a second call does nothing."""
         self._closing.set()
         self._thread.shutdown(cancel_futures=True)
 

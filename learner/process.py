@@ -1,4 +1,4 @@
-"""The process that trains: from its options to its last words."""
+"""The process that trains, from its options to its last line of output."""
 
 import sys
 import threading
@@ -37,7 +37,11 @@ from learner.training import Learner
 
 
 def train(options: LearnerOptions, again: bool) -> int:
-    """Train in this process; ``again`` after one that was killed. The loop is `Learner.run`."""
+    """Trains in this process; returns the exit code. The loop itself is `Learner.run`.
+
+    Args:
+        again: whether this process continues the run of one that was killed.
+    """
     if again:
         options = going_on(options)
     config, folder = options.config, RunFolder(options.runs, run_name(options))
@@ -60,8 +64,8 @@ def train(options: LearnerOptions, again: bool) -> int:
         open_replay(options, folder, stop) as (transport, replay, endpoint),
         open_display(as_json=options.log_json) as display,
     ):
-        # Not before the replay is ours too: a start that is refused changes nothing.
-        if not options.resume:  # what a start that failed may have left
+        # Only now, when the replay is ours too: a refused start must not change anything.
+        if not options.resume:  # a start that failed may have left them
             folder.initial.unlink(missing_ok=True)
             folder.demonstrations.unlink(missing_ok=True)
         if options.initial is not None:
@@ -96,13 +100,13 @@ def train(options: LearnerOptions, again: bool) -> int:
 
 
 def _last_words(learner: Learner, folder: RunFolder) -> int:
-    """Says how the run goes on; returns the exit code."""
+    """Prints how to continue the run; returns the exit code."""
     go_on = resume_command(sys.argv[1:], folder.name, done=learner.done)
     if learner.failed is None:
         say(f"Everything is in {folder.path}; go on with: {go_on}")
         return 0
     told = (
-        f"stopped: {learner.failed}. Everything is in {folder.path}; mend what is wrong, or "
+        f"stopped: {learner.failed}. Everything is in {folder.path}; fix what is wrong, or "
         f"train on regardless with: {go_on} --force"
     )
     say_aside(told, "error")

@@ -1,9 +1,10 @@
-"""`python -m learner.publish runs/NAME -o policies/NAME`: makes a policy to give away of a run.
+"""`python -m learner.publish runs/NAME -o policies/NAME`: publishes a run's network as a policy.
 
-Writes NAME.safetensors, the weights in float16, and NAME.json, its card: their SHA-256, the run's
-configuration, how long it was trained, and every game's score of an evaluation of exactly these
-weights.
-`python -m viewer play --weights policies/NAME.safetensors` plays them.
+It writes two files: NAME.safetensors, the weights in float16, and NAME.json, the card. The card
+has the SHA-256 of the weights, the run's configuration, how long it was trained, and the score of
+each game of an evaluation of exactly these weights.
+
+`python -m viewer play --weights policies/NAME.safetensors` plays the policy.
 """
 
 import hashlib
@@ -38,21 +39,21 @@ _FROM_SUMMARY = (
     "git_commit",
     "config",
 )
-_WRITTEN_ANEW = "let the run go on, by --resume, until it is written anew"
+_WRITTEN_ANEW = "continue the run with --resume until it is written again"
 
 
 @dataclass(frozen=True)
 class Options:
-    """Publish the weights of a run's best test, or its last ones, with a card of their scores."""
+    """Publish the weights of a run's best test, or the last ones, with a card of their scores."""
 
     run: tyro.conf.Positional[Path]
     """Folder of the run."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Path of both files, without a suffix."""
+    """Path of both files, without suffix."""
     last: bool = False
     """Publish the last weights instead of those of the best test."""
     games: FromOne = 30
-    """Number of games in each of the headline's three evaluations."""
+    """Number of games in each of the three evaluations of --headline."""
 
 
 def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
@@ -62,20 +63,19 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
         stop: ends the evaluation early once it is set.
 
     Raises:
-        InputError: the run has no such weights, or too little is told of it, or they were not
-            evaluated to the end.
+        InputError: the run lacks the weights or what the card needs, or the evaluation was stopped.
     """
     if not options.run.is_dir():
-        raise InputError(f"{options.run} is not there: name the folder of a run.")
+        raise InputError(f"{options.run} does not exist: name the folder of a run.")
     folder = RunFolder(options.run.parent, options.run.name)
     source = folder.checkpoint if options.last else folder.snapshots / "best.safetensors"
     best = folder.snapshots / "best.json"
     for file in (source, folder.summary) if options.last else (source, best, folder.summary):
         if not file.is_file():
-            raise InputError(f"{file} is not there: let the run go on until it is.")
+            raise InputError(f"{file} does not exist: continue the run until it does.")
     config = folder.stored_config()
     if config is None:
-        raise InputError(f"{folder.config_file} is not there: name the folder of a run.")
+        raise InputError(f"{folder.config_file} does not exist: name the folder of a run.")
     try:
         found = decode_weights(source.read_bytes())
         network = build_network(config, count_actions_of(config, found))
@@ -85,7 +85,7 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     summary = _read(folder.summary)
     if missing := [name for name in _FROM_SUMMARY if name not in summary]:
         raise InputError(
-            f"{folder.summary} is of an earlier version, without {', '.join(missing)}: "
+            f"{folder.summary} is from an earlier version, without {', '.join(missing)}: "
             f"{_WRITTEN_ANEW}."
         )
     card = {name: summary[name] for name in _FROM_SUMMARY}
@@ -102,14 +102,14 @@ def publish(options: Options, stop: threading.Event) -> dict[str, Any]:
     asked.check()
     scores = evaluate(asked, config.fixed, config.fixed, ClockConfig(), stop)
     if scores is None:
-        raise InputError("the evaluation was stopped: publish again, for the card has no scores.")
-    card["evaluation"] = scores | {"weights": weights.stem}  # not where they lie on this machine
+        raise InputError("the evaluation was stopped, so the card has no scores: publish again.")
+    card["evaluation"] = scores | {"weights": weights.stem}  # without the path on this machine
     _write(options.output, card)
     return card
 
 
 def _read(file: Path) -> dict[str, Any]:
-    """Returns a table that a learner wrote. Raises InputError if there is none in ``file``."""
+    """Returns the JSON object in ``file``. Raises InputError if the file is damaged."""
     try:
         found = json.loads(file.read_bytes())
     except (ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""``ale-robot status``, or ``python -m learner --status``: how a run does, wherever it is."""
+"""``ale-robot status``, or ``python -m learner --status``: shows how a run is doing."""
 
 import json
 import sys
@@ -30,22 +30,22 @@ from replay.chunk_statistics import Progress
 from replay.messages import ProgressRequest
 
 _LEAST_PATIENCE, _MOST_PATIENCE = 2.0, 3_600.0
-"""Bounds of the seconds for which an answer is waited for."""
+"""Bounds on the seconds to wait for an answer."""
 
 
 @dataclass(frozen=True)
 class StatusOptions:
-    """Tell how a run does: its processes, their versions, lag and rates, and what is wrong.
+    """Show how a run is doing: its processes, their versions, lag and rates, and what is wrong.
 
-    Exit code 0 where all is well, 1 where something is red, 4 where nobody answers.
+    The exit code is 0 if all is well, 1 if something is red, 4 if nobody answers.
     """
 
     connect: str = DEFAULT_ENDPOINT
-    """Address of the run's hub (the learner, or a replay of its own)."""
+    """Address of the run's hub: the learner, or a replay in its own process."""
     certificates: Path | None = None
-    """Folder with a learner's certificates, where the address begins with tls/."""
+    """Folder with a learner's certificates; needed if the address begins with tls/."""
     run: str | None = None
-    """Name of the run; needed only where a hub serves several."""
+    """Name of the run; needed only if the hub serves several."""
     patience: Patience = 5.0
     """Seconds to wait for the hub, and then for each answer, at least 2."""
     json: bool = False
@@ -54,7 +54,7 @@ class StatusOptions:
 
 @dataclass(frozen=True)
 class Report:
-    """What the processes of a run tell."""
+    """What the processes of a run report."""
 
     run: str
     endpoint: str
@@ -63,13 +63,13 @@ class Report:
 
     @property
     def reasons(self) -> list[str]:
-        """Why the run is not in good health; none if it is."""
+        """Reasons why the run is not healthy; none if it is."""
         if self.learner is None:
             return ["no learner answers: start it again with --resume, or look at its log"]
         return reasons(self.learner.silent_for, self.learner.checks)
 
     def as_json(self) -> str:
-        """Returns all of it."""
+        """Returns the whole report as JSON."""
         replay: dict[str, Any] = asdict(self.replay)
         del replay["statistics"]
         told = {
@@ -88,7 +88,11 @@ class Report:
         return json.dumps(strict(told), indent=2, ensure_ascii=False, allow_nan=False)
 
     def show(self, console: Console) -> None:
-        """Print it for a person; texts of other processes cannot steer the terminal."""
+        """Prints the report for a person.
+
+        Texts from other processes are stripped of control characters, so that they cannot steer
+        the terminal.
+        """
         learner, replay = self.learner, self.replay
         words = f"run {self.run} at {self.endpoint}"
         if learner is not None:
@@ -126,7 +130,7 @@ class Report:
 
 
 def _rows(learner: RunStatus | None) -> Iterator[tuple[str, ...]]:
-    """Yields the learner and its actors, a row each."""
+    """Yields one row for the learner and one for each of its actors."""
     if learner is None:
         yield ("learner", "does not answer", *[UNKNOWN] * 4)
         return
@@ -153,7 +157,7 @@ def _ago(seconds: float) -> str:
 def ask(
     transport: Transport, keys: RunKeys, endpoint: str, patience: float = _LEAST_PATIENCE
 ) -> Report:
-    """Asks the processes of a run, and waits ``patience`` seconds for each answer.
+    """Asks the processes of a run how they are doing, waiting ``patience`` seconds for each answer.
 
     Raises:
         Unreachable: the replay does not answer.
@@ -165,8 +169,8 @@ def ask(
     try:
         if not replays:
             raise Unreachable(
-                f"the replay of {keys.run} does not answer: look at its log; at a tls/ address "
-                "it answers those who have a learner's certificate."
+                f"the replay of {keys.run} does not answer: look at its log. At a tls/ address "
+                "it answers only to a learner's certificate."
             )
         return Report(
             keys.run,
@@ -176,13 +180,13 @@ def ask(
         )
     except MessageError as error:
         raise Unreachable(
-            f"the run's processes do not speak this version's language ({error}): "
+            f"the run's processes speak another version's protocol ({error}): "
             "install the same version on both machines."
         ) from None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Returns the exit code, which says whether the run is in good health."""
+    """Prints the status of a run; returns the exit code, which says whether the run is healthy."""
     given = sys.argv[1:] if arguments is None else arguments
     options = parse(StatusOptions, "learner.status", given)
     with connect(

@@ -1,5 +1,5 @@
-"""The training loop, `Learner._train`: sample, update, and by schedule publish, checkpoint, measure
-and test.
+"""The training loop, `Learner._train`: it samples and updates, and on schedule it publishes,
+checkpoints, measures and tests.
 
 `learner.assembly` builds a `Learner` from its parts.
 """
@@ -41,13 +41,13 @@ _LOOK_SECONDS = 0.25
 _MEASURE_SECONDS = 30.0
 _PUBLISH_SECONDS = 10.0
 _LEAST_PHASE = 0.1
-"""Share of an epoch below which the last steps of a run are no epoch of their own."""
+"""Minimum share of an epoch that a run's last steps need to count as an epoch of their own."""
 _FAREWELL = 60.0
-"""Seconds that the actors, and then the evaluators, of a finished run have at most to leave. Who
+"""Seconds that the actors, and then the evaluators, of a finished run have to leave. A process that
 has not heard of the end by then waits for a learner that never comes back."""
 _LONGEST_GAME = 3_600.0
-"""Seconds without a word of an evaluator after which the last tests are given up: a whole game in
-real time lasts at most half of it."""
+"""Seconds without a report from an evaluator after which the last tests are given up. A whole game
+in real time lasts at most half of it."""
 T = TypeVar("T")
 
 
@@ -57,15 +57,15 @@ class Learner:
 
     config: RunConfig
     steps_goal: int | None
-    """Agent steps, warm-up included, after which it ends by itself."""
+    """Agent steps, warm-up included, after which the run ends."""
     replay: Replay
     algorithm: Algorithm
     draw: Callable[[int], Prefetcher]
-    """Starts to draw minibatches for a learner that has made so many updates."""
+    """Starts to draw minibatches; takes the number of updates so far."""
     broadcast: Callable[[bytes, bytes], None]
     """Sends weights, and their version, run and signature, to the actors."""
     sign: Sign
-    """Signs them."""
+    """Signs the weights."""
     checkpoint: Checkpoint
     phases: Phases
     losses: LossGuard
@@ -92,7 +92,7 @@ class Learner:
     # ------------------------------------------------------------------ the loop
 
     def run(self, children: Supervisor | None = None) -> None:
-        """Train until the goal is reached or ``stop`` is set, and leave everything on disk.
+        """Trains until the goal is reached or ``stop`` is set, and leaves everything on disk.
 
         Args:
             children: local mode's actors and evaluators.
@@ -101,15 +101,15 @@ class Learner:
             InputError: the loss diverged, or local mode's children cannot start.
         """
         self._children = children
-        with ExitStack() as end:  # the last comes first, and each even if another fails
+        with ExitStack() as end:  # callbacks run in reverse order, each even if another one fails
             end.callback(lambda: self.telemetry.close(self._values(), self._replay_progress))
-            if children is not None:  # the last figures have their last counters and chunks
+            if children is not None:  # so that the last figures include their last chunks
                 end.callback(self._ask_replay)
                 end.callback(children.close)
             end.callback(self._keep_what_was_learned)
             if children is not None:
                 end.callback(children.ask_to_leave)
-                end.callback(self.replay.drain)  # or a throttled actor could not hand in its last
+                end.callback(self.replay.drain)  # lets throttled actors hand in their last chunks
             self._batches = self.draw(self.phases.updates)
             end.callback(self._batches.close)
             try:
@@ -119,10 +119,10 @@ class Learner:
             except InputError:
                 if not self.stop.is_set():
                     raise
-                # Stopped while it waited for a replay that is away.
+                # The run was stopped while it waited for a replay that is away.
 
     def _train(self) -> None:
-        """The main loop."""
+        """Runs the main loop."""
         while not self.stop.is_set() and not self.done:
             batch = self._batches.next(_TICK)
             if batch is not None:
@@ -131,7 +131,7 @@ class Learner:
                 self._look()
 
     def _update(self, batch: Prefetched) -> None:
-        """One gradient step, and what is due by the number of updates."""
+        """Takes one gradient step, and does what is due by the number of updates."""
         result = self.algorithm.update(batch.prepared)
         self.phases.add(result.loss)
         self.telemetry.update(batch.prepared.batch, result)
@@ -147,7 +147,7 @@ class Learner:
             self._checkpoint()
 
     def _look(self) -> None:
-        """Hear what happened elsewhere, and do what is due by the clock."""
+        """Takes in what happened in other processes, and does what is due by the clock."""
         self._insist(self._check_room)
         self._check_loss()
         self._count_chunks()
@@ -158,14 +158,14 @@ class Learner:
         if self._measure_schedule.is_due():
             self.held_out.measure(self.algorithm, self.replay)
         if self._publish_schedule.is_due():
-            self._publish()  # for a replay that was restarted and has none to give
+            self._publish()  # a restarted replay has no weights to hand out
         values, progress = self._values(), self._replay_progress
         self._check_health(self._insist(lambda: self.telemetry.report(values, progress)))
 
     # ------------------------------------------------------------------ start and state
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue from the counters of a checkpoint, whose algorithm is restored already."""
+        """Continues from the counters of a checkpoint, whose algorithm is already restored."""
         self.clock.restore(float(state["seconds"]))
         self.phases.restore(state)
         self.algorithm.reseed(self.phases.updates)
@@ -174,15 +174,15 @@ class Learner:
         self.registry.restore(state["actors"])
 
     def start(self) -> None:
-        """Publish and keep what there is.
+        """Publishes the first weights and writes a checkpoint.
 
         Raises:
-            InputError: the replay has lost steps that the checkpoint knows of.
+            InputError: the replay has lost steps that the checkpoint counts.
         """
         self._replay_progress = self.replay.progress(self.phases.chunks_seen)
         known, found = self.phases.agent_steps, self._replay_progress.agent_steps
-        # If many steps are missing, ε and the limiter begin anew, and all are played again before
-        # the next update. A power failure costs only a few steps.
+        # If many steps are missing, ε and the limiter start over, and actors play all of them again
+        # before the next update. A power failure costs only a few steps.
         if known - found > self.config.replay.learning_starts:
             raise InputError(
                 f"the replay has seen {found:,} steps and the checkpoint {known:,}: put the "
@@ -190,7 +190,7 @@ class Learner:
                 f"ANOTHER --initial {self.checkpoint.path})."
             )
         self._publish()
-        self._save()  # a disk that is full from the beginning is not waited for
+        self._save()  # not `_checkpoint`: a disk that is full at the start ends the run
 
     # ------------------------------------------------------------------ what is kept and sent
 
@@ -198,7 +198,7 @@ class Learner:
         return insist(write, self.telemetry.say, self.stop)
 
     def _check_room(self) -> None:
-        if not self.stop.is_set():  # the last checkpoint may just fit
+        if not self.stop.is_set():  # at a stop, one more checkpoint may just fit
             self.checkpoint.check_room()
 
     def _checkpoint(self) -> None:
@@ -206,7 +206,7 @@ class Learner:
 
     def _save(self) -> None:
         self._check_network()
-        self.replay.sync()  # or a power failure would leave a checkpoint that knows of more steps
+        self.replay.sync()  # or after a power failure the checkpoint could count lost steps
         self.checkpoint.save(
             {
                 **self.phases.state(),
@@ -219,7 +219,7 @@ class Learner:
         )
 
     def _publish(self) -> None:
-        """Broadcast the weights; their version is the number of updates that made them."""
+        """Broadcasts the weights; their version is the number of updates so far."""
         self._check_network()
         self._published = self.phases.updates
         weights, run_id = encode_weights(self.algorithm.published), self.replay.run_id
@@ -228,16 +228,16 @@ class Learner:
         self._publish_schedule.restart()
 
     def _keep_what_was_learned(self) -> None:
-        """Write the last checkpoint; a network that has diverged is told of also at a stop."""
+        """Writes the last checkpoint; raises InputError if the network has diverged."""
         self._check_loss()
         if self.stop.is_set():
             self.telemetry.say("stopping: writing a checkpoint ...")
         self._checkpoint()
 
     def _check_network(self) -> None:
-        """Called before anything of the network is kept or told: it may have diverged."""
+        """Raises InputError if the network has diverged; called before it is saved or published."""
         self._check_loss()
-        if not self.losses.is_finite():  # which the next loss would tell
+        if not self.losses.is_finite():  # the next loss would show it, but too late
             raise self._diverged(f"weights became non-finite by update {self.phases.updates}")
 
     def _check_loss(self) -> None:
@@ -253,7 +253,7 @@ class Learner:
     # ------------------------------------------------------------------ phases, tests, health
 
     def _count_chunks(self) -> None:
-        """Count what actors have sent since the last look into phases."""
+        """Counts the chunks that actors have sent since the last look."""
         while True:
             self._replay_progress = self.replay.progress(
                 self.phases.chunks_seen, finished=self._finished
@@ -261,7 +261,7 @@ class Learner:
             told, seen = self._replay_progress, self.phases.chunks_seen
             new = [chunk for chunk in told.statistics if chunk.index >= seen]
             for chunk in new:
-                # Both at once, so that a checkpoint at a phase's end knows of the same chunks.
+                # Together, so that in a checkpoint at a phase's end both have the same chunks.
                 self.registry.accepted(chunk)
                 if self.phases.count(chunk):
                     self._end_phase()
@@ -269,12 +269,12 @@ class Learner:
                 return
 
     def _ask_replay(self) -> None:
-        """Have the replay's counters once more, unless it is away."""
+        """Asks for the replay's counters once more, unless it is away."""
         with suppress(InputError):
             self._replay_progress = self.replay.progress(self.phases.chunks_seen)
 
     def _end_phase(self) -> None:
-        """Record the present phase; have the snapshot of an epoch tested."""
+        """Records the present phase, and has an epoch's snapshot tested."""
         if self.phases.epoch == 0:
             count = self.config.protocol.held_out_states
             self._insist(lambda: self.held_out.draw(self.replay, count))
@@ -293,14 +293,14 @@ class Learner:
         while (test := self.evaluation.take_finished()) is not None:
             best = max(self.telemetry.rewards("test"), default=None)
             # First the best weights are kept, then the checkpoint drops the test, then the snapshot
-            # is deleted. So a run that is broken off never loses its best weights.
+            # is deleted. So an interruption never costs the best weights.
             self._insist(partial(self.evaluation.settle, test, best))
             self._insist(partial(self.telemetry.add, self.phases.end_test(test)))
             self._checkpoint()
             self._insist(self.evaluation.sweep)
 
     def _values(self) -> dict[str, Value]:
-        """Figures that only the loop knows."""
+        """Returns the figures that only the loop knows."""
         phase: Phase = "training" if self.phases.epoch else "warm-up"
         mean, deviation = self.held_out.max_q or (None, None)
         return {
@@ -316,7 +316,7 @@ class Learner:
         }
 
     def _check_health(self, checks: Sequence[HealthCheck]) -> None:
-        """End a run that is not healthy, unless it only waits for its last tests."""
+        """Ends an unhealthy run, unless it only waits for its last tests."""
         if self._finished:
             return
         self.failed = self.guard.check(
@@ -329,19 +329,19 @@ class Learner:
 
     @property
     def _finished(self) -> bool:
-        """Whether all steps are there, and actors may leave."""
+        """Whether all steps have been played, so that actors may leave."""
         return self.steps_goal is not None and self.phases.agent_steps >= self.steps_goal
 
     @property
     def done(self) -> bool:
-        """Whether all steps it was asked for are there, and all updates that they call for."""
+        """Whether all requested steps have been played, and all their updates made."""
         if self.steps_goal is None or not self._finished:
             return False
         steps = self.steps_goal - self.config.replay.learning_starts
         return self.phases.updates >= steps // self.config.learning.train_period
 
     def _conclude(self) -> None:
-        """Let the actors hand in their last chunks, and have the last epoch tested."""
+        """Lets the actors hand in their last chunks, and has the last epoch tested."""
         self._batches.close()
         self._look_while(lambda: self.registry.alive("actor"), _FAREWELL)
         if self.phases.phase_steps >= _LEAST_PHASE * self.phases.phase_length:
@@ -349,7 +349,7 @@ class Learner:
         self.evaluation.finish()
         if self.evaluation.pending and not self._evaluator_expected():
             self.telemetry.say(
-                "No evaluator is there, so epochs stay untested: "
+                "There is no evaluator, so epochs stay untested: "
                 "start `python -m actors --evaluator` beside the learner next time."
             )
         self._look_while(
@@ -360,12 +360,12 @@ class Learner:
         if self.evaluation.pending and self._evaluator_expected() and not self.stop.is_set():
             self.telemetry.say(
                 f"No game of a test has ended in {_LONGEST_GAME / 60:g} minutes, so epochs stay "
-                "untested: look whether the evaluators play."
+                "untested: check whether the evaluators play."
             )
         self._look_while(lambda: self.registry.alive("evaluator"), _FAREWELL)
 
     def _evaluator_expected(self) -> bool:
-        """Whether one is there, or is a child of local mode that has not joined yet."""
+        """Returns whether an evaluator is present, or is a local child that has not joined yet."""
         starting = self._children is not None and self._children.works("evaluator")
         return starting or bool(self.registry.alive("evaluator"))
 
@@ -375,7 +375,8 @@ class Learner:
         patience: float,
         progress: Callable[[], object] = lambda: None,
     ) -> None:
-        """Wait while somebody is ``busy``, at most ``patience`` seconds without ``progress``."""
+        """Waits while ``busy`` returns something true, at most ``patience`` seconds without a
+        change of ``progress``."""
         self._look()
         before, ends = progress(), self.clock.now() + patience
         while busy() and self.clock.now() < ends and not self.stop.wait(_TICK):

@@ -1,7 +1,7 @@
-"""Splits the test of each epoch's snapshot into shards for the evaluators, and gathers games.
+"""Splits the test of each epoch's snapshot into shards for the evaluators, and gathers their games.
 
-A state machine without threads: `give_job` and `take_report` answer evaluators
-(`learner.evaluation.service` lets them ask from other processes), the rest is the training loop's.
+A state machine without threads of its own. `give_job` and `take_report` answer evaluators, which
+ask from other processes through `learner.evaluation.service`; the training loop calls the rest.
 """
 
 import math
@@ -18,12 +18,13 @@ from common.schedule import Now
 from learner.evaluation.snapshots import Snapshots
 
 NEWCOMER = 5.0
-"""Seconds after its job in which an evaluator whose presence is unknown is not yet given up."""
+"""Seconds after its job within which an evaluator counts as present, even if its presence is not
+known yet."""
 HANGS = 4 * 3_600.0
-"""Seconds without a report after which an evaluator is given up although it is present, where there
-is another: a whole game in real time lasts half an hour at most, and slow machines take longer."""
+"""Seconds without a report after which a present evaluator is given up, if there is another one. A
+whole game in real time lasts half an hour at most, and slow machines take longer."""
 MOST_WAITING = 4
-"""Tests that wait for the first evaluator; each keeps a snapshot on disk."""
+"""Maximum number of tests that wait for the first evaluator; each keeps a snapshot on disk."""
 
 
 @dataclass
@@ -36,12 +37,12 @@ class EpochTest:
     replay_memory_count: int
     meanq: float | None
     remaining: int
-    """Agent steps that nobody has been asked to play yet."""
+    """Agent steps that no evaluator has been asked to play yet."""
     steps: int = 0
     """Agent steps played."""
     scores: list[float] = field(default_factory=list)
     began: float | None = None
-    """Seconds of the run at which the first evaluator took it."""
+    """Seconds of the run at which the first evaluator got a shard of it."""
 
 
 @dataclass
@@ -52,19 +53,19 @@ class _Shard:
     left: int
     given: float
     heard: float
-    """When it was given, or its evaluator reported last."""
+    """Time of the evaluator's last report; before the first one, of the job."""
 
 
 @dataclass
 class EvaluationCoordinator:
-    """The tests of a run that are not over; safe to call from any thread."""
+    """Coordinates the unfinished tests of a run; safe to call from any thread."""
 
     snapshots: Snapshots
     protocol: ProtocolConfig
     evaluators: Callable[[], set[str]]
-    """Tells the names of the evaluators that are present."""
+    """Returns the names of the evaluators that are present."""
     seconds: Callable[[], float]
-    """Tells the run's time."""
+    """Returns the run's time, seconds."""
     now: Now = time.monotonic
 
     def __post_init__(self) -> None:
@@ -73,13 +74,13 @@ class EvaluationCoordinator:
         self._shards: dict[str, _Shard] = {}
         self._finished: list[EpochTest] = []
         self._unneeded: list[int] = []
-        """Epochs whose snapshots go with the next `sweep`."""
+        """Epochs whose snapshots the next `sweep` deletes."""
         self._over = False
 
     # ------------------------------------------------------------------ for the training loop
 
     def add(self, test: EpochTest, weights: bytes) -> None:
-        """Have ``weights`` tested; where nobody tests, only the newest few wait for somebody."""
+        """Queues the test of ``weights``; without evaluators only the newest few tests wait."""
         self.snapshots.write(test.epoch, weights)
         nobody = not self.evaluators()
         with self._lock:
@@ -91,14 +92,17 @@ class EvaluationCoordinator:
                 self._unneeded.append(epoch)
 
     def sweep(self) -> None:
-        """Delete the snapshots of tests that are over or were given up, once no checkpoint needs
-        them."""
+        """Deletes the snapshots of tests that are over or given up; call it once no checkpoint
+        needs them."""
         while self._unneeded:
             self.snapshots.remove(self._unneeded[-1])
             self._unneeded.pop()
 
     def take_finished(self) -> EpochTest | None:
-        """Returns each test that is over, once; also notices evaluators that were lost."""
+        """Returns a test that is over, each one once; None if there is none.
+
+        It also takes back the shards of lost evaluators.
+        """
         present = self.evaluators()
         now = self.now()
         with self._lock:
@@ -110,12 +114,12 @@ class EvaluationCoordinator:
             return self._finished.pop(0) if self._finished else None
 
     def settle(self, test: EpochTest, best_before: float | None) -> None:
-        """Keep the weights of a test that is over as the best, if they are; `sweep` then deletes
-        its snapshot.
+        """Keeps the weights of a finished test if they are the best; `sweep` then deletes its
+        snapshot.
 
         Args:
-            best_before: the table's; it may lack the test of the best snapshot, after a resume
-                from the checkpoint before the last one.
+            best_before: best mean score in the table of epochs. After a resume from the previous
+                checkpoint, the table may lack the test of the best snapshot.
         """
         mean = sum(test.scores) / len(test.scores) if test.scores else None
         before = [each for each in (best_before, self.snapshots.best_score()) if each is not None]
@@ -132,33 +136,35 @@ class EvaluationCoordinator:
         self._unneeded.append(test.epoch)
 
     def finish(self) -> None:
-        """From now on evaluators for which there is no job are sent home."""
+        """Tells evaluators without a job from now on that the run is over."""
         self._over = True
 
     @property
     def pending(self) -> int:
-        """Number of tests that are not over."""
+        """Number of unfinished tests."""
         return len(self._tests)
 
     @property
     def steps_left(self) -> int:
-        """Agent steps that are still to be played."""
+        """Agent steps of all tests that still have to be played."""
         with self._lock:
             wanted = self.protocol.test_steps
             return sum(max(wanted - test.steps, 0) for test in self._tests.values())
 
     def state(self) -> list[dict[str, Any]]:
-        """Returns the tests whose result was not taken yet, of JSON's types; without their games,
-        which are played again."""
+        """Returns the tests whose result has not been taken yet, of JSON's types.
+
+        Their games are left out, because they are played again.
+        """
         with self._lock:
             tests = (*self._finished, *self._tests.values())
             return [asdict(replace(test, scores=[])) for test in tests]
 
     def restore(self, state: list[dict[str, Any]]) -> list[int]:
-        """Take up the tests of a checkpoint; each is played again from its start.
+        """Resumes the tests of a checkpoint; each is played again from its start.
 
-        Returns the epochs that stay untested, because their snapshots are gone: the checkpoint
-        before the last one knows of tests that were settled since.
+        Returns the epochs that stay untested because their snapshots are gone. This happens with
+        the previous checkpoint, which has tests that were settled since.
         """
         untested = []
         again = {"remaining": self.protocol.test_steps, "steps": 0, "scores": [], "began": None}
@@ -174,9 +180,9 @@ class EvaluationCoordinator:
     # ------------------------------------------------------------------ for the evaluators
 
     def give_job(self, evaluator: str) -> EvaluationJob:
-        """Returns what an evaluator should do now: its shard of the oldest test, if there is one.
+        """Returns the job of an evaluator: its shard of the oldest test, if there is one.
 
-        One that asks again has given up the shard it had.
+        An evaluator that asks again gives up the shard that it had.
         """
         everyone = len(self.evaluators() | {evaluator})
         with self._lock:
@@ -194,10 +200,10 @@ class EvaluationCoordinator:
         return EvaluationJob("test", test.epoch, steps, self.protocol.test_epsilon, weights)
 
     def take_report(self, report: EvaluationReport) -> None:
-        """Count what an evaluator has played since its last report.
+        """Counts what an evaluator has played since its last report.
 
         Raises:
-            MessageError: its shard of that test was given to another evaluator, or is played.
+            MessageError: its shard was given to another evaluator, or is already played.
         """
         with self._lock:
             shard = self._shards.get(report.evaluator)
@@ -211,7 +217,8 @@ class EvaluationCoordinator:
             shard.heard = self.now()
             test.scores += [game.score for game in report.games]
             if report.done:
-                self._give_back(report.evaluator)  # with what another of its name has not played
+                # With the steps that another process of the same name has left unplayed.
+                self._give_back(report.evaluator)
 
     def _give_back(self, evaluator: str) -> None:
         shard = self._shards.pop(evaluator)

@@ -1,7 +1,7 @@
-"""`python -m learner --evaluate FILE`: many whole games by one network, in several processes.
+"""`python -m learner --evaluate FILE`: plays many whole games of one network, in several processes.
 
-How many games each process plays is fixed before the first starts. Taking the games that end first
-would count short ones, which are defeats, too often.
+The number of games of each process is fixed before the first one starts. Taking whichever games end
+first would overcount short games, which are defeats.
 """
 
 import json
@@ -42,20 +42,23 @@ def evaluate(
     stop: threading.Event,
     console: Console | None = None,
 ) -> dict[str, Any] | None:
-    """Play, print the table and write the JSON; returns its content, or None if ``stop`` was set.
+    """Plays the games, prints the table and writes the JSON file.
 
     Args:
         config: settings to play under.
-        trained: settings under which the network was trained; None if nobody knows.
+        trained: settings that the network was trained under; None if they are unknown.
+
+    Returns:
+        The content of the JSON file; None if ``stop`` was set.
 
     Raises:
-        InputError: the network cannot be played with.
+        InputError: the network does not fit ``config``, or the file cannot be written.
     """
     made_by = provenance()
     console = console or Console(highlight=False)
     assert options.evaluate is not None
     if options.json is not None:
-        check_new_file(options.json)  # not after all those games
+        check_new_file(options.json)  # before the games, not after them
     check_fit(options.evaluate, trained, config)
     load_weights_file(build_network(config, config.action_count), options.evaluate, "this game")
     measures = options.measures(config, trained)
@@ -68,7 +71,7 @@ def evaluate(
             for game in play(asked, settings, clock.flags(), stop):
                 found.append(game)
                 played += 1
-                if not console.is_terminal:  # a log has the games one by one
+                if not console.is_terminal:  # a log lists the games one by one
                     console.print(f"game {played}: score {game['score']:g}")
                 total = played + max(options.games - len(found), 0) + options.games * later
                 progress.update(played, total=total, note=f"{played} of {total} games")
@@ -95,7 +98,7 @@ def evaluate(
 
 
 def _unusual(settings: RunConfig) -> list[str]:
-    """Returns the conditions, of ``settings``, that differ from the preset's."""
+    """Returns the conditions in ``settings`` that differ from those of the preset."""
     preset = PRESETS[settings.preset]
     usual = replace(settings, play=preset.play, camera=preset.camera, randomise=preset.randomise)
     return [
@@ -108,13 +111,13 @@ def _unusual(settings: RunConfig) -> list[str]:
 def play(
     options: EvaluationOptions, config: RunConfig, flags: Sequence[str], stop: threading.Event
 ) -> Iterator[dict[str, Any]]:
-    """Yield games as they end, in several processes.
+    """Plays games in several processes, and yields them as they end.
 
     Args:
-        flags: more for each playing process, such as ``["--no-sync"]``.
+        flags: additional flags of each playing process, such as ``["--no-sync"]``.
 
     Raises:
-        InputError: a process ended by itself.
+        InputError: a process failed.
     """
     count = min(options.processes or len(os.sched_getaffinity(0)), options.games)
     arguments = {

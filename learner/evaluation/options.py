@@ -1,4 +1,4 @@
-"""What `python -m learner --evaluate` is asked for: how many games, under how much chance."""
+"""The options of `python -m learner --evaluate`: how many games, under how much chance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,62 +15,62 @@ from common.run.config import RunConfig
 
 @dataclass(frozen=True)
 class Measure:
-    """Under how much chance a network is measured: one row of a table of scores."""
+    """The amount of chance in one measurement: one row of a table of scores."""
 
     epsilon: float
     """Share of random actions."""
     sticky: float
-    """``play.sticky``, the share of the console's repeats."""
+    """``play.sticky``, the probability that the console repeats an action."""
 
 
 HEADLINE = (
-    Measure(0.001, 0.0),  # the policy itself; on a console without chance nearly one game, repeated
+    Measure(0.001, 0.0),  # the policy itself: nearly one game, repeated on a deterministic console
     Measure(0.05, 0.0),  # 2017, after Mnih et al. 2015
     Measure(0.001, 0.25),  # Machado et al. 2018, and ALE's v5 environments
 )
-"""The measures that stand for a policy together: none of them alone says what it can do."""
+"""The measurements that describe a policy together; none of them alone says what it can do."""
 
 
 @dataclass(frozen=True)
 class EvaluationOptions:
-    """Test a network by whole games instead of training one."""
+    """Evaluate a network over whole games, instead of training one."""
 
     evaluate: WeightsFile | None = None
-    """Network to test, such as robot_pong or runs/NAME/snapshots/best.safetensors. It plays under
-    its run's settings, except for those given here: another --env, a --play.actuation-latency, a
-    --camera.noise, a --seed. No conditions are drawn, even if the run drew some, except for those
-    of a --randomise flag. --sync, --wait-action and --speed apply too."""
+    """Network to evaluate, such as robot_pong or runs/NAME/snapshots/best.safetensors. It plays
+    under its run's settings, except for those given here, such as --env, --play.actuation-latency,
+    --camera.noise or --seed. No conditions are drawn, even if the run drew some, unless a
+    --randomise flag is given. --sync, --wait-action and --speed apply too."""
     headline: bool = False
     """Three evaluations in one table and one file: with 0.001 random actions, with 0.05 as in 2017,
     and with 0.001 under sticky actions (--play.sticky 0.25)."""
     games: FromOne = 30
-    """Number of games, over all processes; of each of the three evaluations of --headline."""
+    """Number of games, over all processes; with --headline, of each of its three evaluations."""
     test_steps: Count = 0
     """Minimum number of agent steps, over all processes; the tests of 2017 played 125,000."""
     epsilon: Fraction = 0.001
     """Share of random actions, 0 to 1; the tests of 2017 had 0.05."""
     processes: Count = 0
-    """Number of games played at a time; 0 for as many as there are cores."""
+    """Number of games played at the same time; 0 for as many as there are cores."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File for the results, as JSON."""
 
     def check(self) -> None:
-        """Refuse options that cannot be played.
+        """Refuses options that cannot be played.
 
         Raises:
             InputError: an option is out of bounds or has no effect; it names the flag.
         """
         check_bounds(self)
         if self.headline and self.evaluate is None:
-            raise InputError("--headline is for --evaluate: name a network to evaluate by it.")
+            raise InputError("--headline needs --evaluate: name a network to evaluate.")
         if self.headline and self.epsilon != EvaluationOptions.epsilon:
             raise InputError("--headline has its own shares of random actions: omit --epsilon.")
 
     def measures(self, config: RunConfig, trained: RunConfig | None) -> Sequence[Measure]:
-        """Returns what the network is to be measured under.
+        """Returns the measurements to make.
 
         Args:
-            trained: settings under which the network was trained.
+            trained: settings that the network was trained under.
 
         Raises:
             InputError: ``config`` has sticky actions of its own, which a headline overrides.

@@ -1,4 +1,4 @@
-"""What the games of an evaluation come to: one mapping, and the table that shows it."""
+"""The results of an evaluation: a mapping of figures, and the table that shows them."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -14,14 +14,14 @@ from learner.evaluation.scores import Scores
 from learner.telemetry.sinks import formats as figures
 
 ENDING = 800
-"""Agent steps of a game's end, 53 s of play, by which games are compared beside their whole."""
+"""Agent steps at the end of a game, 53 s of play: games are compared by them, and as a whole."""
 
 
 def summarise(games: Sequence[Mapping[str, Any]], clock: ClockConfig) -> dict[str, Any]:
-    """Returns the figures of at least one game, as the JSON of an evaluation has them.
+    """Returns the figures of at least one game, as in the JSON of an evaluation.
 
     Args:
-        games: what `actors.games` told about each.
+        games: what `actors.games` printed for each game.
         clock: how time passed.
     """
 
@@ -57,11 +57,11 @@ def summarise(games: Sequence[Mapping[str, Any]], clock: ClockConfig) -> dict[st
 
 
 def table(content: Mapping[str, Any]) -> Table:
-    """Returns what people read of an evaluation: a line for each figure, a column for each row."""
+    """Returns the table for people: a line for each figure, a column for each measurement."""
     rows = content.get("rows", [content])
     shown = Table(title=content["weights"], title_justify="left", show_header=False)
     trained = [row["changed"] for row in rows]
-    # What the network was trained under too, as under sticky actions; the rest is told above.
+    # Only the conditions of its training, such as sticky actions; the others are listed above.
     usual = [
         [each for each in row["conditions"] if each not in changed]
         for row, changed in zip(rows, trained, strict=True)
@@ -79,7 +79,7 @@ def table(content: Mapping[str, Any]) -> Table:
 
 
 def _hands(row: Mapping[str, Any]) -> str:
-    """Half and nearly all of the commands are obeyed within so long."""
+    """Returns p50 and p99 of the time from a command to its keys, for release and press."""
     release, press = (KeyLatency(**row[name]) for name in ("release_ms", "press_ms"))
     return ", ".join(
         f"{name} {figures.written('ms', found.p50)}/{figures.written('ms', found.p99)}"
@@ -89,7 +89,7 @@ def _hands(row: Mapping[str, Any]) -> str:
 
 
 def _mean(row: Mapping[str, Any]) -> str:
-    """One game has a score, but no spread."""
+    """Returns the mean score, with its deviation if there are several games."""
     spread = f" ± {row['deviation']:.2f}" if row["games"] > 1 else ""
     return f"{row['mean']:.2f}{spread}"
 
@@ -129,4 +129,4 @@ _LINES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
     ),
     ("late frames", lambda row: "" if row["speed"] is None else f"{row['late_frames']:,}"),
 )
-"""Names of the figures, and how each is written."""
+"""Names of the figures, and how each cell is written."""

@@ -1,10 +1,11 @@
-"""What games came to: mean, deviation, and the interquartile mean with its uncertainty.
+"""Statistics of scores: mean, deviation, and the interquartile mean with its uncertainty.
 
-The interquartile mean (IQM) is the mean of the middle half: less moved by single games than the
-mean, less wasteful than the median (Agarwal et al. 2021, "Deep reinforcement learning at the edge
-of the statistical precipice"). Its interval is their stratified bootstrap: games are drawn again,
-with replacement, within each stratum. An evaluation is one stratum, because one network plays one
-game under one setting. Games that are repeated, not drawn anew, make the interval too narrow.
+The interquartile mean (IQM) is the mean of the middle half. Single games move it less than the
+mean, and it wastes less data than the median (Agarwal et al. 2021, "Deep reinforcement learning at
+the edge of the statistical precipice"). Its interval is their stratified bootstrap: games are
+resampled with replacement within each stratum. An evaluation is one stratum, because one network
+plays one game under one setting. If games repeat each other instead of being independent, the
+interval is too narrow.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ RESAMPLES = 10_000
 
 @dataclass(frozen=True)
 class Scores:
-    """Figures of some games."""
+    """Statistics of the scores of some games."""
 
     games: int
     mean: float
@@ -34,7 +35,7 @@ class Scores:
 
     @classmethod
     def of(cls, scores: Sequence[float], seed: int = 1) -> "Scores":
-        """Sum up at least one game."""
+        """Returns the statistics of at least one game; ``seed`` is that of the bootstrap."""
         found = np.asarray(scores, np.float64)
         drawn = np.random.default_rng(seed).choice(found, (RESAMPLES, len(found)))
         low, high = np.percentile(interquartile_mean(drawn), (2.5, 97.5))

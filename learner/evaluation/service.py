@@ -1,4 +1,4 @@
-"""Lets evaluators in other processes ask the coordinator for jobs, and report."""
+"""Lets evaluators in other processes ask the coordinator for jobs, and send it reports."""
 
 import logging
 import re
@@ -25,18 +25,18 @@ def serve_evaluators(
     sign: Sign,
     most_reports: float = REPORTS_PER_SECOND,
 ) -> None:
-    """Answer evaluators until ``transport`` is closed.
+    """Answers evaluators until ``transport`` is closed.
 
     Args:
         sign: signs the weights of jobs.
-        most_reports: that are taken of one evaluator a second.
+        most_reports: maximum number of reports that are taken from one evaluator per second.
     """
     quota = LeakyBucket(most_reports)
 
     def give_job(request: Request) -> bytes:
         evaluator = name_in(request.key)
         if not re.fullmatch(NAME, evaluator):
-            raise MessageError("no evaluator can have this name")
+            raise MessageError("an evaluator cannot have this name")
         job = coordinator.give_job(evaluator)
         test = job.kind == "test"
         signature = sign("test", job.epoch, keys.run_id, job.weights) if test else b""
@@ -46,7 +46,7 @@ def serve_evaluators(
         evaluator = name_in(request.key)
         if not quota.admits(evaluator):
             who = evaluator if quota.knows(evaluator) else "a crowd of new evaluators"
-            _log.warning("%s reports more often than anybody plays: not all is heard", who)
+            _log.warning("%s reports too often: some reports are dropped", who)
             request.drop()
             return None
         report = EvaluationReport.decode(request.payload)

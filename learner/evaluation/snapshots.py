@@ -1,4 +1,4 @@
-"""Weights on disk: of the best test so far, and of each epoch until it is tested or for good."""
+"""Weights on disk: those of the best test, and those of each epoch, until its test or for good."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ class Snapshots:
     """The folder ``snapshots/`` of a run.
 
     Args:
-        keep: whether each epoch's weights stay.
+        keep: whether each epoch's weights stay after its test.
     """
 
     def __init__(self, folder: Path, *, keep: bool = False) -> None:
@@ -20,31 +20,31 @@ class Snapshots:
         self.keep = keep
 
     def write(self, epoch: int, weights: bytes) -> None:
-        """Keep the weights of an epoch until `remove`."""
+        """Stores the weights of an epoch until `remove`."""
         self._folder.mkdir(parents=True, exist_ok=True)
         write_atomically(self.file(epoch), weights)
 
     def read(self, epoch: int) -> bytes:
-        """Returns the weights of an epoch. Raises OSError if they are not there."""
+        """Returns the weights of an epoch. Raises OSError if they are missing."""
         return read_file(self.file(epoch))
 
     def remove(self, epoch: int) -> None:
-        """Delete the weights of an epoch, unless all are kept."""
+        """Deletes the weights of an epoch, unless all are kept."""
         if not self.keep:
             self.file(epoch).unlink(missing_ok=True)
 
     def keep_as_best(self, epoch: int, card: dict[str, Any]) -> None:
-        """Let an epoch's weights be ``best.safetensors``, and ``card`` say what they are."""
+        """Makes an epoch's weights ``best.safetensors``, and writes ``card`` beside them."""
         write_atomically(self._folder / "best.safetensors", self.read(epoch))
         write_atomically(self._folder / "best.json", json.dumps(card, indent=2).encode())
 
     def best_score(self) -> float | None:
-        """The mean score of ``best.safetensors``; None if there is none, or no card that says."""
+        """Returns the mean score of ``best.safetensors``; None if its card is missing or broken."""
         try:
             return float(json.loads(read_file(self._folder / "best.json"))["mean_score"])
         except (OSError, ValueError, TypeError, KeyError):
             return None
 
     def file(self, epoch: int) -> Path:
-        """Returns where the weights of an epoch are, or would be."""
+        """Returns the path of an epoch's weights, which need not exist."""
         return self._folder / f"{epoch_name(epoch)}.safetensors"

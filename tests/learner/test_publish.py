@@ -99,13 +99,13 @@ def test_a_run_without_a_test_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="name the folder of a run"):
         publish(Options(run=tmp_path / "none", output=tmp_path / "policy"), threading.Event())
     (tmp_path / "begun").mkdir()
-    with pytest.raises(InputError, match=r"best.* let the run go on"):
+    with pytest.raises(InputError, match=r"best.* continue the run until it does"):
         publish(Options(run=tmp_path / "begun", output=tmp_path / "policy"), threading.Event())
 
 
 def test_best_weights_without_their_card_are_told(tmp_path: Path) -> None:
     (_run(tmp_path / "small") / "snapshots/best.json").unlink()
-    with pytest.raises(InputError, match=r"best\.json is not there"):
+    with pytest.raises(InputError, match=r"best\.json does not exist"):
         publish(Options(run=tmp_path / "small", output=tmp_path / "policy"), threading.Event())
 
 
@@ -124,7 +124,7 @@ def test_a_run_that_tells_too_little_of_itself_is_refused_before_anything_is_wri
 ) -> None:
     run, output = _run(tmp_path / "small"), tmp_path / "policy"
     (run / file).write_text(content)
-    with pytest.raises(InputError, match=rf"{file} is .*{told}.*: let the run go on, by --resume"):
+    with pytest.raises(InputError, match=rf"{file} is .*{told}.*: continue the run with --resume"):
         publish(Options(run=run, output=output), threading.Event())
     assert not list(tmp_path.glob("policy.*"))
 

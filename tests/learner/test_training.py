@@ -672,7 +672,7 @@ def test_a_few_steps_at_the_end_are_no_epoch() -> None:
 def test_without_an_evaluator_the_end_is_not_waited_for() -> None:
     world = World(evaluators=set())
     run(world, steps_goal=300)
-    assert world.said[0].startswith("No evaluator is there")
+    assert world.said[0].startswith("There is no evaluator")
     assert len(world.checkpoints[-1]["tests"]) == 1  # for one that comes to the resumed run
 
 

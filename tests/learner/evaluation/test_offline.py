@@ -203,7 +203,7 @@ def test_what_a_headline_would_override_is_refused(program: Path) -> None:
     write(program, TELLS_ITS_CHANCES)
     with pytest.raises(InputError, match="omit --epsilon"):
         EvaluationOptions(program, headline=True, epsilon=0.05).check()
-    with pytest.raises(InputError, match="--headline is for --evaluate"):
+    with pytest.raises(InputError, match="--headline needs --evaluate"):
         EvaluationOptions(headline=True).check()
     for trained in (CONFIG, None):
         sticky = replace(CONFIG, play=replace(CONFIG.play, sticky=0.1))

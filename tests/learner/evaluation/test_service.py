@@ -109,7 +109,7 @@ def test_an_evaluator_without_a_proper_name_has_no_job(
     coordinator = _coordinator(tmp_path)
     serve_evaluators(hub, KEYS, coordinator, unsigned)
     coordinator.add(epoch_test(1), b"w")
-    with pytest.raises(MessageError, match="no evaluator can have this name"):
+    with pytest.raises(MessageError, match="an evaluator cannot have this name"):
         _ask(client, name)
     assert _ask(client, "e").kind == "test"  # all of it is left
 
