@@ -1,8 +1,8 @@
 """Augmentation of drawn states: the random shift of DrQ (Yarats, Kostrikov and Fergus 2021).
 
-A picture moved by a few pixels means the same to a player; a network that is told so does not
-learn single pixels by heart. All frames of a state move together, or the ball would jump; the two
-states of a transition move apart from each other, as in DrQ.
+A picture moved by a few pixels means the same to a player. A network that sees shifted pictures
+does not learn single pixels by heart. All frames of a state move together, or the ball would jump.
+The two states of a transition move independently, as in DrQ.
 """
 
 import numpy as np
@@ -21,28 +21,31 @@ class RandomShift:
         self.reseed(0)
 
     def reseed(self, updates: int) -> None:
-        """Draw otherwise than at the start of the run, after ``updates`` in other processes."""
+        """Seeds the generator for a process that continues after ``updates``, so that it does not
+        repeat the shifts of the run's start."""
         (seed,) = np.random.SeedSequence([self._seed, updates]).generate_state(1, np.uint64)
         self._generator = torch.Generator().manual_seed(int(seed))
 
     def __call__(self, batch: DeviceBatch) -> DeviceBatch:
-        """Returns ``batch`` with states of the same shape and type."""
+        """Returns ``batch`` with shifted states of the same shape and type."""
         if not self._most:
             return batch
         return batch._replace(s_tm1=self.shift(batch.s_tm1), s_t=self.shift(batch.s_t))
 
     def shift(self, frames: Tensor) -> Tensor:
-        """Returns ``frames``, ``uint8 [batch, frame_stack, height, width]``, each state by its own
-        shift; what moves in repeats the edge."""
+        """Returns shifted ``frames``, ``uint8 [batch, frame_stack, height, width]``.
+
+        Each state has its own shift; pixels that move in repeat the edge.
+        """
         batch, _, height, width = frames.shape
         down, across = torch.randint(2 * self._most + 1, (2, batch), generator=self._generator)
-        # All shifts of all states, as views; those that are drawn are copied.
+        # All shifts of all states, as views; only the drawn ones are copied.
         windows = self._padded(frames).unfold(2, height, 1).unfold(3, width, 1)
         which = torch.arange(batch, device=frames.device)
         return windows[which, :, down.to(frames.device), across.to(frames.device)]
 
     def _padded(self, frames: Tensor) -> Tensor:
-        """Returns ``frames`` with their edges repeated; PyTorch has it for floats only."""
+        """Returns ``frames`` padded by their edges; PyTorch can do this for floats only."""
         most = self._most
         batch, frame_stack, height, width = frames.shape
         padded = frames.new_empty(batch, frame_stack, height + 2 * most, width + 2 * most)

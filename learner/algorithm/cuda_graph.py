@@ -18,20 +18,21 @@ Step = Callable[[Prepared], Update]
 Launch = Callable[[], object]
 
 _EAGER = 3
-"""Calls before the recording, in which libraries choose their kernels and take their memory."""
+"""Number of calls before the recording, in which libraries choose kernels and allocate memory."""
 
 
 def record_graph(kernels: Callable[[], None]) -> Launch:
-    """Returns what launches all that ``kernels`` launches; recording it computes nothing."""
+    """Records what ``kernels`` launches, without computing it; returns a function that launches the
+    recording."""
     graph = torch.cuda.CUDAGraph()
-    # Another thread prepares the next minibatch meanwhile: only this one's calls are recorded.
+    # Only this thread's calls are recorded: another one prepares the next minibatch meanwhile.
     with torch.cuda.graph(graph, capture_error_mode="thread_local"):
         kernels()
     return graph.replay
 
 
 def run_aside(kernels: Callable[[], None]) -> None:
-    """Run ``kernels`` on another stream than the default one, as must be before a recording."""
+    """Runs ``kernels`` on a stream of its own, as CUDA requires before a recording."""
     stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
     here = torch.cuda.current_stream()
     stream.wait_stream(here)
@@ -42,10 +43,10 @@ def run_aside(kernels: Callable[[], None]) -> None:
 
 @dataclass
 class RecordedStep:
-    """Does what ``step`` does, from the fourth call on by a recording of its kernels.
+    """Does what ``step`` does; from the fourth call on, it launches a recording of its kernels.
 
-    All calls must have tensors of the same shapes. ``step`` may depend on nothing but tensors that
-    stay in their places: a number of Python's would stay as it was when recorded.
+    All calls must have tensors of the same shapes. ``step`` may depend only on tensors that stay at
+    their addresses: a Python number would keep the value that it had at the recording.
     """
 
     step: Step
@@ -56,9 +57,9 @@ class RecordedStep:
         self._calls = 0
         self._launch: Launch | None = None
         self._input: Prepared
-        """Where the recording reads."""
+        """Tensors that the recording reads."""
         self._output: Update
-        """Where it writes."""
+        """Tensors that the recording writes."""
 
     def __call__(self, prepared: Prepared) -> Update:
         self._calls += 1
@@ -72,7 +73,7 @@ class RecordedStep:
         else:
             torch._foreach_copy_(_tensors(self._input), _tensors(prepared))
         self._launch()
-        # The next call overwrites them, and who gets an update may look at it later.
+        # Copies, because the next call overwrites them, and callers may look at an update later.
         loss, priorities, metrics = self._output
         copies = {name: value.clone() for name, value in metrics.items()}
         return Update(loss.clone(), priorities.clone(), copies)

@@ -1,6 +1,7 @@
-"""DQN (Mnih et al. 2015) and Double DQN (van Hasselt et al. 2016): equations 2 to 4 of 2017.
+"""DQN (Mnih et al. 2015) and Double DQN (van Hasselt et al. 2016).
 
-Names are indexed by time: the agent did ``a_tm1`` in ``s_tm1``, got ``r_t`` and came to ``s_t``.
+Equations 2 to 4 are those of the 2017 report. Names are indexed by time: the agent did ``a_tm1`` in
+``s_tm1``, got ``r_t`` and came to ``s_t``.
 """
 
 from typing import Literal
@@ -83,14 +84,14 @@ def td_loss(
     Args:
         errors: δ ``[batch]``.
         weights: importance weights ``[batch]``; 1 for uniform sampling.
-        kind: δ², or Huber's.
-        outputs: divides the mean; the 2017 code averaged over all actions' outputs, of which all
-            but one had no error.
+        kind: δ², or Huber's loss.
+        outputs: divides the mean; the 2017 code averaged over the outputs of all actions, although
+            all but one had no error.
     """
     losses = errors.square() if kind == "mse" else huber(errors)
     return (weights * losses).mean() / outputs
 
 
 def huber(errors: Tensor) -> Tensor:
-    """Returns ½δ² up to |δ| = 1 and |δ| - ½ beyond, of each error."""
+    """Returns Huber's loss of each error δ: ½δ² up to |δ| = 1, and |δ| - ½ beyond."""
     return huber_loss(errors, torch.zeros_like(errors), reduction="none")

@@ -1,4 +1,4 @@
-"""`EmaNetwork`: which weights actors play by, the online network's or their exponential mean."""
+"""`EmaNetwork`: the weights that actors play by, the online network's or their moving average."""
 
 import copy
 
@@ -12,9 +12,9 @@ class EmaNetwork:
     """The network whose weights are published, tested and evaluated.
 
     With a ``decay`` d it has the exponential moving average of the online network's weights,
-    w̄ ← d·w̄ + (1-d)·w, which is steadier than these (Polyak and Juditsky 1992); in its first
-    1/(1-d) updates the plain mean, so that the initial weights do not last. With d = 0 it is the
-    online network itself.
+    w̄ ← d·w̄ + (1-d)·w, which is steadier than the weights themselves (Polyak and Juditsky 1992).
+    During the first 1/(1-d) updates it has their plain mean, so that the initial weights do not
+    last. With d = 0 it is the online network itself.
     """
 
     def __init__(self, online: QNetwork, decay: float) -> None:
@@ -25,6 +25,6 @@ class EmaNetwork:
 
     @torch.no_grad()
     def take(self, updates: int) -> None:
-        """Count in the online network's weights, which come of so many ``updates``, 1 or more."""
+        """Averages in the online network's weights after ``updates``, at least 1."""
         if self._decay:
             torch._foreach_lerp_(self._means, self._weights, max(1 - self._decay, 1 / updates))

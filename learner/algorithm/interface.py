@@ -1,7 +1,7 @@
-"""What the learner asks of an algorithm, and what the two hand each other.
+"""The interface between learner and algorithm.
 
 An algorithm owns everything that a gradient step changes: its networks, its optimizer, their state.
-The training loop, the checkpoint and the prefetcher know it by `Algorithm` alone.
+Training loop, checkpoint and prefetcher know only `Algorithm`.
 """
 
 from collections.abc import Mapping
@@ -32,27 +32,27 @@ class Prepared(NamedTuple):
     """A minibatch with everything that can be computed before its turn."""
 
     batch: DeviceBatch
-    """As drawn, or augmented."""
+    """The minibatch, as drawn or augmented."""
     pixels_tm1: Tensor
     """``batch.s_tm1`` in the network's precision."""
     pixels_t: Tensor
     target_outputs: tuple[Tensor, ...] = ()
-    """What the loss function wanted of the target network."""
+    """The outputs of the target network that the loss function needs."""
     target_version: int = -1
-    """Which target network that was."""
+    """Version of the target network that computed them."""
 
 
 class Update(NamedTuple):
-    """What a loss function returns, and what an update leaves; tensors on the device."""
+    """The result of a loss function and of an update, as tensors on the device."""
 
     loss: Tensor
     """Scalar."""
     priorities: Tensor
-    """Priorities of the transitions in prioritised replay, ``float32 [batch]``, not negative; not
-    finite where a transition is at fault for a loss that is not."""
+    """Priorities of the transitions in prioritised replay, ``float32 [batch]``, not negative. A
+    transition that makes the loss non-finite has a non-finite priority."""
     metrics: Mapping[str, Tensor]
-    """Scalars by name, the same names at every update; ``td_error_squared`` is the mean δ² of the
-    values, before the update."""
+    """Scalars by name, with the same names at every update; ``td_error_squared`` is the mean δ² of
+    the values before the update."""
 
 
 class Algorithm(Protocol):
@@ -63,35 +63,37 @@ class Algorithm(Protocol):
         """The network whose weights are published, tested and evaluated."""
 
     def prepare(self, batch: DeviceBatch) -> Prepared:
-        """Computes what does not depend on the updates before; from one thread, not `update`'s."""
+        """Computes what does not depend on earlier updates, in another thread than `update`."""
 
     def update(self, prepared: Prepared) -> Update:
         """Takes one gradient step, and syncs the target network when it is due.
 
-        A loss that is not finite changes no weight; the learner has its steps quarantined.
+        A non-finite loss changes no weight; the learner quarantines its steps.
         """
 
     def max_q(self, frames: Tensor, vectors: Tensor) -> Tensor:
         """Returns the highest value of each state, ``float32 [states]``, on the CPU."""
 
     def state(self) -> dict[str, Tensor]:
-        """Returns everything that a checkpoint must hold, by names under which
-        `common.protocol.weights.load_weights` finds the weights of `published`."""
+        """Returns everything that a checkpoint must hold, by name.
+
+        The names let `common.protocol.weights.load_weights` find the weights of `published`.
+        """
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """Takes over what `state` returned.
+        """Restores what `state` returned.
 
         Raises:
-            ValueError: it is another network's or optimizer's.
+            ValueError: it belongs to another network or optimizer.
         """
 
     def reseed(self, updates: int) -> None:
-        """Continues after ``updates`` that an earlier process made: its target period goes on, and
-        its random numbers are not drawn again."""
+        """Continues after the ``updates`` of an earlier process: the target network's period goes
+        on, and that process's random numbers are not drawn again."""
 
 
 def build_algorithm(config: RunConfig, network: QNetwork, device: Device) -> Algorithm:
-    """Returns the run's algorithm, which begins with ``network``."""
+    """Returns the run's algorithm, which starts from ``network``."""
     learning = config.learning
     algorithm: Algorithm = ALGORITHMS.make(
         learning.algorithm, network, learning, device, config.seed

@@ -1,8 +1,8 @@
-"""In which precision a network computes: its own float32, or a bfloat16 copy of it.
+"""The precision in which a network computes: its own float32, or a bfloat16 copy of it.
 
 The small steps of an optimizer would vanish in bfloat16's 8 bits, so the master weights stay
-float32 and a copy does the multiplying. The arithmetic is that of `torch.autocast`; but autocast
-casts all weights anew in every pass, into fresh memory, which costs a third of an update.
+float32, and a copy does the multiplying. The arithmetic is that of `torch.autocast`. But autocast
+casts all weights in every pass, into new memory, which costs a third of an update.
 """
 
 import copy
@@ -19,20 +19,20 @@ class Precision:
 
     def __init__(self, master: QNetwork, device: Device) -> None:
         self.dtype = torch.bfloat16 if device.bfloat16 else torch.float32
-        """The type of the pixels that `network` takes."""
+        """Type of the pixels that `network` takes."""
         self.network = _bfloat16_copy(master) if device.bfloat16 else master
         """The network to compute with."""
         self._is_copy = device.bfloat16
         self._masters: list[Tensor] = list(master.parameters())
         self._copies: list[Tensor] = list(self.network.parameters())
         if self._is_copy:
-            # Whatever writes whole weights, a checkpoint or a sync of the target, reaches the copy.
+            # The copy must follow when a checkpoint or a sync of the target loads whole weights.
             master.register_load_state_dict_post_hook(  # type: ignore[no-untyped-call]
                 lambda *_: self.sync_from_master()
             )
 
     def backward(self, loss: Tensor) -> None:
-        """Let the master weights' gradients be those of ``loss``, which `network` computed."""
+        """Computes the gradients of ``loss``, an output of `network`, for the master weights."""
         self.network.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         if self._is_copy:
@@ -43,7 +43,7 @@ class Precision:
 
     @torch.no_grad()
     def sync_from_master(self) -> None:
-        """Let `network` have the master weights as they are now."""
+        """Copies the present master weights into `network`."""
         if self._is_copy:
             torch._foreach_copy_(self._copies, self._masters)
 
@@ -53,7 +53,7 @@ def _bfloat16_copy(master: QNetwork) -> QNetwork:
     first, *others = (m for m in copied.modules() if isinstance(m, nn.Conv2d | nn.Linear))
     for layer in others:
         layer.to(torch.bfloat16)
-    # The first layer is scaled before it is rounded, see `QNetwork.forward`.
+    # The first layer stays float32: it is scaled before it is rounded, see `QNetwork.forward`.
     assert first.weight.dtype == torch.float32
     return copied
 

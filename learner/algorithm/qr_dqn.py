@@ -1,10 +1,10 @@
 """QR-DQN: quantiles of each action's return, by quantile regression (Dabney et al. 2018).
 
-The network tells, for each action, N atoms θ_i, where the return's distribution has the share
-τ̂_i = (2i + 1) / 2N below it (lemma 2); nothing but the loss keeps one below the next. Values are
-means over the atoms. By them the next action is chosen: with ``target`` double by the online
-network (as in Double DQN), or else by the target network (algorithm 1). The loss is the quantile
-Huber loss with κ = 1 (equation 10).
+For each action the network returns N atoms θ_i: the return's distribution has the share
+τ̂_i = (2i + 1) / 2N below θ_i (lemma 2). Only the loss keeps the atoms in order. A value is the mean
+over the atoms, and the values choose the next action: with ``target`` double those of the online
+network (as in Double DQN), otherwise those of the target network (algorithm 1). The loss is the
+quantile Huber loss with κ = 1 (equation 10).
 """
 
 import torch
@@ -26,9 +26,9 @@ def qr_dqn(network: QNetwork, config: LearningConfig, device: Device, seed: int 
 class QuantileLoss:
     """Quantile Huber loss between all pairs of a prediction's and its target's quantiles.
 
-    Priorities are the magnitudes of the means' TD errors, not the loss: where returns are random,
-    the loss of a distribution that is learned is not 0, and its transitions would be drawn for
-    ever. So priorities, and the metric that says how much of the rewards is predicted, also mean
+    Priorities are the magnitudes of the TD errors of the means, not the losses. If returns are
+    random, the loss is not 0 even for a distribution that is learned perfectly, and its transitions
+    would be drawn for ever. Priorities, and the metric of how well rewards are predicted, thus mean
     the same as with DQN.
     """
 

@@ -1,4 +1,4 @@
-"""The target network: a copy of the online one that stands still between two syncs."""
+"""The target network: a copy of the online network that stands still between two syncs."""
 
 import copy
 import threading
@@ -25,13 +25,13 @@ class TargetNetwork:
         self._lock = threading.Lock()
 
     def evaluate(self, outputs: Callable[[QNetwork], T]) -> tuple[T, int]:
-        """Returns the ``outputs`` of the network and the version that they are of."""
-        # Not during a sync: they would be neither of the old weights nor of the new.
+        """Returns the ``outputs`` of the network, and its version."""
+        # Not during a sync, which would mix old weights with new ones.
         with self._lock, torch.no_grad():
             return outputs(self._precision.network), self.version
 
     def sync(self, online: QNetwork) -> None:
-        """Take over the weights of ``online``."""
+        """Copies the weights of ``online``."""
         with self._lock:
             self.network.load_state_dict(online.state_dict())
             self.version += 1

@@ -1,8 +1,8 @@
-"""The gradient step that all algorithms of action values share; they differ in the loss function.
+"""The gradient step that all value-based algorithms share; they differ in the loss function.
 
-Half of what an update needs does not depend on the update before it: the frames as pixels, and
-the target network's outputs. `ValueBased.prepare` does that half, on another core if there is one,
-while `ValueBased.update` is still at the minibatch before.
+Half of an update does not depend on the previous update: turning frames into pixels, and the target
+network's outputs. `ValueBased.prepare` does that half, on another core if there is one, while
+`ValueBased.update` still works on the previous minibatch.
 """
 
 from collections.abc import Mapping
@@ -24,10 +24,10 @@ from learner.device import Device
 
 
 class Loss(Protocol):
-    """What an algorithm minimises: all that is its own."""
+    """The loss that an algorithm minimises, the only part that differs between algorithms."""
 
     def target_outputs(self, target: QNetwork, prepared: Prepared) -> tuple[Tensor, ...]:
-        """Returns what `__call__` will need of the target network; computed ahead."""
+        """Returns the target network's outputs that `__call__` needs; called ahead of it."""
 
     def __call__(self, online: QNetwork, prepared: Prepared) -> Update:
         """Returns the loss, with its gradient, priorities and metrics of a minibatch."""
@@ -36,18 +36,18 @@ class Loss(Protocol):
 class ValueBased:
     """An `Algorithm` that minimises ``loss`` by gradient steps against a target network.
 
-    Augmentation, precision, target network and optimizer are parts of their own.
+    Augmentation, precision, target network and optimizer are separate parts.
     """
 
     def __init__(
         self, network: QNetwork, loss: Loss, config: LearningConfig, device: Device, seed: int = 0
     ) -> None:
-        """``seed`` is of the augmentation."""
+        """Builds the parts; ``seed`` is that of the augmentation."""
         self.online = network.to(device.torch)
         self._loss = loss
         self._device = device.torch
         self._augmentation = RandomShift(config.random_shift, seed)
-        # Copies first: a copy of a network that has a precision would sync that one too.
+        # Copies before `Precision`: a later copy would also copy its hook, and sync the original.
         self._target = TargetNetwork(self.online, device)
         self._published = EmaNetwork(self.online, config.weights_average)
         self._precision = Precision(self.online, device)
@@ -57,7 +57,7 @@ class ValueBased:
         self._target_update_period = config.target_update_period
         self._updates = 0
         self._networks = {"online": self.online, "target": self._target.network}
-        """By the prefix of their weights in a checkpoint."""
+        """Networks by the prefix of their weights in a checkpoint."""
         if self.published is not self.online:
             self._networks["average"] = self.published
 
@@ -94,7 +94,7 @@ class ValueBased:
         return RecordedStep(self._gradient_step) if self._graphs else self._gradient_step
 
     def _gradient_step(self, prepared: Prepared) -> Update:
-        """What of an update depends on tensors alone, so that it can be recorded."""
+        """Does the part of an update that depends only on tensors, so that it can be recorded."""
         result = self._loss(self._precision.network, prepared)
         self._precision.backward(result.loss)
         self._optimizer.step(result.loss.detach())
@@ -110,8 +110,8 @@ class ValueBased:
         return torch.cat(values)
 
     def state(self) -> dict[str, Tensor]:
-        """See `Algorithm.state`: ``online.*``, ``target.*``, ``optimizer.INDEX.SLOT``, and
-        ``average.*`` where the mean of the weights is published."""
+        """Returns the state, see `Algorithm.state`: ``online.*``, ``target.*``,
+        ``optimizer.INDEX.SLOT``, and ``average.*`` if averaged weights are published."""
         weights = {
             f"{prefix}.{name}": value
             for prefix, network in self._networks.items()
@@ -120,7 +120,7 @@ class ValueBased:
         return weights | self._optimizer.state()
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
-        # An optimizer has no state before its first step, but a checkpoint after it does.
+        # Optimizer slots are not compared: a new optimizer has none before its first step.
         if any(not name.startswith("optimizer.") for name in state.keys() ^ self.state().keys()):
             raise ValueError("it holds other tensors")
         for prefix, network in self._networks.items():
@@ -130,7 +130,7 @@ class ValueBased:
             except RuntimeError as error:
                 raise ValueError(str(error)) from None
         self._optimizer.load_state(state)
-        self._step = self._new_step()  # a recording knows the optimizer's former tensors
+        self._step = self._new_step()  # an old recording would use the optimizer's old tensors
 
     def reseed(self, updates: int) -> None:
         self._updates = updates

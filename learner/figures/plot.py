@@ -1,10 +1,10 @@
-"""`ale-robot plot runs/A runs/B -o figure.png`: the figures of runs and evaluations.
+"""`ale-robot plot runs/A runs/B -o figure.png`: draws figures of runs and evaluations.
 
-`--figure epochs` (the report's Figures 6 to 9) and `--figure progress` (reward against steps and
-wall clock) take folders of runs, or their ``epochs.csv`` under any name, those of 2017 too; runs
-that are the same but for the seed become thin lines with their mean as a thick one.
-`--figure histogram` takes files of `ale-robot evaluate … --json`. `--names` says in words what the
-lines are.
+`--figure epochs` draws the 2017 report's Figures 6 to 9, and `--figure progress` reward against
+steps and wall clock. Both take folders of runs, or their ``epochs.csv`` under any name, including
+those of 2017. Runs that differ only in the seed become thin lines, with their mean as a thick one.
+`--figure histogram` takes files of `ale-robot evaluate … --json`. `--names` names the lines in the
+legend.
 """
 
 import sys
@@ -29,25 +29,26 @@ with extra_for("a figure", "plot"):
 
 @dataclass(frozen=True)
 class Options:
-    """Draw runs, or the results of evaluations."""
+    """Plot runs, or the results of evaluations."""
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
-    """Folders of runs or their CSV files; or files of results."""
+    """Folders of runs or their CSV files; or JSON files of evaluations."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("figure.png")
     """Picture to write: .png, .svg or .pdf."""
     figure: str = "epochs"
-    """Figure: 'epochs', reward and mean max-Q by epoch; 'progress', reward by steps and wall clock;
-    or 'histogram', scores of the games of evaluations (from their JSON)."""
+    """Figure to draw: 'epochs', reward and mean max-Q by epoch; 'progress', reward by steps and
+    wall clock; or 'histogram', scores of the games of evaluations (from their JSON)."""
     phase: Phase = "test"
-    """Rewards that epochs and progress show: each epoch's test, or its training with its ε."""
+    """Rewards in 'epochs' and 'progress': those of each epoch's test, or of its training with its
+    ε."""
     names: tuple[str, ...] = ()
-    """Names of the lines in the legend, in their order; without them, those of the files."""
+    """Names of the lines in the legend, in their order; by default those of the files."""
 
     def check(self, figures: "Figures") -> None:
-        """Refuse what is none of ``figures``, or cannot be drawn.
+        """Refuses a figure that is not in ``figures``, or that cannot be drawn.
 
         Raises:
-            InputError: saying why.
+            InputError: it says why.
         """
         if self.figure not in figures:
             known = ", ".join(figures)
@@ -56,12 +57,12 @@ class Options:
             raise InputError("there is nothing to draw: name runs, as in runs/A runs/B.")
         for path in self.paths:
             if not path.exists():
-                raise InputError(f"{path} is not there: name a run's folder or a file of results.")
+                raise InputError(f"{path} does not exist: name a run's folder or a results file.")
         check_picture(self.output)
 
 
 Figures: TypeAlias = Mapping[str, Callable[[Options], Figure]]
-"""What draws each figure; whoever calls it closes the figure."""
+"""Functions that draw a figure, by its name; the caller closes the figure."""
 
 FIGURES: Figures = {
     "epochs": lambda options: epochs_figure(_groups(options)),
@@ -80,7 +81,7 @@ def _groups(options: Options) -> list[Group]:
 def main(
     kind: type[Options] = Options, program: str = "learner.figures.plot", figures: Figures = FIGURES
 ) -> None:
-    """Draws one of ``figures``, as the command line says."""
+    """Draws the figure that the command line names, one of ``figures``."""
     options = parse(kind, program, sys.argv[1:])
     options.check(figures)
     save(figures[options.figure](options), options.output)

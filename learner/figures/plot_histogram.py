@@ -1,4 +1,4 @@
-"""The figure of an evaluation: how often each score was reached."""
+"""The figure of an evaluation: a histogram of its scores."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -19,12 +19,12 @@ _MOST_SINGLE = 60
 """Widest range of scores in which each whole score has a bar of its own."""
 _BARS = 30
 _GAP = 3.0
-"""Places that a wider gap between two scores takes."""
+"""Width to which a wider gap between two scores is shortened."""
 _BAR, _MEAN = "#67a9cf", "#0b3c6f"
 
 
 class Evaluation(NamedTuple):
-    """What `python -m learner --evaluate` found."""
+    """The scores of an evaluation by `python -m learner --evaluate`."""
 
     name: str
     scores: list[float]
@@ -34,10 +34,10 @@ class Evaluation(NamedTuple):
 
 
 def read_evaluations(path: Path) -> list[Evaluation]:
-    """The evaluation in the JSON at ``path``, or those of a headline.
+    """Returns the evaluations in the JSON at ``path``: one, or those of a headline.
 
     Raises:
-        InputError: it holds none.
+        InputError: the file holds no evaluation.
     """
     try:
         found = json.loads(path.read_text())
@@ -60,7 +60,7 @@ def _evaluation(name: str, told: Mapping[str, Any]) -> Evaluation:
 
 
 def histogram_figure(evaluations: Sequence[Evaluation]) -> Figure:
-    """Games by score; one row for each evaluation, all over the same scores."""
+    """Draws the number of games by score: one row for each evaluation, with a shared axis."""
     count = len(evaluations)
     figure, rows = subplots(
         count,
@@ -82,14 +82,14 @@ def histogram_figure(evaluations: Sequence[Evaluation]) -> Figure:
         if single:
             found, games = np.unique(each.scores, return_counts=True)
             bars = axes.bar(np.interp(found, scores, places), games, 0.92, color=_BAR)
-            # On a ground of its own, or the line of the mean would cross it.
+            # Labels have a white ground, so that the line of the mean does not cross them.
             ground = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
             axes.bar_label(bars, color=INK, fontsize=9, padding=2, bbox=ground, zorder=3)
         else:
             games, *_ = axes.hist(
                 each.scores, _BARS, range=(min(every), max(every)), color=_BAR, edgecolor="white"
             )
-        # No higher than the bars, or a piece of it would stand above the highest one's label.
+        # The line is no higher than the bars, or it would stick out above the highest label.
         mean = np.interp(each.mean, scores, places)
         axes.vlines(mean, 0, games.max(), color=_MEAN, linewidth=1.8, alpha=0.7)
         axes.margins(y=0.25)
@@ -105,14 +105,14 @@ def histogram_figure(evaluations: Sequence[Evaluation]) -> Figure:
 
 
 def _axis(every: Sequence[float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the scores that occur, and their places: wide gaps between them are shortened."""
+    """Returns the scores that occur, and their places on the axis, which shortens wide gaps."""
     scores = np.unique(np.array(every, np.float64))
     steps = np.minimum(np.diff(scores, prepend=scores[0]), _GAP)
     return scores, np.cumsum(steps)
 
 
 def _mark(axes: Axes, scores: NDArray[np.float64], places: NDArray[np.float64]) -> None:
-    """Name the scores, and where the axis leaves some out."""
+    """Labels the axis with the scores, and with … where a gap is shortened."""
     shortened = np.flatnonzero(np.diff(scores) > _GAP)
     gaps = (places[shortened] + places[shortened + 1]) / 2
     names = [minus_signed(f"{score:g}") for score in scores]

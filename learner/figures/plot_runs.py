@@ -1,4 +1,4 @@
-"""Figures of runs: what was reached by epoch, by agent steps and by wall clock."""
+"""Figures of runs: reward and max-Q by epoch, and reward by agent steps and by wall clock."""
 
 import json
 import re
@@ -27,31 +27,31 @@ from learner.figures.plot_style import (
 Phase = Literal["test", "train"]
 _SEED = re.compile(r"[-_]?(seed)?[-_]?\d+$")
 _MODE = ("sync", "wait_action", "speed")
-"""What a run has beside its configuration: how time passed in local mode."""
+"""Figures in ``summary.json`` that tell how time passed in local mode, unlike the configuration."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One run's rows."""
+    """One run's table of epochs."""
 
     name: str
     rows: list[EpochRow]
     settings: str | None
-    """All but the seed; None for a table alone, whose settings nobody knows."""
+    """All settings but the seed; None for a CSV file alone, whose settings are unknown."""
     phase: Phase
     """Phase of each epoch whose rewards are drawn."""
 
     @property
     def random(self) -> float | None:
-        """The random policy's mean reward, of the warm-up."""
+        """Mean reward of the random policy in the warm-up."""
         return next((r.average_reward for r in self.rows if r.phase == "random"), None)
 
     def rewards(self, x: Callable[[EpochRow], float]) -> Points:
-        """Mean reward of each epoch's games, by ``x``."""
+        """Returns the mean reward of each epoch's games, by ``x``."""
         return self._points(self.phase, x, lambda row: row.average_reward)
 
     def max_q(self, x: Callable[[EpochRow], float]) -> Points:
-        """Mean max-Q over the held-out states after each epoch of training, by ``x``."""
+        """Returns the mean max-Q over the held-out states after each epoch's training, by ``x``."""
         return self._points("train", x, lambda row: row.meanq)
 
     def _points(
@@ -64,17 +64,17 @@ class Run:
 
 
 class Group(NamedTuple):
-    """Runs that are the same but for the seed."""
+    """Runs that differ only in the seed."""
 
     name: str
     runs: list[Run]
 
 
 def read_groups(paths: Sequence[Path], phase: Phase = "test") -> list[Group]:
-    """The runs at ``paths``, folders or CSV files, put together by their settings.
+    """Returns the runs at ``paths``, folders or CSV files, grouped by their settings.
 
-    Tables alone belong together when their names are the same but for the number of a seed at the
-    end. Where nothing was tested, it is the training that is drawn.
+    CSV files alone belong together if their names differ only in a seed's number at the end. A run
+    without tests is drawn with the rewards of its training.
 
     Raises:
         InputError: a table is missing or damaged, or has no epoch yet.
@@ -92,8 +92,8 @@ def _read(path: Path, phase: Phase) -> Run:
     rows = EpochTable(table).rows()
     if not any(row.phase != "random" for row in rows):
         raise InputError(
-            f"{table} has no complete epoch, of which figures are drawn: let the run go on, and "
-            "see its curves meanwhile with TensorBoard or on the page of --web."
+            f"{table} has no complete epoch yet: let the run go on, and see its curves meanwhile "
+            "with TensorBoard or on the page of --web."
         )
     name = path.resolve().name if path.is_dir() else path.stem
     tested = any(row.phase == "test" for row in rows)
@@ -124,12 +124,12 @@ def _json(path: Path) -> dict[str, Any] | None:
 
 
 def _name(names: Sequence[str]) -> str:
-    """One name for runs that differ in their seed: without the number at the end."""
+    """Returns the name of a group: that of its runs, without the seed's number at the end."""
     return names[0] if len(names) == 1 else _SEED.sub("", names[0]) or names[0]
 
 
 def epochs_figure(groups: Sequence[Group]) -> Figure:
-    """Average reward and mean max-Q by epoch, as in the report's Figures 6 to 9."""
+    """Draws average reward and mean max-Q by epoch, as in the 2017 report's Figures 6 to 9."""
     figure, (rewards, values) = panels(2)
     epoch = attrgetter("epoch")
     draw_series(rewards, _series(groups, lambda run: run.rewards(epoch)))
@@ -145,8 +145,10 @@ def epochs_figure(groups: Sequence[Group]) -> Figure:
 
 
 def progress_figure(groups: Sequence[Group]) -> Figure:
-    """Average reward by agent steps and by wall clock, the tests' own time included; a mean of
-    seeds by steps only."""
+    """Draws average reward by agent steps and by wall clock, which includes the tests' time.
+
+    Seeds are averaged by steps only.
+    """
     rows = [row for group in groups for run in group.runs for row in run.rows]
     steps, steps_name = _scale(
         max(row.total_train_steps for row in rows),
@@ -162,7 +164,7 @@ def progress_figure(groups: Sequence[Group]) -> Figure:
         by_steps, _series(groups, lambda run: run.rewards(lambda r: r.total_train_steps / steps))
     )
     by_clock = _series(groups, lambda run: run.rewards(lambda row: row.total_time / seconds))
-    # How long each run's machine did other things differs, so a mean at a time means nothing.
+    # Machines were busy with other things for different times, so a mean by wall clock is useless.
     draw_series(by_time, by_clock, means=False)
     for axes in (by_steps, by_time):
         draw_random(axes, _random(groups))
@@ -182,12 +184,12 @@ def _random(groups: Sequence[Group]) -> list[float]:
 
 
 def _reward_name(groups: Sequence[Group]) -> str:
-    """Returns the label of the axis; a run without tests may stand beside others."""
+    """Returns the label of the reward axis; tests and training may stand side by side."""
     phases = {run.phase for group in groups for run in group.runs}
     kind = " or ".join({"test": "tests", "train": "training"}[phase] for phase in sorted(phases))
     return f"average reward of a game ({kind})"
 
 
 def _scale(largest: float, units: Sequence[tuple[float, str]]) -> tuple[float, str]:
-    """The largest unit of which there is at least one."""
+    """Returns the largest unit that is not above ``largest``, with its name."""
     return next((unit for unit in units if largest >= unit[0]), units[-1])

@@ -1,4 +1,4 @@
-"""How all figures look: lines that can be told apart in colour, in grey and by the colour-blind."""
+"""The style of all figures: lines that differ in colour, in grey, and for the colour-blind."""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from common.run.folder import check_new_file
 
 _SUFFIXES = (".png", ".svg", ".pdf")
 RANDOM = "#c1121f"
-"""Red, as in the report."""
+"""Red, as in the 2017 report."""
 INK = "#333333"
 _LOOKS = (
     ("#0b3c6f", "-", "o"),
@@ -31,13 +31,13 @@ _LOOKS = (
     ("#7f7f7f", (0, (8, 2)), "P"),
 )
 _MARKERS = 14
-"""On a line at most."""
+"""Maximum number of markers on a line."""
 _THIN, _THICK = 0.8, 1.8
 _HANDLE, _LETTER = 0.75, 0.075
-"""Inches that a legend's entry takes for its line and gaps, and for each letter."""
+"""Inches of a legend's entry: for its line and gaps, and for each letter."""
 
 Points = NDArray[np.float64]
-"""``[n, 2]``: x and y, by rising x."""
+"""Points of a line, ``[n, 2]``: x and y, by rising x."""
 
 
 class Series(NamedTuple):
@@ -58,37 +58,37 @@ N = TypeVar("N", bound=_Named)
 
 
 def renamed(found: Sequence[N], names: Sequence[str]) -> list[N]:
-    """Returns what is to be drawn under ``names``, in the order of its own names.
+    """Returns ``found`` with new ``names``, which follow the order of the present names.
 
     Raises:
-        InputError: there are more or fewer names.
+        InputError: the number of names is wrong.
     """
     own = list(dict.fromkeys(each.name for each in found))
     if names and len(names) != len(own):
         raise InputError(
             f"--names has {len(names)} names for {len(own)} lines ({', '.join(own)}): give one for "
-            "each of them."
+            "each line."
         )
     new = dict(zip(own, names or own, strict=True))
     return [each._replace(name=new[each.name]) for each in found]
 
 
 def check_picture(path: Path) -> None:
-    """Refuse a file that is no picture, or cannot be written.
+    """Refuses a path that does not end like a picture, or cannot be written.
 
     Raises:
-        InputError: naming the file.
+        InputError: it names the file.
     """
     if path.suffix not in _SUFFIXES:
-        raise InputError(f"{path} is no {', '.join(_SUFFIXES)}: choose one of these.")
+        raise InputError(f"{path} is not a picture's name: let it end in .png, .svg or .pdf.")
     check_new_file(path)
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Writes ``figure``, says so, and closes it.
+    """Writes ``figure`` to ``path``, prints so, and closes the figure.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the file cannot be written.
     """
     try:
         figure.savefig(path, dpi=150)
@@ -102,7 +102,7 @@ def save(figure: Figure, path: Path) -> None:
 def panels(
     count: int, width: float = 5.2, height: float = 3.8, most: int | None = None
 ) -> tuple[Figure, list[Axes]]:
-    """``count`` axes side by side, at ``most`` so many."""
+    """Returns a figure with ``count`` axes, at most ``most`` of them side by side."""
     columns = min(count, most or count)
     rows = math.ceil(count / columns)
     figure, axes = plt.subplots(
@@ -118,7 +118,7 @@ def panels(
 def line_figure(
     series: Sequence[Series], x: str, y: str, *, width: float, height: float, means: bool = True
 ) -> tuple[Figure, Axes]:
-    """One panel of ``series``, and its axes."""
+    """Returns a figure with one panel of ``series``, and its axes."""
     figure, (axes,) = panels(1, width, height)
     draw_series(axes, series, means=means)
     label(axes, x, y)
@@ -127,7 +127,7 @@ def line_figure(
 
 
 def dress(axes: Axes) -> None:
-    """Quiet frame and grid."""
+    """Gives ``axes`` a quiet frame and grid."""
     axes.grid(color="#dddddd", linewidth=0.7)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
@@ -136,13 +136,14 @@ def dress(axes: Axes) -> None:
 
 
 def label(axes: Axes, x: str, y: str) -> None:
-    """Write what is on either axis, with its unit."""
+    """Labels both axes."""
     axes.set_xlabel(x, color=INK, fontsize=10)
     axes.set_ylabel(y, color=INK, fontsize=10)
 
 
 def mean_line(lines: Sequence[Points]) -> Points:
-    """Mean of ``lines`` wherever all of them are, straight between the points of each."""
+    """Returns the mean of ``lines`` over the range that all of them cover; each line is
+    interpolated linearly."""
     first, last = max(line[0, 0] for line in lines), min(line[-1, 0] for line in lines)
     every = np.unique(np.concatenate([line[:, 0] for line in lines]))
     at = every[(every >= first) & (every <= last)]
@@ -151,7 +152,8 @@ def mean_line(lines: Sequence[Points]) -> Points:
 
 
 def draw_series(axes: Axes, series: Sequence[Series], *, means: bool = True) -> None:
-    """Each series in its own look: a thick line, or thin ones and, with ``means``, their mean."""
+    """Draws each series in its own look: a thick line; or thin lines and, with ``means``, their
+    mean as a thick one."""
     for index, (name, lines) in enumerate(series):
         lines = [line for line in lines if len(line)]
         if not lines:
@@ -182,7 +184,7 @@ def draw_series(axes: Axes, series: Sequence[Series], *, means: bool = True) -> 
 
 
 def draw_random(axes: Axes, rewards: Sequence[float]) -> None:
-    """The random policy's mean reward: a red line, and a band where it differs among runs."""
+    """Draws the random policy's mean reward: a red line, and a band if it differs among runs."""
     if not rewards:
         return
     low, high, mean = min(rewards), max(rewards), sum(rewards) / len(rewards)
@@ -194,7 +196,7 @@ def draw_random(axes: Axes, rewards: Sequence[float]) -> None:
 
 
 def legend(figure: Figure, axes: Axes) -> None:
-    """What the lines of ``axes`` are, above the whole figure, in as many columns as have room."""
+    """Adds a legend of the lines of ``axes`` above the figure, in as many columns as fit."""
     handles, labels = axes.get_legend_handles_labels()
     widest = _HANDLE + _LETTER * max(map(len, labels))
     columns = max(int(figure.get_figwidth() / widest), 1)

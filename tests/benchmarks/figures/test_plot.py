@@ -384,8 +384,8 @@ def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
     here = tmp_path / "a.csv"
     for paths, output, words in (
         ((), "a.png", "nothing to draw"),
-        ((here,), "a.png", "is not there"),
-        ((tmp_path,), "a.bmp", "choose one of these"),
+        ((here,), "a.png", "does not exist"),
+        ((tmp_path,), "a.bmp", "is not a picture's name"),
     ):
         with pytest.raises(InputError, match=words):
             Options(paths, tmp_path / output).check(FIGURES)
