@@ -1,4 +1,4 @@
-"""Who takes part: what actors and evaluators say of themselves, and whether they live."""
+"""The registry of actors and evaluators: their counters, and which of them are alive."""
 
 import math
 import re
@@ -19,52 +19,53 @@ from learner.telemetry.snapshot import ActorView
 from replay.chunk_statistics import ChunkStatistics
 
 _LAST_WORDS = 1.0
-"""Seconds in which the counters of a process that leaves may come after its token has gone."""
+"""Seconds for which the last counters of a leaving process may arrive after its liveliness token
+has gone."""
 LEFT_SHOWN = 10.0
 """Seconds for which an actor that left stays on the display."""
 _SETTLED = 60.0
-"""Seconds after which nothing more is expected of a process that has gone: its last counters and
-chunks are there."""
+"""Seconds after which the last counters and chunks of a process that has gone must have arrived."""
 _LONGEST_DELAY = 5.0
 """Maximum number of seconds that a heartbeat is on its way."""
 _MOST_GONE = 256
-"""Processes that are kept by name after they have gone; the rest is kept as totals."""
+"""Number of processes that are kept one by one after they have gone; older ones only count in the
+totals."""
 _MOST_KNOWN = 4_096
-"""Processes, names and notes that are kept in any case, whoever sends heartbeats how often."""
+"""Maximum number of processes, of names and of notes, however many heartbeats arrive."""
 _KNOWN = {each.name for each in fields(ActorStats)}
 
 
 @dataclass
 class _Process:
-    """One start of an actor or evaluator."""
+    """One process of an actor or evaluator, from its start to its end."""
 
     stats: ActorStats
     accepted: int = 0
     """Its chunks that the replay has stored."""
     heard: float = field(default_factory=lambda: time.monotonic())
-    """Monotonic seconds at which a heartbeat, a chunk or a checkpoint last told of it."""
+    """Monotonic seconds at which a heartbeat, a chunk or a checkpoint last mentioned it."""
     born: float = field(default_factory=lambda: time.monotonic())
-    """Monotonic seconds at which it was first told of."""
+    """Monotonic seconds at which it was first mentioned."""
     known: int = 0
     """Accepted chunks that are so old that its counters must include them."""
     marked: tuple[float, int] = (-math.inf, 0)
-    """A while ago, and the accepted chunks by then."""
+    """Monotonic seconds of a recent moment, and the number of chunks accepted by then."""
 
     def hear(self, stats: ActorStats, now: float) -> None:
-        """Take in a heartbeat."""
+        """Takes in a heartbeat."""
         self.stats, self.heard = stats, now
         if now - self.marked[0] >= _LONGEST_DELAY:
             self.known, self.marked = self.marked[1], (now, self.accepted)
 
     @property
     def made(self) -> int:
-        """Chunks that it made. One that never said goodbye may have made more than it told."""
+        """Chunks that it made; without a farewell, these may be more than its counters say."""
         stored = self.accepted + self.stats.refused
         return self.stats.made if self.stats.leaving else max(self.stats.made, stored)
 
     @property
     def excess(self) -> int:
-        """Chunks stored beyond those that it says it made."""
+        """Number of stored chunks beyond those that it says it made."""
         stored = self.accepted if self.stats.leaving else self.known
         return max(stored + self.stats.refused - self.stats.made, 0)
 
@@ -76,28 +77,28 @@ class _Process:
 
 @dataclass
 class _Folded:
-    """What is kept of a process that is in the totals."""
+    """What is kept of a process that only counts in the totals."""
 
     leaving: bool
-    """It said goodbye."""
+    """Whether it said farewell."""
     awaited: int = 0
-    """Chunks that it told of and the replay has not stored; they are in the totals already."""
+    """Chunks that it announced and the replay has not stored yet; the totals include them."""
 
 
 @dataclass
 class _Name:
-    """Who goes by a role and a name, and whether somebody is there."""
+    """What is known of the processes with one role and name."""
 
     newest: int = -1
     """Incarnation that was heard last; -1 for none."""
     alive: bool | None = None
-    """Its liveliness token is there; None if there never was one."""
+    """Whether the liveliness token is present; None if there never was one."""
     heard: float = -math.inf
-    """Monotonic seconds at which its token or a heartbeat last told of it."""
+    """Monotonic seconds of the last sign of life, a token or a heartbeat."""
     shared: bool = False
-    """Two processes go by it at once."""
+    """Whether two processes have this name at the same time."""
     lost: float | None = None
-    """Monotonic seconds at which its token went, until it is noted how it left."""
+    """Monotonic seconds at which the token went; None once it is noted how the process left."""
 
 
 class ActorRegistry:
@@ -109,12 +110,12 @@ class ActorRegistry:
         self._names: dict[tuple[str, str], _Name] = {}
         """By role and name."""
         self._processes: dict[int, _Process] = {}
-        """By incarnation; of those that have gone, the latest `_MOST_GONE`."""
+        """Processes by incarnation; of those that have gone, the latest `_MOST_GONE`."""
         self._gone = _total(())
-        """Totals of all others."""
+        """Totals of all other processes."""
         self._gone_excess = 0
         self._folded: dict[int, _Folded] = {}
-        """Those that are in these totals, by incarnation."""
+        """The processes in these totals, by incarnation."""
         self._notes: deque[str] = deque(maxlen=_MOST_KNOWN)
         self._subscriptions = (
             transport.subscribe(keys.stats("*", "*"), self._on_stats),
@@ -122,13 +123,13 @@ class ActorRegistry:
         )
 
     def restore(self, state: Any) -> None:
-        """Remember the processes of a checkpoint, so that counts go on from there."""
-        if isinstance(state, list):  # from before totals were kept
+        """Restores the processes of a checkpoint, so that counts go on from there."""
+        if isinstance(state, list):  # a checkpoint from before totals were kept
             state = {"processes": state, "gone": [], "excess": 0, "folded": []}
         with self._lock:
             for each in state["processes"]:
                 stats = _stats_from(each)
-                # One that goes on may have been heard already, of which its chunks know nothing.
+                # A process that still runs may have sent a heartbeat already: keep its counters.
                 process = self._processes.setdefault(stats.incarnation, _Process(stats))
                 process.accepted = each.get("accepted", 0)
             self._gone = _total(map(_stats_from, state["gone"]))
@@ -136,7 +137,7 @@ class ActorRegistry:
             self._folded = {incarnation: _Folded(*kept) for incarnation, *kept in state["folded"]}
 
     def state(self) -> dict[str, Any]:
-        """All processes there ever were, of JSON's types."""
+        """Returns all processes that ever took part, of JSON's types."""
         with self._lock:
             self._fold(time.monotonic())
             return {
@@ -150,7 +151,7 @@ class ActorRegistry:
             }
 
     def accepted(self, chunk: ChunkStatistics) -> None:
-        """Credit its actor with a chunk that the replay has stored; once for each."""
+        """Credits an actor with a chunk that the replay has stored; call it once for each chunk."""
         with self._lock:
             if folded := self._folded.get(chunk.incarnation):
                 if folded.awaited:
@@ -166,7 +167,7 @@ class ActorRegistry:
                 process.heard = time.monotonic()
 
     def take_notes(self) -> list[str]:
-        """Arrivals and losses since the last call, as sentences."""
+        """Returns the arrivals and losses since the last call, as sentences."""
         now = time.monotonic()
         with self._lock:
             for (_, name), known in self._names.items():
@@ -180,15 +181,15 @@ class ActorRegistry:
         return notes
 
     def alive(self, role: str) -> set[str]:
-        """Names of the living."""
+        """Returns the names of the processes of a role that are alive."""
         with self._lock:
             return {
                 name for (its, name), known in self._names.items() if known.alive and its == role
             }
 
     def totals(self) -> tuple[Values, tuple[int, ...]]:
-        """Returns figures, and how long the hands took (`common.press_latency`), over all processes
-        there ever were."""
+        """Returns sums over all processes that ever took part: the figures, and the key times of
+        the hands (`common.press_latency`)."""
         with self._lock:
             self._fold(time.monotonic())
             total = _total((self._gone, *(process.totals for process in self._processes.values())))
@@ -201,7 +202,8 @@ class ActorRegistry:
         return values, total.key_times
 
     def actors(self) -> tuple[ActorView, ...]:
-        """All that were here since this learner began, the newest process of each name."""
+        """Returns all that took part since this learner started, with the newest process of each
+        name."""
         now = time.monotonic()
         with self._lock:
             found = []
@@ -211,7 +213,7 @@ class ActorRegistry:
                 process = self._processes.get(known.newest)
                 stats = process.stats if process else ActorStats(name, cast(Role, role))
                 silent = now - known.heard
-                # Not lost before it is clear that it says nothing more.
+                # It counts as alive until it is clear that no farewell follows.
                 alive = known.alive or (known.lost is not None and not stats.leaving)
                 if not alive:
                     stats = replace(stats, steps_per_second=0.0, held_share=0.0, busy_cores=0.0)
@@ -220,8 +222,11 @@ class ActorRegistry:
             return tuple(found)
 
     def _fold(self, now: float) -> None:
-        """Add to the totals what has gone: at once if another process has its name, and the oldest
-        where too many are kept."""
+        """Moves processes that have gone into the totals.
+
+        This happens at once if another process has the name, and to the oldest ones if too many
+        are kept.
+        """
         ranked = []
         for incarnation, process in self._processes.items():
             key = process.stats.role, process.stats.name
@@ -253,7 +258,7 @@ class ActorRegistry:
         try:
             stats = ActorStats.decode(message.payload)
         except MessageError:
-            return  # somebody else's noise on our key
+            return  # not a heartbeat
         if not message.key.endswith(f"/{stats.role}/{stats.name}") or stats.run_id != self._run_id:
             return
         now = time.monotonic()
@@ -271,12 +276,13 @@ class ActorRegistry:
                 known.newest, known.heard = stats.incarnation, now
 
     def _shares(self, process: _Process, heard_last: int, now: float) -> bool:
-        """Whether a process speaks that another one of its name has not followed, but joined."""
+        """Returns whether two processes of this name run at the same time: the older one still
+        speaks after the newer one."""
         other = self._processes.get(heard_last, process)
         return process.born < other.born < now - _LONGEST_DELAY
 
     def _known(self, role: str, name: str) -> _Name | None:
-        """Returns what is known of a name; None for one that is not valid, or one too many."""
+        """Returns what is known of a name; None if the name is invalid, or there are too many."""
         known = self._names.get((role, name))
         if known is None and len(self._names) < _MOST_KNOWN and re.fullmatch(NAME, name):
             known = self._names[role, name] = _Name()
@@ -288,20 +294,20 @@ class ActorRegistry:
         with self._lock:
             if (known := self._known(role, name)) is None:
                 return
-            if alive and not known.alive and known.lost is None:  # else nobody was told of its loss
+            if alive and not known.alive and known.lost is None:  # otherwise no loss was noted
                 self._notes.append(f"{name} joined")
             known.alive, known.heard = alive, now
             known.lost = None if alive else now
 
 
 def _stats_from(state: dict[str, Any]) -> ActorStats:
-    """Counters of a checkpoint, which may lack some or have others."""
+    """Returns the counters in a checkpoint, which may lack some or have unknown ones."""
     known = {name: value for name, value in state.items() if name in _KNOWN}
     return ActorStats(**{**known, "key_times": tuple(known.get("key_times", ()))})
 
 
 def _total(processes: Iterable[ActorStats]) -> ActorStats:
-    """Returns the sums of all counters, as those of one process."""
+    """Returns the sums of all counters, as the counters of one process."""
     every = list(processes)
     counts = (each.key_times for each in every if each.key_times)
     return ActorStats(

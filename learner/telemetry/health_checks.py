@@ -1,18 +1,18 @@
-"""Health checks: figures that tell, while a run goes on, whether the agent sees and touches at all.
+"""Health checks: figures that show during a run whether the agent sees and touches at all.
 
-In 2017 the robot's replay held black frames and nothing said so: the mean Q of a network
-without biases was exactly 0, the loss stayed that of a predictor that sees nothing, and weeks
-went by. Each check, a bound on a figure in `common.metrics`, would have failed on the first day.
+In 2017 the robot's replay held black frames, and nothing said so: the mean Q of a network without
+biases was exactly 0, the loss stayed that of a predictor that sees nothing, and weeks went by.
+Each check is a bound on a figure in `common.metrics`, and would have failed on the first day.
 
-A check that keeps failing ends the run (`learner.health_guard`), but for those that only warn:
+A check that keeps failing ends the run (`learner.health_guard`). These only warn:
 
-- *relative TD error*: a blind network's is 1, but that of a network which learns Pong well (350,000
-  steps, best test −12.3) crept from 0.20 to 0.66 in half an hour, since the better it plays the
-  rarer are rewards, and with them their variance; in a game with rare rewards it can pass 1 in
-  good health. What makes it 1 for bad reasons fails other checks too.
-- *press p99 ms*: hands that are somewhat slower than they should be can still be learned with, if
-  they tell where they are; those that come too late or never fail *keys as commanded*.
-- *refused chunks* and *excess chunks*: sums over the whole run, failed for ever after one mistake.
+- *relative TD error*: a blind network has 1. But in a run that learned Pong well (350,000 steps,
+  best test −12.3) it crept from 0.20 to 0.66 in half an hour, because better play makes rewards,
+  and with them their variance, rarer. In a game with rare rewards a healthy run can pass 1.
+  A fault that makes it 1 fails other checks too.
+- *press p99 ms*: an agent can learn with hands that are somewhat too slow, if it is told where they
+  are. Hands that press too late, or never, fail *keys as commanded*.
+- *refused chunks* and *excess chunks*: sums over the whole run, which one mistake fails for ever.
 """
 
 import math
@@ -27,32 +27,34 @@ from common.run.config import RunConfig
 from learner.telemetry.recent_latency import LEAST_MEASURED
 
 LONGEST_SILENCE = 60.0
-"""Seconds without a look of the training loop after which the learner counts as hanging."""
+"""Seconds without a turn of the training loop after which the learner counts as hanging."""
 _PRESS_FRAMES = 4
-"""Emulator frames in which the arms have nearly always pressed what they are told to, p99 of
+"""Emulator frames within which the arms nearly always press the commanded keys, p99 of
 `python -m benchmarks.lab.press_latency`."""
 
 
 def keys_can_follow(play: PlayConfig) -> bool:
-    """Whether hands in order hold the commanded keys at the end of the same agent step.
+    """Returns whether healthy hands press the commanded keys within the same agent step.
 
-    Not where commands come late on purpose, where a step is shorter than a press, where the robot
-    is slow by nature, and where the controller is read before the arms move: there a change of keys
-    never matches in time.
+    They cannot if commands come late on purpose, if a step is shorter than a press, if the robot is
+    slow by nature, or if the controller is read before the arms move.
     """
-    # A modelled hand presses in the frame after those that it takes.
+    # A modelled hand presses in the frame after its latency.
     press = _PRESS_FRAMES if play.hand == "arm" else play.press_latency + 1
     return not _is_late(play) and play.read_keys == "frame" and press <= play.frame_skip
 
 
 def _is_late(play: PlayConfig) -> bool:
-    """Whether commands come late on purpose, or by the robot's nature."""
+    """Returns whether commands come late on purpose, or because the robot is slow by nature."""
     prompt = ROBOTS.find(play.robot).prompt
     return not prompt or max(play.actuation_latency, play.actuation_jitter, play.equal_latency) > 0
 
 
 def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:
-    """Returns the health checks of a run with these figures; None is open, NaN fails."""
+    """Returns the health checks of a run with these figures.
+
+    A check is open, ``passed`` None, while its figure is unknown; NaN fails.
+    """
     checks = []
     robot = ENVIRONMENTS.find(config.env).robot
     latest = replace(
@@ -84,14 +86,17 @@ def judge(values: Values, config: RunConfig) -> tuple[HealthCheck, ...]:
 
 
 def _can_tell(key: str, values: Values, play: PlayConfig) -> bool:
-    """Whether the figure says something about the hands, whose commands come as late as in
-    ``play`` at most, and not about how keys are read."""
+    """Returns whether a figure about the hands can be judged.
+
+    Args:
+        play: settings of play, with the longest latencies that may be drawn.
+    """
     if key == "play/press_match_share":
         return keys_can_follow(play)
     if key != "hands/press_p99":
         return True
-    # Real hands keep their time whenever the controller is read, and however soon the next command
-    # comes. Too few measured commands tell nothing, nor do those that nobody watched for long.
+    # The time of real hands depends neither on when the controller is read, nor on how soon the
+    # next command comes. Few commands tell nothing, nor do commands that were watched briefly.
     measured, watched, p99 = (
         number(values, f"hands/press_{name}") or 0 for name in ("measured", "watched", "p99")
     )
@@ -101,14 +106,14 @@ def _can_tell(key: str, values: Values, play: PlayConfig) -> bool:
 
 
 def hanging(silent_for: float) -> list[str]:
-    """Returns the reason if the training loop hangs; none if it goes round."""
+    """Returns the reason why the learner counts as hanging; none if the training loop works."""
     if silent_for < LONGEST_SILENCE:
         return []
     return [f"the training loop has not looked around for {silent_for:.0f} s: see its log"]
 
 
 def reasons(silent_for: float, checks: Iterable[HealthCheck]) -> list[str]:
-    """Returns why the learner is not in good health, as `/readyz` and `ale-robot status` say it."""
+    """Returns why the learner is not healthy, in the words of `/readyz` and `ale-robot status`."""
     return hanging(silent_for) + [
         f"health check {check.name!r} is red: {check.why}"
         for check in checks

@@ -1,7 +1,7 @@
-"""The states by which max-Q is watched: some held out after the warm-up, and some of late.
+"""The states on which max-Q is measured: some held out after the warm-up, and some recent ones.
 
-The mean over the held-out states can be compared over a whole run. What the network says of the
-newest steps shows whether it still sees: held-out states keep their values when the camera fails.
+The mean over the held-out states can be compared over a whole run. The recent states show whether
+the robot still sees, because held-out states keep their values when the camera fails.
 """
 
 from pathlib import Path
@@ -21,19 +21,19 @@ from learner.telemetry.snapshot import Histogram
 from replay.interface import Replay
 
 RECENT = 64
-"""Recent states on which max-Q is measured."""
+"""Number of recent states on which max-Q is measured."""
 RECENT_STEPS = 2_000
-"""Newest frames in the ring, of which those states are."""
+"""Number of newest frames in the ring, from which the recent states are drawn."""
 LEAST_RECENT = 16
 _BINS = 30
 
 
 class HeldOut:
-    """A fixed set of states, kept in the run's folder, and as many as `RECENT` of the newest steps;
-    all of their frames showed the screen."""
+    """Measures max-Q on a fixed set of states, kept in the run's folder, and on up to `RECENT` of
+    the newest steps. The screen was found in all their frames."""
 
     def __init__(self, path: Path, config: RunConfig) -> None:
-        """Take up the set at ``path`` if there is one.
+        """Loads the set at ``path`` if there is one.
 
         Raises:
             InputError: the file is damaged.
@@ -51,11 +51,11 @@ class HeldOut:
                 self._states = _states_in(read_file(path), config)
             except (SafetensorError, OSError, ValueError, TypeError, KeyError) as error:
                 raise InputError(
-                    f"{path} is damaged ({error}): remove the run, or put the file back."
+                    f"{path} is damaged ({error}): remove the run, or restore the file."
                 ) from None
 
     def draw(self, replay: Replay, count: int) -> None:
-        """Choose up to ``count`` states of the replay; with none there, stay without."""
+        """Draws up to ``count`` states from the replay, and writes them; nothing if it has none."""
         frames, vectors = replay.held_out(count)
         if not len(frames):
             return
@@ -64,7 +64,7 @@ class HeldOut:
         write_atomically(self._path, content)
 
     def measure(self, algorithm: Algorithm, replay: Replay) -> None:
-        """Measure ``max_q`` and ``recent_std`` by the present weights."""
+        """Measures ``max_q`` and ``recent_std`` with the present weights."""
         if self._states is not None:
             values = algorithm.max_q(*self._states)
             self.max_q = float(values.mean()), float(values.std(unbiased=False))
@@ -79,7 +79,7 @@ class HeldOut:
 
 
 def _states_in(content: bytes, config: RunConfig) -> tuple[torch.Tensor, torch.Tensor]:
-    """Returns frames and vectors; raises what `load` does, or ValueError if there are none."""
+    """Returns frames and vectors; raises the errors of `load`, or ValueError if they do not fit."""
     found = load(content)
     frames, vectors = found["frames"], found["vectors"]
     count = len(frames)
@@ -93,11 +93,11 @@ def _states_in(content: bytes, config: RunConfig) -> tuple[torch.Tensor, torch.T
 
 
 def _spread(values: torch.Tensor) -> Histogram:
-    """Returns how finite ``values``, ``float32 [states]``, are spread.
+    """Returns the histogram of finite ``values``, ``float32 [states]``.
 
-    Those of a network that has collapsed differ by nothing, or by their last bits alone.
+    The values of a collapsed network are all equal, or differ only in their last bits.
     """
-    # NumPy refuses bins narrower than what numbers of their type are apart.
+    # In float64, because NumPy refuses bins narrower than the spacing of its numbers.
     exact = values.double().numpy()
     least, most = float(exact.min()), float(exact.max())
     if least == most:

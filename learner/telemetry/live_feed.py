@@ -1,4 +1,4 @@
-"""Asks actors what they show, on behalf of all who watch: nobody watches, nobody asks."""
+"""Asks actors for live views, on behalf of all who watch; if nobody watches, it asks nothing."""
 
 import contextlib
 import threading
@@ -13,15 +13,15 @@ from common.schedule import Now
 from common.transport.interface import Transport
 
 _DEADLINE = 5.0
-"""Seconds; an actor plays on for a while between two looks that take long."""
+"""Seconds to wait for an actor, which plays on for a while between two slow views."""
 _FRESH = 0.15
-"""Seconds for which an answer serves all who ask: so much is the work of an actor bounded by."""
+"""Seconds for which an answer serves everybody who asks; this bounds the actor's work."""
 _MOST_KEPT = 64
 _AT_ONCE = 4
 
 
 class Asked(NamedTuple):
-    """Whom to look at, and how."""
+    """The actor to look at, and the kind of view."""
 
     role: str
     name: str
@@ -29,7 +29,7 @@ class Asked(NamedTuple):
 
 
 class LiveFeed:
-    """Answers threads that want to see an actor; two that want the same get one answer."""
+    """Fetches live views for any thread; equal requests share one answer."""
 
     def __init__(self, transport: Transport, keys: RunKeys, now: Now = time.monotonic) -> None:
         self._transport = transport
@@ -41,25 +41,25 @@ class LiveFeed:
         self._pool = ThreadPoolExecutor(_AT_ONCE, "view")
 
     def look(self, asked: Asked) -> LiveView | None:
-        """Returns what the actor shows; None if it does not answer, as one that waits."""
+        """Returns what the actor shows; None if it does not answer, for instance while it waits."""
         return self._begin(asked).result()
 
     def latest(self, asked: Asked) -> LiveView | None:
-        """Returns what it showed when it was last asked, without waiting, and asks again; None for
-        nothing yet."""
+        """Returns the answer to the last request, and asks again, without waiting; None if there is
+        no answer yet."""
         with self._lock:
             _, view = self._kept.get(asked, (0.0, None))
         self._begin(asked)
         return view.result() if view is not None and view.done() else None
 
     def close(self) -> None:
-        """Ask no more; what is asked ends within seconds."""
+        """Stops asking; requests under way end within seconds."""
         with self._lock:
             self._closed = True
         self._pool.shutdown()
 
     def _begin(self, asked: Asked) -> Future[LiveView | None]:
-        """Returns an answer to come, or one that is fresh."""
+        """Returns the future of a new request, or of one that is under way or fresh."""
         with self._lock:
             began, view = self._kept.get(asked, (0.0, None))
             if self._closed:
@@ -67,7 +67,7 @@ class LiveFeed:
                 view.set_result(None)
             elif view is None or (view.done() and self._now() - began > _FRESH):
                 view = self._pool.submit(self._ask, asked)
-                self._kept.pop(asked, None)  # or it would count as old as when it was first asked
+                self._kept.pop(asked, None)  # so that it becomes the newest of the kept requests
                 self._kept[asked] = (self._now(), view)
                 for oldest in list(self._kept)[:-_MOST_KEPT]:
                     del self._kept[oldest]

@@ -1,6 +1,6 @@
-"""Where a run's figures come from: versions of packages, the commit, the machine.
+"""The provenance of a run's figures: versions of packages, the commit, the machine.
 
-A figure without these cannot be compared with another, nor found again.
+A figure without its provenance can neither be compared nor reproduced.
 """
 
 import os
@@ -17,10 +17,13 @@ from typing import Any
 def provenance() -> dict[str, Any]:
     """Returns versions, commit and machine of this process, under the keys of ``summary.json``.
 
-    ``git_commit`` is of the checkout that this code runs from, None outside one, and ``git_dirty``
-    says whether tracked files differ from it; ``memory_bytes`` is physical memory, ``cores`` are
-    the logical ones that this process may use, and ``gpus`` are NVIDIA's, used or not. Gather it
-    once, at the start: the checkout may change under a running learner.
+    - ``git_commit``: commit of the checkout that this code runs from; None outside a checkout.
+    - ``git_dirty``: whether tracked files differ from that commit.
+    - ``memory_bytes``: physical memory.
+    - ``cores``: logical cores that this process may use.
+    - ``gpus``: NVIDIA's GPUs, used or not.
+
+    Call it once, at the start: the checkout may change under a running learner.
     """
     commit, dirty = git_state(Path(__file__))
     return {
@@ -38,7 +41,7 @@ def provenance() -> dict[str, Any]:
 
 
 def gpu_models(driver: Path = Path("/proc/driver/nvidia/gpus")) -> list[str]:
-    """Returns the models of the GPUs that NVIDIA's driver knows."""
+    """Returns the models of the GPUs that NVIDIA's driver lists."""
     told = (
         file.read_text(encoding="utf-8", errors="replace")
         for file in sorted(driver.glob("*/information"))
@@ -47,13 +50,17 @@ def gpu_models(driver: Path = Path("/proc/driver/nvidia/gpus")) -> list[str]:
 
 
 def machine_line(machine: Mapping[str, Any]) -> str:
-    """Returns what counts of ``machine``, a file's perhaps, for people: processor, cores, GPUs."""
+    """Returns processor, cores and GPUs of ``machine`` in one line for people.
+
+    Args:
+        machine: as in `provenance`, or in a file that it was written to.
+    """
     return ", ".join((f"{machine['cpu']}", f"{machine['cores']} cores", *machine.get("gpus", ())))
 
 
 def package_versions() -> dict[str, str | None]:
-    """Versions of ``python``, of this distribution and of those that it depends on; None for what
-    is not installed."""
+    """Returns the versions of ``python``, of this distribution and of its dependencies; None for
+    what is not installed."""
     versions: dict[str, str | None] = {"python": platform.python_version()}
     packages = ["ale-robot"]
     with suppress(metadata.PackageNotFoundError):  # a checkout without `pip`
@@ -68,10 +75,10 @@ def package_versions() -> dict[str, str | None]:
 
 
 def git_state(file: Path) -> tuple[str | None, bool | None]:
-    """Commit of the checkout to which ``file`` belongs, and whether tracked files were changed.
+    """Returns the commit of the checkout of ``file``, and whether tracked files were changed.
 
-    The file itself has to be tracked: an installed copy inside somebody else's checkout (a
-    ``.venv`` in it, say) was not made from that one's commit.
+    The file itself has to be tracked: a copy that is installed inside another checkout, for example
+    in its ``.venv``, does not come from that checkout's commit.
     """
     folder = file.resolve().parent
     if _git(folder, "ls-files", "--error-unmatch", file.name) is None:
@@ -84,8 +91,8 @@ def git_state(file: Path) -> tuple[str | None, bool | None]:
 
 
 def _git(folder: Path, *arguments: str) -> str | None:
-    """What git answers in ``folder``; None without git, without a checkout, or too slow."""
-    # A hook's GIT_DIR would point every git below it at the hook's repository.
+    """Returns git's output in ``folder``; None without git or a checkout, or if git is too slow."""
+    # In a git hook, GIT_DIR would point git at the hook's repository.
     environment = {name: value for name, value in os.environ.items() if name[:4] != "GIT_"}
     try:
         answer = subprocess.run(

@@ -1,4 +1,4 @@
-"""How long the hands take, of late and over the whole run, from counts that only grow."""
+"""Latency of the hands, recently and over the whole run, from counts that only grow."""
 
 import dataclasses
 import time
@@ -10,23 +10,23 @@ from common.press_latency import KeyLatency
 from common.schedule import Now
 
 WINDOW = 60.0
-"""Seconds that count as of late."""
+"""Seconds that count as recent."""
 LEAST_MEASURED = 100
-"""Least commands for a 99th percentile that is more than the slowest of them."""
+"""Minimum number of commands for a 99th percentile; with fewer it is the slowest of them."""
 
 
 class RecentLatency:
-    """Remembers the counts of the last while."""
+    """Remembers the counts of the last `WINDOW` seconds, and computes percentiles."""
 
     def __init__(self, clock: Now = time.monotonic) -> None:
         self._clock = clock
         self._ticks: deque[tuple[float, tuple[int, ...]]] = deque()
 
     def values(self, counts: tuple[int, ...]) -> dict[str, Value]:
-        """Returns percentiles of the run's counts as they are now, empty if nobody has told any.
+        """Takes the run's present counts, empty if there are none yet; returns percentiles.
 
-        ``hands/…`` are of late, or over the run where that is too little to tell; ``run/…`` are
-        over the run.
+        ``run/…`` are over the whole run. ``hands/…`` are recent, or over the whole run if too few
+        recent commands were measured.
         """
         now = self._clock()
         self._ticks.append((now, counts))

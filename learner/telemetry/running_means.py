@@ -1,4 +1,4 @@
-"""Running means over the latest updates: loss, what the algorithm tells, rewards, pixels."""
+"""Running means over the latest updates: loss, the algorithm's metrics, rewards, pixels."""
 
 import torch
 
@@ -6,13 +6,13 @@ from common.metrics import Value
 from learner.algorithm.interface import DeviceBatch, Update
 
 HORIZON = 500
-"""Updates over which the means forget."""
+"""Number of updates over which the means forget."""
 EVERY = 10
-"""Updates of which one is measured; measuring each would cost a thirtieth of it."""
+"""One of so many updates is measured; measuring each would cost a thirtieth of an update."""
 
 
 class RunningMeans:
-    """Exponential means, kept on the device so that no update waits for its own figures."""
+    """Exponential means, kept on the device so that no update waits for its figures."""
 
     def __init__(self) -> None:
         self._names: tuple[str, ...] = ()
@@ -21,7 +21,7 @@ class RunningMeans:
         self._updates = 0
 
     def add(self, batch: DeviceBatch, result: Update) -> None:
-        """Take in one update."""
+        """Takes in one update."""
         self._updates += 1
         if self._updates % EVERY != 1:
             return
@@ -34,10 +34,10 @@ class RunningMeans:
         }
         if self._sums is not None and tuple(figures) != self._names:
             raise ValueError(
-                f"an update told {', '.join(figures)} and those before {', '.join(self._names)}: "
+                f"an update returned {', '.join(figures)}, earlier ones {', '.join(self._names)}: "
                 "return the same metrics from every update."
             )
-        # One minibatch that is not finite must not stay in the means for ever.
+        # Without this, one non-finite minibatch would stay in the means for ever.
         latest = torch.stack(tuple(figures.values())).nan_to_num(0.0, 0.0, 0.0)
         keep = (1 - 1 / HORIZON) ** EVERY
         self._names = tuple(figures)
@@ -47,9 +47,10 @@ class RunningMeans:
     def values(self) -> dict[str, Value]:
         """Returns the means under ``learning/``; none before the first update.
 
-        The relative TD error is the mean of δ² over the variance of the (n-step, discounted)
-        rewards in the same samples, unknown where that is 0. Not the loss: Huber's is half of δ²,
-        and the 2017 loss is divided by the number of actions, so both would pass a blind network.
+        The relative TD error is the mean of δ², divided by the variance of the (n-step, discounted)
+        rewards in the same samples; it is unknown if that is 0. The loss cannot take the place of
+        δ²: Huber's is half of it, and the 2017 loss is divided by the number of actions, so both
+        would pass a blind network.
         """
         if self._sums is None:
             return {}

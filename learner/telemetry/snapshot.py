@@ -1,4 +1,4 @@
-"""The run at one moment, as every sink gets it: figures by key, and what is not a number."""
+"""The run at one moment, as every sink gets it: figures by key, actors, checks and notes."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -14,28 +14,28 @@ Phase = Literal["warm-up", "training", "finishing"]
 
 @dataclass(frozen=True, kw_only=True)
 class ActorView:
-    """One actor or evaluator: what it last told, and whether it is there."""
+    """One actor or evaluator: its last counters, and whether it is alive."""
 
     stats: ActorStats
     alive: bool
-    """Its liveliness token is there."""
+    """Whether its liveliness token is present."""
     silent_for: float = 0.0
     """Seconds since it was last heard of."""
     left: bool = False
-    """It took its leave a while ago: no longer shown, still counted."""
+    """Whether it left a while ago, so that it is no longer shown but still counted."""
 
 
 class Histogram(NamedTuple):
-    """How often values were found between each edge and the next."""
+    """The number of values between each edge and the next."""
 
     counts: Sequence[int]
     edges: Sequence[float]
-    """Rising; one more than there are counts."""
+    """Edges of the bins, rising; one more than there are counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """The run now; whoever shows or writes figures takes them from here and nowhere else."""
+    """The state of the run; everything that shows or writes figures takes them from here."""
 
     values: Values
     """Figures by their keys in `common.metrics`."""
@@ -46,21 +46,21 @@ class Snapshot:
     rewards: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """Mean score of each epoch, oldest first, by phase: ``random``, ``train`` and ``test``."""
     histograms: Mapping[str, Histogram] = field(default_factory=dict)
-    """By names as those of figures; none of what is not known yet."""
+    """Histograms by names like those of figures; those that are unknown yet are missing."""
 
     @property
     def present(self) -> tuple[ActorView, ...]:
-        """The actors without those that took their leave a while ago."""
+        """The actors, without those that left a while ago."""
         return tuple(actor for actor in self.actors if not actor.left)
 
     @property
     def failed(self) -> tuple[HealthCheck, ...]:
-        """The health checks that were measured and did not pass."""
+        """The health checks that are red."""
         return tuple(check for check in self.checks if check.passed is False)
 
     @property
     def verdict(self) -> str:
-        """How many health checks there are of each colour: ``1 open, 6 green``."""
+        """The number of health checks of each colour: ``1 open, 6 green``."""
         colours = {False: "red", None: "open", True: "green"}
         counts = Counter(check.passed for check in self.checks)
         told = [

@@ -1,4 +1,4 @@
-"""Merges what everybody knows into one mapping of figures, and hands it to every sink."""
+"""Merges the figures of all parts into one mapping, and hands it to every sink."""
 
 import time
 from collections import deque
@@ -29,27 +29,28 @@ _RATE_WINDOW = 15.0
 _NOTES = 20
 _FRAME_EDGES = [ms_of(frames) for frames in range(MOST_FRAMES + 1)]
 _OF_2017 = PRESETS["paper"].protocol
-"""Its epochs are the unit of ``run/epochs_per_day``, whatever the run's own length."""
+"""The protocol of 2017. Its epochs are the unit of ``run/epochs_per_day``, whatever the length of
+the run's own epochs."""
 
 
 @dataclass
 class Telemetry:
-    """All that a run tells people and leaves for its readers, but for checkpoints and snapshots."""
+    """Collects what a run shows and records, except for checkpoints and snapshots of weights."""
 
     config: RunConfig
     constants: Values
-    """Figures that stay as they are, such as the run's name."""
+    """Figures that do not change, such as the run's name."""
     phases: Phases
     registry: ActorRegistry
     epochs: EpochTable
     """Takes a row for each phase."""
     sinks: Sequence[Sink]
-    """Take the figures, each as often as it wants."""
+    """Take the figures, each at its own period."""
     now: Now
     max_q: Callable[[], Histogram | None] = lambda: None
-    """Returns how max-Q is spread over the held-out states; None while it is unknown."""
+    """Returns the histogram of max-Q over the held-out states; None while it is unknown."""
     gpu: Callable[[], Values] = dict
-    """Returns what is taken of the GPU, if there is one."""
+    """Returns memory and utilisation of the GPU, if there is one."""
 
     def __post_init__(self) -> None:
         self._due = [Every(sink.period, self.now) for sink in self.sinks]
@@ -61,7 +62,7 @@ class Telemetry:
         self._notes: deque[str] = deque(maxlen=_NOTES)
 
     def start(self, checkpoint: dict[str, Any] | None) -> None:
-        """Open the files; rows and points after the ``checkpoint`` of a resumed run are dropped.
+        """Opens the files; rows and points after the ``checkpoint`` of a resumed run are dropped.
 
         Raises InputError if the table of epochs is damaged, or lacks rows.
         """
@@ -71,11 +72,11 @@ class Telemetry:
             sink.start(resumed_at)
 
     def update(self, batch: DeviceBatch, result: Update) -> None:
-        """Take in one update."""
+        """Takes in one update."""
         self._means.add(batch, result)
 
     def add(self, row: EpochRow) -> None:
-        """Record a phase or a test that is complete."""
+        """Records a complete phase or test."""
         self.epochs.append(row)
         self.rows.append(row)
         agent_steps = row.total_train_steps + self.config.replay.learning_starts
@@ -83,7 +84,8 @@ class Telemetry:
             sink.phase(row, agent_steps)
 
     def rewards(self, phase: str) -> tuple[float, ...]:
-        """Mean scores of the phases of that kind in which a game ended, oldest first."""
+        """Returns the mean scores of the phases of a kind, oldest first; those without a finished
+        game are left out."""
         return tuple(
             row.average_reward
             for row in self.rows
@@ -91,18 +93,18 @@ class Telemetry:
         )
 
     def note(self, text: str) -> None:
-        """Tell an event, and keep it among the notes of snapshots."""
+        """Reports an event, and keeps it among the notes of snapshots."""
         self._notes.append(text)
         for sink in self.sinks:
             sink.event(text)
 
     def say(self, text: str) -> None:
-        """Say a sentence that stays."""
+        """Prints a sentence that stays."""
         for sink in self.sinks:
             sink.line(text)
 
     def report(self, values: Values, replay: Progress) -> Sequence[HealthCheck]:
-        """Give the figures to every sink that is due; returns the health checks.
+        """Gives the figures to every sink that is due; returns the health checks.
 
         Args:
             values: figures that only the training loop knows.
@@ -118,7 +120,7 @@ class Telemetry:
         return snapshot.checks
 
     def close(self, values: Values, replay: Progress) -> None:
-        """Write the last figures and close the files, all of them even if one fails."""
+        """Writes the last figures and closes all sinks, even if one fails."""
         snapshot = self._snapshot(values, replay)
         with ExitStack() as end:
             for sink in reversed(self.sinks):
@@ -156,7 +158,7 @@ class Telemetry:
             "stream/actors_present": sum(not actor.left for actor in actors),
         }
         if train_steps < self.config.exploration.steps:
-            # Before it has explored, a network cannot be better than a blind one.
+            # Until exploration is over, a network cannot be better than a blind one.
             values["learning/relative_td_error"] = None
         if loop["run/phase"] == "finishing":
             rate = sum(a.stats.steps_per_second for a in actors if a.stats.role == "evaluator")
@@ -188,7 +190,7 @@ class Telemetry:
         return found
 
     def _rates(self, updates: int) -> dict[str, Value]:
-        """Returns agent steps, updates and processor time per second, of late, and steps per second
+        """Returns recent rates of agent steps, updates and processor time, and steps per second
         over whole phases."""
         now, busy = self.now(), time.process_time()
         self._ticks.append((now, self.phases.agent_steps, updates, busy))
@@ -211,7 +213,7 @@ class Telemetry:
         }
 
     def _rate(self, phase: str) -> float | None:
-        """Agent steps per second over the complete phases of that kind."""
+        """Returns agent steps per second over the complete phases of a kind."""
         rows = [row for row in self.rows if row.phase == phase]
         seconds = sum(row.epoch_time for row in rows)
         return sum(row.steps for row in rows) / seconds if seconds else None
