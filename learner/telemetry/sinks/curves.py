@@ -1,5 +1,5 @@
 """`CurvesSink`: a run's curves, histograms and films over agent steps, for programs that draw
-them."""
+curves."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -10,28 +10,28 @@ from learner.telemetry.sinks.sink import Sink
 from learner.telemetry.snapshot import Histogram, Snapshot
 
 FILM = "play/film"
-"""Under this name a program has the films."""
+"""Name of the films."""
 
 
 def tags_of(metric: Metric) -> list[str]:
-    """Returns the names of a figure's curves; none for one that is not drawn."""
+    """Returns the names of a figure's curves; none if it is not drawn."""
     gate = [f"gates/{metric.gate}"] if metric.gate else []
     return [metric.key, *gate] if metric.curve else gate
 
 
 class CurvesSink(Sink):
-    """Names the points of each curve; a program's own sink adds them."""
+    """A sink that turns snapshots into points of curves; a subclass hands them to its program."""
 
     @abstractmethod
     def add(self, points: Values, agent_steps: int) -> None:
-        """Take one point of each curve; those that are None are not known yet."""
+        """Takes one point of each curve; None stands for an unknown value."""
 
     @abstractmethod
     def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
-        """Take histograms by their names."""
+        """Takes histograms by their names."""
 
     def write(self, snapshot: Snapshot) -> None:
-        """One point on each live curve, and the histograms."""
+        """Adds one point to each live curve, and the histograms."""
         values = snapshot.values
         agent_steps = int(number(values, "run/agent_steps") or 0)
         self.add(
@@ -45,9 +45,9 @@ class CurvesSink(Sink):
         self.add_histograms(snapshot.histograms, agent_steps)
 
     def phase(self, row: EpochRow, agent_steps: int) -> None:
-        """The figures of a finished phase, at the agent steps of the weights that played it.
+        """Adds the figures of a finished phase, at the agent steps of the weights that played it.
 
-        ``agent_steps`` counts the warm-up as every other curve does; the row's
+        ``agent_steps`` includes the warm-up, as in every other curve; the row's
         ``total_train_steps`` does not.
         """
         self.add(

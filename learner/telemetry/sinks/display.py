@@ -1,7 +1,7 @@
-"""What the user sees while a run goes on: a live screen, or plain lines where there is none.
+"""What the user sees during a run: a live screen, or plain lines where a screen is impossible.
 
-A display that can no longer show anything (the terminal has gone, the reader of the pipe too) falls
-silent: that is no reason to stop learning under `nohup`, nor to leave a stop half done.
+A display whose terminal or pipe has gone falls silent. Learning goes on, as under `nohup`, and a
+stop still completes.
 """
 
 import os
@@ -31,13 +31,13 @@ from learner.telemetry.snapshot import Snapshot
 
 
 class Display(Sink, AbstractContextManager["Display"]):
-    """Shows a run; a context manager that gives the terminal back however it is left."""
+    """Shows a run; a context manager that always gives the terminal back."""
 
     period = 1.0
     _feed: LiveFeed | None = None
 
     def watch(self, feed: LiveFeed) -> None:
-        """Show what ``feed`` has of an actor, where there is room; it is closed with this."""
+        """Shows an actor's view from ``feed`` if there is room; `close` closes the feed."""
         self._feed = feed
 
     def close(self) -> None:
@@ -45,15 +45,16 @@ class Display(Sink, AbstractContextManager["Display"]):
             self._feed.close()
 
     def __exit__(self, *_: object) -> None:
-        """Give back what was taken."""
+        """Gives the terminal back."""
 
 
 def open_display(stream: TextIO | None = None, *, as_json: bool = False) -> Display:
-    """The live screen where ``stream`` (standard output) is a terminal that can, else lines."""
+    """Returns the live screen if ``stream``, by default standard output, is an able terminal;
+    otherwise a display of lines."""
     stream = sys.stdout if stream is None else stream
     if as_json:
         return JsonDisplay(stream)
-    if not stream.isatty():  # rich alone would let FORCE_COLOR draw into a log file
+    if not stream.isatty():  # with FORCE_COLOR, rich would draw even into a log file
         return PlainDisplay(stream)
     console = Console(file=stream, highlight=False, markup=False, emoji=False)
     able = console.is_terminal and not console.is_dumb_terminal and os.environ.get("TERM")
@@ -63,7 +64,7 @@ def open_display(stream: TextIO | None = None, *, as_json: bool = False) -> Disp
 
 
 class LiveDisplay(Display):
-    """One screen, drawn anew in place; what others print scrolls by above it."""
+    """One screen that is redrawn in place; other output scrolls by above it."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -82,7 +83,7 @@ class LiveDisplay(Display):
         self._try(lambda: self._draw(snapshot))
 
     def line(self, text: str) -> None:
-        """Print a line above the screen."""
+        """Prints a line above the screen."""
         self._try(lambda: self._console.print(Text(formats.one_line(text))))
 
     def __enter__(self) -> Self:
@@ -90,20 +91,20 @@ class LiveDisplay(Display):
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._gone = False  # standard output is to be given back even so
+        self._gone = False  # standard output must be given back even if the terminal has gone
         self._try(self._live.stop)
 
     def _draw(self, snapshot: Snapshot) -> None:
         size = _size_of(self._console)
         if size != self._size:
-            # Lines that a narrower window has wrapped cannot be drawn over.
+            # Lines that a narrower window has wrapped cannot be overdrawn.
             self._console.size = self._size = size
             self._console.clear()
         self._look(snapshot)
         self._live.update(Screen(snapshot, self._picture), refresh=True)
 
     def _look(self, snapshot: Snapshot) -> None:
-        """Ask for a picture of the first actor, only where it will be seen."""
+        """Asks for a picture of the first actor, if there is room for it."""
         alive = [actor.stats for actor in snapshot.present if actor.alive]
         first = min(alive, key=lambda stats: (stats.role, stats.name), default=None)
         if self._feed is None or first is None or not picture_width(*self._size):
@@ -123,7 +124,8 @@ class LiveDisplay(Display):
 
 
 def _size_of(console: Console) -> ConsoleDimensions:
-    """Size of the terminal it writes to; rich itself asks standard input first, then COLUMNS."""
+    """Returns the size of the console's own terminal; rich asks standard input and COLUMNS
+    first."""
     try:
         columns, lines = os.get_terminal_size(console.file.fileno())
     except (OSError, ValueError):
@@ -132,10 +134,10 @@ def _size_of(console: Console) -> ConsoleDimensions:
 
 
 class PlainDisplay(Display):
-    """Lines for a log: one every ten seconds, and one for each event.
+    """Writes lines for a log: one every ten seconds, and one for each event.
 
     Args:
-        stream: text stream; what its encoding lacks becomes ``?``.
+        stream: text stream; characters that its encoding lacks become ``?``.
     """
 
     def __init__(self, stream: TextIO, clock: Now = time.monotonic) -> None:
@@ -145,7 +147,7 @@ class PlainDisplay(Display):
         self._gone = False
 
     def write(self, snapshot: Snapshot) -> None:
-        """Say which health checks changed at once, and the figures when it is time."""
+        """Writes changes of health checks at once, and the figures when they are due."""
         for text in _changed_checks(self._last, snapshot):
             self.line(text)
         turned = self._last is None or _chapter(self._last) != _chapter(snapshot)
@@ -161,7 +163,7 @@ class PlainDisplay(Display):
         self.line(status_line(snapshot))
 
     def line(self, text: str) -> None:
-        """Write one line, with the time of day."""
+        """Writes one line, with the time of day."""
         self._put(f"{time.strftime('%H:%M:%S')} {formats.one_line(text)}".translate(_ASCII))
 
     def _put(self, full: str) -> None:
@@ -177,7 +179,7 @@ class PlainDisplay(Display):
 
 
 class JsonDisplay(PlainDisplay):
-    """The same, each line an object of JSON (`common.process.log_lines`)."""
+    """Writes the same lines as JSON objects (`common.process.log_lines`)."""
 
     def figures(self, snapshot: Snapshot) -> None:
         self._put(log_lines.line(status_line(snapshot), values=snapshot.values))
@@ -189,11 +191,11 @@ class JsonDisplay(PlainDisplay):
 _ASCII = str.maketrans(
     {"−": "-", "–": "-", "ε": "epsilon", "≥": ">=", "…": "...", "→": "->", "∞": "never"}
 )
-"""Lines in a log are read by any terminal, and by grep."""
+"""ASCII in place of other characters, so that any terminal and grep can read a log."""
 
 
 def status_line(snapshot: Snapshot) -> str:
-    """The figures of ``snapshot`` in one line."""
+    """Returns the figures of ``snapshot`` in one line."""
     values = snapshot.values
     phase = "warm-up" if values["run/phase"] == "warm-up" else fill("epoch {run/epoch}", values)
     done, total = (number(values, f"run/phase_{name}") or 0 for name in ("steps", "length"))

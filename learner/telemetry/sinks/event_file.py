@@ -1,6 +1,7 @@
-"""`EventFile`: a file of TensorBoard's events that is whole, however often the disk is full.
+"""`EventFile`: a file of TensorBoard events that stays intact even if the disk is full at times.
 
-TensorBoard's own writer has a thread, which dies by what a disk refuses, and its process with it.
+TensorBoard's own writer has a thread that dies when the disk refuses a write, and takes the process
+with it.
 """
 
 import os
@@ -16,9 +17,10 @@ from common.regular_file import no_links
 
 
 class EventFile:
-    """A new file in ``folder``, which is made when it does not exist.
+    """A new event file in ``folder``, which is created if it does not exist.
 
-    TensorBoard reads the files of a folder in the order of their names: these follow time.
+    TensorBoard reads the files of a folder in the order of their names, so the name begins with the
+    time.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -28,24 +30,24 @@ class EventFile:
         name = f"events.out.tfevents.{seconds:010}.{whose}.{rest:09}"
         self._file = no_links(str(folder / name), os.O_WRONLY | os.O_APPEND | os.O_CREAT)
         self._pending = bytearray()
-        """What is not in the file yet."""
+        """Bytes that are not in the file yet."""
         self._records = RecordWriter(SimpleNamespace(write=self._pending.extend))
         self.add(Event(wall_time=time.time(), file_version="brain.Event:2"))
 
     def add(self, event: Event) -> None:
-        """Append an event; `flush` writes it."""
+        """Appends an event; `flush` writes it."""
         self._records.write(event.SerializeToString())
 
     def flush(self) -> None:
-        """Write all that was added.
+        """Writes all that was added.
 
         Raises:
-            OSError: the disk does not take it; the rest follows at the next call.
+            OSError: the disk refuses it; the next call writes the rest.
         """
         while self._pending:
             del self._pending[: os.write(self._file, self._pending)]
 
     def close(self) -> None:
-        """Write all that was added, and end."""
+        """Writes all that was added, and closes the file."""
         self.flush()
         os.close(self._file)

@@ -1,5 +1,4 @@
-"""``--films``: a film of the warm-up's play and of each epoch's network, made by a process of its
-own beside training."""
+"""``--films``: a film of the warm-up and of each epoch's network, made in a process of its own."""
 
 import logging
 import shutil
@@ -21,19 +20,19 @@ _log = logging.getLogger(__name__)
 
 class _Epoch(NamedTuple):
     number: int
-    """0 for the warm-up."""
+    """Number of the epoch; 0 for the warm-up."""
     agent_steps: int
-    """At its end."""
+    """Agent steps at its end."""
 
 
 @dataclass
 class FilmsSink(Sink):
-    """Films in the run's folder, named as the snapshots, which the run must keep.
+    """Makes films in the run's folder, named like the snapshots, which the run must keep.
 
-    One is made at a time, at low priority. Where epochs pass faster than films are made, those
-    between are left out, and so is one that the run's end breaks off: `ale-robot film`
-    makes them later. A resumed run begins with that of its newest epoch. The warm-up, which is
-    random play in a run without --initial, is epoch 0.
+    Films are made one at a time, at low priority. If epochs pass faster than films are made, epochs
+    are left out; so is a film that the run's end interrupts. `ale-robot film` makes them
+    later. A resumed run starts with the film of its newest epoch. The warm-up, which is random play
+    in a run without --initial, is epoch 0.
     """
 
     folder: RunFolder
@@ -42,9 +41,9 @@ class FilmsSink(Sink):
     epsilon: float
     """Share of random actions in the warm-up."""
     module: str = "viewer"
-    """The module that is run to make a film."""
+    """Module that is run to make a film."""
     others: Sequence[Sink] = ()
-    """Sinks that get each finished film."""
+    """Sinks that receive each finished film."""
 
     period = 1.0
 
@@ -57,7 +56,7 @@ class FilmsSink(Sink):
         """The process that films `_epoch`."""
 
     def start(self, resumed_at: int | None) -> None:
-        """Take up the newest epoch, as of the checkpoint's agent steps, if it has no film yet."""
+        """Queues the newest epoch, at the checkpoint's agent steps, if it has no film yet."""
         shutil.rmtree(self._making, ignore_errors=True)
         newest = max(kept_networks(self.folder.snapshots), default=0)
         rows = EpochTable(self.folder.epochs).rows()
@@ -65,7 +64,7 @@ class FilmsSink(Sink):
             epoch = _Epoch(newest, resumed_at or 0)
         elif [row.epoch for row in rows] == [0]:
             epoch = _Epoch(0, rows[0].steps)
-        else:  # the warm-up is not over, or its film would come after epochs without one
+        else:  # the warm-up is not over, or later epochs have gone by without a film
             return
         if not self._file(epoch.number).exists():
             self._next = epoch
@@ -75,7 +74,7 @@ class FilmsSink(Sink):
             self._next = _Epoch(row.epoch, agent_steps)
 
     def write(self, snapshot: Snapshot) -> None:
-        """Begin the next film, once the one before has ended."""
+        """Starts the next film, once the previous one has ended."""
         if self._child is not None and self._child.poll() is None:
             return
         with self._in_spite_of_the_disk():
@@ -87,21 +86,21 @@ class FilmsSink(Sink):
                 self._child = self._begin_film()
 
     def close(self) -> None:
-        """Break off the film that is being made."""
+        """Interrupts the film that is being made."""
         if self._child is None:
             return
         with self._in_spite_of_the_disk():
             if self._child.poll() is None:
-                self._child.kill()  # nothing of it is kept, and to leave takes it seconds
+                self._child.kill()  # its film is not kept, and a clean exit would take seconds
                 self._child.end()
                 self._video.unlink(missing_ok=True)
-                _log.warning("the film of epoch %d was broken off", self._epoch.number)
+                _log.warning("the film of epoch %d was interrupted", self._epoch.number)
             else:
                 self._end_film(self._child)
 
     @contextmanager
     def _in_spite_of_the_disk(self) -> Iterator[None]:
-        """A run is worth more than its films."""
+        """Turns errors of the disk into warnings: a run is worth more than its films."""
         try:
             yield
         except OSError as error:  # such as a full disk
@@ -125,7 +124,7 @@ class FilmsSink(Sink):
             return ["--weights", str(self._snapshots.file(self._epoch.number))]
         if self.folder.initial.exists():
             return ["--weights", str(self.folder.initial), "--epsilon", f"{self.epsilon:g}"]
-        # A checkpoint may have learned already: of it count its settings alone.
+        # Only the settings in the checkpoint count: its network may have learned already.
         return ["--weights", str(self.folder.checkpoint), "--epsilon", "1"]
 
     def _end_film(self, child: Child) -> None:

@@ -1,4 +1,4 @@
-"""How figures are written for people: aligned, with separators, and a dash for the unknown."""
+"""Formats of figures for people: aligned, with separators, and a dash for unknown values."""
 
 import math
 import re
@@ -17,17 +17,18 @@ _LEVELS = " ▁▂▃▄▅▆▇█"
 
 
 def ended(leaving: bool) -> str:
-    """What is said of a process that is not alive."""
+    """Returns the word for a process that is not alive."""
     return "left" if leaving else "lost"
 
 
 def decimal(value: float, places: int) -> str:
-    """A number with ``places`` decimals and a minus sign as wide as a digit."""
+    """Returns a number with ``places`` decimals and a minus sign as wide as a digit."""
     return minus_signed(f"{value:,.{places}f}") if math.isfinite(value) else str(value)
 
 
 def significant(value: float) -> str:
-    """Four digits of a number of any magnitude: ``0.0008297``, ``12.40``, ``4.1e-07``, ``0``."""
+    """Returns a number of any magnitude with four digits: ``0.0008297``, ``12.40``, ``4.1e-07``,
+    ``0``."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"
     if 1e-4 <= abs(value) < 1e6:
@@ -36,22 +37,22 @@ def significant(value: float) -> str:
 
 
 def share(done: float, total: float) -> str:
-    """``done`` of ``total`` in whole per cent, never rounded up to 100."""
+    """Returns the share of ``done`` in ``total`` in whole per cent, never rounded up to 100."""
     return f"{math.floor(100 * min(done / total, 1)) if total else 0} %"
 
 
 def cores(busy: float) -> str:
-    """Busy cores in per cent of one: ``98 % CPU``."""
+    """Returns busy cores in per cent of one core: ``98 % CPU``."""
     return f"{100 * busy:.0f} % CPU"
 
 
 def taken(busy: float, memory: int) -> str:
-    """What a process takes of its machine: ``98 % CPU, 277 MB``."""
+    """Returns a process's use of processor and memory: ``98 % CPU, 277 MB``."""
     return f"{cores(busy)}, {size(memory)}"
 
 
 def hardware(values: Values) -> str:
-    """Where the learner works, and what it takes of that machine."""
+    """Returns the learner's device, and its use of processor, memory and GPU."""
     busy, memory = (number(values, f"run/{name}") for name in ("busy_cores", "memory_bytes"))
     parts = [f"{values['run/device']}"]
     if busy is not None and memory is not None:
@@ -60,7 +61,7 @@ def hardware(values: Values) -> str:
 
 
 def gpu(values: Values) -> list[str]:
-    """What is taken of the GPU: ``["GPU 83 %", "1,870 of 81,559 MB"]``; nothing without one."""
+    """Returns the use of the GPU: ``["GPU 83 %", "1,870 of 81,559 MB"]``; nothing without one."""
     names = ("utilisation", "memory_bytes", "capacity_bytes")
     busy, memory, capacity = (number(values, f"run/gpu_{name}") for name in names)
     if memory is None or capacity is None:
@@ -70,12 +71,12 @@ def gpu(values: Values) -> list[str]:
 
 
 def size(count: int) -> str:
-    """Bytes as ``277 MB``."""
+    """Returns a number of bytes as ``277 MB``."""
     return f"{count / 1e6:,.0f} MB"
 
 
 def duration(seconds: float) -> str:
-    """Seconds as ``12:45``, ``3:12:45`` or ``2 d 03:12``."""
+    """Returns seconds as ``12:45``, ``3:12:45`` or ``2 d 03:12``."""
     whole = max(int(seconds), 0)
     days, hours, minutes = whole // 86_400, whole // 3_600 % 24, whole // 60 % 60
     if days:
@@ -94,32 +95,32 @@ FORMS: dict[str, Callable[[Any], str]] = {
     "significant": significant,
     "text": str,
 }
-"""By the name that `common.metrics.Metric.form` has."""
+"""Functions that format a value, by the names in `common.metrics.Metric.form`."""
 
 
 def written(form: str, value: Any) -> str:
-    """``value`` in one of `FORMS`; a dash for the unknown."""
+    """Returns ``value`` in one of `FORMS`; a dash if it is unknown."""
     return UNKNOWN if value is None else FORMS[form](value)
 
 
 def figure(key: str, values: Values) -> str:
-    """The figure ``key`` in its own form."""
+    """Returns the figure ``key`` in its own form."""
     return written(METRICS[key].form, values.get(key))
 
 
 def fill(template: str, values: Values) -> str:
-    """``template`` with each ``{key}`` replaced by its figure."""
+    """Returns ``template`` with each ``{key}`` replaced by its figure."""
     return re.sub(r"\{([^{}]+)\}", lambda found: figure(found[1], values), template)
 
 
 def metrics_of(env: object) -> list[Metric]:
-    """The metrics of an environment, by its name: those of hands only where a robot plays."""
+    """Returns the metrics of the environment named ``env``; those of hands only for robots."""
     robot = ENVIRONMENTS.find(str(env)).robot
     return [metric for metric in METRICS.values() if robot or not metric.robot]
 
 
 def panels_of(values: Values) -> dict[str, list[Metric]]:
-    """The metrics of such a run by the title of their panel, in their places."""
+    """Returns the metrics of each panel by its title, in the order in which they are shown."""
     panels: dict[str, list[Metric]] = {}
     for metric in metrics_of(values["run/env"]):
         if metric.panel:
@@ -130,23 +131,23 @@ def panels_of(values: Values) -> dict[str, list[Metric]]:
 
 
 def label_and_text(metric: Metric, values: Values) -> tuple[str, str]:
-    """What a panel says of a figure."""
+    """Returns label and text of a figure in its panel."""
     return fill(metric.label, values), fill(metric.shown or f"{{{metric.key}}}", values)
 
 
 class Progress(NamedTuple):
-    """How far the run has come in something."""
+    """One progress bar of the run."""
 
     label: str
     done: str
     """Key of the figure."""
     total: str
-    """Key of what it is when complete; unknown where there is no end."""
+    """Key of its value when complete; that figure is unknown if there is no end."""
     note: str
 
 
 def progress_of(values: Values) -> tuple[Progress, ...]:
-    """How far phase, run and replay have come."""
+    """Returns the progress of phase, run and replay."""
     warm_up, finishing = (values["run/phase"] == phase for phase in ("warm-up", "finishing"))
     label = "Warm-up" if warm_up else f"Epoch {values['run/epoch']}"
     left = "finishing" if finishing else fill("{run/seconds_left} left", values)
@@ -159,7 +160,7 @@ def progress_of(values: Values) -> tuple[Progress, ...]:
 
 
 def troubles(values: Values) -> str:
-    """What went wrong, if anything did, each after a comma: ``, 12k late, 3 gave up``."""
+    """Returns the counts of what went wrong, each after a comma: ``, 12k late, 3 gave up``."""
     sums: dict[str, int] = {}
     for key, value in values.items():
         if (word := METRICS[key].trouble) and isinstance(value, int):
@@ -168,7 +169,7 @@ def troubles(values: Values) -> str:
 
 
 def _brief(number: int) -> str:
-    """In four characters: at 80 columns there is no room for more."""
+    """Returns a number in at most four characters: at 80 columns there is no room for more."""
     for unit, name in ((1_000_000, "M"), (1_000, "k")):
         if number >= unit:
             return f"{number / unit:.{1 if number < 10 * unit else 0}f}{name}"
@@ -176,19 +177,20 @@ def _brief(number: int) -> str:
 
 
 def one_line(text: str) -> str:
-    """``text`` without line ends and control characters, which would break the screen."""
+    """Returns ``text`` without line ends and control characters, which would break the screen."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def columns_of(values: Sequence[float], width: int) -> list[float]:
-    """``values`` for a chart ``width`` columns wide: averaged when many, repeated when few."""
+    """Returns ``values`` for a chart of ``width`` columns: averaged if many, repeated if few."""
     if len(values) > width:
         return [float(part.mean()) for part in np.array_split(values, max(width, 1))]
     return [value for value in values for _ in range(min(width // len(values), 3))]
 
 
 def bars(values: Sequence[float], low: float, high: float, rows: int) -> list[str]:
-    """A bar chart of block characters, top row first; ``low`` is one eighth of a row high."""
+    """Returns a bar chart of block characters, top row first; the bar of ``low`` is one eighth of a
+    row high."""
     steps = rows * 8
     heights = [
         1 + round((steps - 1) * min(max((value - low) / (high - low), 0.0), 1.0))

@@ -1,6 +1,6 @@
-"""``gates.csv``: the health checks over a run, a row for each point of its curves.
+"""``gates.csv``: the health checks over a run, with a row for each point of its curves.
 
-What TensorBoard shows, for everybody who has none.
+It has what TensorBoard shows, for everybody without TensorBoard.
 """
 
 import csv
@@ -15,10 +15,10 @@ from learner.telemetry.snapshot import Snapshot
 
 
 class GatesCsvSink(Sink):
-    """The rows of one run, in a CSV file that only grows, but for a resume.
+    """Writes the rows of one run to a CSV file, which only a resume shortens.
 
-    Its columns are the run's time, agent steps, each figure of the table that has a column here
-    (empty while unknown), and the names of the health checks that fail.
+    Its columns are the run's time, agent steps, each figure that `METRICS` gives a column here
+    (empty while unknown), and the names of the red health checks.
     """
 
     def __init__(self, path: Path) -> None:
@@ -27,7 +27,7 @@ class GatesCsvSink(Sink):
         self.columns = ("seconds", "agent_steps", *self._gates, "red")
 
     def start(self, resumed_at: int | None) -> None:
-        """Begin anew, or with the whole rows up to ``resumed_at``.
+        """Starts a new table, or keeps the complete rows up to ``resumed_at``.
 
         The last row may be torn, and a table of an earlier version may have fewer columns.
         """
@@ -55,7 +55,8 @@ class GatesCsvSink(Sink):
         append_whole(self._path, self._lines(row))
 
     def _lines(self, *rows: dict[str, str]) -> bytes:
-        """What is missing in a row stays empty, and what has no column is left out."""
+        """Returns rows as CSV; missing values are empty, and values without a column are left
+        out."""
         lines = io.StringIO()
         table = csv.DictWriter(lines, self.columns, extrasaction="ignore", lineterminator="\n")
         table.writerows(rows)

@@ -1,4 +1,4 @@
-"""Who came, left, or was lost, and what else was said, in the log that the run keeps."""
+"""Writes arrivals, losses and other messages to the log in the run's folder."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,7 @@ from learner.telemetry.sinks.sink import Sink
 
 
 class KeptLogSink(Sink):
-    """Gives events and sentences to ``keep``, see `common.process.log_lines.kept_log`."""
+    """Hands events and sentences to ``keep``, see `common.process.log_lines.kept_log`."""
 
     def __init__(self, keep: Callable[[str], None]) -> None:
         self._keep = keep

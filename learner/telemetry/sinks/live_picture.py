@@ -1,4 +1,5 @@
-"""What an actor sees now, drawn into the terminal: two pixels, one over the other, to a cell."""
+"""An actor's live view, drawn into the terminal: each cell shows two pixels, one above the
+other."""
 
 from collections.abc import Iterator
 from functools import lru_cache
@@ -19,7 +20,7 @@ from learner.telemetry.sinks import formats
 
 _HALF = "▀"
 _CELLS_ASPECT = 8 / 3
-"""Width of a picture of 4:3, in cells that are twice as high as wide, by its height."""
+"""Width by height of a 4:3 picture, in cells that are twice as high as wide."""
 _BEFORE_BARS = 26
 """Columns for an action's keys and its Q-value."""
 _HEADING = 2
@@ -27,15 +28,15 @@ _HEADING = 2
 _CHOSEN = Style(color="yellow")
 _BORDER, _GAME = (255, 214, 64), (255, 0, 255)
 _MARGIN = 1.25
-"""Times the size of the projected picture that is shown of what the camera sees."""
+"""Size of the shown part of the camera picture, in sizes of the projected picture."""
 _LEAST = 1 / 16
-"""Share of what the camera sees that is shown at least, whatever corners an actor tells."""
+"""Minimum share of the camera picture that is shown, whatever corners an actor sends."""
 _SHADES = 0xF8
-"""Bits of a colour that are kept: neighbouring cells then often have one style."""
+"""Bits of a colour that are kept, so that neighbouring cells often share a style."""
 
 
 class LivePicture:
-    """A renderable of ``view``, which the actor of ``stats`` answered."""
+    """A renderable of ``view``, the answer of the actor with ``stats``."""
 
     LEAST_WIDTH = 56
 
@@ -45,8 +46,8 @@ class LivePicture:
 
     @staticmethod
     def height(width: int) -> int:
-        """Lines at ``width`` columns, but for the Q-values, which are shown where more are left: a
-        heading, the picture, the keys, what the actor takes of its machine."""
+        """Returns the number of lines at ``width`` columns: a heading, the picture, the keys, and
+        the actor's use of its machine. Q-values are shown below if there are more lines."""
         return 3 + round(width / _CELLS_ASPECT)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -76,7 +77,7 @@ class LivePicture:
             yield Segment.line()
 
     def _q_values(self, rows: int, width: int) -> Iterator[tuple[str, Style]]:
-        """As many lines as there are, after a heading; those of the best actions."""
+        """Yields a heading, and up to ``rows`` lines with the values of the best actions."""
         view = self._view
         if rows < 1 or not view.values:
             return
@@ -89,14 +90,16 @@ class LivePicture:
 
 
 def _pixels(view: LiveView, width: int, height: int) -> NDArray[np.uint8]:
-    """Returns the picture with what was found in it, ``uint8 [height, width, 3]``; black if it is
-    damaged. Its size was checked before (`LiveView.check`)."""
+    """Returns the picture with the detected border and game, ``uint8 [height, width, 3]``.
+
+    A damaged picture is black. `LiveView.check` has checked its size.
+    """
     data = np.frombuffer(view.picture or view.frame, np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     if picture is None:
         return np.zeros((height, width, 3), np.uint8)
     corner, part = np.zeros(2), 1.0
-    if view.border:  # what is around the screen would leave it few cells
+    if view.border:  # only the part around the screen, which would have few cells otherwise
         border = np.reshape(view.border, (4, 2))
         part = float(np.clip(_MARGIN * np.ptp(border, axis=0).max(), _LEAST, 1.0))
         corner = (border.mean(axis=0) - part / 2).clip(0, 1 - part)

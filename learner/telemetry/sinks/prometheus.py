@@ -1,4 +1,4 @@
-"""What a learner tells a monitoring system over HTTP: whether it works, and its figures."""
+"""The learner's pages for a monitoring system: health, readiness and figures over HTTP."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -14,7 +14,8 @@ from learner.telemetry.sinks.sink import LatestSink
 from learner.telemetry.snapshot import Snapshot
 
 MOST_ACTORS = 256
-"""Actors with series of their own; names come from outside, and series stay for months."""
+"""Maximum number of actors with series of their own: names come from outside, and a monitoring
+system keeps series for months."""
 
 # fmt: off
 PER_ACTOR: tuple[Metric, ...] = (
@@ -28,7 +29,7 @@ PER_ACTOR: tuple[Metric, ...] = (
     *(replace(METRICS[total], key=f"actor/{name}") for name, total in TOTALS.items()),
 )
 # fmt: on
-"""Figures of one actor or evaluator since the start of its process, called as its fields."""
+"""Figures of one actor or evaluator since the start of its process, named after its fields."""
 OMITTED = Metric("actors/omitted", "processes", "count", "Actors without series of their own")
 CHECK = Metric("gates/red", "none", "count", "Whether a health check is red: 0 or 1")
 
@@ -45,11 +46,11 @@ class PrometheusSink(LatestSink):
 
     def _not_ready(self) -> list[str]:
         if self._latest is None:
-            return ["the learner starts"]
+            return ["the learner is starting"]
         return reasons(self._silent_for(), self._latest.checks)
 
     def collect(self) -> Iterator[Family]:
-        """Yields all figures; those of the table without a sample before the first snapshot."""
+        """Yields all figures; before the first snapshot, those of the run have no samples."""
         latest = self._latest or Snapshot(values={})
         yield from families(latest.values)
         checks = [

@@ -1,8 +1,7 @@
 """The one screen of a run: its figures, laid out for the terminal's size.
 
-At 80 × 24 all of it fits; a larger terminal shows more figures, actors and events, and then a
-taller chart.
-Nothing wraps, so the number of lines is known before they are drawn.
+Everything important fits 80 × 24. A larger terminal shows more figures, actors and events, and then
+a taller chart. Nothing wraps, so the number of lines is known before they are drawn.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,23 +27,23 @@ _ECHO = 2
 """Columns left free: a terminal writes ^C behind the last line, which must not wrap."""
 _ACCENT, _GOOD, _BAD, _LABEL, _LINE = "cyan", "green", "bold red", "dim", "dim"
 _ROOMY = 108
-"""Columns from which actors tell more about themselves."""
+"""Minimum number of columns for more details about actors."""
 
 _LEAST, _GAP = 80, 3
-"""Columns of the figures where a picture is beside them, and between the two."""
+"""Minimum number of columns of the figures beside a picture, and columns between the two."""
 _MACHINES = 124
-"""Columns from which actors tell what they take of their machine."""
+"""Minimum number of columns for the actors' use of their machines."""
 _ROWS = 23
-"""Lines at 80 × 24: one is left for the cursor."""
+"""Lines at 80 × 24; one line is left for the cursor."""
 _LIST_ROWS = 7
 """Lines for actors, and for health checks beside them."""
 _LARGE = 35
-"""Lines from which there are gaps, two more figures of each panel, and a chart of five lines; each
-further line is first given to a figure for which there was none."""
+"""Minimum number of lines for the large layout: gaps, two more figures in each panel, and a chart
+of five lines. Further lines first go to figures that had no room."""
 
 
 class Screen:
-    """A renderable of ``snapshot`` that never has more lines than the console, less one."""
+    """A renderable of ``snapshot`` that has at least one line less than the console."""
 
     def __init__(self, snapshot: Snapshot, picture: LivePicture | None = None) -> None:
         self._snapshot = snapshot
@@ -69,8 +68,8 @@ class Screen:
 
 
 def picture_width(columns: int, rows: int) -> int:
-    """Columns of the picture of what an actor sees, beside the figures of a terminal of that size;
-    0 where there is no room."""
+    """Returns the width of the actor's picture beside the figures, in a terminal of that size; 0 if
+    there is no room."""
     spare = min(columns - _ECHO, _WIDEST) - _GAP
     least = LivePicture.LEAST_WIDTH
     if spare < _LEAST + least or rows <= LivePicture.height(least):
@@ -91,7 +90,7 @@ def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType
     more_rows = min(max(wanted, 0), spare)
     taller = (spare - more_rows) * 2 // 3 if large else 0
     gap = [Text()] if large else []
-    # It takes the place of an empty line.
+    # The page's address takes the place of an empty line.
     page = _page(snapshot.values)
     yield _header(snapshot.values, width)
     yield from [page] if large else []
@@ -109,7 +108,7 @@ def _parts(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType
 
 
 def _text(text: str, style: str = "", *, end: str = "") -> Text:
-    """A cell of a table; with ``end`` a line."""
+    """Returns a cell of a table; with ``end``, a line."""
     return Text(formats.one_line(text), style, no_wrap=True, overflow="ellipsis", end=end)
 
 
@@ -135,7 +134,7 @@ def _header(values: Values, width: int) -> Table:
 
 
 def _page(values: Values) -> Text:
-    """Where a browser finds the run; empty without a page."""
+    """Returns the line with the address of the run's page; empty without a page."""
     page = values.get("run/page")
     return Text() if page is None else _text(f"watch the run at {page}", _ACCENT, end="\n")
 
@@ -168,7 +167,7 @@ def _progress(values: Values) -> Table:
 
 
 def _figures(panels: Mapping[str, Sequence[Metric]], values: Values, rows: int) -> Table:
-    """The panels of the table, the first so many rows of each."""
+    """Returns the panels side by side, with the first ``rows`` metrics of each."""
     grid = _grid(*(Column(ratio=1) for _ in panels), gap=3)
     grid.add_row(*(_panel(*panel, values, rows) for panel in panels.items()))
     return grid
@@ -183,7 +182,7 @@ def _panel(title: str, metrics: Sequence[Metric], values: Values, rows: int) -> 
 
 
 def _history(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableType]:
-    """The rewards so far, epoch by epoch; those not above the random policy's are dim."""
+    """Yields the chart of rewards by epoch; those not above the random policy's are dim."""
     name = "Test" if snapshot.rewards.get("test") else "Train"
     values = snapshot.rewards.get(name.lower())
     random = number(snapshot.values, "play/random_reward")
@@ -195,7 +194,7 @@ def _history(snapshot: Snapshot, width: int, rows: int) -> Iterable[RenderableTy
         return
     known = [*values, *([] if random is None else [random])]
     low, high = min(known), max(known)
-    if rows > 1 and low == high:  # an axis from a value to itself would tell nothing
+    if rows > 1 and low == high:  # the axis needs a range
         low, high = low - 1, high + 1
     top, bottom = formats.decimal(high, 1), formats.decimal(low, 1)
     if rows == 1:
@@ -236,7 +235,7 @@ def _actors(actors: Sequence[ActorView], rows: int, width: int, values: Values) 
         return grid
     right = [Column(justify="right") for _ in range(6 if machines else 5 if roomy else 2)]
     grid = _grid(Column(width=1), Column(ratio=1, min_width=8), *right, gap=2 if roomy else 1)
-    # The lost ones first: they must not be among those for which there is no room.
+    # Lost actors come first, because there may be no room for the last ones.
     order = sorted(actors, key=lambda a: (a.alive, a.stats.role, len(a.stats.name), a.stats.name))
     shown = order if len(order) <= rows else order[: rows - 1]
     for actor in shown:
@@ -283,7 +282,7 @@ def _checks(checks: Sequence[HealthCheck], rows: int) -> Table:
 
 
 def _events(snapshot: Snapshot, rows: int) -> Table:
-    """Why checks fail, then the newest notes that still have room, oldest of these first."""
+    """Returns the reasons of red checks, then the newest notes that have room, oldest first."""
     alerts = [(f"✗ {check.name}: {check.why}", _BAD) for check in snapshot.failed]
     kept = alerts[: rows - 1] if snapshot.notes else alerts[:rows]
     notes = snapshot.notes[-(rows - len(kept)) :] if len(kept) < rows else ()

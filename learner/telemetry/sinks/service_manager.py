@@ -1,4 +1,4 @@
-"""Tells the service manager that the training loop goes round, and where it is."""
+"""Tells the service manager that the training loop works, and how far it is."""
 
 from common.process.service_manager import tell
 from learner.telemetry.sinks.display import status_line
@@ -7,7 +7,7 @@ from learner.telemetry.snapshot import Snapshot
 
 
 class ServiceManagerSink(Sink):
-    """``systemctl status`` shows its line."""
+    """Sends the status line that ``systemctl status`` shows, and feeds the watchdog."""
 
     period = 5.0
 

@@ -1,4 +1,4 @@
-"""What takes a run's figures: a file, a program beside it, or the terminal."""
+"""The base class of everything that takes a run's figures: files, other programs, the terminal."""
 
 import time
 from pathlib import Path
@@ -10,44 +10,44 @@ from learner.telemetry.snapshot import Snapshot
 
 
 class Sink:
-    """Takes a snapshot now and then; a sink overrides what it needs."""
+    """Receives snapshots and events; a subclass overrides the methods that it needs."""
 
     period = 10.0
     """Seconds between two snapshots."""
 
     def watch(self, feed: LiveFeed) -> None:
-        """Take where to ask for what actors show, before `start`."""
+        """Takes the feed that answers what actors show; called before `start`."""
 
     def start(self, resumed_at: int | None) -> None:
-        """Open what it writes to.
+        """Opens the files or programs that the sink writes to.
 
         Args:
-            resumed_at: agent steps of the checkpoint that was resumed: what was written after it
-                is dropped. None for a new run.
+            resumed_at: agent steps of the resumed checkpoint; data written after it is dropped.
+                None for a new run.
         """
 
     def write(self, snapshot: Snapshot) -> None:
-        """Take the figures as they are."""
+        """Takes the present figures."""
 
     def phase(self, row: EpochRow, agent_steps: int) -> None:
-        """Take the figures of a finished phase, whose weights are ``agent_steps`` old."""
+        """Takes the figures of a finished phase; its weights had ``agent_steps``."""
 
     def filmed(self, file: Path, agent_steps: int) -> None:
-        """Take a film of an epoch's network at play, whose weights are ``agent_steps`` old; of
-        epoch 0 it is the warm-up's play."""
+        """Takes a film of an epoch's network, whose weights had ``agent_steps``; the film of epoch
+        0 shows the warm-up."""
 
     def event(self, text: str) -> None:
-        """Take notice of an event, which snapshots have among their notes from now on."""
+        """Takes an event, which later snapshots have among their notes."""
 
     def line(self, text: str) -> None:
-        """Take a sentence for people, such as where the run's files are, or a warning."""
+        """Takes a sentence for people, such as where the run's files are, or a warning."""
 
     def close(self) -> None:
-        """End; the last figures were written."""
+        """Closes the sink, after the last figures were written."""
 
 
 class LatestSink(Sink):
-    """Keeps the latest snapshot for those who ask, from any thread."""
+    """Keeps the latest snapshot, and answers from any thread."""
 
     period = 1.0
 
@@ -60,5 +60,5 @@ class LatestSink(Sink):
         self._latest, self._looked = snapshot, self._now()
 
     def _silent_for(self) -> float:
-        """Seconds since the training loop last looked around."""
+        """Returns the seconds since the training loop last delivered a snapshot."""
         return self._now() - self._looked

@@ -1,4 +1,4 @@
-"""Answers whoever asks how the run does (`python -m learner --status`)."""
+"""Answers requests for the run's status (`python -m learner --status`)."""
 
 import time
 
@@ -15,7 +15,7 @@ from learner.telemetry.snapshot import ActorView, Snapshot
 
 
 class StatusSink(LatestSink):
-    """Gives the latest snapshot as a `RunStatus` until ``transport`` is closed."""
+    """Serves the latest snapshot as a `RunStatus` until ``transport`` is closed."""
 
     def __init__(self, transport: Transport, keys: RunKeys, now: Now = time.monotonic) -> None:
         super().__init__(now)
@@ -23,12 +23,12 @@ class StatusSink(LatestSink):
 
     def _answer(self, _: Request) -> bytes:
         if self._latest is None:
-            raise MessageError("the learner starts")
+            raise MessageError("the learner is starting")
         return status_of(self._latest, self._silent_for()).encode()
 
 
 def status_of(snapshot: Snapshot, silent_for: float) -> RunStatus:
-    """Returns what is told of ``snapshot``."""
+    """Returns the status message of ``snapshot``."""
     newest = int(number(snapshot.values, "stream/weights_version") or 0)
     return RunStatus(
         VERSION,
@@ -41,13 +41,13 @@ def status_of(snapshot: Snapshot, silent_for: float) -> RunStatus:
 
 def _of_actor(actor: ActorView, newest: int) -> ActorStatus:
     known = vars(actor.stats) | vars(actor)
-    # Of an evaluator, whose weights are those of a test, it says nothing.
+    # An evaluator has no lag: its weights are those of a test.
     known["lag"] = max(newest - actor.stats.weights_version, 0) if known["role"] == "actor" else 0
     return ActorStatus(**{name: known[name] for name in ActorStatus._fields})
 
 
 def _brief(value: Value) -> Value:
-    """As much of a figure as a message holds: sums of what actors tell may be more."""
+    """Returns a figure within the bounds of a message, which sums over actors may exceed."""
     if isinstance(value, str):
         return value[:MAX_TEXT]
     return min(value, MAX_COUNT) if isinstance(value, int) else value

@@ -1,4 +1,4 @@
-"""``summary.json``: what a run has come to, in one file that other programs can read.
+"""``summary.json``: the present figures of a run, in one file that other programs can read.
 
 Strict JSON: a figure that is unknown, infinite or not a number is null.
 """
@@ -28,7 +28,7 @@ class SummarySink(Sink):
     period = 60.0
 
     def write(self, snapshot: Snapshot) -> None:
-        """Write the figures that the table has for it, health checks, actors and settings."""
+        """Writes the figures that `METRICS` has for it, health checks, actors and settings."""
         summary: dict[str, Any] = {}
         for metric in METRICS.values():
             if metric.summary:

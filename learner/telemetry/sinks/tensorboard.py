@@ -1,6 +1,6 @@
 """The run's curves for TensorBoard, over agent steps, with settings, histograms, pictures, films.
 
-PyTorch's writer of such files takes seconds to import, and brings nothing that is needed here.
+PyTorch's own writer takes seconds to import, and offers nothing more that is needed here.
 """
 
 import io
@@ -29,7 +29,7 @@ from learner.telemetry.snapshot import Histogram, Snapshot
 
 _PICTURE_SECONDS = 300.0
 _FILM_RATE, _FILM_PICTURES, _FILM_WIDTH = 5, 40, 512
-"""The GIF that stands for a film: pictures per second, most pictures, width in pixels."""
+"""The GIF of a film: pictures per second, maximum number of pictures, width in pixels."""
 _LAYOUT: dict[str, dict[str, list[str]]] = {
     "Score": {"score": ["play/train_reward", "play/epoch_train_reward", "play/epoch_test_reward"]},
     "Learning": {
@@ -42,14 +42,14 @@ _LAYOUT: dict[str, dict[str, list[str]]] = {
         "updates per second": ["learning/updates_per_second"],
     },
 }
-"""TensorBoard's page "Custom Scalars", which shows what matters first: curves by chart by group."""
+"""TensorBoard's page "Custom Scalars", which shows what matters most: groups of charts of curves."""
 
 
 class TensorBoardSink(CurvesSink):
-    """Event files in ``folder``; earlier files in it stay.
+    """Writes event files to ``folder``; earlier files in it stay.
 
     Args:
-        settings: of the run, by their flags, as ``learning.n_step``.
+        settings: the run's settings, by names such as ``learning.n_step``.
     """
 
     def __init__(self, folder: Path, settings: Values, now: Now = time.monotonic) -> None:
@@ -57,17 +57,17 @@ class TensorBoardSink(CurvesSink):
         self._settings = settings
         self._feed: LiveFeed | None = None
         self._asked: Asked | None = None
-        """The request for a picture that is under way."""
+        """The request for a picture that is under way, if any."""
         self._pictures = Every(_PICTURE_SECONDS, now)
 
     def watch(self, feed: LiveFeed) -> None:
         self._feed = feed
 
     def start(self, resumed_at: int | None) -> None:
-        """Open a file; TensorBoard forgets the points after ``resumed_at``."""
+        """Opens a file; TensorBoard drops the points after ``resumed_at``."""
         self._file = EventFile(self._folder)
         if resumed_at is None:
-            # TensorBoard's page "HParams" takes a run's settings from it.
+            # TensorBoard's page "HParams" takes the run's settings from `hparams_pb`.
             self._add([*hparams_pb(self._settings).value, _layout()], 0)
         else:
             restart = SessionLog(status=SessionLog.START)
@@ -79,8 +79,8 @@ class TensorBoardSink(CurvesSink):
         self._file.close()
 
     def write(self, snapshot: Snapshot) -> None:
-        """As `CurvesSink.write`, and now and then what an actor's camera sees."""
-        self._file.flush()  # a disk that is full is told before points are added once more
+        """Writes what `CurvesSink.write` does, and from time to time an actor's camera picture."""
+        self._file.flush()  # if the disk is still full, this fails before points are added twice
         super().write(snapshot)
         self._add_picture(snapshot, int(snapshot.values.get("run/agent_steps") or 0))
         self._file.flush()
@@ -117,11 +117,13 @@ class TensorBoardSink(CurvesSink):
 
 
 def written_points(folder: Path) -> Iterator[Values]:
-    """Yields the live curves' points in the event files of ``folder``, oldest first, each with its
-    ``run/agent_steps``; none if there is no such folder."""
+    """Yields the points of the live curves in the event files of ``folder``, oldest first.
+
+    Each has its ``run/agent_steps``. Without the folder there are no points.
+    """
     if not folder.is_dir():
         return
-    # Its import takes long, and only a resumed run needs it.
+    # This import takes long, and only a resumed run needs it.
     from tensorboard.backend.event_processing.event_accumulator import SCALARS, EventAccumulator
 
     events = EventAccumulator(str(folder), size_guidance={SCALARS: 0})  # 0: all of them
@@ -149,7 +151,7 @@ def _layout() -> Summary.Value:
 
 
 def _histogram(name: str, found: Histogram) -> Summary.Value:
-    """Returns a histogram whose values are taken to lie in the middle of their bins."""
+    """Returns a histogram; its sums assume that values lie in the middle of their bins."""
     middles = [(low + high) / 2 for low, high in zip(found.edges, found.edges[1:], strict=False)]
     weighted = list(zip(found.counts, middles, strict=True))
     proto = HistogramProto(
@@ -165,14 +167,14 @@ def _histogram(name: str, found: Histogram) -> Summary.Value:
 
 
 def _gif(file: Path) -> Summary.Value:
-    """Returns the beginning of a film."""
+    """Returns the beginning of a film, as a GIF."""
     with av.open(str(file.absolute())) as film:
         stream = film.streams.video[0]
         width, height = _FILM_WIDTH, round(_FILM_WIDTH / stream.width * stream.height)
         every = max(round((stream.average_rate or _FILM_RATE) / _FILM_RATE), 1)
         shown = islice(film.decode(stream), 0, every * _FILM_PICTURES, every)
         first, *others = [
-            # Thirty times as fast as Pillow's usual way.
+            # This method is thirty times as fast as Pillow's default.
             fromarray(each.to_ndarray(width=width, height=height, format="rgb24")).quantize(
                 method=Quantize.FASTOCTREE
             )

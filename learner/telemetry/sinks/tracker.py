@@ -1,9 +1,10 @@
-"""``--track``: a run's curves, histograms, films and settings for a program that compares runs.
+"""``--track``: a run's curves, histograms, films and settings for an experiment tracker.
 
-Where it keeps them, and whether anything leaves this machine, is that program's own matter:
-``WANDB_MODE=offline``, ``MLFLOW_TRACKING_URI``, ``TRACKIO_DIR``. It has a thread of its own, so a
-server that does not answer holds up nothing. A tracker that fails is given up with a warning, one
-that is too slow loses points; the run goes on.
+The tracker's own settings decide where it keeps them, and whether anything leaves this machine:
+``WANDB_MODE=offline``, ``MLFLOW_TRACKING_URI``, ``TRACKIO_DIR``.
+
+The tracker runs in a thread of its own, so a server that does not answer holds up nothing. If it
+fails, it is given up with a warning; if it is too slow, it loses points. The run goes on.
 """
 
 import contextlib
@@ -28,31 +29,32 @@ PROJECT = "ale-robot"
 _STEPS = "agent_steps"
 _TAG = "ale_robot.run"
 _MOST_WAITING = 256
-"""Points that a slow tracker may still have before it: several minutes of a run."""
+"""Maximum number of points that wait for a slow tracker: several minutes of a run."""
 _FAREWELL = 30.0
-"""Seconds that a run waits at its end for a tracker."""
+"""Seconds that a run waits for the tracker at its end."""
 _HISTOGRAM_SECONDS = 300.0
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class TrackedRun:
-    """What a tracker knows of a run."""
+    """What a tracker gets to know about a run."""
 
     name: str
     identity: str
-    """Stays the same over restarts, and differs from that of any other run."""
+    """Unique name of the run, the same after restarts."""
     settings: Mapping[str, Value]
-    """By their flags, as ``learning.n_step``."""
+    """Settings by names such as ``learning.n_step``."""
 
 
 class WandB:
-    """A run at Weights & Biases. All calls are of one thread; agent steps may go back, to those of
-    a test's weights.
+    """A run at Weights & Biases; all calls come from one thread.
+
+    Agent steps may decrease, because a test's figures belong to older weights.
 
     Args:
-        program: its module.
-        run: is begun, or gone on with after a restart.
+        program: the module ``wandb``.
+        run: the run to begin, or to continue after a restart.
     """
 
     def __init__(self, program: Any, run: TrackedRun) -> None:
@@ -65,7 +67,7 @@ class WandB:
             config=dict(run.settings),
             settings=program.Settings(silent=True),
         )
-        # Not its own step, which may not go back.
+        # Not W&B's own step, which must not decrease.
         self._run.define_metric(_STEPS)
         self._run.define_metric("*", step_metric=_STEPS)
 
@@ -84,7 +86,7 @@ class WandB:
 
 
 class MLflow:
-    """As `WandB`, but MLflow has neither histograms nor films: they are files of its run."""
+    """A run in MLflow, see `WandB`; MLflow keeps histograms and films as files of the run."""
 
     def __init__(self, program: Any, run: TrackedRun) -> None:
         self._program = program
@@ -113,13 +115,13 @@ class MLflow:
 
 
 class Trackio(WandB):
-    """Trackio, whose functions are those of Weights & Biases."""
+    """A run in Trackio, which has the functions of Weights & Biases."""
 
     def __init__(self, program: Any, run: TrackedRun) -> None:
         self._program = self._run = program
         program.init(
             project=PROJECT,
-            name=f"{run.name}-{run.identity[:8]}",  # it knows a run by its name alone
+            name=f"{run.name}-{run.identity[:8]}",  # Trackio identifies a run by its name alone
             config=dict(run.settings),
             resume="allow",
             auto_log_gpu=False,
@@ -138,10 +140,10 @@ TRACKERS: dict[TrackerName, Callable[[Any, TrackedRun], Tracker]] = {
 
 
 class TrackerSink(CurvesSink):
-    """Gives what a run shows to the tracker called ``name``.
+    """Hands a run's figures to the tracker called ``name``.
 
     Raises:
-        InputError: it is not installed.
+        InputError: the tracker is not installed.
     """
 
     def __init__(self, name: TrackerName, run: TrackedRun, now: Now = time.monotonic) -> None:
@@ -151,7 +153,7 @@ class TrackerSink(CurvesSink):
         with extra_for(f"--track {name}", name):
             program = import_module(name)
         self._waiting = queue.Queue[Callable[[Tracker], object] | None](_MOST_WAITING)
-        # A daemon: what a hanging server still lacks must not keep the process.
+        # A daemon thread, so that a hanging server cannot keep the process alive.
         self._thread = threading.Thread(
             target=self._work, args=(program, run), name=f"track {name}", daemon=True
         )
@@ -162,7 +164,7 @@ class TrackerSink(CurvesSink):
         self._give(lambda tracker: tracker.add(known, agent_steps))
 
     def add_histograms(self, found: Mapping[str, Histogram], agent_steps: int) -> None:
-        # Now and then, for MLflow keeps each as a file.
+        # Seldom, because MLflow keeps each histogram as a file.
         if found and self._histograms.is_due():
             self._give(lambda tracker: tracker.add_histograms(found, agent_steps))
 
@@ -170,7 +172,7 @@ class TrackerSink(CurvesSink):
         self._give(lambda tracker: tracker.add_film(file, agent_steps))
 
     def close(self) -> None:
-        """Finish the tracked run, in bounded time."""
+        """Finishes the tracked run, in bounded time."""
         ends = time.monotonic() + _FAREWELL
         with contextlib.suppress(queue.Full):
             self._waiting.put(None, timeout=_FAREWELL)
@@ -198,6 +200,6 @@ class TrackerSink(CurvesSink):
             tracker.close()
         except Exception as error:  # a run is worth more than its curves elsewhere
             _log.warning("--track %s is given up, and the run goes on: %s", self._name, error)
-            with contextlib.suppress(queue.Empty):  # or the run's end would wait for room
+            with contextlib.suppress(queue.Empty):  # or `close` would wait for room in the queue
                 while True:
                     self._waiting.get_nowait()

@@ -1,1 +1,1 @@
-"""The page of a run: its figures, curves and robots in a browser, to look at only."""
+"""The web page of a run: its figures, curves and robots in a browser, read-only."""

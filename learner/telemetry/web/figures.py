@@ -1,4 +1,4 @@
-"""What the page tells of a snapshot: texts and numbers of JSON's types, each by its declaration."""
+"""What the page shows of a snapshot, as texts and numbers of JSON's types."""
 
 import re
 from typing import Any
@@ -14,7 +14,7 @@ _UNSAID = ("none", "ratio", "per second")
 
 
 def about(metric: Metric) -> dict[str, str]:
-    """How a curve is called, and what it means."""
+    """Returns name, meaning, unit and form of a curve."""
     label = re.sub(r"[,\s]*{[^}]*}", "", metric.label) or metric.gate.replace("_", " ")
     return {
         "label": label.strip() or metric.key,
@@ -25,7 +25,7 @@ def about(metric: Metric) -> dict[str, str]:
 
 
 def figures(snapshot: Snapshot) -> dict[str, Any]:
-    """Returns all that the page shows but for curves and pictures."""
+    """Returns all that the page shows, except curves and pictures."""
     values = snapshot.values
     env = ENVIRONMENTS.find(str(values["run/env"]))
     return {

@@ -1,4 +1,5 @@
-"""The curves of a run for those who open its page later: at most so many points, evenly spread."""
+"""The curves of a run so far, for browsers that open its page later, in a bounded number of
+points."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -7,15 +8,15 @@ from common.metrics import Values, number
 from common.strict_json import strict
 
 _MOST = 1_000
-"""Points; beyond these every second is dropped."""
+"""Maximum number of points; if there are more, every second one is dropped."""
 
 
 class History:
-    """Figures over agent steps.
+    """Figures over agent steps, at evenly spread points.
 
     Args:
-        keys: the figures that it keeps.
-        most: number of points.
+        keys: the figures to keep.
+        most: maximum number of points.
     """
 
     def __init__(self, keys: Iterable[str], most: int = _MOST) -> None:
@@ -27,7 +28,7 @@ class History:
         self._values: dict[str, list[float | None]] = {key: [] for key in keys}
 
     def add(self, values: Values) -> None:
-        """Take a point, unless it is one of those left out to make room for a long run."""
+        """Adds a point, unless it is one of those that a long run leaves out."""
         self._offered += 1
         if (self._offered - 1) % self._every:
             return
@@ -42,8 +43,10 @@ class History:
             self._thinned += 1
 
     def since(self, thinned: int, count: int) -> dict[str, Any]:
-        """Returns the points after the first ``count``, of JSON's types; all of them where points
-        were dropped since ``thinned`` was told."""
+        """Returns the points after the first ``count``, of JSON's types.
+
+        If points were dropped since the caller got ``thinned``, all points are returned.
+        """
         start = count if thinned == self._thinned and 0 <= count <= len(self._steps) else 0
         return {
             "thinned": self._thinned,

@@ -1,4 +1,4 @@
-"""Keeps what the page of a run shows, and answers a browser that asks for it."""
+"""Keeps what the page of a run shows, and serves it to browsers."""
 
 import base64
 import logging
@@ -39,9 +39,9 @@ _log = logging.getLogger(__name__)
 
 
 class PageSink(Sink):
-    """The page of a run.
+    """Serves the page of a run.
 
-    Raises InputError if nobody can listen there.
+    Raises InputError if this process cannot listen at the address.
     """
 
     period = 1.0
@@ -68,7 +68,7 @@ class PageSink(Sink):
         self.url = self._server.url
         if not is_loopback(host):
             _log.warning(
-                "whoever reaches %s can watch the run, without a password: use "
+                "anybody who reaches %s can watch the run, without a password: use "
                 "--web 127.0.0.1:8080 and ssh -L instead",
                 self.url,
             )
@@ -77,7 +77,7 @@ class PageSink(Sink):
         self._feed = feed
 
     def start(self, resumed_at: int | None) -> None:
-        """Take the epochs and the curves of a resumed run, and begin to serve."""
+        """Loads epochs and curves of a resumed run, and starts serving."""
         for row in self._epochs.rows():
             self.phase(row, row.total_train_steps + self._config.replay.learning_starts)
         if resumed_at is not None:
@@ -116,8 +116,8 @@ class PageSink(Sink):
     # ------------------------------------------------------------------ for browsers
 
     def _state(self, request: Request) -> Response:
-        """All that the page shows but pictures, with the points of its curves after those that it
-        has."""
+        """Returns all that the page shows, except pictures; of curves, only the points that the
+        browser does not have yet."""
         count = _number(request, "count")
         with self._lock:
             told = {
@@ -134,7 +134,7 @@ class PageSink(Sink):
         return JSONResponse(told | figures(snapshot))
 
     def _view(self, request: Request) -> Response:
-        """What an actor of the run shows; null where it shows nothing."""
+        """Returns an actor's live view; null if it does not answer."""
         role, name = request.path_params["role"], request.path_params["name"]
         viewpoint = request.query_params.get("viewpoint", "none")
         stream, snapshot = _number(request, "stream", 0), self._snapshot
@@ -153,7 +153,7 @@ class PageSink(Sink):
         return PlainTextResponse("there is no such film", 404)
 
     def _films(self) -> list[Path]:
-        """The newest films in the run's folder, and in a ``films`` folder there; no links."""
+        """Returns the newest films in the run's folder and in its ``films``; links are ignored."""
         places = (self._folder, self._folder / "films")
         own = [place for place in places if place.is_dir() and not place.is_symlink()]
         found = [path for place in own for path in place.glob("*.mp4")]
@@ -172,8 +172,8 @@ def _number(request: Request, name: str, default: int = -1) -> int:
 
 
 def _plain(view: LiveView) -> dict[str, Any]:
-    """Returns a view with the keys of its actions, and its pictures as addresses of their own data,
-    which stay encoded."""
+    """Returns a view of JSON's types, with its pictures as data URLs, and with the keys of its
+    actions."""
     pictures = {
         name: f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}" if jpeg else ""
         for name, jpeg in vars(view).items()

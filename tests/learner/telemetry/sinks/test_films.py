@@ -205,7 +205,7 @@ def test_the_end_of_the_run_breaks_a_film_off(
     assert filmer.returncode == -signal.SIGKILL  # nobody waits for a film that is not kept
     assert not half.exists()
     assert told(folder) == {}
-    assert [each.getMessage() for each in caplog.records] == ["the film of epoch 3 was broken off"]
+    assert [each.getMessage() for each in caplog.records] == ["the film of epoch 3 was interrupted"]
 
 
 def test_a_film_that_is_made_at_the_end_is_kept(folder: RunFolder) -> None:

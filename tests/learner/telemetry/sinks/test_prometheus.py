@@ -30,7 +30,7 @@ def test_a_learner_is_ready_from_its_first_figures_on_while_it_looks_around() ->
     sink = PrometheusSink(clock)
     pages = sink.pages()
     assert pages["/healthz"]().status == 200
-    assert pages["/readyz"]() == (b"the learner starts\n", "text/plain; charset=utf-8", 503)
+    assert pages["/readyz"]() == (b"the learner is starting\n", "text/plain; charset=utf-8", 503)
     sink.write(snapshot({}))
     assert pages["/readyz"]().body == b"ok\n"
     clock.now += LONGEST_SILENCE
