@@ -1,1 +1,1 @@
-"""Looking at a robot at work, and playing through its hands oneself; needs no hub and no run."""
+"""Shows a robot at work, and lets a person play through its hands, without a hub or a run."""

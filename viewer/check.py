@@ -1,6 +1,6 @@
 """`python -m viewer check`: health checks of sight and touch, latencies and a picture.
 
-The bounds are those of a run's health checks (`common.metrics`), but no learner is needed.
+The bounds are those of a run's health checks (`common.metrics`); no learner is needed.
 """
 
 import threading
@@ -29,21 +29,21 @@ from viewer.player import File, Played, ShownPolicy, shown_env
 
 AGENT_STEPS = 200
 MOST_CORNER_ERROR = 1.5
-"""Pixels of the camera by which a corner may be off."""
+"""Maximum error of a corner, camera pixels."""
 CORNERS_IN_PLACE = Bound(
     f"corners within {MOST_CORNER_ERROR:g} px", "≥", 0.99, "what is found is not the screen"
 )
 _BOUNDS = (PIXEL_DEVIATION, VALID_FRAMES, CORNERS_IN_PLACE, KEYS_AS_COMMANDED)
-"""Health checks of the means of `_figures`."""
+"""Bounds on the means of `_figures`, in the same order."""
 _HAIR = 1.001
-"""Times of frames are not exact in binary."""
+"""Tolerance factor, because times of frames are not exact in binary."""
 
 
 @dataclass(frozen=True)
 class Check(Played):
-    """Check sight and touch in 200 random agent steps.
+    """Check a robot's sight and touch in 200 random agent steps.
 
-    Prints health checks and the hands' latencies, and writes a picture of four panels. The exit
+    It prints health checks and the hands' latencies, and writes a picture of four panels. The exit
     code is 1 if a health check is red.
     """
 
@@ -53,8 +53,8 @@ class Check(Played):
     """URDF of another NAO, with meshes, to show in the picture; the physics stay the same."""
 
     def run(self, stop: threading.Event) -> int:
-        """Returns the exit status. Raises InputError if the picture cannot be written, or the
-        user's robot not shown."""
+        """Runs the check; returns the exit status. Raises InputError if the picture cannot be
+        written, or the NAO of --nao-urdf cannot be shown."""
         config = self.config()
         console = Console(highlight=False)
         with (
@@ -70,7 +70,7 @@ class Check(Played):
                     if len(figures) == AGENT_STEPS or stop.is_set():
                         break
             write_picture(self.output, panels.draw(step, None))
-            # Of an emulator alone there is only the first figure.
+            # An emulator alone has only the first figure.
             judged = list(zip(_BOUNDS, np.mean(figures, axis=0).tolist(), strict=False))
             if not ROBOTS.find(config.play.robot).prompt:
                 judged = [each for each in judged if each[0] is not KEYS_AS_COMMANDED]
@@ -83,7 +83,7 @@ class Check(Played):
 
 
 def _changes(env: RobotEnv, seed: int, stop: threading.Event) -> list[Change]:
-    """Returns the measured changes of the keys; none if ``stop`` was set."""
+    """Measures and returns changes of the keys; none if ``stop`` was set."""
     found = []
     with Progress("timing the hands", CHANGES) as progress:
         for change in changes(env.robot, 1, seed):
@@ -95,8 +95,9 @@ def _changes(env: RobotEnv, seed: int, stop: threading.Event) -> list[Change]:
 
 
 def _figures(step: Step, env: gymnasium.Env[Any, Any]) -> list[float]:
-    """Returns what is judged of a step: the deviation of its frame's pixels and, of a robot,
-    whether the screen was found, is where it was found, and the keys are as commanded."""
+    """Returns the figures of a step: the deviation of its frame's pixels; and of a robot, whether
+    the screen was found, whether it was found in the right place, and whether the keys are as
+    commanded."""
     deviation = float(step.s_t[-1].std())
     if not isinstance(env, RobotEnv):
         return [deviation]
@@ -104,11 +105,11 @@ def _figures(step: Step, env: gymnasium.Env[Any, Any]) -> list[float]:
 
 
 def _corners_in_place(env: RobotEnv) -> bool:
-    """Whether the detector has the picture's corners where the room's geometry puts them."""
+    """Returns whether the detector found the corners where the room's geometry puts them."""
     if env.detection.corners is None or not env.detection.valid:
         return False
     truth = env.robot.true_corners()
-    if truth is None:  # of a real room, say
+    if truth is None:  # unknown, as in a real room
         return True
     return bool(np.abs(border_of(env.detection.corners) - truth).max() <= MOST_CORNER_ERROR)
 
@@ -134,7 +135,7 @@ def _latency_table(found: list[Change]) -> Table | str:
         "in play": [change for change in found if not change.settled],
     }
     if not all(any(change.frames for change in group) for group in groups.values()):
-        return "[red]the hands never reach the keys that they are told to press[/]"
+        return "[red]the hands never press the commanded keys[/]"
     table = Table(
         "",
         *(Column(heading, justify="right") for heading in (*groups, "goal")),

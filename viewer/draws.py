@@ -1,4 +1,5 @@
-"""`python -m viewer draws`: games under drawn conditions, side by side as the robot sees them."""
+"""`python -m viewer draws`: shows games under drawn conditions side by side, as the robot sees
+them."""
 
 import threading
 from contextlib import closing
@@ -26,21 +27,21 @@ from viewer.picture import write_picture
 from viewer.player import Played
 
 _WIDTH, _HEIGHT = 480, 360
-"""Size of what is seen in one game."""
+"""Size of the picture of one game, pixels."""
 _LINE = 17
-"""Height of a line of text."""
+"""Height of a line of text, pixels."""
 _COLUMNS = 4
 _STEPS = 12
-"""Random agent steps of each game before its picture."""
+"""Random agent steps in each game before its picture."""
 
 
 @dataclass(frozen=True)
 class Draws(Played):
-    """Draw the conditions of games as a run with --randomise does, and write a picture of what is
-    seen in each, the network's newest frame in a corner.
+    """Draw the conditions of games as a run with --randomise does, and write a picture of each
+    game as it is seen, with the network's newest frame in a corner.
 
-    The first game has the usual conditions. All that is drawn has its published range, except for
-    what is given.
+    The first game has the usual conditions. All ranges are the published ones, except for those
+    given here.
     """
 
     randomise: RandomiseConfig = field(default_factory=lambda: all_ranges("robot"))
@@ -50,8 +51,8 @@ class Draws(Played):
     """File of the picture."""
 
     def run(self, stop: threading.Event) -> None:
-        """Write the picture. Raises InputError if it cannot be written, or what is drawn means
-        nothing there."""
+        """Writes the picture. Raises InputError if it cannot be written, or if the environment has
+        no such conditions."""
         usual = self.config()
         ranges = self.randomise
         if ranges == all_ranges("robot"):
@@ -60,14 +61,14 @@ class Draws(Played):
         drawn.check()
         tiles = [*games(usual, 1, stop), *games(drawn, self.count - 1, stop)]
         if not tiles:
-            raise InputError("it was stopped before any game: run it again.")
+            raise InputError("the command was stopped before any game: run it again.")
         write_picture(self.output, sheet(tiles))
         print(f"wrote {self.output}")
 
 
 def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[np.uint8]]:
-    """Returns a tile of each of so many games, fewer if ``stop`` is set. Raises InputError if it is
-    neither a robot nor an emulator that plays."""
+    """Returns a tile for each of ``count`` games, fewer if ``stop`` is set. Raises InputError if
+    the environment is neither a robot nor an emulator."""
     tiles: list[NDArray[np.uint8]] = []
     with closing(make_env(config, training=False)) as env:
         if not isinstance(env, GameEnv):
@@ -85,7 +86,7 @@ def games(config: RunConfig, count: int, stop: threading.Event) -> list[NDArray[
 
 
 def tile(env: GameEnv, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Returns what is seen in a game with its conditions below, ``uint8 [rows, columns, 3]``."""
+    """Returns a picture of a game with its conditions below, ``uint8 [rows, columns, 3]``."""
     small = cv2.cvtColor(frame, cv2.COLOR_GRAY2RGB)
     if isinstance(env, RobotEnv):
         seen = cv2.resize(env.seen, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_NEAREST)

@@ -1,8 +1,8 @@
 """`python -m viewer human`: a person plays through the robot's hands, in the terminal.
 
-The person's keys go where the agent's commands go: the arms set out for the controller's keys,
-and what they press plays the game. The picture is what the robot's camera sees of the screen, and
-beside it are the hands. So one feels what the agent has to live with.
+The person's keys take the place of the agent's commands: the arms move to the controller's keys,
+and what they press plays the game. The picture shows what the robot's camera sees of the screen,
+with the hands beside it. So the person feels what the agent has to live with.
 """
 
 import threading
@@ -40,18 +40,18 @@ from viewer.terminal.terminal import Terminal
 
 REAL_TIME = ClockConfig(sync=False)
 _HANDS_EVERY = 3
-"""Agent steps per picture of the hands, which takes some 15 ms, for which the world waits."""
+"""Agent steps per picture of the hands. A picture takes some 15 ms, and the world waits for it."""
 _LEAST_SIZE = (40, 12)
 _NAMES = {Keys.UP: "↑", Keys.DOWN: "↓", Keys.LEFT: "←", Keys.RIGHT: "→", Keys.FIRE: "●"}
 
 
 def keys_text(keys: Keys) -> str:
-    """Keys as arrows and a dot, with gaps for those that are not held."""
+    """Returns keys as arrows and a dot, with gaps for those that are not held."""
     return "".join(sign if key & keys else "·" for key, sign in _NAMES.items())
 
 
 def used_keys(game: str) -> str:
-    """Returns the keys that a game heeds, as they are on a keyboard."""
+    """Returns the keys that a game uses, as keys of a keyboard."""
     used = reduce(or_, (KEYS_OF_ACTION[action] for action in MINIMAL_ACTIONS[game]))
     return " ".join("space" if key == Keys.FIRE else _NAMES[key] for key in _NAMES if key & used)
 
@@ -61,9 +61,9 @@ class Human(Played):
     """Play yourself through the robot's hands, in this terminal: arrow keys, space, and q."""
 
     record: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
-    """Folder of a recording of what is played, as of `record`; it must not exist yet."""
+    """Folder for a recording of your games, as `record` makes it; it must not exist yet."""
     vector: Annotated[bool, tyro.conf.arg(name="play.vector")] = False
-    """Proprioception in the recording, for runs that have --play.vector."""
+    """Record proprioception too, for runs with --play.vector."""
 
     def check(self) -> None:
         if self.record is not None:
@@ -71,15 +71,19 @@ class Human(Played):
             check_new_folder(self.record)
 
     def run(self, stop: threading.Event) -> None:
-        """Play until the person leaves. Raises InputError if standard input or output is no
-        terminal, or it is too small; if there is no such game, or it has no robot; and if there is
-        a recording already."""
+        """Plays until the person leaves.
+
+        Raises:
+            InputError: standard input or output is not a terminal, or the terminal is too small;
+                there is no such game; the environment has no robot; or the recording's folder
+                exists already.
+        """
         config = self.config()
         config = replace(config, play=replace(config.play, vector=self.vector))
         if not ENVIRONMENTS.find(config.env).robot:
             raise InputError(f"a person plays through a robot's hands: omit --env {config.env}.")
         terminal = Terminal(_LEAST_SIZE)
-        # A recording has the episodes of a run's actors, which end at a lost life.
+        # In a recording, episodes end at a lost life, as those of a run's actors do.
         env = RobotEnv.of_run(config, REAL_TIME, training=self.record is not None)
         played: gymnasium.Env[Any, Any] = env
         recorder = None
@@ -104,9 +108,9 @@ class Human(Played):
 
 
 class _Seat:
-    """A person's place: keyboard and screen on one side, the robot on the other.
+    """The person's seat, between keyboard and screen on one side and the robot on the other.
 
-    It takes the place of a policy, so the person too gives one command for each agent step.
+    It acts as a policy, so the person also gives one command for each agent step.
     """
 
     weights_version = 0
@@ -124,7 +128,8 @@ class _Seat:
         self._hands: NDArray[np.uint8] | None = None
 
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
-        """As `actors.loop.Player.act`: the action on offer of most of the keys that are held."""
+        """Returns the offered action that has most of the held keys, and no others; see
+        `actors.loop.Player.act`."""
         now = time.monotonic()
         self.keys.feed(self._terminal.keys(), now)
         held = KEYS_OF_ACTION[action_of_keys(self.keys.held(now))]
@@ -133,7 +138,7 @@ class _Seat:
         return np.array([int(np.argmax(sizes))])
 
     def show(self, step: Step) -> None:
-        """Draw what the robot sees after ``step``."""
+        """Draws what the robot sees after ``step``."""
         for place in step.info.key_times:
             self._key_times[place] += 1
         self._late += step.info.late_frames
@@ -148,7 +153,7 @@ class _Seat:
         lines = (
             f"you {keys_text(env.wanted)}  keys {keys_text(env.pressed)}  "
             f"{self._latency()}  score {minus_signed(f'{step.info.game_score:g}')}",
-            f"{env.emulator.game} is played by {used_keys(env.emulator.game)}; q leaves"
+            f"keys of {env.emulator.game}: {used_keys(env.emulator.game)}; q leaves"
             f"{'' if detection.valid else '  SCREEN NOT SEEN'}"
             f"{f'  {self._late} frames late' if self._late else ''}",
         )
@@ -157,7 +162,7 @@ class _Seat:
         self._terminal.write(text)
 
     def _latency(self) -> str:
-        """Half of the commands, and 99 %, had their keys pressed within these times."""
+        """Returns p50 and p99 of the time from a command to its keys, as text."""
         press = KeyLatency.of(self._key_times, "press")
         if press.p50 is None:
             return "latency –"
@@ -165,7 +170,7 @@ class _Seat:
 
 
 def beside(game: NDArray[np.uint8], hands: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Returns the game, ``uint8 [height, width, 3]``, with a picture of half its size at its right,
+    """Returns the game, ``uint8 [height, width, 3]``, with the hands at half its size to the right,
     halfway up."""
     height = hands.shape[0]
     above = (game.shape[0] - height) // 2
@@ -174,9 +179,9 @@ def beside(game: NDArray[np.uint8], hands: NDArray[np.uint8]) -> NDArray[np.uint
 
 
 def _game_in(seen: NDArray[np.uint8], corners: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The game unwarped from the camera's picture, in colour, ``uint8 [240, 320, 3]``."""
+    """Returns the game, unwarped from the camera's picture, in colour, ``uint8 [240, 320, 3]``."""
     height, width = seen.shape[:2]
-    # Pixel centres lie at whole numbers.
+    # Pixel centres have whole coordinates.
     edges = UNIT_SQUARE * np.array([width, height], np.float32) - np.float32(0.5)
     homography = cv2.getPerspectiveTransform(corners, edges)
     return np.asarray(cv2.warpPerspective(seen, homography, (width, height)), np.uint8)

@@ -1,4 +1,4 @@
-"""A film of pictures, written while they are made: MP4, or GIF where the name ends so."""
+"""Films of pictures, written while the pictures are made: MP4 or GIF."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -14,32 +14,32 @@ from common.errors import InputError
 from common.run.folder import check_new_file
 
 _SMPTE_170M, _LIMITED, _BT_709, _SRGB = 6, 1, 1, 13
-"""FFmpeg's numbers of the YUV matrix, the range, the primaries and the transfer function."""
+"""FFmpeg's numbers for the YUV matrix, the range, the primaries and the transfer function."""
 
 Add = Callable[[NDArray[np.uint8]], None]
-"""Takes the film's next picture, ``uint8 [height, width, 3]``; all are of one size."""
+"""Adds the film's next picture, ``uint8 [height, width, 3]``; all pictures have one size."""
 
 
 def open_movie(path: Path, rate: float) -> AbstractContextManager[Add]:
-    """Returns a film at ``rate`` pictures a second, complete once its context is left. Raises
-    InputError if it is neither .mp4 nor .gif, or the file cannot be written."""
+    """Opens a film with ``rate`` pictures per second; it is complete once its context is left.
+    Raises InputError if ``path`` ends in neither .mp4 nor .gif, or cannot be written."""
     kind = {".mp4": _mp4, ".gif": _gif}.get(path.suffix.lower())
     if kind is None:
-        raise InputError(f"{path} is no film's name: let it end in .mp4 or .gif.")
+        raise InputError(f"{path} is not a film's name: let it end in .mp4 or .gif.")
     check_new_file(path)
     return kind(path, rate)
 
 
 @contextmanager
 def _mp4(path: Path, rate: float) -> Iterator[Add]:
-    """H.264 with its index first, as every browser plays it."""
+    """Writes H.264 with the index first, which every browser plays."""
     import av
 
-    # An absolute path: FFmpeg takes what is before a colon for a protocol.
+    # An absolute path, because FFmpeg takes everything before a colon for a protocol.
     with av.open(str(path.absolute()), "w", options={"movflags": "+faststart"}) as film:
         stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1_000))
         stream.pix_fmt = "yuv420p"
-        # As FFmpeg makes YUV of RGB. A browser that is not told takes BT.709 for a large picture.
+        # How FFmpeg converts RGB. Without these tags, browsers assume BT.709 for large pictures.
         context = stream.codec_context
         context.colorspace, context.color_range = _SMPTE_170M, _LIMITED
         context.color_primaries, context.color_trc = _BT_709, _SRGB
@@ -63,7 +63,7 @@ def _mp4(path: Path, rate: float) -> Iterator[Add]:
 
 @contextmanager
 def _gif(path: Path, rate: float) -> Iterator[Add]:
-    """An animated GIF, half as large and with colours of its own for each picture."""
+    """Writes an animated GIF at half the size; each picture has its own palette."""
     pictures: list[Image.Image] = []
 
     def add(picture: NDArray[np.uint8]) -> None:
@@ -75,7 +75,7 @@ def _gif(path: Path, rate: float) -> Iterator[Add]:
         yield add
     finally:
         if pictures:
-            # GIF counts in hundredths of a second.
+            # GIF counts in hundredths of a second, Pillow in milliseconds.
             pause = round(100 / rate) * 10
             pictures[0].save(
                 path, save_all=True, append_images=pictures[1:], duration=pause, loop=0

@@ -1,6 +1,6 @@
 """Small drawings on pictures: captions, the controller's keys, actions as arrows, bars of values.
 
-All of them draw into ``uint8 [height, width, 3]`` RGB in place; places are (x, y) in pixels.
+All functions draw into ``uint8 [height, width, 3]`` RGB in place; places are (x, y) in pixels.
 """
 
 import cv2
@@ -15,18 +15,18 @@ PAPER: Colour = (24, 26, 30)
 WHITE: Colour = (236, 238, 240)
 GREY: Colour = (128, 132, 138)
 GREEN: Colour = (51, 242, 89)
-"""As the controller's own pressed keys."""
+"""The colour of pressed keys on the controller itself."""
 YELLOW: Colour = (255, 214, 64)
 MAGENTA: Colour = (255, 0, 255)
 RED: Colour = (240, 70, 60)
 
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _SIZE = 0.6
-"""OpenCV's scale of text: half of it, in a GIF, can still be read."""
+"""OpenCV's scale of text, which can still be read at half the size in a GIF."""
 _SMALL = 0.5
-"""The scale of numbers in rows of many."""
+"""The scale of numbers in many rows."""
 _PITCHES = (22, 32)
-"""Rows between which numbers and signs grow with the room that they have, pixels."""
+"""Least and greatest height of a row of numbers and signs, which grow with their room, pixels."""
 _KEY_AT: dict[Keys, tuple[int, int]] = {
     Keys.UP: (0, -1),
     Keys.DOWN: (0, 1),
@@ -43,12 +43,12 @@ def write(
     size: float = _SIZE,
     colour: Colour = WHITE,
 ) -> None:
-    """Write ASCII text with its baseline's left end ``at``."""
+    """Writes ASCII text with the left end of its baseline ``at``."""
     cv2.putText(picture, text, at, _FONT, size, colour, 1, cv2.LINE_AA)
 
 
 def caption(picture: NDArray[np.uint8], text: str, colour: Colour = WHITE) -> None:
-    """Write ``text`` into the lower left corner, on a dark ground."""
+    """Writes ``text`` into the lower left corner, on a dark ground."""
     (width, _), _ = cv2.getTextSize(text, _FONT, _SIZE, 1)
     picture[-24:, : width + 14] = PAPER
     write(picture, text, (7, picture.shape[0] - 7), colour=colour)
@@ -61,9 +61,13 @@ def outline(
     colour: Colour,
     thickness: int = 2,
 ) -> None:
-    """Draw a quadrilateral, to a sixteenth of a pixel; ``corners float32 [4, 2]`` are in pixels of
-    what ``picture`` shows ``scale`` times as large."""
-    # Corners count pixel centres.
+    """Draws a quadrilateral, to a sixteenth of a pixel.
+
+    Args:
+        corners: ``float32 [4, 2]``, in pixels of the original, which ``picture`` shows ``scale``
+            times as large.
+    """
+    # Pixel centres have whole coordinates.
     fine = np.round(((corners + 0.5) * scale - 0.5) * 16).astype(np.int32)
     cv2.polylines(picture, [fine], True, colour, thickness, cv2.LINE_AA, 4)
 
@@ -71,8 +75,8 @@ def outline(
 def controller_keys(
     picture: NDArray[np.uint8], centre: tuple[int, int], size: int, wanted: Keys, pressed: Keys
 ) -> None:
-    """The five keys from above, directions left and fire right: those that are pressed are
-    filled, those that are commanded have a ring."""
+    """Draws the five keys from above, directions left and fire right: pressed keys are filled,
+    commanded keys have a ring."""
     x, y = centre
     half = size // 5
     cross = x - size // 2
@@ -101,8 +105,10 @@ def action_sign(
     colour: Colour,
     scale: float = 1.0,
 ) -> None:
-    """An action as an arrow, with a red dot beside it for fire, or a dash for none; 26 pixels wide
-    from ``centre``'s 7 to its left, times ``scale``."""
+    """Draws an action: an arrow, a red dot beside it for fire, or a dash for no key.
+
+    It is 26 pixels wide and begins 7 pixels to the left of ``centre``, both times ``scale``.
+    """
     keys = KEYS_OF_ACTION[action]
     x, y = centre
     thickness = 1 if scale < 1.3 else 2
@@ -127,15 +133,15 @@ def action_values(
     chosen: int,
     values: NDArray[np.float32] | None,
 ) -> None:
-    """The actions, one below the other, with bars for their values where there are any.
+    """Draws the actions, one below the other, with bars for their values if there are any.
 
-    Bars reach from the least value (no bar) to the greatest, since what matters is how they
-    differ; the numbers beside them are the values. Fewer actions are larger.
+    Bars range from the least value (no bar) to the greatest, because the differences matter; the
+    numbers beside them are the values. Fewer actions are drawn larger.
 
     Args:
         area: left, top, width, height.
-        actions: ALE's numbers.
-        chosen: index of the one that is marked.
+        actions: ALE's numbers of the actions.
+        chosen: index of the action to mark.
     """
     left, top, width, height = area
     least_pitch, most_pitch = _PITCHES

@@ -1,5 +1,8 @@
-"""What an environment shows after a step, as one picture of four panels: the room, the robot's
-camera with what was found in it, the hands on the keys, and what the network gets and answers."""
+"""Draws an environment after a step as one picture of four panels.
+
+They show the room, the robot's camera with the detected screen, the hands on the keys, and the
+network's input and output.
+"""
 
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
@@ -21,27 +24,27 @@ from common.errors import InputError
 from viewer import overlay
 
 PANEL = (512, 384)
-"""Width and height of each of the four."""
+"""Width and height of each panel, pixels."""
 _ORBIT = 26.0
-"""Degrees by which an orbiting view of the room turns, to behind the robot's shoulder, and back."""
+"""Degrees by which an orbiting view of the room turns, to behind the robot's shoulder and back."""
 _ORBIT_PICTURES = 360
-"""Pictures until it is where it began: at 15 a second, 24 s."""
+"""Number of pictures in one turn and back: 24 s at 15 pictures a second."""
 _INPUT = 336
-"""Edge of the enlarged input: four pixels for each."""
+"""Edge of the enlarged input, four pixels for each of its own."""
 
 
 @dataclass
 class Panels:
-    """Draws one environment. Raises InputError if the other robot cannot be shown, or no NAO
-    plays."""
+    """Draws one environment. Raises InputError if the NAO of ``nao_urdf`` cannot be shown, or if no
+    NAO plays."""
 
     env: GameEnv
     nao_urdf: Path | None = None
-    """Another NAO to show in place of the one that plays, see `OwnNao`."""
+    """URDF of another NAO to show in place of the one that plays, see `OwnNao`."""
     _: KW_ONLY
     room_every: int = 1
-    """Pictures per rendering of the whole room, which takes more time than all else; the game on
-    its screen is always new."""
+    """Number of pictures per rendering of the whole room, the slowest part; the game on its screen
+    is always new."""
     orbiting: bool = False
     """Whether the view of the room turns slowly, which renders it for each picture."""
 
@@ -58,14 +61,14 @@ class Panels:
             self._view = partial(self._own_nao.view, nao)
 
     def draw(self, step: Step, values: NDArray[np.float32] | None) -> NDArray[np.uint8]:
-        """Returns the picture after ``step``, whose action was chosen by Q-values ``values``:
-        ``uint8 [768, 1024, 3]``, of an emulator alone ``[384, 1024, 3]``."""
+        """Returns the picture after ``step``, whose action was chosen by the Q-values ``values``:
+        ``uint8 [768, 1024, 3]``, or ``[384, 1024, 3]`` for an emulator alone."""
         env, emulator = self.env, self.env.emulator
         network = network_panel(emulator.game, step, env.actions, values)
         if not isinstance(env, RobotEnv):
             # As wide as a television shows it.
             return np.hstack((_panel(emulator.screen_rgb(), "emulator"), network))
-        # All of one moment: a world in real time would go on from picture to picture.
+        # The world stands still, or in real time it would move on from picture to picture.
         with env.still():
             screen = emulator.screen_rgb()
             room = _panel(self._room(screen), "room")
@@ -86,13 +89,13 @@ class Panels:
         return self._view(screen, *PANEL, "room", moved=moved)
 
     def close(self) -> None:
-        """Close what shows another NAO; the environment stays open."""
+        """Closes the other NAO's rendering; the environment stays open."""
         if self._own_nao is not None:
             self._own_nao.close()
 
 
 def camera_panel(seen: NDArray[np.uint8], detection: Detection) -> NDArray[np.uint8]:
-    """Returns the camera's picture ``seen`` with the border and the game that were found in it."""
+    """Returns the camera's picture ``seen`` with the detected border and game."""
     panel = np.asarray(cv2.resize(seen, PANEL, interpolation=cv2.INTER_NEAREST), np.uint8)
     if detection.corners is not None:
         scale = PANEL[0] / seen.shape[1]

@@ -1,4 +1,4 @@
-"""Pictures as files."""
+"""Writes pictures to files."""
 
 from pathlib import Path
 
@@ -10,8 +10,8 @@ from common.errors import InputError, writing
 
 
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Writes ``picture uint8 [rows, columns, 3]``, in a new folder if need be. Raises InputError if
-    it cannot be written there."""
+    """Writes ``picture uint8 [rows, columns, 3]``, and makes its folder if necessary. Raises
+    InputError if it cannot be written."""
     try:
         _, content = cv2.imencode(path.suffix or ".png", picture[:, :, ::-1])
     except cv2.error:

@@ -1,4 +1,4 @@
-"""What is played for show, and by whom: random actions, or a network with its values kept."""
+"""What is played for show, and by whom: random actions, or a network that keeps its values."""
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -26,17 +26,17 @@ File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 
 @contextmanager
 def shown_env(config: RunConfig, clock: ClockConfig | None = None) -> Iterator[GameEnv]:
-    """Makes the environment of ``config``, of which there is something to show, and closes it.
-    Raises InputError if it is an environment of another kind."""
+    """Yields the environment of ``config``, and closes it. Raises InputError if it is neither a
+    robot nor an emulator, so that there is nothing to show."""
     with closing(make_env(config, clock, training=False)) as env:
         if not isinstance(env, GameEnv):
-            raise InputError("only robots and emulators are shown: choose another --env.")
+            raise InputError("only robots and emulators can be shown: choose another --env.")
         yield env
 
 
 @dataclass(frozen=True)
 class Played:
-    """What the commands have in common: the game, and who plays it."""
+    """The flags that all commands share: the game, and who plays it."""
 
     env: str | None = None
     """Environment: 'robot' by default, 'ale', or a registered one."""
@@ -46,22 +46,22 @@ class Played:
     """Robot: 'nao' by default, 'robotroller', a registered one, or FILE.npz, a latency model of the
     hands."""
     seed: Annotated[int, Ge(0), Lt(MAX_SEED)] | None = None
-    """Seed of the games and the random actions; by default that of the settings."""
+    """Seed of the games and the random actions; by default that of the run's settings."""
     minimal_actions: Annotated[
         bool, tyro.conf.arg(name="play.minimal-actions", aliases=["--minimal-actions"])
     ] = False
     """Action set: the game's own actions (Pong: 6) instead of all 18."""
 
     def check(self) -> None:
-        """Refuse what cannot work, before PyTorch is loaded, which takes seconds. Raises InputError
-        that names the flag."""
+        """Refuses flags that cannot work, before PyTorch is loaded, which takes seconds. Raises
+        InputError that names the flag."""
 
     def config(self, weights: Path | None = None) -> RunConfig:
-        """Returns the settings: those of the run of ``weights``, changed by what else is given.
+        """Returns the settings: those of the run of ``weights``, changed by the given flags.
 
-        Without a run or a card it is Pong, by the robot, with all 18 actions. Raises InputError if
-        the configuration of the run, or that in the card, cannot be read, or the network does not
-        fit what else is given.
+        Without a run or a card, the robot plays Pong with all 18 actions. Raises InputError if the
+        configuration in the run or the card cannot be read, or if the network does not fit the
+        given flags.
         """
         trained = None if weights is None else origin_of(weights)
         config = trained
@@ -88,13 +88,13 @@ class Played:
 
 
 class ShownPolicy(Policy):
-    """A policy that remembers the values of every state that it was asked about."""
+    """A policy that keeps the values of the last state that it was asked about."""
 
     values: NDArray[np.float32] | None = None
-    """``float32 [actions]`` of the last state; None while play is all random."""
+    """Values of the last state, ``float32 [actions]``; None if all play is random."""
 
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
-        """As `Policy.act`, for one environment."""
+        """Acts as `Policy.act` does, for one environment."""
         if self.epsilon < 1.0:
             self.values = self.values_of(frames, vectors)
         return super().act(frames, vectors)

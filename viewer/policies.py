@@ -1,4 +1,4 @@
-"""`ale-robot policies`: what is shipped, by the cards beside the networks."""
+"""`ale-robot policies`: lists the shipped policies, by the cards beside their networks."""
 
 import json
 import threading
@@ -14,8 +14,8 @@ from common.minus import minus_signed
 from common.run.origin import SHIPPED
 
 _LEGEND = """\
- ε: mean score where that share of the actions is random
- sticky: where the console repeats the action before with that probability
+ ε: mean score with that share of random actions
+ sticky: mean score if the console repeats the last action with that probability
  25 worlds: mean/worst of worlds with other latencies, light, poses and pictures
  vector: commands, keys and joints, beside the frames of camera or emulator
 
@@ -24,7 +24,7 @@ _LEGEND = """\
 
 @dataclass(frozen=True)
 class Policies:
-    """List the trained policies that come with the program, and their scores."""
+    """List the policies that are shipped with the program, and their scores."""
 
     def run(self, stop: threading.Event) -> None:
         cards = {
@@ -56,8 +56,8 @@ class Policies:
 
 
 class Grid(NamedTuple):
-    """How a policy plays in a grid of other worlds (`benchmarks.lab.robustness`), as its card has
-    it."""
+    """The scores of a policy in a grid of other worlds (`benchmarks.lab.robustness`), from its
+    card."""
 
     worlds: int
     games: int
@@ -65,29 +65,29 @@ class Grid(NamedTuple):
     mean: float
     """Mean of the worlds' mean scores."""
     worst: float
-    """Least of them."""
+    """Least of the worlds' mean scores."""
     added_ms: float
     """Longest latency that is added to the hands, ms."""
 
     @classmethod
     def of(cls, card: Mapping[str, Any]) -> "Grid | None":
-        """Returns what a card says; None if it says nothing."""
+        """Returns the grid in a card; None if it has none."""
         return cls(**card["grid"]) if "grid" in card else None
 
 
 def evaluation_rows(card: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Returns the evaluations in a card: three, or the one of a former version; none if its
-    publishing was broken off."""
+    """Returns the evaluations in a card: three, or one in a card of a former version; none if
+    publishing was interrupted."""
     if (found := card.get("evaluation")) is None:
         return []
     return [{"sticky": 0.0} | row for row in found.get("rows", [found])]
 
 
 def _score(mean: float) -> str:
-    """A mean score, to hundredths only where they tell something."""
+    """Returns a mean score as text, with hundredths unless it is large."""
     return minus_signed(f"{mean:.2f}" if abs(mean) < 100 else f"{mean:,.0f}")
 
 
 def _chance(row: dict[str, Any]) -> str:
-    """What was random in a row of an evaluation."""
+    """Returns the heading of an evaluation's row: what was random in it."""
     return f"sticky {row['sticky']:g}" if row["sticky"] else f"ε {row['epsilon']:g}"

@@ -1,4 +1,4 @@
-"""`python -m viewer record`: games of one network, recorded as a dataset."""
+"""`python -m viewer record`: records the games of one network as a dataset."""
 
 import threading
 from contextlib import closing
@@ -26,8 +26,8 @@ from viewer.recorder import Recorder, check_new_folder
 class Record(Played):
     """Record a network's games as a LeRobot dataset: camera, keys, joints, commands and rewards.
 
-    A run begins with them by `ale-robot train --demonstrations FOLDER`. Each game is added when it
-    ends, so a recording that was interrupted has all games before.
+    `ale-robot train --demonstrations FOLDER` starts a run with them. Each game is added when it
+    ends, so an interrupted recording has all earlier games.
     """
 
     weights: tyro.conf.Positional[WeightsFile]
@@ -46,10 +46,10 @@ class Record(Played):
         check_extra("a recording", "record")
         check_new_folder(self.output)
         if self.games and self.minutes:
-            raise InputError("a recording has --games or --minutes: omit one of them.")
+            raise InputError("--games and --minutes exclude each other: omit one of them.")
 
     def run(self, stop: threading.Event) -> None:
-        """Record the games, or for the minutes, or until ``stop``. Raises InputError if clock,
+        """Records the games or the minutes, or until ``stop`` is set. Raises InputError if clock,
         weights or folder cannot be used."""
         config = self.config(self.weights)
         self.clock.check(config.env)
@@ -57,7 +57,7 @@ class Record(Played):
         policy = Policy.of_file(config, self.weights, self.epsilon, policy_seed)
         minute = 60 * config.play.steps_per_second
         total = self.minutes * minute or self.games or 1
-        # Episodes as the actors of a run have them: they end at a lost life.
+        # Episodes end at a lost life, as those of a run's actors do.
         env = make_env(config, self.clock, training=True)
         with (
             closing(env),
@@ -80,7 +80,7 @@ class Record(Played):
 
 
 def told(recorder: Recorder) -> str:
-    """Returns what a recording that is closed has."""
+    """Returns a line that sums up a closed recording."""
     dataset = recorder.dataset
     games = "1 game" if dataset.episodes == 1 else f"{dataset.episodes:,} games"
     cut = ", cut at the end," if recorder.was_cut else ""

@@ -1,4 +1,4 @@
-"""Records what an environment gives, game by game, as a dataset."""
+"""Records the steps of an environment, game by game, as a dataset."""
 
 import shutil
 from collections.abc import Iterator
@@ -24,29 +24,29 @@ from common.run.config import RunConfig
 from viewer.movie import Add, open_movie
 
 _SAMPLE_EVERY = 30
-"""Pictures for each one that the statistics count."""
+"""One of so many pictures counts in the statistics."""
 
 
 _Seen = tuple[dict[str, NDArray[Any]], NDArray[np.uint8] | None]
-"""Columns of what a state is beside the network's input, and the camera's picture, ``uint8 [rows,
+"""Columns of a state other than the network's input, and the camera's picture, ``uint8 [rows,
 columns, 3]``."""
 
 
 def check_new_folder(folder: Path) -> None:
-    """Refuses a folder for a recording where something is already. Raises InputError."""
+    """Raises InputError if ``folder``, which a recording should make, exists already."""
     if folder.exists():
-        raise InputError(f"{folder} is there already: name a new folder.")
+        raise InputError(f"{folder} already exists: name a new folder.")
 
 
 class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     """An environment whose steps are recorded, each with what was seen when its action was chosen.
 
-    It looks before each `step`; whoever plays hands the steps to `add`.
-    Columns are in memory until their game ends, and the video is written meanwhile.
+    `step` looks before it acts; the caller then hands the step to `add`. Columns stay in memory
+    until their game ends; the video is written at once.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], config: RunConfig, folder: Path) -> None:
-        """Begin a recording. Raises InputError if something is at ``folder``, it cannot be written,
+        """Starts a recording. Raises InputError if ``folder`` exists already, it cannot be written,
         or pyarrow is missing."""
         with extra_for("a recording", "record"):
             from common.dataset.writer import DatasetWriter
@@ -77,7 +77,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     @property
     def steps(self) -> int:
-        """Steps that were recorded, with those of the present game."""
+        """Number of recorded steps, including those of the present game."""
         return self.dataset.steps + len(self._rows)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -85,7 +85,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         return self.env.step(action)
 
     def add(self, step: Step) -> None:
-        """Record the step that was just played."""
+        """Records the step that was just played."""
         row = {COLUMNS[name]: value(step) for name, value in STEP_VALUES.items()}
         # The loop overwrites its states in place.
         row[COLUMNS["frames"]] = step.s_tm1[-1].copy()
@@ -107,8 +107,8 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             self.cut()
 
     def cut(self) -> None:
-        """End the present game here: its last step is truncated, unless it ended by itself. Raises
-        InputError if it cannot be written."""
+        """Ends the present game here; its last step is truncated, unless the game ended by itself.
+        Raises InputError if the recording cannot be written."""
         rows, self._rows = self._rows, []
         sampled, self._sampled = self._sampled, []
         with self._writing():
@@ -126,7 +126,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             self.dataset.add(columns, sampled)
 
     def close(self) -> None:
-        """Keep what there is of the present game, and close the environment; a recording without
+        """Keeps the present game as far as it goes, and closes the environment; a recording without
         any game leaves nothing."""
         self.was_cut = bool(self._rows)
         try:
@@ -143,7 +143,7 @@ class Recorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             yield
         except OSError as error:
             self._rows.clear()
-            whole = f"; the {self.dataset.episodes:,} games before are whole"
+            whole = f"; the {self.dataset.episodes:,} games before are complete"
             raise InputError(
                 f"{self.dataset.folder} cannot be written ({error.strerror}): make room, and "
                 f"record into another folder{whole if self.dataset.episodes else ''}."

@@ -1,6 +1,6 @@
-"""A game as Rerun's entities: the room in 3-D, pictures, keys and figures, live or in a file.
+"""Sends a game to Rerun: the room in 3-D, pictures, keys and figures, live or to a file.
 
-Lengths are in m, angles in rad, and positions those of the room.
+Lengths are in m, angles in rad, and positions in the room's coordinates.
 """
 
 import threading
@@ -31,14 +31,14 @@ from viewer import overlay
 from viewer.rerun_viewer import RerunViewer
 
 _QUALITY = 90
-"""Of the JPEGs: an hour of bare pictures would not fit into the viewer's memory."""
+"""Quality of the JPEGs; an hour of raw pictures would not fit into the viewer's memory."""
 _GAME = (320, 240)
-"""Width and height of the game's picture, as a television shows it."""
+"""Width and height of the game's picture, in a television's shape."""
 _GAME_BORDER = tuple(round(BORDER * edge) for edge in _GAME)
 _BEFORE_SCREEN = 0.01
-"""Distance of the pinhole that shows the game from its picture, m."""
+"""Distance from the game's picture to the pinhole that shows it, m."""
 _THIN = 1e-6
-"""Width of that pinhole's lines, m: nobody should see them."""
+"""Width of that pinhole's lines, which should be invisible, m."""
 _FRUSTUM = 0.12
 """Distance at which the camera's picture is drawn, m."""
 
@@ -49,13 +49,13 @@ class RerunStream:
 
     Args:
         play: the environment's settings.
-        live: whether a viewer shows it.
-        save: file that records it; its name ends in .rrd.
+        live: whether to send to a viewer.
+        save: file to record to; its name ends in .rrd.
     """
 
     def __init__(self, env: GameEnv, play: PlayConfig, *, live: bool, save: Path | None) -> None:
         if save is not None and save.suffix != ".rrd":
-            raise InputError(f"the name {save} does not end in .rrd: choose one that does.")
+            raise InputError(f"{save} is not a recording's name: let it end in .rrd.")
         if save is not None:
             check_new_file(save)
         with extra_for("--viewer rerun or --save", "viz"):
@@ -89,13 +89,13 @@ class RerunStream:
             self._log(f"keys/{kind}", lines, static=True)
 
     def show(self, step: Step, values: NDArray[np.float32] | None) -> None:
-        """Send what there is after ``step``, whose action was chosen by Q-values ``values``."""
+        """Sends the state after ``step``, whose action was chosen by the Q-values ``values``."""
         env, rerun = self._env, self._rerun
         self._agent_steps += step.info.elapsed
         self._stream.set_time("agent step", sequence=self._agent_steps)
         self._stream.set_time("game time", duration=self._agent_steps * self._seconds)
         if isinstance(env, RobotEnv):
-            # All of one moment: a world in real time would go on from picture to picture.
+            # The world stands still, or in real time it would move on from picture to picture.
             with env.still():
                 self._show_robot(env)
         else:
@@ -108,12 +108,12 @@ class RerunStream:
         self._log("play/steps", rerun.Scalars(step.info.game_steps))
 
     def linger(self, stop: threading.Event) -> None:
-        """Serve our own page on until ``stop``, if there is one."""
+        """Keeps serving our own page, if there is one, until ``stop`` is set."""
         if self._viewer is not None:
             self._viewer.linger(stop)
 
     def close(self) -> None:
-        """Complete the file, and end our own page's server."""
+        """Completes the file, and ends the server of our own page."""
         self._stream.disconnect()
         if self._viewer is not None:
             self._viewer.close()
@@ -125,7 +125,7 @@ class RerunStream:
             for kind in sorted({shape.kind for shape in every}):
                 of_kind = [shape for shape in every if shape.kind == kind]
                 self._log(f"{name}/{kind}", _drawn(rerun, kind, of_kind), static=True)
-        # The projected picture is the image plane of a pinhole close before the screen.
+        # The projected picture is the image plane of a pinhole close in front of the screen.
         left_top, right_top, _, left_bottom = PICTURE_CORNERS
         right, down = right_top - left_top, left_bottom - left_top
         edges = np.linalg.norm([right, down], axis=1)
@@ -158,7 +158,7 @@ class RerunStream:
 
     def _show_game(self, screen: NDArray[np.uint8]) -> None:
         game = cv2.resize(screen, _GAME, interpolation=cv2.INTER_NEAREST)
-        if self._scene is not None:  # as it is projected, with its border
+        if self._scene is not None:  # with its border, as it is projected
             across, down = _GAME_BORDER
             game = cv2.copyMakeBorder(
                 game, down, down, across, across, cv2.BORDER_CONSTANT, value=(0, 0, 0)
@@ -180,7 +180,7 @@ class RerunStream:
                 self._log("robot/camera", place, frustum)
         found = env.detection
         quads = [] if found.corners is None else [border_of(found.corners), found.corners]
-        # The viewer's pixels begin at whole numbers; ours have their centres there.
+        # In Rerun, pixels begin at whole coordinates; ours have their centres there.
         strips = [np.vstack((quad, quad[:1])) + np.float32(0.5) for quad in quads]
         colours = [overlay.YELLOW, overlay.MAGENTA] if found.valid else [overlay.RED] * 2
         outline = rerun.LineStrips2D(strips, colors=colours[: len(strips)])
@@ -190,7 +190,7 @@ class RerunStream:
         self._log(path, self._rerun.Image(pixels).compress(jpeg_quality=_QUALITY))
 
     def _is_new(self, path: str, pose: NDArray[np.float64]) -> bool:
-        """Whether it is another pose than the one that was sent last."""
+        """Returns whether ``pose`` differs from the one that was sent last."""
         if np.array_equal(self._sent.get(path, ()), pose):
             return False
         self._sent[path] = pose

@@ -1,4 +1,4 @@
-"""The Rerun viewer: the one that runs, a window of its own, or a page for a browser."""
+"""The Rerun viewer: one that runs already, a new window, or a page for a browser."""
 
 import os
 import shutil
@@ -13,16 +13,17 @@ from types import ModuleType
 from common.errors import InputError
 
 _HOST, _PORT = "127.0.0.1", 9876
-"""Where a viewer listens."""
+"""Address at which a viewer listens."""
 _LEASHED = 'exec 3<&0; (read -r _ <&3; kill 0) & exec "$@" 3<&- </dev/null'
-"""Runs a program whose whole group ends when standard input does: with this process, however that
-ends. Rerun's program starts another one, which would stay."""
+"""Shell command that runs a program whose whole process group ends when its standard input closes,
+and so with this process, however that ends. Rerun's program starts another one, which would stay.
+"""
 _PATIENCE = 30.0
-"""Seconds that a started server may take until it listens."""
+"""Seconds that a server may take from its start until it listens."""
 
 
 class RerunViewer:
-    """Finds the viewer that runs or opens a window; without a display, serves a page on loopback.
+    """Uses a running viewer, or opens a window; without a display it serves a page on loopback.
     Raises InputError if the page's server cannot be started."""
 
     def __init__(self, rerun: ModuleType) -> None:
@@ -31,7 +32,7 @@ class RerunViewer:
         """Address of the page, if this process serves one."""
         if _listens(_PORT):
             return
-        # Beside this Python, too, whose folder is not on the path unless it was activated.
+        # Also beside this Python, whose folder is on the path only in an activated environment.
         places = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
         program = shutil.which("rerun", path=places)
         if program is None:
@@ -47,7 +48,7 @@ class RerunViewer:
         with socket.socket() as free:
             free.bind((_HOST, 0))
             web_port = free.getsockname()[1]
-        # Rerun's own Python functions would serve it to everybody in the network.
+        # Rerun's own Python functions would serve the page to the whole network.
         self._server = subprocess.Popen(
             [
                 *("sh", "-c", _LEASHED, "sh"),
@@ -69,17 +70,17 @@ class RerunViewer:
             time.sleep(0.1)
         at = f"rerun%2Bhttp://{_HOST}:{_PORT}/proxy"
         self.page = f"http://{_HOST}:{web_port}/?url={at}"
-        print(f"look at it in a browser: {self.page}", flush=True)
+        print(f"open this page in a browser: {self.page}", flush=True)
 
     def linger(self, stop: threading.Event) -> None:
-        """Serve the page on until ``stop``, if this process serves one."""
+        """Keeps serving the page, if this process serves one, until ``stop`` is set."""
         if self._server is not None and not stop.is_set():
             print("the page stays until Ctrl-C", flush=True)
             while self._server.poll() is None and not stop.wait(1.0):
                 pass
 
     def close(self) -> None:
-        """End the page's server; a window stays."""
+        """Ends the page's server; a window stays open."""
         if self._server is not None:
             assert self._server.stdin is not None
             self._server.stdin.close()

@@ -1,4 +1,4 @@
-"""`python -m viewer play`: games played for show, recorded or streamed as panels."""
+"""`python -m viewer play`: plays games for show, and films or streams them."""
 
 import threading
 from contextlib import AbstractContextManager, closing, nullcontext
@@ -23,14 +23,14 @@ from viewer.player import File, Played, ShownPolicy, shown_env
 from viewer.rerun_stream import RerunStream
 
 ROOM_EVERY = 4
-"""Agent steps between renderings of the whole room: it is seen from afar."""
+"""Agent steps between renderings of the whole room, which is seen from afar."""
 LONGEST_GIF = 120
-"""Seconds of play; 350 MB of memory."""
+"""Maximum length of a GIF, seconds of play; it takes 350 MB of memory."""
 
 
 @dataclass(frozen=True)
 class Play(Played):
-    """Play games, at random or by a network, and print each game's score.
+    """Play games, with random actions or a network, and print each game's score.
 
     A network plays under the settings of its run, except for those given here.
     """
@@ -38,7 +38,7 @@ class Play(Played):
     weights: WeightsFile | None = None
     """Network that plays, such as robot_pong or runs/NAME/snapshots/best.safetensors."""
     epsilon: Fraction = 0.001
-    """Share of random actions of the network's play; evaluations had 0.05 in 2017."""
+    """Share of random actions in the network's play; evaluations of 2017 had 0.05."""
     games: FromOne = 1
     """Number of whole games."""
     seconds: Amount = 0.0
@@ -46,10 +46,10 @@ class Play(Played):
     video: File = None
     """Film of the panels; its name ends in .mp4, or in .gif with --seconds."""
     viewer: Literal["rerun"] | None = None
-    """Live viewer of room, pictures and figures: a window, or a page where there is no display. It
+    """Live viewer of room, pictures and figures: a window, or a page if there is no display. It
     needs pip install 'ale-robot[viz]'."""
     save: File = None
-    """Recording for that viewer; its name ends in .rrd."""
+    """Recording for Rerun's viewer; its name ends in .rrd."""
     nao_urdf: File = None
     """URDF of another NAO, with meshes, to show in the panels; the physics stay the same."""
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
@@ -60,15 +60,15 @@ class Play(Played):
         gif = self.video is not None and self.video.suffix.lower() == ".gif"
         if gif and not 0 < self.seconds <= LONGEST_GIF:
             raise InputError(
-                f"a GIF is all in memory until its end: choose --seconds up to {LONGEST_GIF}, "
-                "or an .mp4."
+                f"a GIF stays in memory until it is complete: choose --seconds up to {LONGEST_GIF},"
+                " or an .mp4."
             )
         if self.nao_urdf is not None and self.video is None:
             raise InputError("--nao-urdf shows another NAO in a film: add --video FILE.")
 
     def run(self, stop: threading.Event) -> None:
-        """Play the games, or for the seconds, or until ``stop``. Raises InputError if clock,
-        weights, film, viewer or the user's robot cannot be used."""
+        """Plays the games or the seconds, or until ``stop`` is set. Raises InputError if clock,
+        weights, film, viewer or the NAO of --nao-urdf cannot be used."""
         config = self.config(self.weights)
         self.clock.check(config.env)
         policy_seed, env_seed = map(int, np.random.SeedSequence(config.seed).generate_state(2))
@@ -87,7 +87,7 @@ class Play(Played):
             for step in play([env], policy, [env_seed]):
                 if film is not None:
                     picture = panels.draw(step, policy.values)
-                    # A step that took longer is seen for longer.
+                    # A step of several agent steps is shown for longer.
                     for _ in range(step.info.elapsed):
                         film(picture)
                 if stream is not None:
@@ -95,7 +95,7 @@ class Play(Played):
                 missed += step.info.missed_deadlines
                 if step.info.game_over:
                     scores.append(step.info.game_score)
-                    # Taking pictures takes time, and a world that goes on by itself does not wait.
+                    # In real time the world does not wait while pictures are taken.
                     late = "" if self.clock.sync else f", {missed} deadlines missed"
                     print(
                         f"game {len(scores)}: score {scores[-1]:g} "

@@ -1,7 +1,7 @@
-"""`ale-robot watch`: a trained network at play, in the terminal.
+"""`ale-robot watch`: shows a trained network at play, in the terminal.
 
-On the left what the camera sees around the screen, with the screen and the game found in it; on the
-right the hands at the controller, the score, the keys and the value of each action.
+On the left is the camera's picture around the screen, with the detected screen and game; on the
+right are the hands at the controller, the score, the keys and the value of each action.
 """
 
 import math
@@ -35,20 +35,21 @@ from viewer.terminal.terminal import Terminal, check_terminal
 
 LEAST_SIZE = (60, 20)
 _HANDS = (160, 120)
-"""Width and height of the picture of the hands: small, as the terminal's cells are large."""
+"""Least width and height at which the hands are rendered, pixels; small, because cells are
+large."""
 _LEAST_SIDE, _MOST_SIDE = 30, 66
-"""Columns beside the camera's picture: as few as the texts need, so that it is as large as can be;
-more leave the bars no easier to read."""
+"""Columns beside the camera's picture: as few as the texts need, so that the picture is large; more
+than the maximum would not make the bars easier to read."""
 _MOST_BEFORE = 5
-"""Games whose scores are shown beside that of the present one."""
+"""Number of earlier games whose scores are shown beside the present score."""
 _MARGIN = 1.4
-"""Height of what is shown of the camera's picture, in heights of the screen: the rest is wall, and
-the ball is small enough."""
+"""Height of the shown part of the camera's picture, in heights of the screen. The rest is wall, and
+the ball is small enough as it is."""
 _WIDEST = 800
-"""Pixels: a larger picture shows no more, and not every terminal takes it."""
+"""Maximum width of a picture, pixels: larger ones show no more, and some terminals refuse them."""
 _BOLD, _DIM, _GOOD, _BAD, _CHOSEN = (f"\x1b[{code}m" for code in ("1", "2", "32", "1;31", "33"))
 _PLAIN = "\x1b[0;38;2;214;214;214;48;2;0;0;0m"
-"""Grey on black, as what is beside the pictures, whatever colours the terminal has."""
+"""Grey on black for the texts beside the pictures, whatever colours the terminal has."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +65,14 @@ class Watch(Played):
     epsilon: Fraction = 0.001
     """Share of random actions."""
     games: Count = 0
-    """Number of whole games; 0 to play until q."""
+    """Number of whole games; 0 plays until q."""
 
     def check(self) -> None:
         check_terminal(LEAST_SIZE)
 
     def run(self, stop: threading.Event) -> None:
-        """Play until there are enough games, or the person leaves. Raises InputError if there is no
-        terminal, or it is too small, or the network cannot be used."""
+        """Plays until there are enough games, or the person leaves. Raises InputError if there is
+        no terminal, or it is too small, or the network cannot be used."""
         weights = self.weights or shown_weights(self.env)
         config = self.config(weights)
         policy = ShownPolicy.of_file(config, weights, self.epsilon, config.seed)
@@ -84,7 +85,7 @@ class Watch(Played):
             period, due = 1 / config.play.steps_per_second, time.monotonic()
             for step in play([env], policy, [config.seed]):
                 terminal.write(screen.draw(terminal.size, step, policy.values, scores))
-                # A picture that is late is not made up for.
+                # The pictures after a late one keep the usual pace.
                 due = max(due + period * step.info.elapsed, time.monotonic())
                 stop.wait(due - time.monotonic())
                 sent = terminal.keys()
@@ -100,7 +101,7 @@ class Watch(Played):
 
 
 class WatchScreen:
-    """Lays out what is watched for a terminal of any size from `LEAST_SIZE` on."""
+    """Lays out pictures and texts for a terminal of at least `LEAST_SIZE`."""
 
     def __init__(self, env: GameEnv, config: RunConfig, name: str) -> None:
         self._env = env
@@ -121,14 +122,14 @@ class WatchScreen:
         """Returns what to write into a terminal of ``size`` columns and rows after ``step``.
 
         Args:
-            values: Q-values by which its action was chosen, ``float32 [actions]``; None at random
+            values: Q-values by which the action was chosen, ``float32 [actions]``; None at random
                 play.
-            scores: of the games that ended.
+            scores: scores of the games that ended.
         """
         columns, rows = size
         if self.graphics != self._drawn:
             self._drawn, self._blocks = self.graphics, HalfBlocks()
-        # Half blocks are pixels, too: two of them, one over the other, to a cell.
+        # With half blocks, a cell has two pixels, one above the other.
         wide, high = (1, 2) if self.graphics is None else self.graphics.cell
         room = columns - min(columns // 3, _LEAST_SIDE) - 1
         left = _fitting(room * wide, (rows - 1) * high)
@@ -151,7 +152,8 @@ class WatchScreen:
         return f"{text}\x1b[{rows};1H{_PLAIN}{_DIM}{last[: columns - 1]}{_PLAIN}\x1b[K\x1b[0m"
 
     def _seen(self, size: tuple[int, int]) -> NDArray[np.uint8]:
-        """What the camera sees with what was found in it; of an emulator alone its screen."""
+        """Returns the camera's picture with the detected screen; of an emulator alone, its
+        screen."""
         env = self._env
         found = env.detection.corners if isinstance(env, RobotEnv) else None
         if found is None:
@@ -164,7 +166,7 @@ class WatchScreen:
         left, top = corner.astype(int)
         part = env.seen[top : top + round(high), left : left + round(high * width / height)]
         picture = _scaled(part, size)
-        # Sixels have 256 colours, none of them for a thin line.
+        # Sixels have 256 colours, and a thin line would get none of them.
         thickness = 1 if self.graphics is None else 3
         for corners, colour in ((border, overlay.YELLOW), (found, overlay.MAGENTA)):
             place = np.asarray(corners - (left, top), np.float32)
@@ -172,7 +174,7 @@ class WatchScreen:
         return picture
 
     def _hands(self, size: tuple[int, int], step: Step) -> NDArray[np.uint8]:
-        """The hands at the controller; of an emulator alone the network's input."""
+        """Returns the hands at the controller; of an emulator alone, the network's input."""
         env = self._env
         if isinstance(env, RobotEnv):
             view = env.robot.view(env.emulator.screen_rgb(), *max(size, _HANDS), "hands")
@@ -187,7 +189,7 @@ class WatchScreen:
         width: int,
         rows: int,
     ) -> list[str]:
-        """The texts beside the picture, in at most ``width`` columns each."""
+        """Returns the texts beside the picture, in at most ``width`` columns each."""
         env = self._env
         score = f"score {minus_signed(f'{step.info.game_score:g}')}"
         lines = [f"{_BOLD}{score}{_PLAIN}{_beside_score(step, scores, width - len(score))}"]
@@ -200,7 +202,7 @@ class WatchScreen:
         if values is None:
             return [*lines, f"{_DIM}random play"]
         lines.append(f"{_DIM}Q-values")
-        # Where there is no room for all, those of the best.
+        # If there is no room for all actions, the best ones are shown.
         for index, value, bar in q_bars(values, max(rows - len(lines), 1), width - 16):
             colour = _CHOSEN if index == step.a_tm1 else ""
             lines.append(f"{colour}{keys_text(KEYS_OF_ACTION[env.actions[index]])}{value} {bar}")
@@ -208,7 +210,7 @@ class WatchScreen:
 
 
 def _beside_score(step: Step, scores: Sequence[float], width: int) -> str:
-    """The game's step and the latest games before it, as far as there is room."""
+    """Returns the game's step and the scores of the latest games, as far as there is room."""
     latest, told = [minus_signed(f"{score:g}") for score in scores[-_MOST_BEFORE:]], ""
     before = [f"   games before {' '.join(latest[at:])}" for at in range(len(latest))]
     for choices in ([f"   step {step.info.game_steps}"], before):
@@ -217,7 +219,7 @@ def _beside_score(step: Step, scores: Sequence[float], width: int) -> str:
 
 
 def _fitting(columns: int, pixel_rows: int) -> tuple[int, int]:
-    """Returns width and height of the largest picture there, in half blocks or pixels."""
+    """Returns width and height of the largest picture that fits, in half blocks or pixels."""
     width = min(columns, round(pixel_rows * ASPECT), _WIDEST)
     return width, round(width / ASPECT)
 

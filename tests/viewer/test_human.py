@@ -66,7 +66,7 @@ def test_without_a_terminal_it_is_refused() -> None:
     )
     assert done.returncode == 2
     assert done.stdout == ""
-    assert done.stderr == "error: picture and keys need a terminal: run it in one.\n"
+    assert done.stderr == "error: pictures and keys need a terminal: run this command in one.\n"
 
 
 def test_without_a_robot_it_is_refused() -> None:

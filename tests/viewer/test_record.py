@@ -176,7 +176,7 @@ def test_what_was_recorded_stays(tmp_path: Path, capsys: pytest.CaptureFixture[s
     command = Record(weights=ALE, output=tmp_path / "d", games=3)
     command.run(stop)
     assert "wrote 1 game of 1 steps" in capsys.readouterr().out
-    with pytest.raises(InputError, match=r"d is there already: name a new folder"):
+    with pytest.raises(InputError, match=r"d already exists: name a new folder"):
         command.run(stop)
 
 

@@ -194,7 +194,7 @@ def test_a_check_that_is_stopped_does_not_judge_the_hands(
     Check(output=tmp_path / "check.png").run(stop)
     said = capsys.readouterr().out
     assert "1 random agent steps" in said
-    assert "never reach" not in said
+    assert "never press" not in said
     assert "command →" not in said
 
 
@@ -369,8 +369,8 @@ def test_play_is_saved_for_rerun(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["watch", "--env", "ale"], "picture and keys need a terminal"),
-        (["record", "ale_pong", "-o", "here"], "here is there already: name a new folder"),
+        (["watch", "--env", "ale"], "pictures and keys need a terminal"),
+        (["record", "ale_pong", "-o", "here"], "here already exists: name a new folder"),
     ],
 )
 def test_what_cannot_work_is_refused_before_pytorch_is_loaded(

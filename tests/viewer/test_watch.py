@@ -176,7 +176,7 @@ def test_without_a_terminal_it_is_refused_before_anything_is_built(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.delattr(viewer.watch, "shown_env")
-    with pytest.raises(InputError, match="need a terminal: run it in one"):
+    with pytest.raises(InputError, match="need a terminal: run this command in one"):
         Watch(env="ale").run(threading.Event())
 
 

@@ -1,1 +1,1 @@
-"""The terminal as a place for pictures and a source of keys; knows nothing of robots or games."""
+"""The terminal as a screen for pictures and a source of keys; it knows nothing of robots."""

@@ -1,8 +1,8 @@
-"""Pictures as pixels, where the terminal has them: by kitty's protocol, or as sixels.
+"""Draws pictures as pixels in terminals that support it: by kitty's protocol, or as sixels.
 
-The terminal is asked what it can, and pictures stay half blocks until it has answered; most
-terminals have no graphics, and some never answer. Sixels are encoded by Chafa
-(``pip install 'ale-robot[graphics]'``), and the protocol of kitty
+The terminal is asked for its abilities, and pictures stay half blocks until it has answered. Most
+terminals have no graphics, and some never answer. Chafa encodes sixels
+(``pip install 'ale-robot[graphics]'``); kitty's protocol
 (https://sw.kovidgoyal.net/kitty/graphics-protocol) takes a PNG as it is.
 """
 
@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 _KITTY_QUERY = 31
-"""Number by which the terminal repeats which picture it was asked about."""
+"""Number of the picture in the question to kitty, which its answer repeats."""
 QUESTIONS = (
     f"\x1b_Gi={_KITTY_QUERY},s=1,v=1,a=q,t=d,f=24;AAAA\x1b\\"  # are there graphics as kitty's?
     "\x1b[16t"  # how large is a cell? xterm does not say, but its driver does
     "\x1b[?1;1;0S"  # how many colours have sixels?
     "\x1b[c"  # are there sixels? All terminals answer this.
 )
-"""What to write to a terminal, so that it answers what it can show."""
+"""Questions to write to a terminal; its answers tell what it can show."""
 _ANSWERS = {
     "kitty": re.compile(rb"\x1b_Gi=%d;OK\x1b\\" % _KITTY_QUERY),
     "cell": re.compile(rb"\x1b\[6;(\d{1,3});(\d{1,3})t"),
@@ -32,16 +32,16 @@ _ANSWERS = {
     "attributes": re.compile(rb"\x1b\[\?([\d;]{1,99})c"),
 }
 _SIXEL = b"4"
-"""Among a terminal's attributes."""
+"""The attribute of terminals with sixels."""
 _SIXEL_HEIGHT = 6
 _COLOURS = 256
-"""Those of a picture: a terminal with fewer would show others."""
+"""Number of colours in a picture; a terminal with fewer would show wrong ones."""
 _LONGEST = 256
-"""Bytes of an answer, of which the first may have come before the others."""
+"""Maximum length of an answer, bytes; so many are kept, because an answer may come in parts."""
 _LEAST_CELL = 4
-"""Pixels: a smaller one is none."""
+"""Minimum width and height of a plausible cell, pixels."""
 _CHUNK = 4_096
-"""Most characters of a picture that kitty takes at once."""
+"""Maximum number of characters of a picture that kitty takes at once."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,12 @@ class Graphics:
     """Width and height of a character's cell, pixels."""
 
     def draw(self, picture: NDArray[np.uint8], column: int, row: int, number: int) -> str:
-        """Returns what to write so that ``picture uint8 [height, width, 3]`` is there.
+        """Returns what to write to show ``picture uint8 [height, width, 3]``.
 
         Args:
-            column: of the cell at its top left, from 1, as ``row`` is.
-            number: of the picture; a later one with the same number takes its place.
+            column: column of its top left cell, from 1.
+            row: row of that cell, from 1.
+            number: number of the picture; a later one with the same number replaces it.
         """
         text = _kitty(picture, number) if self.kind == "kitty" else self._sixels(picture)
         return f"\x1b7\x1b[{row};{column}H{text}\x1b8"
@@ -92,23 +93,23 @@ def _kitty(picture: NDArray[np.uint8], number: int) -> str:
 
 
 class GraphicsAnswers:
-    """What a terminal answered to `QUESTIONS`; it may come in parts, and among keys."""
+    """Collects a terminal's answers to `QUESTIONS`, which may come in parts, and among keys."""
 
     def __init__(self) -> None:
         self._found: dict[str, re.Match[bytes]] = {}
         self._last = b""
 
     def feed(self, sent: bytes) -> None:
-        """Take what the terminal sent."""
+        """Takes what the terminal sent."""
         told = self._last + sent
         self._found |= {name: match for name, it in _ANSWERS.items() if (match := it.search(told))}
         self._last = told[-_LONGEST:]
 
     def graphics(self, cell: tuple[int, int] | None) -> Graphics | None:
-        """Returns how it shows pictures; None for as long as that is not known.
+        """Returns how the terminal shows pictures; None if it cannot, or has not answered yet.
 
         Args:
-            cell: width and height of a character's cell, pixels, if its driver tells.
+            cell: width and height of a character's cell, pixels, if the driver knows them.
         """
         found = self._found
         if cell is None and "cell" in found:

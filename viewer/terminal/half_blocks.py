@@ -1,7 +1,7 @@
-"""Pictures as text: each character cell is an upper half block, two pixels one over the other.
+"""Pictures as text: each character cell is an upper half block, two pixels one above the other.
 
-Only the cells that changed are sent, because a terminal on the other side of a network takes
-24-bit colours at some 40 bytes a cell.
+Only the cells that changed are sent: in 24-bit colours a cell takes some 40 bytes, which counts if
+the terminal is on the other side of a network.
 """
 
 import cv2
@@ -14,7 +14,7 @@ _CLEAR = "\x1b[0m\x1b[2J"
 
 
 class HalfBlocks:
-    """Draws pictures into the terminal, from its top left cell on."""
+    """Draws pictures into the terminal, starting at its top left cell."""
 
     def __init__(self) -> None:
         self._drawn = np.empty((0, 0, 6), np.int16)
@@ -22,10 +22,10 @@ class HalfBlocks:
     def draw(
         self, picture: NDArray[np.uint8], columns: int, rows: int, *, aspect: float | None = None
     ) -> str:
-        """What to write so that ``picture uint8 [height, width, 3]`` fills the rectangle.
+        """Returns what to write to show ``picture uint8 [height, width, 3]`` in the rectangle.
 
-        It keeps its shape, or is drawn as ``aspect`` times as wide as high, with black beside it.
-        The terminal is cleared where the rectangle is another one than before.
+        The picture keeps its shape, or is drawn ``aspect`` times as wide as high; the rest of the
+        rectangle is black. If the rectangle's size changes, the terminal is cleared first.
         """
         clear = ""
         if self._drawn.shape[:2] != (rows, columns):

@@ -1,8 +1,8 @@
-"""From what a terminal sends to the keys that a person holds down.
+"""Finds out which keys a person holds down, from what the terminal sends.
 
-Most terminals tell of keys that go down, and again and again while they stay down, but never of
-one that is let go. So a key counts as held until its next repeat is overdue. Some, asked to, tell
-when an arrow key is let go (kitty's keyboard protocol, `Terminal` asks for it).
+Most terminals report keys that go down, and repeat them while they stay down, but do not report
+releases. So a key counts as held until its next repeat is overdue. Some terminals report releases
+of arrow keys on request (kitty's keyboard protocol; `Terminal` requests it).
 """
 
 import re
@@ -10,9 +10,9 @@ import re
 from common.actions import OPPOSITES, Keys
 
 HOLD = 0.15
-"""Seconds after its last repeat that a key still counts as held."""
+"""Seconds for which a key counts as held after its last repeat."""
 LONGEST_HOLD = 1.0
-"""The same where the terminal tells of keys let go, in case it looked elsewhere when they were."""
+"""The same if the terminal reports releases, in case it misses one, for instance without focus."""
 
 _SENT: dict[bytes, Keys] = {
     b"A": Keys.UP,
@@ -21,9 +21,9 @@ _SENT: dict[bytes, Keys] = {
     b"D": Keys.LEFT,
 }
 _OPPOSITE = {key: pair & ~key for pair in OPPOSITES for key in pair}
-# An arrow key, with modifiers or without, in the cursor keys' two modes, and what became of it; the
-# answer whether arrow keys that are let go are told of; any other sequence or answer; or a single
-# character.
+# A token is one of: an arrow key, in the two modes of cursor keys, with or without modifiers, and
+# its event; the answer whether releases of arrow keys are reported; any other sequence or answer; a
+# single character.
 _TOKEN = re.compile(
     rb"\x1b[\[O][0-9;]*(?P<event>:[0-9])?(?P<arrow>[ABCD])"
     rb"|\x1b\[\?(?P<flags>[0-9]+)u"
@@ -39,23 +39,23 @@ _UNFINISHED = re.compile(rb"\x1b([\[O][?0-9;:]*|_G[^\x1b]{0,99}\x1b?)?\Z")
 
 
 class HeldKeys:
-    """Arrow keys and space as controller keys; q or Escape to leave."""
+    """Turns arrow keys and space into controller keys; q and Escape leave."""
 
     def __init__(self) -> None:
         self._until: dict[Keys, float] = {}
         self._unread = Keys.NONE
         """Keys that went down since `held` was last called."""
         self._tapped = Keys.NONE
-        """Those of them that were let go since."""
+        """Those of `_unread` that were released since."""
         self._rest = b""
         self._arrow_hold = HOLD
         self.wants_out = False
-        """q, Escape or Ctrl-D was pressed."""
+        """Whether q, Escape or Ctrl-D was pressed."""
 
     def feed(self, sent: bytes, now: float) -> None:
-        """Take what the terminal sent at ``now`` (monotonic seconds), or that it sent nothing."""
+        """Takes what the terminal sent at ``now`` (monotonic seconds); empty if it sent nothing."""
         if not sent and self._rest == _ESCAPE:
-            self.wants_out = True  # nothing followed: it was the key itself
+            self.wants_out = True  # nothing followed, so it was the Escape key itself
         sent, self._rest = self._rest + sent if sent else b"", b""
         if cut := _UNFINISHED.search(sent):
             sent, self._rest = sent[: cut.start()], cut[0]
@@ -77,8 +77,8 @@ class HeldKeys:
                 self.wants_out = True
 
     def held(self, now: float) -> Keys:
-        """The keys that count as held at ``now``, and those that were tapped since the last call:
-        however rarely it is called, no tap is lost."""
+        """Returns the keys that count as held at ``now``, and those tapped since the last call, so
+        that no tap is lost however rarely it is called."""
         held, self._tapped, self._unread = self._tapped, Keys.NONE, Keys.NONE
         for key, until in self._until.items():
             if now < until:
@@ -87,7 +87,7 @@ class HeldKeys:
 
     def _press(self, key: Keys, until: float) -> None:
         self._until[key] = until
-        # The other end of the stick's axis was let go, or the stick could not be here.
+        # A stick cannot be at both ends of an axis, so the opposite key must have been released.
         if key in _OPPOSITE:
             self._until.pop(_OPPOSITE[key], None)
             self._tapped &= ~_OPPOSITE[key]

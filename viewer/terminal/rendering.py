@@ -1,6 +1,6 @@
-"""Environments drawn into the terminal: Gymnasium's render_mode "human", as a wrapper.
+"""Draws environments into the terminal: Gymnasium's render_mode "human", as a wrapper.
 
-The environments themselves know only "rgb_array".
+The environments themselves support only "rgb_array".
 """
 
 import math
@@ -18,22 +18,25 @@ from common.errors import InputError
 from viewer.terminal.window import TerminalWindow
 
 ROOM_EVERY = 4
-"""Steps between renderings of the room, which take as long as an agent step; the game on its screen
-is always new."""
+"""Steps between renderings of the room, each of which takes as long as an agent step; the game on
+its screen is always new."""
 _ROOM_SIZE = (256, 192)
-"""Width and height: small, as the terminal's cells are large."""
+"""Width and height of the room's picture, pixels; small, because the terminal's cells are large."""
 
 
 class TerminalRendering(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Draws ``env``, which renders "rgb_array", after every reset and step, ``aspect`` times as
-    wide as high where its pixels are not square."""
+    """Draws ``env``, which renders "rgb_array", after every reset and step.
+
+    Args:
+        aspect: width by height of the picture, for an environment whose pixels are not square.
+    """
 
     def __init__(self, env: gymnasium.Env[Any, Any], aspect: float | None = None) -> None:
         super().__init__(env)
         rate = float(env.metadata["render_fps"])
         self.metadata = {"render_modes": ["human", "rgb_array"], "render_fps": rate}
         clock = getattr(env.unwrapped, "clock", None)
-        # In real time the world's clock sets the pace, and the window must not hold it up.
+        # In real time the world's clock sets the pace, and the window must not slow it down.
         self._window = TerminalWindow(rate if clock is None or clock.sync else math.inf)
         self._aspect = aspect
         self._view: Callable[..., NDArray[np.uint8]] | None = getattr(env.unwrapped, "view", None)
@@ -57,7 +60,7 @@ class TerminalRendering(gymnasium.Wrapper[Any, Any, Any, Any]):
         return outcome
 
     def render(self) -> None:
-        """Do nothing: every step is drawn already."""
+        """Does nothing, because every step is drawn already."""
 
     def close(self) -> None:
         self._window.close()
@@ -74,7 +77,7 @@ class TerminalRendering(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 
 class EntryPoint:
-    """What Gymnasium calls to make an environment: drawn into the terminal for "human"."""
+    """An entry point for Gymnasium that draws into the terminal for render_mode "human"."""
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 15}  # noqa: RUF012
 
@@ -85,7 +88,8 @@ class EntryPoint:
     def __call__(
         self, *, render_mode: str | None = None, **settings: Any
     ) -> gymnasium.Env[Any, Any]:
-        """Raises InputError for render_mode "human" where standard output is not a terminal."""
+        """Makes the environment. Raises InputError for render_mode "human" if standard output is
+        not a terminal."""
         human = render_mode == "human"
         if human and (sys.stdout is None or not sys.stdout.isatty()):
             raise InputError(

@@ -1,4 +1,4 @@
-"""The terminal as a screen and a keyboard, given back as it was however the block is left."""
+"""The terminal as a screen and a keyboard, which is always given back as it was."""
 
 import fcntl
 import os
@@ -10,14 +10,14 @@ from typing import Any, Self
 
 from common.errors import InputError
 
-# The other screen, no cursor, nothing on it; and, where the terminal knows how (the protocol of
-# kitty, which others ignore), tell when arrow keys are let go, and whether it will.
+# Switch to the alternate screen, hide the cursor, and clear. Then, by kitty's protocol, which other
+# terminals ignore: report releases of arrow keys, and answer whether this is supported.
 _OPEN = "\x1b[?1049h\x1b[?25l\x1b[2J\x1b[>2u\x1b[?u"
 _CLOSE = "\x1b[<u\x1b[0m\x1b[?25h\x1b[?1049l"
 
 
 def size_of(descriptor: int) -> tuple[int, int]:
-    """Columns and rows of the terminal behind a file descriptor."""
+    """Returns columns and rows of the terminal behind a file descriptor."""
     try:
         columns, rows = os.get_terminal_size(descriptor)
     except OSError:
@@ -27,7 +27,7 @@ def size_of(descriptor: int) -> tuple[int, int]:
 
 
 def cell_of(descriptor: int) -> tuple[int, int] | None:
-    """Width and height of a character's cell, pixels; None where the terminal does not tell."""
+    """Returns width and height of a character's cell, pixels; None if they are unknown."""
     try:
         told = fcntl.ioctl(descriptor, termios.TIOCGWINSZ, bytes(8))
     except OSError:
@@ -37,9 +37,9 @@ def cell_of(descriptor: int) -> tuple[int, int] | None:
 
 
 def write_all(descriptor: int, text: str) -> None:
-    """Write ``text`` to a file descriptor, however slowly it is taken.
+    """Writes ``text`` to a file descriptor, however slow the reader is.
 
-    What has no encoding, such as the name of a file that is not UTF-8, is escaped.
+    Characters that cannot be encoded, as in file names that are not UTF-8, are escaped.
     """
     left = memoryview(text.encode(errors="backslashreplace"))
     while left:
@@ -50,10 +50,10 @@ def write_all(descriptor: int, text: str) -> None:
 
 
 def check_terminal(least: tuple[int, int]) -> None:
-    """Refuses standard input and output that are no terminal, or one that has fewer columns or rows
-    than ``least``. Raises InputError."""
+    """Raises InputError if standard input and output are not a terminal, or if it has fewer columns
+    or rows than ``least``."""
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise InputError("picture and keys need a terminal: run it in one.")
+        raise InputError("pictures and keys need a terminal: run this command in one.")
     size = size_of(sys.stdout.fileno())
     if any(have < wanted for have, wanted in zip(size, least, strict=True)):
         have, wanted = (" × ".join(map(str, each)) for each in (size, least))
@@ -63,9 +63,8 @@ def check_terminal(least: tuple[int, int]) -> None:
 class Terminal:
     """Takes over the terminal: pictures out on standard output, keys in from standard input.
 
-    A context manager. Ctrl-C still interrupts; Ctrl-Z does nothing, for it would leave the terminal
-    to the shell in the state that it is in here. Raises InputError at its beginning, as
-    `check_terminal` does.
+    A context manager. Ctrl-C still interrupts. Ctrl-Z does nothing, because the shell would get the
+    terminal in its present state. The constructor raises InputError as `check_terminal` does.
     """
 
     def __init__(self, least: tuple[int, int]) -> None:
@@ -86,24 +85,25 @@ class Terminal:
         try:
             self.write(_CLOSE)
         finally:
-            # Keys that were pressed meanwhile are not for the shell.
+            # Flush: keys that were pressed in the meantime are not for the shell.
             termios.tcsetattr(self._in, termios.TCSAFLUSH, self._before)
 
     @property
     def size(self) -> tuple[int, int]:
-        """Columns and rows."""
+        """Columns and rows of the terminal."""
         return size_of(self._out)
 
     @property
     def cell(self) -> tuple[int, int] | None:
-        """Width and height of a character's cell, pixels, if it tells."""
+        """Width and height of a character's cell, pixels; None if they are unknown."""
         return cell_of(self._out)
 
     def write(self, text: str) -> None:
-        """Write all of ``text``, however slowly it is taken."""
+        """Writes all of ``text``, however slow the terminal is."""
         write_all(self._out, text)
 
     def keys(self) -> bytes:
-        """What has been typed since the last call, at once; empty at the end of input too."""
+        """Returns what has been typed since the last call, without waiting; empty also at the end
+        of input."""
         ready, _, _ = select.select([self._in], [], [], 0.0)
         return os.read(self._in, 1024) if ready else b""

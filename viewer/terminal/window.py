@@ -1,6 +1,6 @@
 """A live picture in the terminal, for environments that are rendered for people.
 
-There is no window system behind a headless OpenCV, but most terminals show 24-bit colours.
+A headless OpenCV cannot open windows, but most terminals show 24-bit colours.
 """
 
 import atexit
@@ -14,11 +14,12 @@ from viewer.terminal.half_blocks import HalfBlocks
 from viewer.terminal.terminal import size_of, write_all
 
 _PRINT_ROWS = 4
-"""Rows below the picture, in which scrolls what else is printed."""
+"""Rows below the picture, in which other output scrolls."""
 
 
 class TerminalWindow:
-    """Shows pictures at the terminal's top, ``rate`` a second; as they come if it is infinite."""
+    """Shows pictures at the top of the terminal, ``rate`` per second; if that is infinite, as they
+    come."""
 
     def __init__(self, rate: float) -> None:
         self._period = 1 / rate
@@ -27,17 +28,17 @@ class TerminalWindow:
         self._blocks: HalfBlocks
 
     def show(self, picture: NDArray[np.uint8], aspect: float | None = None) -> None:
-        """Wait until the next picture is due and show it, ``aspect`` times as wide as high."""
+        """Waits until the next picture is due, and shows it ``aspect`` times as wide as high."""
         sys.stdout.flush()
         out = sys.stdout.fileno()
         text = ""
         if (size := size_of(out)) != self._size:
             text = self._open(size)
-        # A picture that is late is not made up for.
+        # The pictures after a late one keep the usual pace.
         now = time.monotonic()
         time.sleep(max(self._due - now, 0.0))
         self._due = max(self._due, now) + self._period
-        # The cursor stays where others print.
+        # Save and restore the cursor, which stays where other output goes.
         drawn = self._blocks.draw(picture, size[0], self._high, aspect=aspect)
         write_all(out, f"{text}\x1b7{drawn}\x1b8")
 
@@ -55,7 +56,7 @@ class TerminalWindow:
         return max(self._size[1] - _PRINT_ROWS, 1)
 
     def close(self) -> None:
-        """Let the whole terminal scroll again; closing twice does no harm."""
+        """Lets the whole terminal scroll again; closing twice is harmless."""
         if self._size != (0, 0):
             write_all(sys.stdout.fileno(), f"\x1b[0m\x1b[r\x1b[{self._size[1]};1H\n")
             self._size = (0, 0)

@@ -42,7 +42,7 @@ _LAYOUT: dict[str, dict[str, list[str]]] = {
         "updates per second": ["learning/updates_per_second"],
     },
 }
-"""TensorBoard's page "Custom Scalars", which shows what matters most: groups of charts of curves."""
+"""Curves by chart by group on TensorBoard's page "Custom Scalars", which shows the main ones."""
 
 
 class TensorBoardSink(CurvesSink):
