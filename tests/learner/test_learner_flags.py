@@ -89,7 +89,7 @@ QR = ("--learning.algorithm", "qr_dqn")
         ([*QR, "--learning.loss-mean-over=outputs"], "--learning.loss-mean-over means nothing to"),
         (
             ["--learning.curriculum-steps", "9"],
-            "no range is there to grow: give one of --randomise",
+            "there is no range that it could widen: give one of --randomise",
         ),
         (["--learning.curriculum-score", "9"], "judges a curriculum: give its --learning.curric"),
         (["--no-sync"], "--no-sync is for --local"),
