@@ -53,7 +53,7 @@ Train a robot on this machine until Ctrl-C.
   ale-robot train --run first                      NAO learns Pong
   ale-robot train --run first --resume             continue that run
   ale-robot train --env ale --game breakout        the emulator, without a robot
-  ale-robot train --config run.toml --seed 2       flags from a file; these win
+  ale-robot train --config run.toml --seed 2       flags in a file; --seed wins
 
   --run NAME           name of the run and of its folder in runs/
   --env robot|ale      camera and hands (default), or the emulator alone

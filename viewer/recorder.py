@@ -24,7 +24,7 @@ from common.run.config import RunConfig
 from viewer.movie import Add, open_movie
 
 _SAMPLE_EVERY = 30
-"""One of so many pictures counts in the statistics."""
+"""Interval between the pictures that count in the statistics."""
 
 
 _Seen = tuple[dict[str, NDArray[Any]], NDArray[np.uint8] | None]

@@ -8,7 +8,7 @@ from learner.algorithm.interface import DeviceBatch, Update
 HORIZON = 500
 """Number of updates over which the means forget."""
 EVERY = 10
-"""One of so many updates is measured; measuring each would cost a thirtieth of an update."""
+"""Interval between measured updates; measuring each one would cost a thirtieth of an update."""
 
 
 class RunningMeans:

@@ -37,7 +37,7 @@ _SIXEL_HEIGHT = 6
 _COLOURS = 256
 """Number of colours in a picture; a terminal with fewer would show wrong ones."""
 _LONGEST = 256
-"""Maximum length of an answer, bytes; so many are kept, because an answer may come in parts."""
+"""Maximum length of an answer, bytes; the last bytes are kept, as an answer may come in parts."""
 _LEAST_CELL = 4
 """Minimum width and height of a plausible cell, pixels."""
 _CHUNK = 4_096
