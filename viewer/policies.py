@@ -14,12 +14,13 @@ from common.minus import minus_signed
 from common.run.origin import SHIPPED
 
 _LEGEND = """\
- ε: mean score with that share of random actions
- sticky: mean score if the console repeats the last action with that probability
- 25 worlds: mean/worst of worlds with other latencies, light, poses and pictures
- vector: commands, keys and joints, beside the frames of camera or emulator
 
- Watch one: ale-robot watch NAME"""
+ε: mean score with that share of random actions
+sticky: mean score if the console repeats the last action with that probability
+25 worlds: mean/worst of worlds with other latencies, light, poses and pictures
+vector: commands, keys and joints, beside the frames of camera or emulator
+
+Watch one: ale-robot watch NAME"""
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ class Policies:
                 scores[name][f"{grid.worlds} worlds"] = f"{mean}/{worst}"
         chances = list(dict.fromkeys(chance for row in scores.values() for chance in row))
         columns = [Column(each, justify="right") for each in chances]
-        names = Column("policy", overflow="fold")
-        table = Table(names, "plays", "input", *columns, box=box.SIMPLE, padding=0)
+        texts = (Column(each, no_wrap=True) for each in ("policy", "plays", "input"))
+        table = Table(*texts, *columns, box=box.SIMPLE, padding=0, show_edge=False)
         for name, card in cards.items():
             config = card["config"]
             table.add_row(
