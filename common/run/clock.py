@@ -1,4 +1,4 @@
-"""How the world passes its time: declared and checked here, for actors, learner and viewer."""
+"""How time passes in the world: declared and checked here for actors, learner and viewer."""
 
 from dataclasses import dataclass
 
@@ -11,16 +11,16 @@ class ClockConfig:
     """Whether a robot's world waits for its agent, and how long a step lasts."""
 
     sync: bool = True
-    """Lockstep of physics, emulator and agent, as fast as the machine allows. With --no-sync
-    physics and game run in real time, whether the agent is ready or not."""
+    """Lockstep of physics, emulator and agent, as fast as the machine allows. With --no-sync,
+    physics and game run in real time and do not wait for the agent."""
     wait_action: bool = False
-    """Length of a robot's step: until the commanded keys are pressed, --play.wait-bound agent steps
-    at most."""
+    """Waiting for the keys: a robot's step lasts until the commanded keys are pressed, at most
+    --play.wait-bound agent steps."""
     speed: float = 1.0
     """Speed of game and physics with --no-sync, game seconds per second."""
 
     def check(self, env: str | None = None) -> None:
-        """Refuse settings that cannot work, in the environment called ``env`` if it is known.
+        """Checks that the settings can work, in the environment called ``env`` if it is known.
         Raises InputError with the flag at fault and what to do."""
         if not 0 < self.speed < float("inf"):
             raise InputError(f"--speed is {self.speed}: choose a number above 0.")
@@ -31,7 +31,7 @@ class ClockConfig:
 
     @property
     def robot_flag(self) -> str:
-        """The first flag that only a robot's world can follow; empty if there is none."""
+        """The first flag in use that only a robot's world supports; empty if there is none."""
         return "--no-sync" if not self.sync else "--wait-action" if self.wait_action else ""
 
     def flags(self) -> list[str]:

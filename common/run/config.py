@@ -1,7 +1,7 @@
 """Configuration of a run: frozen dataclasses, from which the command line is generated.
 
 One `RunConfig` describes one experiment. The learner writes it into the run's folder, gives it
-to every actor that asks, and refuses to resume a run under another one.
+to every actor that asks, and refuses to resume the run under a different one.
 """
 
 import dataclasses
@@ -44,7 +44,7 @@ class StreamConfig:
     chunk_steps: Annotated[int, Ge(1), Le(MAX_CHUNK_STEPS)] = 64
     """Steps per chunk."""
     window: Annotated[int, Ge(1), Le(MAX_WINDOW)] = 4
-    """Maximum number of unacknowledged chunks per actor."""
+    """Maximum number of chunks per actor that are sent and not yet acknowledged."""
 
 
 @dataclass(frozen=True)
@@ -52,17 +52,18 @@ class ReplayConfig:
     """Replay buffer and sampler."""
 
     capacity: Count = 1_000_000
-    """Slots of the ring, one frame (7,056 bytes) each."""
+    """Number of slots of the ring, one frame (7,056 bytes) each."""
     learning_starts: Count = 50_000
-    """Random agent steps before the first update; they are also the random-policy baseline."""
+    """Number of random agent steps before the first update; they also give the baseline of the
+    random policy."""
     sampler: Literal["uniform", "prioritised"] = "uniform"
-    """Sampler: uniform, or in proportion to each step's last TD error."""
+    """Sampler: uniform, or prioritised, in proportion to each step's last TD error."""
     priority_exponent: Fraction = 0.6
     """α of prioritised replay (Schaul et al. 2016, equation 1)."""
     importance_exponent: Fraction = 0.4
     """β of the importance weights of prioritised replay."""
     ratio_tolerance: Count = 1_000
-    """Agent steps by which actors may run ahead of the learner, or the learner ahead of them."""
+    """Maximum number of agent steps by which actors and learner may run ahead of each other."""
 
 
 @dataclass(frozen=True)
@@ -70,28 +71,29 @@ class LearningConfig:
     """Algorithm, update and schedule."""
 
     algorithm: str = "dqn"
-    """Algorithm: 'dqn' (with --learning.target double: Double DQN; equations 2 to 4 of 2017)
-    or 'qr_dqn' (quantile regression, Dabney et al. 2018)."""
+    """Algorithm: 'dqn' (equations 2 to 4 of 2017; Double DQN with --learning.target double), or
+    'qr_dqn' (quantile regression, Dabney et al. 2018)."""
     quantiles: Annotated[int, Ge(1), Le(256)] = 51
     """Number of quantiles of each action's return that qr_dqn learns."""
     network: NetworkName = "nature"
-    """Network: three convolutions and 512 hidden units (Mnih et al. 2015, and 2017), or two and 256
-    with a third of the arithmetic (Mnih et al. 2013)."""
+    """Network: 'nature' has three convolutions and 512 hidden units (Mnih et al. 2015, and 2017);
+    'nips' has two and 256, with a third of the arithmetic (Mnih et al. 2013)."""
     target: Literal["dqn", "double"] = "double"
-    """Network that chooses the next action: the target network (dqn) or the online network
-    (double)."""
+    """Network that chooses the next action in the target: the target network ('dqn') or the online
+    network ('double')."""
     loss: Literal["mse", "huber"] = "huber"
-    """Loss of dqn: δ² of the TD error δ, as in 2017; or ½δ², growing only linearly beyond
-    |δ| = 1. That of qr_dqn is always the quantile Huber loss."""
+    """Loss of dqn for a TD error δ: 'mse' is δ², as in 2017; 'huber' is ½δ², linear beyond
+    |δ| = 1. qr_dqn always uses the quantile Huber loss."""
     loss_mean_over: Literal["batch", "outputs"] = "batch"
-    """Divisor of dqn's loss: the batch, or, as Keras did in 2017, batch × actions."""
+    """Divisor of dqn's loss: the batch size, or ('outputs') batch size × actions, as Keras did in
+    2017."""
     optimizer: Literal["adam", "rmsprop"] = "adam"
-    """Optimizer: Adam, or RMSprop by the formula of Keras and PyTorch."""
+    """Optimizer: Adam, or RMSprop as Keras and PyTorch define it."""
     learning_rate: Amount = 1e-4
-    """Learning rate of the optimizer, at first."""
+    """Initial learning rate of the optimizer."""
     annealing_steps: Count = 0
-    """Agent steps of the run, after learning starts, in which the learning rate falls linearly to
-    --learning.final-learning-rate; 0 for a constant rate."""
+    """Number of agent steps, counted from when learning starts, in which the learning rate falls
+    linearly to --learning.final-learning-rate; 0 for a constant rate."""
     final_learning_rate: Amount = 1e-5
     """Learning rate after --learning.annealing-steps."""
     rmsprop_decay: Annotated[float, Ge(0), Lt(1)] = 0.95
@@ -99,50 +101,52 @@ class LearningConfig:
     optimizer_epsilon: Annotated[float, Ge(1e-12)] = 1.5e-4
     """ε in the optimizer's denominator."""
     gradient_norm: Amount = 10.0
-    """Maximum norm of the gradient; 0 for no bound."""
+    """Maximum norm of the gradient; 0 for no limit."""
     weights_average: Annotated[float, Ge(0), Lt(1)] = 0.0
-    """Decay per update of the exponential mean of the weights that is published, tested and
-    evaluated; 0 for the weights themselves."""
+    """Decay per update of the exponential mean of the weights, which is then published, tested and
+    evaluated; 0 to use the weights themselves."""
     initial_weights: InitialWeights = "torch"
-    """Initial weights: PyTorch's; or Keras' (Glorot uniform) or He's (He et al. 2015, normal, the
-    last layer's a tenth), with zero biases."""
+    """Initial weights: 'torch', PyTorch's default; 'glorot', Glorot uniform with zero biases, as in
+    Keras; 'he', normal (He et al. 2015) with zero biases, a tenth in the last layer."""
     layer_norm: bool = False
     """Layer normalisation of the 512 or 256 hidden units (Ba et al. 2016)."""
     scale_pixels: bool = True
-    """Scaling of pixels by 1/255 before the first layer; by 1/64 with --learning.center-pixels."""
+    """Scaling of pixels by 1/255 before the first layer, or by 1/64 with
+    --learning.center-pixels."""
     center_pixels: bool = False
-    """Subtraction of a state's mean grey level from its pixels. A picture is mostly background,
-    whose grey would otherwise drive the first layers' units to 0 for all pictures."""
+    """Subtraction of a state's mean grey level from its pixels. Most of a picture is background,
+    and its grey can drive units of the first layers to 0 for all pictures."""
     frame_differences: bool = False
-    """Frames of a state as their differences from the frame before, the oldest as it is: what moves
-    is then not added to what stands still, which is most of a picture."""
+    """Frames of a state as differences from the previous frame; the oldest frame stays as it is.
+    What moves is then separate from what stands still, which is most of a picture."""
     random_shift: Annotated[int, Ge(0), Le(20)] = 0
     """Maximum random shift of a sampled state in each direction, pixels (DrQ, Yarats et al.
     2021)."""
     curriculum_steps: Count = 0
-    """Agent steps of the run, after learning starts, in which the ranges of --randomise grow
-    linearly from nothing in the training games; 0 for whole ranges from the beginning. Tests always
-    have whole ranges."""
+    """Number of agent steps, counted from when learning starts, in which the ranges of --randomise
+    grow linearly from nothing in training games; 0 for full ranges from the beginning. Tests always
+    use the full ranges."""
     curriculum_score: Score | None = None
-    """Mean score of the last five training games from which the ranges grow; below it they shrink
-    at the same pace. None: they grow whatever the score. After automatic domain randomization
-    (OpenAI 2019), with one width for all ranges."""
+    """Threshold for the mean score of the last five training games: the ranges grow at or above it
+    and shrink below it, at the same pace. None: they grow whatever the score. After automatic
+    domain randomization (OpenAI 2019), with one width for all ranges."""
     clip_rewards: bool = True
     """Clipping of each agent step's reward to [-1, 1]; scores are never clipped."""
     discount: Fraction = 0.99
     """γ per agent step."""
     n_step: FromOne = 3
-    """Agent steps of the n-step return; 1 in 2017."""
+    """Number of agent steps of the n-step return; 1 in 2017."""
     batch_size: FromOne = 32
-    """Transitions per update."""
+    """Number of transitions per update."""
     train_period: FromOne = 4
-    """Agent steps per update."""
+    """Number of agent steps per update."""
     target_update_period: FromOne = 2_000
-    """Updates between copies to the target network."""
+    """Number of updates between copies to the target network."""
     publish_period: FromOne = 50
-    """Updates between broadcasts of the weights."""
+    """Number of updates between broadcasts of the weights."""
     checkpoint_period: FromOne = 5_000
-    """Updates between checkpoints; each epoch's end and the run's end write one too."""
+    """Number of updates between checkpoints. The end of each epoch and of the run writes one
+    too."""
 
     def learning_rate_at(self, updates: int) -> float:
         """Returns the learning rate of the update after ``updates``."""
@@ -152,17 +156,17 @@ class LearningConfig:
 
 @dataclass(frozen=True)
 class ExplorationConfig:
-    """ε of the training actors, linear in the run's agent steps after learning starts."""
+    """ε of the training actors: linear in the run's agent steps once learning starts."""
 
     start: Fraction = 1.0
     """ε until learning starts."""
     end: Fraction = 0.02
     """ε after --exploration.steps."""
     steps: Count = 100_000
-    """Agent steps from start to end, over all actors."""
+    """Number of agent steps, over all actors, in which ε goes from start to end."""
     ez_greedy: bool = False
-    """εz-greedy exploration (Dabney et al. 2021): a random action lasts for 3 + Zipf(2) agent
-    steps, at most 12, and starts so seldom that the share of random steps is ε."""
+    """εz-greedy exploration (Dabney et al. 2021): a random action lasts 3 + Zipf(2) agent steps, at
+    most 12. Such actions start less often, so that the share of random steps is still ε."""
 
 
 @dataclass(frozen=True)
@@ -170,18 +174,19 @@ class ProtocolConfig:
     """Epochs and tests as in 2017: train, then test that epoch's snapshot."""
 
     epoch_steps: FromOne = 250_000
-    """Agent steps of training per epoch, over all actors."""
+    """Number of training agent steps per epoch, over all actors."""
     test_steps: FromOne = 125_000
-    """Agent steps of the test per epoch, over all evaluators."""
+    """Number of test agent steps per epoch, over all evaluators."""
     test_epsilon: Fraction = 0.05
     """ε of the evaluators."""
     held_out_states: FromOne = 1_024
-    """States, drawn once when learning starts, on which the mean max-Q is measured."""
+    """Number of states on which the mean max-Q is measured; they are drawn once, when learning
+    starts."""
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """One experiment. Two processes belong to the same run when their RunConfigs are equal."""
+    """One experiment. Processes of the same run have equal RunConfigs."""
 
     preset: PresetName = "robot"
     """Preset of settings; every other flag overrides it."""
@@ -203,7 +208,7 @@ class RunConfig:
 
     @property
     def samples_per_insert(self) -> float:
-        """Times that each stored step is drawn on average (2017: 32 / 4 = 8)."""
+        """Number of times that each stored step is drawn, on average (2017: 32 / 4 = 8)."""
         return self.learning.batch_size / self.learning.train_period
 
     @property
@@ -213,39 +218,40 @@ class RunConfig:
 
     @property
     def action_count(self) -> int:
-        """Actions that the environment offers. Raises InputError for a game that there is not."""
+        """Number of actions of the environment. Raises InputError for an unknown game."""
         return ENVIRONMENTS.find(self.env).actions(self)
 
     @property
     def fixed(self) -> "RunConfig":
-        """The same, in games whose conditions are all those of `play` and `camera`."""
+        """The same configuration without ranges: every game has the conditions of `play` and
+        `camera`."""
         return dataclasses.replace(self, randomise=RandomiseConfig())
 
     def epsilon_at(self, agent_steps: int) -> float:
-        """Returns ε after ``agent_steps`` of all actors, those before learning starts included."""
+        """Returns ε after ``agent_steps`` of all actors, including those before learning starts."""
         schedule = self.exploration
         done = (agent_steps - self.replay.learning_starts) / max(schedule.steps, 1)
         return schedule.start + (schedule.end - schedule.start) * min(max(done, 0.0), 1.0)
 
     def difficulty_after(self, curriculum_steps: int) -> float:
-        """Returns which share of their widths, 0 to 1, the ranges of `randomise` have in training
-        games after so many steps of the curriculum."""
+        """Returns the share of their full widths, 0 to 1, that the ranges of `randomise` have in
+        training games after so many steps of the curriculum."""
         whole = self.learning.curriculum_steps
         return min(curriculum_steps / whole, 1.0) if whole else 1.0
 
     def pinned(self) -> "RunConfig":
-        """Returns the settings with the hash of each file that they name. Raises InputError if a
-        file cannot be read."""
+        """Returns the settings, with its hash added to each file that they name. Raises InputError
+        if a file cannot be read."""
         if not self.play.latency_model:
             return self
         return replace(self, play=replace(self.play, robot=pin(self.play.latency_model)))
 
     def check(self) -> None:
-        """Refuses settings that cannot work, alone (the bounds beside each field) or together.
-        Raises InputError with the field at fault and what to choose."""
+        """Checks each setting (by the bounds beside its field) and all of them together. Raises
+        InputError with the field at fault and what to choose."""
         from_mapping(RunConfig, dataclasses.asdict(self), "")
         environment = ENVIRONMENTS.find(self.env)
-        environment.actions(self)  # knows the game, or refuses it
+        environment.actions(self)  # raises for an unknown game
         self._check_meaningful()
         check_ranges(self.play, self.camera, self.randomise)
         if environment.robot:
@@ -270,7 +276,7 @@ class RunConfig:
                 "play.vector_commands or play.vector_key_frames, until it has at most "
                 f"{MAX_VECTOR}."
             )
-        # They travel in one message, and a transition has two states.
+        # Held-out states, and a minibatch, travel in one message; a transition has two states.
         state_bytes = self.play.frame_stack * (FRAME_BYTES + _PLACE_BYTES) + 4 * self.vector_width
         drawn_bytes = sum(field.step_bytes(self.vector_width) for field in drawn_fields().values())
         transition_bytes = 2 * state_bytes + _TRANSITION_BYTES + drawn_bytes
@@ -317,7 +323,7 @@ class RunConfig:
 
 
 def all_ranges(env: str) -> RandomiseConfig:
-    """Returns the ranges of ``--randomise.all``: everything that means something in ``env``."""
+    """Returns the ranges of ``--randomise.all``: all that have an effect in ``env``."""
     ignored = _ignored(env)
     published: dict[str, Any] = {
         name: how.most for name, how in DRAWN.items() if f"randomise.{name}" not in ignored
@@ -326,7 +332,7 @@ def all_ranges(env: str) -> RandomiseConfig:
 
 
 def _ignored(env: str) -> list[str]:
-    """Returns the settings that mean nothing in ``env``, and the ranges around them."""
+    """Returns the settings that have no effect in ``env``, and the ranges around them."""
     fixed = ENVIRONMENTS.find(env).ignores
     ranges = (name for name, how in DRAWN.items() if not set(how.settings).isdisjoint(fixed))
     return [*fixed, *(f"randomise.{name}" for name in ranges)]
