@@ -1,1 +1,1 @@
-"""Launching a run on engines that a user already has: one description, and a file for each."""
+"""Launches a run on an engine that the user already has: one description, one module per engine."""

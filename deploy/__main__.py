@@ -1,13 +1,13 @@
-"""`python -m deploy ENGINE … -- FLAGS`: launches a run on an engine that is there already."""
+"""`python -m deploy ENGINE … -- FLAGS`: launches a run on an engine that exists already."""
 
 if __name__ == "__main__":
     import os
     import sys
 
-    # A working directory that does not hold this package may hold another `common`.
+    # A working directory that does not hold this package may hold a different `common`.
     if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
         del sys.path[0]
-        os.environ["PYTHONSAFEPATH"] = "1"  # for the programs that this one starts
+        os.environ["PYTHONSAFEPATH"] = "1"  # for child processes
 
 import sys
 from importlib import import_module
@@ -19,12 +19,12 @@ from deploy.description import LaunchOptions, describe
 
 
 def main() -> None:
-    """Writes what the engine needs, and says what to do with it."""
+    """Writes the files that the engine needs, and prints what to do with them."""
     given = sys.argv[1:]
     at = given.index("--") if "--" in given else len(given)
     options = parse(LaunchOptions, "deploy", given[:at])
     run = describe(options, given[at + 1 :])
-    with extra_for("launch ray", "ray"):  # no other engine needs a package of its own
+    with extra_for("launch ray", "ray"):  # no other engine needs an extra package
         name = "ray_cluster" if options.engine == "ray" else options.engine
         engine = import_module(f"deploy.{name}")
     print(engine.launch(run))

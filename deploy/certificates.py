@@ -1,4 +1,4 @@
-"""Certificates of a run that an engine makes by itself, with `deploy/certificates.sh`."""
+"""Certificates that a launcher makes for a run, with `deploy/certificates.sh`."""
 
 import subprocess
 from collections.abc import Sequence
@@ -13,25 +13,24 @@ from common.transport.credentials import allowed_actors, common_name
 
 _SCRIPT = Path(__file__).with_name("certificates.sh")
 _RENEWED = timedelta(days=30)
-"""Time before its end at which a certificate is made anew."""
+"""Remaining validity below which a certificate is renewed."""
 
 
 def ensure_certificates(folder: Path, host: str) -> None:
-    """Makes those of a hub that is called ``host``, unless the folder has some that last. Raises
-    InputError if the script says why it cannot."""
+    """Makes the certificates of a hub called ``host``, unless the folder has some that last. Raises
+    InputError with the script's reason if it fails."""
     if not _lasts(folder / "hub.pem", host):
         make_certificates(folder, host)
 
 
 def certify_actors(folder: Path, host: str, names: Sequence[str]) -> None:
-    """Makes those of actors and evaluators that have none which lasts; a hub lets in no others
-    then.
+    """Makes certificates for those actors and evaluators that have none that lasts.
 
-    One that was taken off the hub's list stays out. Raises InputError as `make_certificates` does,
-    or if the list cannot be read.
+    The hub then admits no others. A name that was taken off the hub's list stays out. Raises
+    InputError as `make_certificates` does, or if the list cannot be read.
 
     Args:
-        host: the hub's name, if the folder has no authority yet.
+        host: the hub's name, needed if the folder has no authority yet.
     """
     if not (folder / "ca-key.pem").exists():
         make_certificates(folder, host)
@@ -46,7 +45,7 @@ def certify_actors(folder: Path, host: str, names: Sequence[str]) -> None:
 
 
 def _lasts(file: Path, host: str | None = None) -> bool:
-    """Whether a certificate is there, for ``host`` if that is given, and not at its end soon."""
+    """Whether ``file`` is a certificate, for ``host`` if given, that does not end soon."""
     with suppress(FileNotFoundError, ValueError):
         found = x509.load_pem_x509_certificate(file.read_bytes())
         names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
@@ -56,8 +55,8 @@ def _lasts(file: Path, host: str | None = None) -> bool:
 
 
 def make_certificates(folder: Path, *asked: str) -> None:
-    """Makes what is ``asked`` of the script, such as a hub's name, by the authority in ``folder``
-    if it has one. Raises InputError with what the script says if it cannot."""
+    """Runs the script with the arguments ``asked``, such as a hub's name. It uses the authority in
+    ``folder`` if there is one. Raises InputError with the script's reason if it fails."""
     said = subprocess.run(["sh", _SCRIPT, folder, *asked], capture_output=True, text=True)
     if said.returncode:
         raise InputError(f"no certificates can be made ({said.stderr.strip()}): install openssl.")

@@ -1,4 +1,4 @@
-"""Compose: all of a run's containers on one machine."""
+"""Compose: all containers of a run on one machine."""
 
 import json
 import shutil
@@ -14,7 +14,7 @@ _OWN = "compose.override.yaml"
 
 
 def launch(run: RunDescription) -> str:
-    """Writes the files, and returns what the user should do with them."""
+    """Writes the files, and returns what to do with them."""
     options, place = run.options, run.folder.path / "compose"
     if options.gpus > 0:
         raise InputError("--gpus is for slurm and kubernetes: omit it, and see deploy/README.md.")
@@ -34,7 +34,7 @@ def launch(run: RunDescription) -> str:
         parts.append("replay.yaml")
         replay = replay_command(run, "127.0.0.1", "tcp")
         services["replay"] = _service(run, replay, options.replay_cpus, options.replay_memory)
-    # Compose fills in what follows a dollar.
+    # Compose would substitute a variable after each dollar sign.
     text = json.dumps({"services": services}, indent=2).replace("$", "$$")
     with writing(place):
         place.mkdir(parents=True, exist_ok=True)

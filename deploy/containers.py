@@ -1,4 +1,4 @@
-"""What containers of a run start, whichever engine has them."""
+"""Commands of a run's containers, the same for every engine."""
 
 import shlex
 
@@ -7,14 +7,14 @@ from deploy.description import Program, RunDescription
 HUB_PORT = 7447
 HTTP_PORT = 9108
 _RUNS = "/runs"
-"""Where the volumes are."""
+"""Mount point of the volumes."""
 
 
 def replay_command(run: RunDescription, http: str, scheme: str) -> list[str]:
-    """Returns the command of a replay of its own, which begins the run or goes on with it.
+    """Returns the command of a separate replay, which begins the run or resumes it.
 
     Args:
-        http: the address at which probes find the process.
+        http: the host at which probes reach the process.
         scheme: tls or tcp.
     """
     own = ("--http", f"{http}:{HTTP_PORT}", *_listen(scheme))
@@ -34,12 +34,12 @@ def actor_command(run: RunDescription, scheme: str, *role: str) -> list[str]:
 
 
 def _command(run: RunDescription, program: Program) -> list[str]:
-    """Returns the command of a program whose part of the run is on a volume."""
+    """Returns the command of a program whose part of the run lies on a volume."""
     first, again = (
         shlex.join(["exec", "python3", "-m", program.module, *flags])
         for flags in (program.begin, program.resume)
     )
-    # A shell is needed for the question alone: a signal reaches the module itself.
+    # The shell only asks the question, then `exec` replaces it, so signals reach the module.
     question = f"if [ -e {_RUNS}/{run.folder.name}/{program.begun} ]"
     return ["sh", "-c", f"{question}; then {again}; else {first}; fi"]
 

@@ -1,7 +1,7 @@
 """The command lines of all programs, generated from dataclasses by tyro.
 
-A preset is read first and becomes the default of every other flag, so `--help` shows the values
-that would really be used.
+The preset is read first and gives the defaults of all other flags, so `--help` shows the values
+that a run would really use.
 """
 
 import argparse
@@ -47,10 +47,10 @@ WeightsFile = Annotated[
         str_from_instance=lambda value: [str(value)],
     ),
 ]
-"""A network by its file, or a published one by its name."""
+"""A network: a file, or the name of a published policy."""
 
 ALL_RANGES = "--randomise.all"
-"""Flag of the published ranges of everything that is drawn for each game."""
+"""Flag that sets the published range of everything that can be drawn for each game."""
 
 T = TypeVar("T")
 
@@ -60,12 +60,12 @@ def _joined_lines(helptext: str) -> str:
     return re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(helptext))
 
 
-# tyro's own keeps the line breaks of a field's docstring, because its lines are indented.
+# tyro's own function keeps the line breaks of a field's docstring, because its lines are indented.
 _strings.remove_single_line_breaks = _joined_lines
 
 
 def preset_of(arguments: Sequence[str]) -> RunConfig:
-    """The preset that ``arguments`` ask for: ``--preset``, or else what suits ``--env``."""
+    """Returns the preset that ``arguments`` ask for by ``--preset``, or else that of ``--env``."""
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--preset")
     first.add_argument("--env")
@@ -78,28 +78,28 @@ def preset_of(arguments: Sequence[str]) -> RunConfig:
 
 @dataclasses.dataclass(frozen=True)
 class RunOptions:
-    """What the command lines of learner and replay have in common."""
+    """Options that the command lines of learner and replay share."""
 
     config: RunFlags
     runs: Path = Path("runs")
     """Folder that holds the runs."""
     resume: bool = False
-    """Resume the run of that name, under its own settings."""
+    """Resume the run of that name, with its own settings."""
     listen: str = DEFAULT_ENDPOINT
-    """Address where the run's other processes find this one; name 0.0.0.0 to let other machines
-    in."""
+    """Address at which the run's other processes reach this one; 0.0.0.0 lets other machines in."""
     certificates: Path | None = None
-    """Folder of certificates, where the address begins with tls/; see deploy/README.md."""
+    """Folder of the certificates, for an address that begins with tls/; see deploy/README.md."""
     actor_quota: FromOne = STEPS_PER_SECOND
-    """Steps per second that the replay in this process takes of one actor at most; the rest has to
-    wait."""
+    """Maximum number of steps per second that the replay in this process accepts from one actor;
+    more have to wait."""
     log_json: bool = False
-    """Lines of JSON instead of a screen or lines for people."""
+    """Output as lines of JSON instead of a screen or plain lines."""
     restart: Count = 0
-    """Restarts in a row after a crash: a parent process starts this one again, with --resume and
-    growing pauses, unless the exit code says that this is in vain."""
+    """Maximum number of restarts in a row after a crash. A parent process starts this one again,
+    with --resume and growing pauses, unless the exit code says that a restart cannot help."""
     http: str | None = None
-    """Address such as 127.0.0.1:9108 of /healthz, /readyz and /metrics; see docs/operations.md."""
+    """Address that serves /healthz, /readyz and /metrics, such as 127.0.0.1:9108; see
+    docs/operations.md."""
 
 
 R = TypeVar("R", bound=RunOptions)
@@ -111,15 +111,17 @@ def parse_run(
     arguments: Sequence[str],
     stored: Callable[[R], RunConfig | None],
 ) -> tuple[R, RunConfig | None]:
-    """As `parse`, with the defaults of a preset, or of a run that is there; `ALL_RANGES` sets the
-    default of every range. Raises InputError if there is no such preset, or for settings that
-    cannot work.
+    """Parses as `parse` does, with the defaults of a preset or of a stored run.
+
+    `ALL_RANGES` sets the default of every range. Raises InputError for an unknown preset, or for
+    settings that cannot work.
 
     Args:
-        stored: finds the configuration of the run that the flags go on with; None for a new one.
+        stored: returns the stored configuration of the run that the options resume; None for a new
+            run.
 
     Returns:
-        the options, and what ``stored`` found.
+        the options, and what ``stored`` returned.
     """
     arguments = with_file(arguments)
     flags = [argument for argument in arguments if argument != ALL_RANGES]
@@ -136,17 +138,17 @@ def parse_run(
 
 
 def started_by(module: str) -> str:
-    """Returns the command that started this program, without its flags: `ale-robot` leaves its own
-    in the place of a file's name."""
+    """Returns the command that started this program, without its flags. `ale-robot` puts its own
+    name and subcommand in ``sys.argv[0]``."""
     return sys.argv[0] if sys.argv[0].startswith("ale-robot ") else f"python -m {module}"
 
 
 def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any) -> T:
-    """A ``kind`` filled from the command line, its other fields from ``defaults``.
+    """Returns a ``kind`` filled from the command line, with the other fields from ``defaults``.
 
     Raises:
         SystemExit: code 0 after ``--help`` and ``--version``.
-        InputError: a flag is not known, lacks its value, or is beyond the bounds beside its field.
+        InputError: a flag is unknown, lacks its value, or is out of the bounds beside its field.
     """
     if "--version" in arguments:
         print(f"ale-robot {VERSION}")
@@ -157,7 +159,7 @@ def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any
     command = started_by(program)
     with contextlib.redirect_stderr(io.StringIO()) as told:
         try:
-            # The docstring of a union of commands is Python's own.
+            # A union of commands has no docstring but Python's own.
             does = _joined_lines(kind.__doc__ or "") if isinstance(kind, type) else ""
             about = f"{does}\n\nExit codes:\n\n{table()}"
             parsed: T = tyro.cli(
@@ -172,8 +174,8 @@ def parse(kind: type[T], program: str, arguments: Sequence[str], **defaults: Any
 
 
 def _sentence(box: str, command: str) -> str:
-    """Returns what tyro says in a box as one sentence."""
-    # Without UTF-8 it has no border, and its rules are of "-".
+    """Returns tyro's error, which it prints in a box, as one sentence."""
+    # Without UTF-8 the box has no border, and its rules are made of "-".
     _, *lines = (line.strip("│╭╮╰╯─ ") for line in box.strip().splitlines())
     body = dropwhile(_is_rule, lines)
     first = " ".join(takewhile(lambda line: not _is_rule(line), body))
@@ -184,7 +186,7 @@ def _sentence(box: str, command: str) -> str:
     alike = [line.split()[0].strip(",") for line in flags]
     hint = f"did you mean {alike[0]}?" if alike else f"`{command} --help` lists the flags."
     if not unknown.startswith("-"):
-        return f"{unknown} stands without a flag: {hint}"
+        return f"{unknown} has no flag before it: {hint}"
     return f"there is no flag {unknown}: {hint}"
 
 
@@ -202,12 +204,12 @@ _SAID = {
     r"Missing value for argument '(\S+)'.*": r"\1 needs a value:",
     r"Missing from .*?: \{(.*?)\} (.*?)\.? \(required\).*": r"name one of \1 (\2):",
     r"Missing from .*?: STR (.*?)\.? \(required\).*": r"a name is missing (\1):",
-    # Of several, the first.
+    # If several are missing, the first is named.
     r"Missing from .*?: ((?:(?:-\S+|STR,|PATH,) )*)(STR|PATH|FILE) (.*?)\.? \(required\).*": (
         r"\1\2 is missing (\3):"
     ),
 }
-"""What tyro says, and the same for people."""
+"""Patterns of tyro's messages, and what people read instead."""
 
 
 def _plainly(said: str) -> str:
@@ -224,11 +226,11 @@ def _is_rule(line: str) -> bool:
 
 
 def with_file(arguments: Sequence[str]) -> list[str]:
-    """Returns ``arguments`` with the flags that a ``--config FILE`` stands for before all others,
-    which therefore win.
+    """Returns ``arguments`` with ``--config FILE`` replaced by the flags that the file stands for.
 
-    The file is TOML whose tables are groups of flags, the ``config.json`` of a run, or the card of
-    a policy. Raises InputError if it cannot be read.
+    They come first, so flags on the command line override them. The file is TOML whose tables are
+    groups of flags, the ``config.json`` of a run, or the card of a policy. Raises InputError if it
+    cannot be read.
     """
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     first.add_argument("--config", type=Path)
@@ -249,16 +251,16 @@ def with_file(arguments: Sequence[str]) -> list[str]:
         stored = told.get("config", told) if isinstance(told, dict) else told
         told = dataclasses.asdict(from_mapping(RunConfig, stored, str(known.config), fill=True))
     elif "config" in told:
-        raise InputError(f"{known.config} names a file of settings itself: remove config from it.")
+        raise InputError(f"{known.config} names another file of settings: remove config from it.")
     flags = (flag_of(name, value) for name, value in settings(told) if value is not None)
     return [*chain.from_iterable(flags), *rest]
 
 
 def check_bounds(options: Any) -> None:
-    """Refuses a flag that is beyond the bounds beside its field.
+    """Checks each flag against the bounds beside its field.
 
-    Groups check themselves, and a text of the command line may be long. Raises InputError with the
-    flag and what to choose.
+    Groups are skipped, because they check themselves, and so are texts, which may be long on a
+    command line. Raises InputError with the flag and what to choose.
     """
     for name, hint in get_type_hints(type(options), include_extras=True).items():
         value = getattr(options, name)
@@ -274,12 +276,12 @@ PRESENT_FLAGS = {
     for former, present in RENAMED.items()
     for on in (True, False)
 }
-"""Flags by their former names, as tables of earlier results have them, and the present ones."""
+"""Present names of flags by their former names, which tables of earlier results still use."""
 _GONE = {flag_of(field, on)[0] for field in REMOVED for on in (True, False)}
 
 
 def _refuse_former_flags(arguments: Sequence[str]) -> None:
-    """Raises InputError for a flag that a former version had, with its present name if any."""
+    """Raises InputError for a flag of a former version, with its present name if there is one."""
     for argument in arguments:
         former = argument.partition("=")[0].replace("_", "-")
         if former in _GONE:

@@ -1,7 +1,7 @@
-"""``--http``: what a monitoring system asks a process, over HTTP.
+"""``--http``: pages of a process for monitoring systems.
 
 ``/healthz`` says whether the process works, ``/readyz`` whether its run is as it should be, and
-``/metrics`` gives its figures. It is a page for machines that a person can read too.
+``/metrics`` gives its figures. People can read the pages too.
 """
 
 import logging
@@ -17,7 +17,7 @@ _log = logging.getLogger(__name__)
 
 
 class Page(NamedTuple):
-    """What a path shows."""
+    """The response to a request for one path."""
 
     body: bytes
     kind: str = "text/plain; charset=utf-8"
@@ -25,7 +25,7 @@ class Page(NamedTuple):
 
 
 def verdict(reasons: Sequence[str]) -> Page:
-    """Returns ``ok``, or with status 503 the reasons why not, a line each."""
+    """Returns ``ok``; or, with status 503, the ``reasons`` why not, one per line."""
     if not reasons:
         return Page(b"ok\n")
     return Page("".join(f"{reason}\n" for reason in reasons).encode(), status=503)
@@ -37,12 +37,13 @@ def check_address(
     """Returns host and port. Raises InputError if it is not an address.
 
     Args:
-        flag: what asks for an address, such as the ``usual`` one.
-        least_port: 0 where any free port will do.
+        flag: the flag that takes the address.
+        usual: an example, shown in the error.
+        least_port: 0 if any free port will do.
     """
     found = host_and_port(address, least_port)
     if found is None:
-        raise InputError(f"{address!r} is no address for {flag}: write it as {usual}.")
+        raise InputError(f"{address!r} is not an address for {flag}: write it as {usual}.")
     return found
 
 
@@ -50,11 +51,11 @@ def check_address(
 def http_endpoints(
     address: str | None, pages: Callable[[], dict[str, Callable[[], Page]]]
 ) -> Iterator[None]:
-    """Serves ``pages`` by their paths, from a thread of its own; nothing where there is no address.
-    Raises InputError if the address is none, or taken, or a package is missing.
+    """Serves ``pages`` by their paths, from a thread of its own; does nothing without an address.
+    Raises InputError if the address is malformed or taken, or a package is missing.
 
     Args:
-        pages: made only if they are served.
+        pages: called only if there is an address.
     """
     if address is None:
         yield
@@ -67,7 +68,7 @@ def http_endpoints(
         from common.process.http_server import HttpServer, application
 
         app = application(pages())
-    # Beyond loopback a monitoring system has whatever name for us its network gives.
+    # Beyond loopback, a monitoring system may reach us by any name that its network has for us.
     server = HttpServer(app, host, port, "--http", any_name=not local)
     with closing(server):
         server.start()

@@ -1,8 +1,7 @@
 """``epochs.csv``: one row per phase of an epoch, in the columns of 2017.
 
-The file is the run's record of what was reached and how fast, and can be laid over the results
-of the first experiment without conversion. Times are wall clock, where those of 2017 were CPU
-time.
+The file records what the run reached and how fast, and can be compared with the results of the
+first experiment without conversion. Times are wall-clock times; those of 2017 were CPU times.
 """
 
 import csv
@@ -34,13 +33,13 @@ class EpochRow:
     epoch: Count
     """0 for the warm-up, then 1, 2, 3 …"""
     phase: EpochPhase
-    """``random`` is a warm-up in which all actions were, but those of demonstrations."""
+    """``random`` is a warm-up in which all actions were random, except those of demonstrations."""
     steps: Count
     """Agent steps in this phase."""
     nr_games: Count
     """Games that ended in it."""
     average_reward: Figure | None
-    """Mean score of those games; None, an empty cell, without any."""
+    """Mean score of those games; None, an empty cell, if there were none."""
     min_game_reward: Figure | None
     """Lowest of those scores."""
     max_game_reward: Figure | None
@@ -48,11 +47,11 @@ class EpochRow:
     last_exploration_rate: Figure
     """Share of random actions at the phase's end."""
     total_train_steps: Count
-    """Training steps so far, the random ones not included."""
+    """Training steps so far, without the random ones."""
     replay_memory_count: Count
     """Steps in the replay."""
     meanq: Figure | None
-    """Mean max-Q over the held-out states, with the weights of the phase's end."""
+    """Mean max-Q over the held-out states, with the weights at the phase's end."""
     meancost: Figure | None
     """Mean loss over the phase's updates."""
     weight_updates: Count
@@ -68,8 +67,8 @@ class EpochRow:
     def of_games(
         cls, scores: Sequence[float], *, steps: int, epoch_time: float, **columns: Any
     ) -> Self:
-        """The row of a phase in which games with these scores ended; ``columns`` are those that do
-        not follow from the scores, steps and time."""
+        """Returns the row of a phase in which games with these ``scores`` ended. ``columns`` are
+        those that do not follow from scores, steps and time."""
         return cls(
             steps=steps,
             nr_games=len(scores),
@@ -87,7 +86,7 @@ _HEADER = ",".join(COLUMNS) + "\n"
 
 
 class EpochTable:
-    """The rows of one run, in a CSV file that only grows, but for a resume."""
+    """The rows of one run, in a CSV file that only grows, except when the run is resumed."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -101,16 +100,16 @@ class EpochTable:
         append_whole(self._path, line.getvalue().encode(), durable=True)
 
     def rows(self) -> list[EpochRow]:
-        """All rows; none where there is no file yet. Raises InputError if the file is not what
-        `append` writes."""
+        """Returns all rows, or none if there is no file yet. Raises InputError if `append` did not
+        write the file."""
         return self._rows(self._lines())
 
     def keep(self, count: int) -> list[EpochRow]:
         """Drop the rows after the first ``count``, atomically, and return those that stay.
 
-        For a resume: a checkpoint knows how many rows there were, and what follows it (perhaps torn
-        by the crash) will be written again. Raises InputError if there are fewer rows, or one of
-        them is damaged.
+        A resume calls this: the checkpoint knows how many rows there were, and the run writes later
+        rows, of which a crash may have torn one, again. Raises InputError if there are fewer rows,
+        or one of them is damaged.
         """
         lines = self._lines()
         if len(lines) < count:
@@ -124,7 +123,7 @@ class EpochTable:
         return rows
 
     def _lines(self) -> list[str]:
-        """The lines after the header, with their ends."""
+        """Returns the lines after the header, with their line ends."""
         try:
             text = io.TextIOWrapper(io.BytesIO(read_file(self._path)), "utf-8").read()
             header, *lines = text.splitlines(keepends=True) or [""]
@@ -136,7 +135,7 @@ class EpochTable:
             raise InputError(f"cannot read {self._path}: {error.strerror}.") from None
         if header != _HEADER:
             raise InputError(
-                f"{self._path} is no table of epochs, for its first line does not name the "
+                f"{self._path} is not a table of epochs, because its first line does not name the "
                 "columns: name a run's folder or its epochs.csv, or put that line back."
             )
         return lines
@@ -159,7 +158,7 @@ class EpochTable:
 
 
 def _cell(value: Any) -> Any:
-    """Whole numbers without a fraction: -21, as in 2017, not -21.0."""
+    """Returns ``value``, a whole number without its fraction: -21, as in 2017, not -21.0."""
     whole = isinstance(value, float) and value.is_integer() and abs(value) < 2**53
     return int(value) if whole else value
 

@@ -27,7 +27,7 @@ def check_new_file(file: Path) -> None:
         raise InputError(f"{file} is a folder: name a file in it.")
     # What is written takes its place: as root, that of a device.
     if file.is_symlink() or (file.exists() and not file.is_file()):
-        raise InputError(f"{file} is no regular file: name one, or one that is not there yet.")
+        raise InputError(f"{file} is not a regular file: name one, or a new one.")
     with writing(file):
         file.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=file.parent):

@@ -11,28 +11,28 @@ _ADDRESS = re.compile(r"(\[[0-9a-fA-F:]+\]|[^\[\]:/\s]+):(\d{1,5})")
 
 
 def check_endpoint(endpoint: str) -> tuple[str, int]:
-    """Return host and port of ``endpoint``. Raises InputError if it is not an address."""
+    """Returns host and port of ``endpoint``. Raises InputError if it is not an address."""
     scheme, _, address = endpoint.partition("/")
     found = host_and_port(address)
     if scheme not in ("tcp", "tls") or found is None:
-        raise InputError(f"{endpoint!r} is no address: write it as {DEFAULT_ENDPOINT}.")
+        raise InputError(f"{endpoint!r} is not an address: write it as {DEFAULT_ENDPOINT}.")
     return found
 
 
 def host_and_port(address: str, least_port: int = 1) -> tuple[str, int] | None:
-    """Returns the parts of ``HOST:PORT`` or ``[IPv6]:PORT``; None if it is not written so."""
+    """Returns the parts of ``HOST:PORT`` or ``[IPv6]:PORT``; None if the form is another."""
     found = _ADDRESS.fullmatch(address)
     if found is None or not least_port <= int(found[2]) < 65_536:
         return None
     try:
-        found[1].encode("idna")  # as Python does where it looks for a host
+        found[1].encode("idna")  # as Python does when it looks up a host
     except UnicodeError:
         return None
     return found[1].strip("[]"), int(found[2])
 
 
 def check_free(host: str, port: int) -> None:
-    """Refuses a port at which nobody can listen now. Raises OSError, which says why."""
+    """Checks that a process can listen at ``host`` and ``port`` now. Raises OSError if not."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -48,7 +48,8 @@ def is_loopback(host: str) -> bool:
 
 
 def from_here(endpoint: str) -> str:
-    """Return the address, for this machine's processes, of a hub that listens at ``endpoint``."""
+    """Returns the address by which this machine's processes reach a hub listening at
+    ``endpoint``."""
     for every, own in (("0.0.0.0", "127.0.0.1"), ("[::]", "[::1]")):
         endpoint = endpoint.replace(f"/{every}:", f"/{own}:")
     return endpoint

@@ -122,7 +122,7 @@ def test_what_cannot_be_is_said_in_one_line(tmp_path: Path, started: list[Proces
     for flags, complaint in (
         ([], "already holds a run"),
         (["--resume", "--learning.n-step", "2"], "n_step 5 → 2"),
-        (["--resume", "--listen", "somewhere"], "no address"),
+        (["--resume", "--listen", "somewhere"], "not an address"),
         (["--resume", "--connect", "tcp/127.0.0.1:1"], "give --listen or --connect"),
     ):
         refused = Process(tmp_path, endpoint, *flags)

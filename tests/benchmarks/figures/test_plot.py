@@ -398,7 +398,7 @@ def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
     EpochTable(empty).append(ROW)
     broken = late(tmp_path / "broken.csv", ("a", 0, float("nan")))
     for figure, path, words in (
-        ("epochs", text, "is no table of epochs"),
+        ("epochs", text, "is not a table of epochs"),
         ("progress", empty, "no complete epoch"),
         ("epochs", tmp_path, "no complete epoch"),
         ("delay", text, "is no table of"),

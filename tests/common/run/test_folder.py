@@ -341,7 +341,7 @@ def test_a_device_a_pipe_and_a_link_are_not_replaced(tmp_path: Path) -> None:
     os.mkfifo(pipe)
     link.symlink_to("/dev/stdout")
     for file in (pipe, link, Path("/dev/null")):
-        with pytest.raises(InputError, match=f"{file} is no regular file: name one"):
+        with pytest.raises(InputError, match=f"{file} is not a regular file: name one"):
             check_new_file(file)
 
 

@@ -546,7 +546,7 @@ def test_addresses_and_certificates_have_to_fit(certificates: Path, tmp_path: Pa
         ("tls/127.0.0.1:7447", None, "needs --certificates"),
         ("tcp/127.0.0.1:7447", certificates, "write tcp/127.0.0.1:7447 as tls/127.0.0.1:7447"),
         ("tls/127.0.0.1:7447", tmp_path, "there is no .*ca.pem: make"),
-        ("tls/127.0.0.1", certificates, "is no address"),
+        ("tls/127.0.0.1", certificates, "is not an address"),
     ):
         with pytest.raises(InputError, match=words):
             check_certificates(endpoint, folder, "actor")

@@ -50,7 +50,7 @@ from tests.patience import PATIENCE, wait_until
 )
 def test_what_is_no_address_is_told_with_an_example(endpoint: str) -> None:
     for use in (check_endpoint, open_hub, lambda endpoint: connect(endpoint, 1e9)):
-        with pytest.raises(InputError, match=f"is no address: write it as {DEFAULT_ENDPOINT}"):
+        with pytest.raises(InputError, match=f"is not an address: write it as {DEFAULT_ENDPOINT}"):
             use(endpoint)
 
 
