@@ -1,1 +1,1 @@
-"""What more than one process speaks: configuration, messages, transport, metrics, the network."""
+"""Code that several processes share: configuration, messages, transport, metrics, the network."""

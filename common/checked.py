@@ -1,9 +1,9 @@
-"""The one checker of what comes from outside: messages, configurations, journals.
+"""Checks all data that comes from outside: messages, configurations, journals.
 
-A type declares its fields with their bounds (``Annotated[int, Ge(0), Lt(2**63)]``), and `build`
-makes one of it from plain data, or says in one sentence which field is wrong. It is strict: a
-field is neither missing nor unknown, nothing is converted but a whole number where a float is
-meant, no number is NaN or infinite, and no text is long.
+A type declares its fields with their bounds (``Annotated[int, Ge(0), Lt(2**63)]``). `build` makes
+an instance of it from plain data, or says in one sentence which field is wrong. It is strict: no
+field may be missing or unknown, no number may be NaN or infinite, and texts are short. The only
+conversion is from a whole number to a float.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ from pydantic_core import core_schema
 from typing_extensions import TypedDict
 
 MAX_TEXT = 200
-"""Characters of a text."""
+"""Maximum number of characters of a text."""
 MAX_COUNT = 2**63 - 1
 MAX_SIZE = 1e9
 """Bound of rewards, scores and vectors: sums and squares of such numbers stay finite."""
@@ -42,7 +42,7 @@ Patience = Annotated[float, Ge(0), AllowInfNan(True)]
 """Seconds; inf to wait for ever."""
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 Name = Annotated[str, StringConstraints(pattern=NAME)]
-"""Name of a run or a process, which becomes part of key expressions and of paths."""
+"""Name of a run or a process; it becomes part of key expressions and paths."""
 Score = Annotated[float, Ge(-MAX_SIZE), Le(MAX_SIZE)]
 
 T = TypeVar("T")
@@ -52,16 +52,16 @@ _ROW = GetPydanticSchema(
     )
 )
 Rows = Annotated[tuple[Annotated[T, _ROW], ...], Strict(False)]
-"""Named tuples, each written as a list of its values, without their names."""
+"""Named tuples, each written as a list of its values without their names."""
 Values = Annotated[tuple[T, ...], Strict(False)]
-"""As many values as there are, written as a list."""
+"""Any number of values, written as a list."""
 
 
-_TypedDict: Any = TypedDict  # which type checkers admit with constants only
+_TypedDict: Any = TypedDict  # type checkers accept it with constants only
 
 
 class Invalid(ValueError):
-    """Data that a declaration does not admit; the text names the field and says what is wrong."""
+    """The data does not fit its declaration; the text names the field and says what is wrong."""
 
 
 def build(
@@ -71,10 +71,10 @@ def build(
     Raises Invalid if a field is missing, unknown, of the wrong type, or out of bounds.
 
     Args:
-        where: the place that ``data`` comes from, put before the names of its fields.
-        fill: take the default of a field that is missing in a group. For files, which may be older
-            than the field; so a new field's default is what was done before there was one.
-        context: handed to the annotations that read one.
+        where: the place that ``data`` comes from; errors put it before the names of the fields.
+        fill: use the default of a field that is missing in a group. This is for files, which may be
+            older than the field; a new field's default must be the behaviour before it existed.
+        context: passed to annotations that use one.
     """
     of_kind: Any = kind
     try:
@@ -92,10 +92,10 @@ def _adapter(kind: Any, fill: bool) -> TypeAdapter[Any]:
 
 
 def _from_table(kind: Any, fill: bool, *, inner: bool = True) -> Any:
-    """Returns the annotation of a table that ``kind`` is made from.
+    """Returns the annotation of a table from which ``kind`` is built.
 
-    Pydantic's own schema of a dataclass makes each field with a default optional, and a strict one
-    admits only what is a ``kind`` already.
+    Pydantic's own schema of a dataclass does not do: it makes each field with a default optional,
+    and if it is strict, it accepts only instances of ``kind``.
     """
     fields: dict[str, Any] = {}
     hints = get_type_hints(kind, include_extras=True)
@@ -108,7 +108,7 @@ def _from_table(kind: Any, fill: bool, *, inner: bool = True) -> Any:
     return Annotated[table, AfterValidator(lambda found: kind(**found))]
 
 
-_MOST_NAMES, _LONGEST_NAME = 20, 40  # in a sentence: a stranger may have chosen them
+_MOST_NAMES, _LONGEST_NAME = 20, 40  # in an error: a stranger may have chosen the names
 _UNEQUAL = ("missing", "extra_forbidden")
 _WRONG = {
     "greater_than_equal": ": choose {ge} or more",
@@ -129,11 +129,11 @@ _WRONG = {
     "tuple_type": ", which is not a list",
     "is_instance_of": ", which is not a {class}",
 }
-"""What is said of a value after itself, by pydantic's type of the error."""
+"""End of the sentence about a wrong value, by pydantic's type of the error."""
 
 
 def _sentence(refusal: _Refusal, where: str) -> str:
-    """Returns what is wrong with the first field at fault, and what to choose instead."""
+    """Returns a sentence about the first wrong field, with what to choose instead."""
     errors: list[Any] = refusal.errors(include_url=False)
 
     def dotted(*loc: Any) -> str:

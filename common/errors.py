@@ -13,13 +13,13 @@ from common.process.log_lines import say_aside
 from common.process.output import escape, has_reader, open_closed, silence, widen
 
 NO_ROOM_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
-"""What the system says where a disk is full or read-only, which may pass."""
+"""Errors of a disk that is full or read-only, which may pass."""
 _SHORT_ERRORS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
-"""What it says where files or memory run short, of which a new process has enough."""
+"""Errors of a process that runs out of files or memory; a new process has enough of both."""
 
 
 class InputError(Exception):
-    """An invalid request of the user; its text is the whole message."""
+    """An invalid request of the user; its text is the whole message that the user reads."""
 
     def __init__(self, text: str, exit_code: int = BAD_INPUT) -> None:
         super().__init__(text)
@@ -27,33 +27,33 @@ class InputError(Exception):
 
 
 class Unreachable(InputError):
-    """Nobody answers at an address, or the run there has gone: another try may succeed."""
+    """No process answers at an address, or the run there has gone: another try may succeed."""
 
     def __init__(self, text: str) -> None:
         super().__init__(text, UNREACHABLE)
 
 
 def cannot_write(path: Path, error: OSError) -> InputError:
-    """Returns the error that tells that ``path`` cannot be written."""
+    """Returns the error that says that ``path`` cannot be written."""
     code = NO_ROOM if error.errno in NO_ROOM_ERRORS else BAD_INPUT
     return InputError(f"{path} cannot be written: {error.strerror}.", code)
 
 
 def choice(given: str, known: Sequence[str], otherwise: str | None = None) -> str:
-    """Returns the end of a sentence that refuses ``given``: the name that was probably meant; or
-    ``otherwise``, which by default lists what there is."""
+    """Returns the end of a sentence that refuses ``given``: the name that was probably meant, or
+    ``otherwise``, which by default lists the known names."""
     if alike := get_close_matches(given, known, n=1):
         return f"did you mean {alike[0]}?"
     return f"choose one of {', '.join(known)}." if otherwise is None else otherwise
 
 
 class MessageError(ValueError):
-    """A message from another process that is malformed, oversized or addressed to another one."""
+    """A message from another process is malformed, too large or meant for another process."""
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Raises InputError where the system refuses what is written to ``path`` meanwhile."""
+    """Raises InputError if the system refuses a write to ``path`` within the block."""
     try:
         yield
     except OSError as error:
@@ -63,9 +63,8 @@ def writing(path: Path) -> Iterator[None]:
 def exit_on_input_error(main: Callable[[], int | None]) -> None:
     """Run ``main`` and exit with its status.
 
-    An `InputError`, and whatever the system refuses, becomes one line on stderr, and an exit code
-    of `EXIT_CODES`.
-    A program whose output nobody reads any more, as before ``| head``, ends in silence.
+    An `InputError` or `OSError` becomes one line on stderr, and an exit code of `EXIT_CODES`. A
+    program whose output is no longer read, as before ``| head``, ends in silence.
     """
     status: int | str | None
     open_closed()

@@ -1,7 +1,8 @@
-"""The table of figures as Prometheus knows it: names, types, units and help.
+"""The table of figures in the form of Prometheus: names, types, units and help.
 
-A name is ``ale_robot_<group>_<name>_<unit>``, in base units; what only grows ends in ``_total``.
-Texts, such as the game, are labels of ``ale_robot_run_info``. The unknown has no sample.
+A name is ``ale_robot_<group>_<name>_<unit>``, in base units; the name of a counter ends in
+``_total``. Texts, such as the game, are labels of ``ale_robot_run_info``. A figure whose value is
+unknown has no sample.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -18,13 +19,13 @@ from common.process.http_endpoints import Page
 PREFIX = "ale_robot"
 INFO = f"{PREFIX}_run_info"
 _UNITS = {"milliseconds": ("seconds", 1_000)}
-"""Base unit, and how many make one of it."""
+"""Base unit of each unit, and how many of that unit make one of it."""
 _WITHOUT = {"none", "per second", "per day"}
-"""Units that names have not got, or have within."""
+"""Units that are not appended to names."""
 
 
 def name_of(metric: Metric) -> str:
-    """Returns the name under which Prometheus stores a figure that is a number."""
+    """Returns the name under which Prometheus stores a numeric figure."""
     words = [PREFIX, *metric.key.replace("/", "_").split("_")]
     unit, _ = _UNITS.get(metric.unit, (metric.unit, 1))
     if metric.unit not in _WITHOUT and not {unit, unit.removesuffix("s")} & {*words}:
@@ -35,7 +36,7 @@ def name_of(metric: Metric) -> str:
 def family(
     metric: Metric, samples: Iterable[tuple[tuple[str, ...], Value]], *labels: str
 ) -> Family:
-    """Returns a figure with a sample for each of ``samples``: values of the labels, and its own."""
+    """Returns a figure with its ``samples``, each of which has the labels' values and its own."""
     unit, factor = _UNITS.get(metric.unit, (metric.unit, 1))
     help_text = metric.meaning + ("" if unit == "none" else f" ({unit})")
     kind = CounterMetricFamily if metric.counter else GaugeMetricFamily
@@ -47,7 +48,7 @@ def family(
 
 
 def families(values: Values) -> Iterator[Family]:
-    """Yields every figure of the table, and the texts among ``values`` as one."""
+    """Yields every numeric figure of the table, and one info metric of all texts in ``values``."""
     for metric in METRICS.values():
         if metric.form != "text":
             yield family(metric, [((), values.get(metric.key))])
@@ -60,7 +61,7 @@ def families(values: Values) -> Iterator[Family]:
 
 
 def metrics_page(collect: Callable[[], Iterable[Family]]) -> Callable[[], Page]:
-    """Returns the page ``/metrics`` of a process whose figures ``collect`` gives."""
+    """Returns the page ``/metrics`` of a process whose figures ``collect`` returns."""
 
     class Figures(Collector):
         def collect(self) -> Iterable[Family]:

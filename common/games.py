@@ -1,9 +1,9 @@
-"""The games that ale-py bundles for one player, and the actions that each of them tells apart.
+"""The single-player games that ale-py bundles, and the minimal action set of each.
 
-Learner and replay have to know how many actions a run has, but load neither emulator nor ROM. ALE
-itself is the source (`ALEInterface.getMinimalActionSet`); a test compares this table with it.
-Games for two players are left out: ALE does not play them, and ends the process when it is asked
-to load one.
+Learner and replay need the number of actions of a run, but load neither emulator nor ROM. The
+source is ALE itself (`ALEInterface.getMinimalActionSet`); a test compares this table with it.
+Games for two players are left out: ALE cannot play them, and ends the process if it is asked to
+load one.
 """
 
 from difflib import get_close_matches
@@ -54,14 +54,14 @@ _GAMES_OF_ACTIONS: dict[tuple[int, ...], str] = {
 MINIMAL_ACTIONS: dict[str, tuple[int, ...]] = {
     game: actions for actions, games in _GAMES_OF_ACTIONS.items() for game in games.split()
 }
-"""ALE's numbers of the actions that a game tells apart, by the game's name in snake_case."""
+"""ALE's numbers of the actions that a game distinguishes, by the game's name in snake_case."""
 
 GAMES: tuple[str, ...] = tuple(sorted(MINIMAL_ACTIONS))
 
 
 def check_game(game: str) -> str:
-    """Returns ``game`` if ale-py bundles it. Raises InputError if it does not, and suggests names
-    that look alike."""
+    """Returns ``game`` if ale-py bundles it. Raises InputError if it does not, with suggestions of
+    similar names."""
     if game not in MINIMAL_ACTIONS:
         alike = get_close_matches(game.lower().replace("-", "_").replace(" ", "_"), GAMES, n=3)
         hint = (

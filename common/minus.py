@@ -2,5 +2,5 @@
 
 
 def minus_signed(number: str) -> str:
-    """Returns a written number with a minus sign, as wide as a digit, for the hyphen before it."""
+    """Returns a number's text with its hyphen replaced by a minus sign, as wide as a digit."""
     return f"−{number[1:]}" if number.startswith("-") else number

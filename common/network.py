@@ -1,7 +1,8 @@
-"""The networks of the algorithms, shared by learner and actors: those of Mnih et al. 2015 and 2013,
-and the same with several numbers for each action, such as quantiles of its return.
+"""The networks of the algorithms, which learner and actors share.
 
-It stands here, not with the learner, so that an actor can play without the training code.
+They are those of Mnih et al. 2015 and 2013, with one or several outputs per action, such as
+quantiles of its return. The module is not with the learner, so that an actor can play without the
+training code.
 """
 
 from collections.abc import Mapping
@@ -17,10 +18,10 @@ from common.run.config import InitialWeights, LearningConfig, NetworkName, RunCo
 
 
 class Layers(NamedTuple):
-    """Sizes of a network's layers, between its states and its actions."""
+    """Sizes of a network's layers between its states and its actions."""
 
     convolutions: tuple[tuple[int, int, int], ...]
-    """Channels, kernel and stride of each; kernels and strides are square."""
+    """Channels, kernel and stride of each convolution; kernels and strides are square."""
     hidden: int
     """Units of the first dense layer."""
 
@@ -38,8 +39,8 @@ class QNetwork(nn.Module):
     """Convolutions and two dense layers: state → value of each action.
 
     Args:
-        learning: which layers there are, how they take pixels, and their first weights.
-        atoms: numbers that the last layer has for each action; their mean is its value.
+        learning: settings of the layers, of the pixels' scaling, and of the initial weights.
+        atoms: number of outputs per action; their mean is the action's value.
     """
 
     def __init__(
@@ -53,7 +54,7 @@ class QNetwork(nn.Module):
     ) -> None:
         super().__init__()
         self.action_count = actions
-        # 64 grey levels are about the deviation of centred pixels.
+        # Centred pixels have a standard deviation of about 64 grey levels.
         scale = 1 / 64 if learning.center_pixels else 1 / 255
         self.pixel_scale = scale if learning.scale_pixels else 1.0
         self._center_pixels = learning.center_pixels
@@ -69,15 +70,16 @@ class QNetwork(nn.Module):
         self.norm = nn.LayerNorm(layers.hidden) if learning.layer_norm else None
         self.actions = nn.Linear(layers.hidden, actions * atoms)
         self._initialise(learning.initial_weights)
-        # Channels last is the layout in which the CPU's and the GPU's convolutions are fastest.
+        # Channels last is the layout in which convolutions on CPU and GPU are fastest.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def _initialise(self, kind: InitialWeights) -> None:
-        """Draw the first weights.
+        """Draw the initial weights.
 
-        PyTorch's have a sixth of He's variance, so that of a picture's differences a two-hundredth
-        reaches the last layer, and as little of its errors the first. He's keep their size (He et
-        al. 2015); the last layer's are a tenth, for first values near 0.
+        PyTorch's have a sixth of the variance of He's, so only a two-hundredth of the differences
+        between pictures reaches the last layer, and as little of the errors reaches the first.
+        He's preserve the size of both (He et al. 2015). Those of the last layer are then a tenth,
+        for initial values near 0.
         """
         if kind == "torch":
             return
@@ -93,23 +95,23 @@ class QNetwork(nn.Module):
                 self.actions.weight *= 0.1
 
     def as_pixels(self, frames: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
-        """Returns uint8 frames in the type and memory layout that the first convolution wants.
+        """Returns uint8 frames in the type and memory layout that the first convolution needs.
 
-        Whoever puts the same frames through two networks does this once.
+        A caller that puts the same frames through two networks converts them once.
 
         Args:
             frames: ``uint8 [batch, frame_stack, height, width]``.
-            dtype: of the result; bfloat16 too has all of its values exactly, -255 to 255.
+            dtype: type of the result; even bfloat16 represents its values, -255 to 255, exactly.
         """
-        # In two steps: together they would take PyTorch's slow path, twice as long.
+        # In two steps: one call would take PyTorch's slow path, twice as long.
         pixels = frames.to(dtype).contiguous(memory_format=torch.channels_last)
-        whole = pixels  # those that are no differences
+        whole = pixels  # the frames that are not differences
         if self._frame_differences:
-            # In place and newest first, or the next would be a difference of differences.
+            # In place and newest first, or each would be a difference of differences.
             for frame in reversed(range(1, pixels.shape[1])):
                 pixels[:, frame] -= pixels[:, frame - 1]
             whole, frames = pixels[:, :1], frames[:, :1]
-        if self._center_pixels:  # with differences, from the oldest frame its own mean
+        if self._center_pixels:  # with differences, only the oldest frame is centred, by its mean
             mean = frames.flatten(1).float().mean(dim=1).round()
             whole -= mean.to(dtype).view(-1, 1, 1, 1)
         return pixels
@@ -118,26 +120,26 @@ class QNetwork(nn.Module):
         """Returns Q-values, ``float32 [batch, actions]``.
 
         Args:
-            frames: ``uint8 [batch, frame_stack, 84, 84]``, newest last; or those by `as_pixels`,
-                whose precision is then that of all layers.
+            frames: ``uint8 [batch, frame_stack, 84, 84]``, newest last; or the result of
+                `as_pixels`, whose precision all layers then use.
             vectors: ``float32 [batch, P]``; P may be 0.
         """
         return self.atoms(frames, vectors).mean(dim=2)
 
     def atoms(self, frames: Tensor, vectors: Tensor) -> Tensor:
-        """Returns the last layer's numbers, ``float32 [batch, actions, atoms]``."""
+        """Returns the last layer's outputs, ``float32 [batch, actions, atoms]``."""
         hidden = self.hidden(self._features(frames, vectors))
-        if self.norm is not None:  # in float32, whatever the layers' precision
+        if self.norm is not None:  # in float32, whatever the precision of the layers
             hidden = self.norm(hidden.float()).to(hidden.dtype)
         numbers: Tensor = self.actions(relu(hidden)).float()
         return numbers.view(len(numbers), self.action_count, -1)
 
     def _features(self, frames: Tensor, vectors: Tensor) -> Tensor:
-        """Returns what the first dense layer sees, ``[batch, features]``."""
+        """Returns the input of the first dense layer, ``[batch, features]``."""
         pixels = frames if frames.is_floating_point() else self.as_pixels(frames)
         first, *others = self.convolutions
         assert isinstance(first, nn.Conv2d)
-        # Scaling the first layer's few weights is the same sum as scaling a million pixels.
+        # Scaling the first layer's few weights gives the same result as scaling a million pixels.
         weight = (first.weight * self.pixel_scale).to(pixels.dtype)
         bias = None if first.bias is None else first.bias.to(pixels.dtype)
         features = conv2d(pixels, weight, bias, first.stride)
@@ -150,8 +152,8 @@ class QNetwork(nn.Module):
 
 
 def build_network(config: RunConfig, actions: int, *, vector_width: int | None = None) -> QNetwork:
-    """Returns the run's network with its first weights, the same for every process of the run;
-    ``vector_width`` is that of another vector observation than the run's."""
+    """Returns the run's network with its initial weights, which are the same in every process of
+    the run. ``vector_width`` overrides the width of the run's vector observation."""
     kind = ALGORITHMS.find(config.learning.algorithm)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
@@ -166,7 +168,7 @@ def build_network(config: RunConfig, actions: int, *, vector_width: int | None =
 
 
 def count_actions_of(config: RunConfig, weights: Mapping[str, Tensor]) -> int:
-    """Returns between how many actions a network of ``config`` with these ``weights`` chooses.
-    Raises KeyError if they are no weights of such a network."""
+    """Returns the number of actions of a network of ``config`` with these ``weights``. Raises
+    KeyError if the weights are not those of such a network."""
     kind = ALGORITHMS.find(config.learning.algorithm)
     return len(weights["actions.bias"]) // kind.atoms(config.learning)

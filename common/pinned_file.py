@@ -1,8 +1,8 @@
-"""A file that a run's settings name together with the hash of its content: ``PATH#sha256=HASH``.
+"""Files that a run's settings name together with the hash of their content: ``PATH#sha256=HASH``.
 
-The content does not travel with the settings. It is hundreds of times as long as they are, every
-process of a run and every card of a policy would carry it, and it is its owner's to hand on. With
-the hash, each process plays with the same content or says what it lacks.
+The content does not travel with the settings: it is hundreds of times as long, every process of a
+run and every card of a policy would carry it, and only its owner may hand it on. The hash ensures
+that each process plays with the same content, or says what it lacks.
 """
 
 import hashlib
@@ -13,33 +13,32 @@ from common.errors import InputError
 from common.regular_file import read_file
 
 MAX_BYTES = 2**26
-"""Bytes of such a file, at most."""
+"""Maximum size of such a file, bytes."""
 _MARK = "#sha256="
 
 
 def path_of(name: str) -> Path:
-    """Returns the path in ``name``, which may have a hash."""
+    """Returns the path in ``name``, without the hash if it has one."""
     return Path(name.partition(_MARK)[0])
 
 
 def pin(name: str) -> str:
-    """Returns ``name`` with the hash of the file's present content; one that has a hash, as it is.
-    Raises InputError as `read` does, and if the path is too long to travel together with the
-    hash."""
+    """Returns ``name`` with the hash of the file's present content, or unchanged if it has a hash.
+    Raises InputError as `read` does, and if the path is too long to travel with the hash."""
     if _MARK in name:
         return name
     pinned = f"{name}{_MARK}{hashlib.sha256(read(name)).hexdigest()}"
     if (over := len(pinned) - MAX_TEXT) > 0:
         raise InputError(
             f"the path {name} is too long by {over} characters for a run's settings: name the "
-            "file by a shorter one."
+            "file by a shorter path."
         )
     return pinned
 
 
 def read(name: str) -> bytes:
-    """Returns the content of the file that ``name`` stands for. Raises InputError if it cannot be
-    read, is larger than `MAX_BYTES`, or has another hash than ``name`` says."""
+    """Returns the content of the file ``name``. Raises InputError if it cannot be read, is larger
+    than `MAX_BYTES`, or does not have the hash in ``name``."""
     path, (_, _, wanted) = path_of(name), name.partition(_MARK)
     try:
         content = read_file(path, MAX_BYTES + 1)
@@ -51,7 +50,7 @@ def read(name: str) -> bytes:
     found = hashlib.sha256(content).hexdigest()
     if wanted and found != wanted:
         raise InputError(
-            f"{path} is not the run's: its SHA-256 is {found}, the run's {wanted}: copy the file "
-            "there from where the run began."
+            f"{path} is not the run's file: its SHA-256 is {found}, the run's {wanted}: copy the "
+            "file there from where the run began."
         )
     return content

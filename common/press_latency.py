@@ -1,13 +1,14 @@
-"""How long hands take from a command to its keys, as counts that add up over processes.
+"""Latency of the hands, from a command to its keys, as counts that add up over processes.
 
 A command has two goals: *release*, every key that it does not ask for is up; and *press*, every
-key that it asks for is down. Each is measured where it was not reached when the command came,
-in whole emulator frames of game time, because that is how often the controller is read. A goal
-that was not reached before another command, or within `MOST_FRAMES`, is *given up* at that age.
+key that it asks for is down. Each goal is measured unless the command finds it reached. The unit
+is the emulator frame of game time, because that is how often the controller is read. A goal that
+is not reached before the next command, or within `MOST_FRAMES`, is *given up* at that age.
 
-Percentiles are over all measured commands, and one that was given up counts as slower than every
-other: to leave it out would flatter slow hands. A percentile is infinite where too many were given
-up. Arms in order give up none (0 of 3,670 in random play of Pong and Breakout).
+Percentiles are over all measured commands. A command that was given up counts as slower than every
+other, because leaving it out would flatter slow hands. A percentile is infinite if too many
+commands were given up. Arms that work give up none (0 of 3,670 in random play of Pong and
+Breakout).
 """
 
 import math
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from common.run.conditions import FRAMES_PER_SECOND
 
 MOST_FRAMES = 30
-"""Frames for which a command is watched at most: half a second."""
+"""Maximum number of frames for which a command is watched: half a second."""
 COUNTS = 2 * 2 * MOST_FRAMES
 """Number of counts: outcomes by age, ``[release or press, reached or given up, age - 1]``, flat."""
 
@@ -29,12 +30,12 @@ Goal = Literal["release", "press"]
 
 
 def place_of(goal: Goal, reached: bool, frames: int) -> int:
-    """Where among the counts this outcome is counted, ``frames`` (1 or more) after the command."""
+    """Returns the index in the counts of an outcome ``frames`` (1 or more) after the command."""
     return ((goal == "press") * 2 + (not reached)) * MOST_FRAMES + frames - 1
 
 
 def ms_of(frames: int) -> float:
-    """Milliseconds of game time."""
+    """Returns the milliseconds of game time that so many emulator frames take."""
     return frames * 1000 / FRAMES_PER_SECOND
 
 
@@ -43,7 +44,7 @@ class KeyLatency:
     """How long the hands took to reach one goal, in ms of game time."""
 
     measured: int = 0
-    """Commands, those that were given up included."""
+    """Number of commands, including those that were given up."""
     p50: float | None = None
     """Time within which half of the commands reached the goal; None if nothing was measured,
     infinite if more than half were given up."""
@@ -55,8 +56,8 @@ class KeyLatency:
 
     @classmethod
     def of(cls, counts: Sequence[int], goal: Goal) -> "KeyLatency":
-        """Sum up ``counts``, `COUNTS` of them or none."""
-        # Python's integers, because sums of what processes tell may not fit numpy's.
+        """Returns the latency that ``counts`` describe; there are `COUNTS` of them, or none."""
+        # Python's integers, because the sums of reported counts may not fit numpy's.
         outcomes = np.array(counts or [0] * COUNTS, object).reshape(2, 2, MOST_FRAMES)
         reached, given_up = outcomes[int(goal == "press")]
         measured = int((reached + given_up).sum())
@@ -72,13 +73,13 @@ class KeyLatency:
 
 
 def reached_by_age(counts: Sequence[int], goal: Goal) -> list[int]:
-    """Returns how many commands reached the goal in each frame after them, the first frame first;
-    ``counts`` are `COUNTS` of them."""
+    """Returns how many commands reached the goal in each frame after the command, in order;
+    ``counts`` has `COUNTS` entries."""
     first = place_of(goal, True, 1)
     return list(counts[first : first + MOST_FRAMES])
 
 
 def _percentile(reached: NDArray[np.object_], measured: int, percent: int) -> float:
-    """ms after which at least so many of all have reached the goal."""
+    """Returns the ms after which at least ``percent`` of the commands have reached the goal."""
     enough = np.flatnonzero(100 * np.cumsum(reached) >= percent * measured)
     return ms_of(int(enough[0]) + 1) if enough.size else math.inf

@@ -15,8 +15,8 @@ With the settings' ``play.vector_commands`` C, ``play.vector_key_frames`` F and
                    command comes too late to release a key, 1 where it comes too late to press one,
                    and the keys, 1 where pressed, if the last command were kept
 
-The joints are a robot's alone, and ``play.vector_joints`` has to ask for them.
-All numbers are within [-1, 1].
+Only a robot has joints, and they are included only with ``play.vector_joints``. All numbers are
+within [-1, 1].
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -31,7 +31,7 @@ KEYS = tuple(key for key in Keys if key)
 
 
 class VectorWidths(NamedTuple):
-    """How many numbers of the vector observation each group has, in their order."""
+    """Number of components of each group of the vector observation, in order."""
 
     commands: int
     keys: int
@@ -40,8 +40,8 @@ class VectorWidths(NamedTuple):
 
 
 def vector_widths(play: "PlayConfig", joints: int) -> VectorWidths:
-    """Returns the groups of the vector observation of a robot with that many joints; 0 joints
-    without a robot."""
+    """Returns the widths of the groups of the vector observation, for a robot with that many
+    ``joints``; 0 without a robot."""
     return VectorWidths(
         commands=play.vector_commands * ACTIONS,
         keys=play.vector_key_frames * len(KEYS),
@@ -51,5 +51,5 @@ def vector_widths(play: "PlayConfig", joints: int) -> VectorWidths:
 
 
 def vector_width(play: "PlayConfig", joints: int) -> int:
-    """Returns how many numbers the vector observation has."""
+    """Returns the number of components of the vector observation."""
     return sum(vector_widths(play, joints))

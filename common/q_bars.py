@@ -14,8 +14,8 @@ def q_bars(values: NDArray[np.floating], rows: int, width: int) -> Iterator[tupl
     A value is written with three decimals, in at least eight characters.
 
     Args:
-        values: of all actions, finite; the least of them has no bar.
-        width: columns of the bar of the greatest.
+        values: Q-values of all actions, finite; the bar of the lowest is empty.
+        width: columns of the bar of the highest.
     """
     least, span = float(values.min()), float(np.ptp(values)) or 1.0
     for index in sorted(np.argsort(-values, kind="stable")[:rows].tolist()):

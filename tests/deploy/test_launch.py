@@ -105,8 +105,8 @@ def test_no_flag_is_run_as_shell_text(monkeypatch: pytest.MonkeyPatch, tmp_path:
     [
         ((), ("--learning.n-stepp=3",), "there is no flag --learning.n-stepp"),
         ((), ("--learning.n-step=0",), "learning.n_step is 0"),
-        ((), ("--local",), "--local is the launcher's"),
-        ((), ("--listen=tcp/0.0.0.0:1",), "--listen is the launcher's"),
+        ((), ("--local",), "--local is set by the launcher"),
+        ((), ("--listen=tcp/0.0.0.0:1",), "--listen is set by the launcher"),
         ((), ("--run=q",), "write them before `--`"),
         (("--actors=0",), (), "--actors"),
         (("--actors=5000",), (), "--actors is 5000: choose at most 4096"),
