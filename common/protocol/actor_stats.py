@@ -1,7 +1,7 @@
-"""What an actor tells about itself, once a second and when it leaves.
+"""`ActorStats`: an actor's report about itself, once a second and when it leaves.
 
-A counter is declared once, as a field of `ActorStats`: whoever counts adds to it, the message
-carries it, and the learner's registry sums it over all processes of the run.
+A counter is declared once, as a field of `ActorStats`. The actor adds to it, the message carries
+it, and the learner's registry sums it over all processes of the run.
 """
 
 import dataclasses
@@ -17,12 +17,12 @@ from common.version import VERSION
 
 Role = Literal["actor", "evaluator"]
 MOST_HEARTBEATS = 100
-"""Per second and process; a hub drops what comes sooner after another."""
+"""Maximum per second and process; a hub drops a heartbeat that follows another too soon."""
 
 
 def counter(key: str, unit: Unit, meaning: str, **shown: Any) -> Any:
-    """A field that counts from the start of the process; ``key`` is its total over all of them,
-    with ``shown`` as further fields of its `common.metrics.Metric`."""
+    """Returns a field that counts from the start of the process. Its total over all processes is
+    declared as the figure ``key``, with ``shown`` as further fields of the `Metric`."""
     declare(Metric(key, unit, "count", meaning, counter=True, **shown))
     return field(default=0, metadata={"total": key})
 
@@ -36,54 +36,53 @@ class ActorStats(Message):
     name: Name
     role: Role
     incarnation: Count = 0
-    """Differs for each start of the process, and grows."""
+    """Number that differs for each start of the process, and grows."""
     leaving: bool = False
-    """Last message of this process."""
+    """Whether this is the last message of the process."""
     steps: Count = counter("actors/steps", "steps", "Agent steps of actors and evaluators")
     steps_per_second: Amount = 0.0
     epsilon: Amount = 0.0
     weights_version: Count = 0
     made: Count = counter(
         "stream/chunks_made", "chunks",
-        "Chunks that actors made; in the end as many as were accepted and refused",
+        "Chunks that actors made; in the end, all are accepted or refused",
         label="made", panel=("Stream", 7), curve=True, summary="chunks.made")
-    acked: Count = counter("actors/acked", "chunks", "Chunks that actors know to be accepted")
+    acked: Count = counter("actors/acked", "chunks", "Chunks that actors know were accepted")
     retried: Count = counter(
         "stream/chunks_retried", "chunks", "Chunks that actors sent again",
         label="retried", panel=("Stream", 5), curve=True, summary="chunks.retried")
-    refused: Count = counter("actors/refused", "chunks", "Chunks that actors know to be refused")
+    refused: Count = counter("actors/refused", "chunks", "Chunks that actors know were refused")
     held_share: Amount = 0.0
-    """Share of the last second it paused because the learner was behind."""
+    """Share of the last second for which it paused because the learner was behind."""
     valid: Count = counter("actors/valid", "steps", "Steps whose frame showed the screen")
     matched: Count = counter("actors/matched", "steps", "Steps that ended with the commanded keys")
     decisions: Count = counter("actors/elapsed", "steps", "Agent steps of game time that passed")
     missed_deadlines: Count = counter(
         "actors/missed_deadlines", "steps",
-        "In real time: agent steps that began without their command, or of which a frame was late",
+        "In real time: agent steps that began without their command, or had a late frame",
         summary="missed_deadlines", trouble="late")
     late_frames: Count = counter(
         "actors/late_frames", "frames",
-        "In real time: emulator frames that began more than a frame too late",
+        "In real time: emulator frames that began more than one frame late",
         summary="late_frames", trouble="late")
     waits_given_up: Count = counter(
         "actors/waits_given_up", "steps",
-        "Steps whose wait for the commanded keys ended at its bound",
+        "Steps whose wait for the commanded keys reached its bound",
         summary="waits_given_up", trouble="gave up")
     version: str = VERSION
     """Version of its software."""
     key_times: Values[Count] = ()
-    """How long the hands took, as counts (see `common.press_latency`); none where nobody has
-    told."""
+    """Latency of the hands, as counts (see `common.press_latency`); empty if it is unknown."""
     machine: str = ""
-    """Name of the host that it runs on."""
+    """Name of its host."""
     seconds: Amount = 0.0
-    """Time since its start."""
+    """Seconds since its start."""
     busy_cores: Amount = 0.0
-    """Seconds of processor time per second, of late."""
+    """Recent processor time, in seconds per second."""
     memory_bytes: Count = 0
     """Its memory, without file pages."""
     run_id: str = ""
-    """Identity of the run that it works for."""
+    """Identity of its run."""
 # fmt: on
 
     @property

@@ -40,7 +40,9 @@ def test_a_pinned_name_stays_as_it_is_wherever_the_file_is(file: Path) -> None:
 def test_another_content_is_refused_with_both_hashes(file: Path) -> None:
     pinned = pin(str(file))
     file.write_bytes(b"abd")
-    with pytest.raises(InputError, match=rf"is not the run's file: its SHA-256 is \w+, .*{ABC}: copy"):
+    with pytest.raises(
+        InputError, match=rf"is not the run's file: its SHA-256 is \w+, .*{ABC}: copy"
+    ):
         read(pinned)
     assert read(str(file)) == b"abd"
 
