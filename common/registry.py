@@ -1,12 +1,13 @@
-"""Environments, robots and algorithms by the names that a run's configuration calls them.
+"""Environments, robots and algorithms, by the names that a run's configuration uses.
 
-Learner and replay need no more of an environment than its numbers of actions and of vector
-components, and only actors load the rest; of an algorithm actors need the network alone. So an
-entry tells what all need, and where its factory is as text that is resolved late: PyBullet, OpenCV,
+Learner and replay need only an environment's number of actions and the width of its vector
+observation; actors load the rest. Actors need only the network of an algorithm. So an entry holds
+what all processes need, and names its factory as text that is resolved late: PyBullet, OpenCV,
 ale-py and the learner are loaded only where they are used.
 
-Another environment is one module and its entry: `ENVIRONMENTS.add` in the same process, or an entry
-point of an installed package, which every process of a run finds (CONTRIBUTING.md)::
+To add an environment, write one module and an entry for it. The entry is added by
+`ENVIRONMENTS.add` in the same process, or by an entry point of an installed package, which every
+process of a run finds (CONTRIBUTING.md)::
 
     [project.entry-points."ale_robot.environments"]
     catch = "my_package:CATCH"
@@ -32,29 +33,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Entry:
-    """What is known of something without loading it."""
+    """What is known of a thing without loading it."""
 
     name: str
     factory: str | Callable[..., Any]
-    """What makes it, or ``"module:factory"``."""
+    """The callable that makes it, or its place as ``"module:factory"``."""
 
 
 @dataclass(frozen=True)
 class Environment(Entry):
     """An environment: ``factory(config: RunConfig, clock: ClockConfig, *, training: bool)`` returns
-    the `gymnasium.Env`. With ``training`` episodes may end at a lost life."""
+    the `gymnasium.Env`. With ``training``, episodes may end at a lost life."""
 
     actions: Callable[["RunConfig"], int]
-    """Number of actions. Raises InputError for a game that there is not."""
+    """Returns the number of actions. Raises InputError for an unknown game."""
     vector_width: Callable[["PlayConfig"], int] = lambda play: vector_width(play, 0)
-    """Numbers of the vector observation, if ``play.vector`` asks for one."""
+    """Returns the width of the vector observation, for ``play.vector``."""
     robot: bool = False
-    """Whether hands press the keys, so that real time and waiting for keys mean something."""
+    """Whether hands press the keys, so that real time and waiting for keys have a meaning."""
     preset: "PresetName" = "fast"
-    """Settings to start from where no preset is named."""
+    """Preset that is used if none is named."""
     ignores: tuple[str, ...] = ()
-    """Settings, as ``camera.yaw``, that mean nothing to it; they and ranges around them are
-    refused."""
+    """Settings, such as ``camera.yaw``, that have no effect in it; changing them, or ranges around
+    them, is refused."""
     title: str = ""
 
 
@@ -64,9 +65,9 @@ class RobotKind(Entry):
     returns the `actors.robots.interface.Robot`."""
 
     joints: int
-    """Joints of its arms, whose angles and speeds are in the vector observation."""
+    """Number of joints of its arms, whose angles and speeds are in the vector observation."""
     prompt: bool = True
-    """Whether its hands, in order, hold commanded keys before the agent step ends."""
+    """Whether hands that work hold the commanded keys before the agent step ends."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +78,13 @@ class AlgorithmKind(Entry):
     network: str | Callable[..., Any] = "common.network:QNetwork"
     """Class of its network, a `common.network.QNetwork`; or ``"module:class"``."""
     atoms: Callable[["LearningConfig"], int] = lambda learning: 1
-    """Numbers that the network has for each action; `QNetwork` takes their mean for its value."""
+    """Returns the number of outputs per action; `QNetwork` takes their mean as the value."""
     ignores: tuple[str, ...] = ()
-    """Fields of `LearningConfig` that mean nothing to it."""
+    """Fields of `LearningConfig` that have no effect with it."""
 
 
 def resolve(factory: str | Callable[..., Any]) -> Callable[..., Any]:
-    """Returns what ``"module:name"`` stands for, loading the module; anything else as it is."""
+    """Returns what ``"module:name"`` stands for, and loads the module; a callable as it is."""
     found: Callable[..., Any] = (
         pkgutil.resolve_name(factory) if isinstance(factory, str) else factory
     )
@@ -96,7 +97,7 @@ T = TypeVar("T", bound=Entry)
 class Registry(Generic[T]):
     """Entries by name: this project's, added ones, and those of installed packages.
 
-    An entry called FILE.npz stands for every path that ends so, with or without its hash (see
+    An entry called FILE.npz stands for every path with that ending, with or without a hash (see
     `common.pinned_file`).
     """
 
@@ -107,11 +108,11 @@ class Registry(Generic[T]):
 
     @property
     def names(self) -> list[str]:
-        """All of them, sorted; installed packages are not loaded for it."""
+        """All names, sorted; installed packages are not loaded to find theirs."""
         return sorted({*self._entries, *entry_points(group=self._group).names})
 
     def add(self, entry: T) -> None:
-        """Add an entry, or replace the one of the same name."""
+        """Add ``entry``, or replace the entry of the same name."""
         self._entries[entry.name] = entry
 
     def find(self, name: str) -> T:
@@ -128,8 +129,8 @@ class Registry(Generic[T]):
         return self._entries[key]
 
     def make(self, name: str, *arguments: Any, **named: Any) -> Any:
-        """Returns what the factory of ``name`` makes of the rest. Raises InputError if there is no
-        such entry."""
+        """Returns what the factory of ``name`` makes of the other arguments. Raises InputError if
+        there is no such entry."""
         return resolve(self.find(name).factory)(*arguments, **named)
 
 

@@ -1,4 +1,4 @@
-"""Opens files that somebody named or may have replaced: regular ones, and no links."""
+"""Opens files that somebody named or may have replaced, without following links or waiting."""
 
 import errno
 import os
@@ -7,8 +7,8 @@ from pathlib import Path
 
 
 def read_file(path: Path, most: int = -1) -> bytes:
-    """Returns up to ``most`` bytes of ``path``, or all. Raises OSError if it cannot be read, or is
-    a pipe or a device, which might be waited for for ever."""
+    """Returns the content of ``path``, or its first ``most`` bytes. Raises OSError if it cannot be
+    read, or is a pipe or a device, whose reader might wait for ever."""
     file = not_waiting(str(path), os.O_RDONLY)
     with os.fdopen(file, "rb") as opened:
         if not stat.S_ISREG(os.fstat(file).st_mode):
@@ -17,10 +17,10 @@ def read_file(path: Path, most: int = -1) -> bytes:
 
 
 def no_links(path: str, flags: int) -> int:
-    """Opens a file, but not where a link leads, nor waits; for `open`."""
+    """Opens a file, but neither follows a link nor waits; an opener for `open`."""
     return not_waiting(path, flags | os.O_NOFOLLOW)
 
 
 def not_waiting(path: str, flags: int) -> int:
-    """Opens a file, but waits for nobody at the other end of a pipe; for `open`."""
+    """Opens a file, but does not wait for the other end of a pipe; an opener for `open`."""
     return os.open(path, flags | os.O_NONBLOCK, 0o644)

@@ -1,4 +1,4 @@
-"""What is due by a clock."""
+"""A schedule of work that is due again after a period."""
 
 from collections.abc import Callable
 
@@ -7,7 +7,7 @@ Now = Callable[[], float]
 
 
 class Every:
-    """A schedule: due at once, then again each time ``seconds`` have passed."""
+    """A schedule that is due at once, and again each time ``seconds`` have passed."""
 
     def __init__(self, seconds: float, now: Now) -> None:
         self._seconds = seconds
@@ -15,16 +15,16 @@ class Every:
         self._next = -float("inf")
 
     def is_due(self) -> bool:
-        """Whether the time has come; asking then starts the next period."""
+        """Whether the work is due; if so, asking starts the next period."""
         due = self._now() >= self._next
         if due:
             self.restart()
         return due
 
     def hasten(self) -> None:
-        """Be due at once, because what is scheduled could not be done."""
+        """Make the work due at once, because it could not be done."""
         self._next = -float("inf")
 
     def restart(self) -> None:
-        """Start a period now, because what is scheduled was just done."""
+        """Start a period now, because the work was just done."""
         self._next = self._now() + self._seconds

@@ -1,11 +1,11 @@
-"""`strict`: values as JSON has them, which knows no infinity and no NaN."""
+"""`strict`: makes values fit for JSON, which has neither infinity nor NaN."""
 
 import math
 from typing import Any
 
 
 def strict(value: Any) -> Any:
-    """``value`` with None for every number that JSON does not have, also inside of it."""
+    """Returns ``value`` with None in place of each infinity and NaN, at any depth."""
     if isinstance(value, dict):
         return {name: strict(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):

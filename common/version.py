@@ -1,4 +1,4 @@
-"""The version of this software, which processes tell each other."""
+"""The version of this software; processes report it to each other."""
 
 from importlib.metadata import PackageNotFoundError, version
 

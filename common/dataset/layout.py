@@ -1,8 +1,8 @@
-"""What a recording looks like on disk: a LeRobot dataset, version v3.0, with a file per game.
+"""The layout of a recording on disk: a LeRobot dataset, version v3.0, with one file per game.
 
-One row is one step of an environment, as an actor would send it, so every field of `STEP_FIELDS`
-is a column, lossless. Beside them stand what only people and robot policies need: the camera's
-video, the keys, the joints. An episode is a whole game, or what there is of one that was cut short.
+One row is one step of an environment, as an actor would send it. So every field of `STEP_FIELDS` is
+a column, stored without loss. Further columns are for people and robot policies: the camera's
+video, the keys, the joints. An episode is a whole game, or the beginning of one that was cut short.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.m
 EPISODES_PATH = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 MAX_EPISODES = 100_000
 MAX_EPISODE_STEPS = 110_000
-"""Steps of a game; at 15 per second, two hours."""
+"""Maximum number of steps of a game; at 15 per second, two hours."""
 
 CAMERA = "observation.images.camera"
 COLUMNS = {
@@ -40,7 +40,7 @@ COLUMNS = {
     "follows": "next.follows",
     "matched": "next.matched",
 }
-"""Column of each field of `STEP_FIELDS`; the vector only where there is one."""
+"""Column of each field of `STEP_FIELDS`; the vector's column exists only if there is a vector."""
 
 
 class Feature(NamedTuple):
@@ -53,12 +53,12 @@ class Feature(NamedTuple):
 
     @property
     def width(self) -> int:
-        """Numbers of one row."""
+        """Number of values in one row."""
         return prod(self.shape)
 
 
 def step_features(vector_width: int) -> dict[str, Feature]:
-    """Returns the columns that hold `STEP_FIELDS`, by their names there."""
+    """Returns the columns that hold `STEP_FIELDS`, by column name."""
     sizes = {"T": 1, "P": vector_width}
     return {
         COLUMNS[name]: Feature(str(field.dtype), field.array.shape_for(sizes)[1:] or (1,))
@@ -79,20 +79,20 @@ BOOKKEEPING = {
 
 @dataclass(frozen=True)
 class Info:
-    """The part of `INFO` that is read again."""
+    """The part of `INFO` that a reader uses."""
 
     codebase_version: str
     total_episodes: Annotated[int, Ge(1), Le(MAX_EPISODES)]
     ale_robot: dict[str, Any]
-    """The `RunConfig` that was played under."""
+    """The `RunConfig` under which the games were played."""
 
 
 def file_of(folder: Path, pattern: str, episode: int, **more: str) -> Path:
-    """Returns the file of an episode, which it has for itself."""
+    """Returns the file of an episode, which holds nothing else."""
     return folder / pattern.format(**place_of(episode), **more)
 
 
 def place_of(episode: int) -> dict[str, int]:
-    """Returns where the files of an episode are, by the words of the patterns."""
+    """Returns the values of the patterns' fields for an episode's files."""
     chunk_index, file_index = divmod(episode, CHUNK_FILES)
     return {"chunk_index": chunk_index, "file_index": file_index}

@@ -1,4 +1,4 @@
-"""Reads a recording again, and trusts nothing in it."""
+"""Reads a recording, and trusts nothing in it."""
 
 import hashlib
 import io
@@ -37,11 +37,11 @@ Rows = dict[str, NDArray[Any]]
 
 
 class Dataset:
-    """A recording of `common.dataset.writer`, of which the fields of `STEP_FIELDS` are read."""
+    """A recording that `common.dataset.writer` made; reads its fields of `STEP_FIELDS`."""
 
     def __init__(self, folder: Path) -> None:
-        """Read what is said of it. Raises InputError if the folder is not a recording, or is
-        damaged."""
+        """Reads the recording's description. Raises InputError if ``folder`` is not a recording, or
+        is damaged."""
         self._folder = folder
         path = folder / INFO
         try:
@@ -63,15 +63,15 @@ class Dataset:
                 f"recording of version {VERSION}."
             )
         self.config = from_mapping(RunConfig, info.ale_robot, str(path), fill=True)
-        """The settings that were played under."""
+        """The settings under which the games were played."""
         self.config.check()
         self.episodes = info.total_episodes
         self._info = content
         self.fingerprint = ""
-        """SHA-256, in hexadecimal digits, of all that `read` has read to its end."""
+        """SHA-256 of the recording, in hexadecimal digits, once `read` has come to its end."""
 
     def read(self) -> Iterator[Rows]:
-        """The rows of one episode after the other. Raises InputError if a file is missing or
+        """Yields the rows of each episode, in order. Raises InputError if a file is missing or
         damaged."""
         digest = hashlib.sha256(self._info)
         for episode in range(self.episodes):
@@ -92,7 +92,7 @@ class Dataset:
         steps = file.metadata.num_rows
         if not 1 <= steps <= MAX_EPISODE_STEPS:
             raise ValueError(f"it has {steps} rows")
-        # Before anything is unpacked: a small file may claim to hold a great deal.
+        # Checked before anything is unpacked: a small file may claim to hold a great deal.
         missing = features.keys() - set(file.schema_arrow.names)
         if missing:
             raise ValueError(f"it has no {', '.join(sorted(missing))}")
@@ -130,7 +130,7 @@ class Dataset:
 
 
 def _kind(column: pa.DataType) -> pa.DataType:
-    """Returns the type of a column's values, whatever lists they are in."""
+    """Returns the type of a column's values, without the lists around them."""
     while pa.types.is_list(column) or pa.types.is_fixed_size_list(column):
         column = column.value_type
     return column

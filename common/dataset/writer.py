@@ -1,4 +1,4 @@
-"""Writes a recording game by game, so that it is whole at every moment."""
+"""Writes a recording game by game, so that it is complete at every moment."""
 
 import json
 import math
@@ -39,22 +39,22 @@ _PANDAS = {
     ],
     "column_indexes": [],
 }
-"""Tells pandas that the tasks' texts are the index, where LeRobot looks for them."""
+"""Tells pandas that the tasks' texts are the index, because LeRobot looks for them there."""
 
 
 _SLICE = 4_000_000
-"""Numbers that are worked on at a time: all frames of a game would fill the memory."""
+"""Number of values that are processed at a time: all frames of a game would fill the memory."""
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
 class DatasetWriter:
-    """Adds episodes to a new dataset; one that was killed has all that were added.
+    """Adds episodes to a new dataset. If it is killed, all added episodes can be read.
 
-    The columns of an episode are written first and `INFO`, which counts it, last.
+    The columns of an episode are written first, and `INFO`, which counts the episode, last.
 
     Args:
         features: the columns, and the camera's video if there is one.
-        robot: what LeRobot calls the robot's type.
+        robot: the robot's type, as LeRobot calls it.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class DatasetWriter:
 
     @property
     def video(self) -> Path:
-        """Where the next episode's video belongs."""
+        """Path at which the video of the next episode must be written."""
         return file_of(self.folder, VIDEO_PATH, self.episodes, video_key=CAMERA)
 
     @property
@@ -89,12 +89,12 @@ class DatasetWriter:
     def add(
         self, rows: Mapping[str, NDArray[Any]], pictures: Sequence[NDArray[np.uint8]] = ()
     ) -> None:
-        """Add an episode, whose video, if there is one, is complete at `video`. Raises OSError if
-        it cannot be written; the episodes before are whole.
+        """Add an episode; its video, if it has one, must be complete at `video`. Raises OSError if
+        the episode cannot be written; earlier episodes stay complete.
 
         Args:
             rows: the columns, ``[T, *shape]`` each.
-            pictures: some of the video, ``uint8 [rows, columns, 3]``, for the statistics.
+            pictures: some pictures of the video, ``uint8 [rows, columns, 3]``, for the statistics.
         """
         steps = len(next(iter(rows.values())))
         place, frame = place_of(self.episodes), np.arange(steps)
@@ -123,7 +123,7 @@ class DatasetWriter:
             times = {"from_timestamp": 0.0, "to_timestamp": steps / self.rate}
             episode |= {f"videos/{CAMERA}/{key}": at for key, at in {**place, **times}.items()}
         for name, feature in self._features.items():
-            if feature.dtype == "video":  # each channel by itself, as colours from 0 to 1
+            if feature.dtype == "video":  # per channel, as colours from 0 to 1
                 pixels = np.concatenate([picture.reshape(-1, 3, 1, 1) for picture in pictures])
                 its = _Statistics.of(pixels, len(pictures), 255.0)
             else:
@@ -180,7 +180,7 @@ class DatasetWriter:
 
 
 def _column(values: NDArray[Any], feature: Feature) -> pa.Array:
-    """Returns ``values [T, *shape]`` as numbers, or as lists, or as lists of lists."""
+    """Returns ``values [T, *shape]`` as numbers, as lists, or as lists of lists."""
     array = pa.array(values.reshape(-1))
     if feature.shape == (1,):
         return array
@@ -193,13 +193,14 @@ def _column(values: NDArray[Any], feature: Feature) -> pa.Array:
 
 @dataclass(frozen=True)
 class _Statistics:
-    """Least, greatest, mean, deviation and quantiles of a column's rows, number by number.
+    """Minimum, maximum, mean, deviation and quantiles of a column's rows, element by element.
 
-    Quantiles of several episodes are the mean of theirs, weighted by samples, as LeRobot has them.
+    The quantiles of several episodes are the mean of the episodes' quantiles, weighted by samples,
+    as in LeRobot.
     """
 
     unit: float
-    """Value that is told as 1."""
+    """Value that is reported as 1."""
     samples: int
     rows: int
     sums: NDArray[np.float64]
@@ -210,8 +211,8 @@ class _Statistics:
 
     @classmethod
     def of(cls, rows: NDArray[Any], samples: int, unit: float = 1.0) -> Self:
-        """Returns those of ``rows [T, *shape]``, which are that many samples: a picture's pixels
-        are one."""
+        """Returns the statistics of ``rows [T, *shape]``, which are that many ``samples``: all
+        pixels of a picture are one sample."""
         numbers = rows.reshape(len(rows), -1).T
         few = max(_SLICE // len(rows), 1)
         parts = [_figures(numbers[first : first + few]) for first in range(0, len(numbers), few)]
@@ -239,9 +240,10 @@ class _Statistics:
 
 
 def _figures(numbers: NDArray[Any]) -> NDArray[np.float64]:
-    """Returns sum, sum of squares, least, greatest and quantiles of each row of ``numbers [N, T]``:
-    ``[9, N]``. A quantile is the least value that so large a share does not exceed."""
-    # Short numbers are sorted by counting; `np.quantile` takes seconds for the frames of a game.
+    """Returns sum, sum of squares, minimum, maximum and quantiles of each row of
+    ``numbers [N, T]``, as ``[9, N]``. A quantile is the smallest value that the given share of the
+    row does not exceed."""
+    # The stable sort counts short integers; `np.quantile` takes seconds for the frames of a game.
     ordered = np.sort(np.ascontiguousarray(numbers), kind="stable")
     total = ordered.sum(axis=1, dtype=np.float64)
     squares = np.einsum("nt,nt->n", ordered, ordered, dtype=np.float64)
