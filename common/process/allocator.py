@@ -1,8 +1,8 @@
-"""What the C library does with large blocks of memory that were freed.
+"""Lets the C library keep large blocks of memory that were freed.
 
-By default glibc gives them back to the system, so that a process which makes a message of a
-megabyte a thousand times a second has the system clear a thousand times 256 pages: on a virtual
-machine that takes ten times as long as copying the message.
+By default glibc returns them to the system. If a process makes a message of a megabyte a thousand
+times a second, the system then clears 256 pages a thousand times a second. On a virtual machine
+that takes ten times as long as copying the message.
 """
 
 import ctypes
@@ -10,15 +10,15 @@ import ctypes
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 """Parameters of mallopt, from malloc.h."""
 _LARGEST_KEPT = 32 * 1024 * 1024
-"""Bytes; as many as glibc allows."""
+"""Bytes; the most that glibc allows."""
 _MOST_KEPT = 512 * 1024 * 1024
 
 
 def keep_large_blocks() -> bool:
-    """Keep freed blocks of up to 32 MiB in this process, 512 MiB in all, for those that come next.
+    """Keep freed blocks of up to 32 MiB in this process, 512 MiB in all, for later allocations.
 
-    For processes through which minibatches or chunks go; to be called before they do. False where
-    the C library has no such setting: everything works, slower perhaps.
+    A process that handles minibatches or chunks calls it before the first one. Returns False if the
+    C library has no such setting; everything works then, but perhaps more slowly.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is None:

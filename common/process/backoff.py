@@ -1,4 +1,4 @@
-"""Growing pauses before a process that ended is started again."""
+"""Growing pauses before a process that ended is restarted."""
 
 FIRST_PAUSE = 1.0
 LONGEST_PAUSE = 60.0
@@ -8,7 +8,7 @@ _MOST_DOUBLINGS = 10
 
 
 def growing_pause(ends: int) -> float:
-    """Returns the seconds to wait after so many ends in a row: 1, 2, 4 … 60, and 0 after none."""
+    """Returns the seconds to wait after so many ends in a row: 0 after none, then 1, 2, 4 … 60."""
     if not ends:
         return 0.0
     return min(FIRST_PAUSE * 2.0 ** min(ends - 1, _MOST_DOUBLINGS), LONGEST_PAUSE)

@@ -1,15 +1,15 @@
-"""What the exit code of a program says: to a person, and to whoever starts it again."""
+"""Exit codes of the programs, for people and for whatever restarts a program."""
 
 from typing import NamedTuple
 
 
 class ExitCode(NamedTuple):
-    """How a program may end."""
+    """A way in which a program may end."""
 
     number: int
     meaning: str
     again: bool
-    """Whether the same command may succeed when it is started again (``--restart``, systemd)."""
+    """Whether the same command may succeed if it is run again (``--restart``, systemd)."""
 
 
 DONE = 0
@@ -32,7 +32,7 @@ EXIT_CODES = (
     ExitCode(NO_ROOM, "the disk is full or read-only: works once that has changed", True),
     ExitCode(INTERRUPTED, "interrupted before it began, or by a second Ctrl-C", False),
 )
-"""All of them; a process that is killed by signal N has 128 + N in a shell, and may go on."""
+"""All exit codes. A process killed by signal N has 128 + N in a shell, and may be resumed."""
 
 
 def table() -> str:

@@ -16,12 +16,12 @@ PACKAGES = {
     "wandb": ("wandb",),
     "web": ("starlette", "uvicorn"),
 }
-"""By the extra, the packages that are imported for it."""
+"""The packages that are imported for each extra."""
 
 
 def check_extra(flag: str, extra: str) -> None:
-    """Looks whether the packages of ``extra`` are there, before anything is loaded or built. Raises
-    InputError as `extra_for` does, which tells also of what these packages lack."""
+    """Checks that the packages of ``extra`` are installed, before anything is loaded or built.
+    Raises InputError as `extra_for` does, which also notices what these packages lack."""
     with extra_for(flag, extra):
         for package in PACKAGES[extra]:
             if find_spec(package) is None:
@@ -30,8 +30,8 @@ def check_extra(flag: str, extra: str) -> None:
 
 @contextmanager
 def extra_for(flag: str, extra: str) -> Iterator[None]:
-    """Says how to install what an import needs. Raises InputError if a package of ``extra`` is not
-    installed."""
+    """Raises InputError, with the command that installs ``extra``, if an import within the block
+    does not find its package."""
     try:
         yield
     except ModuleNotFoundError as error:

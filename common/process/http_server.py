@@ -1,5 +1,4 @@
-"""An HTTP server in a thread of its own, for monitoring systems and for browsers; nothing can be
-changed through it."""
+"""An HTTP server in a thread of its own, for monitoring systems and browsers. It is read-only."""
 
 import asyncio
 import ipaddress
@@ -24,16 +23,17 @@ if TYPE_CHECKING:  # it loads this module where it serves
     from common.process.http_endpoints import Page
 
 _MOST_CONNECTIONS = 64
-"""One more is closed."""
+"""Maximum number of connections; further ones are closed."""
 _SLOWEST = 5.0
-"""Seconds after which a connection that asks nothing is closed."""
+"""Seconds after which a connection without a request is closed."""
 _SLOWEST_READER = 60.0
-"""Seconds after which one that is closed is cut off, if it has not read its last answer by then."""
+"""Seconds after which a closed connection is cut off if its last answer has not been read."""
 _FAREWELL = 5
+"""Seconds that answers under way have when the server closes."""
 _WRONG_HOST = (
     "ask for this page by an IP address, localhost, the host's own name, or the one it listens at\n"
 )
-"""What is answered, with status 421, where `may_be_asked_as` says no."""
+"""Answer, with status 421, to a request that `may_be_asked_as` rejects."""
 _HEADERS = {
     "content-security-policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; media-src 'self'; "
@@ -45,18 +45,17 @@ _HEADERS = {
     "cross-origin-opener-policy": "same-origin",
     "cache-control": "no-store",
 }
-"""What a browser must keep to."""
+"""Headers of every answer, which restrict what a browser may do with it."""
 _log = logging.getLogger(__name__)
 
 
 class HttpServer:
-    """Listens from its making on, and answers from `start` to `close`. Raises InputError if nobody
-    can listen there.
+    """A server that listens once it is made, and answers from `start` to `close`. Raises InputError
+    if it cannot listen at the address.
 
     Args:
-        flag: asked for it, such as ``--web``.
-        any_name: whoever reaches it is answered, by whatever name of the host; see
-            `may_be_asked_as`.
+        flag: the flag that asked for the server, such as ``--web``.
+        any_name: answer requests by any name of the host; see `may_be_asked_as`.
     """
 
     def __init__(
@@ -80,7 +79,7 @@ class HttpServer:
                 loop="asyncio",
                 lifespan="off",
                 log_config=None,
-                log_level="error",  # what strangers send is no warning to whoever trains
+                log_level="error",  # what strangers send is no concern of the person who trains
                 access_log=False,
                 server_header=False,
                 headers=list(_HEADERS.items()),
@@ -91,11 +90,11 @@ class HttpServer:
         self._thread = threading.Thread(target=self._serve, name=flag.strip("-"), daemon=True)
 
     def start(self) -> None:
-        """Begin to answer, in a thread."""
+        """Begin to answer requests, in a thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Answer no more, and listen no more; answers under way have some seconds."""
+        """Stop listening and answering; answers under way have some seconds to finish."""
         self._server.should_exit = True
         if self._thread.is_alive():
             self._thread.join(2 * _FAREWELL)
@@ -108,8 +107,7 @@ class HttpServer:
 
 
 class _Connection(H11Protocol):
-    """A connection that cannot be held for nothing: files that are open end a run when they are
-    too many."""
+    """A connection that is closed when it is idle, because too many open files would end a run."""
 
     _last: RequestResponseCycle | None = None
 
@@ -121,7 +119,8 @@ class _Connection(H11Protocol):
             self.loop.call_later(_SLOWEST, self._look)
 
     def _look(self) -> None:
-        """Close, unless something was asked since the last look, or is being answered."""
+        """Close the connection, unless there was a request since the last look, or one is being
+        answered."""
         last, self._last = self._last, self.cycle
         if self.cycle is last and (last is None or last.response_complete):
             self.transport.close()
@@ -132,7 +131,7 @@ class _Connection(H11Protocol):
 
 
 def _guarded(app: ASGIApp, host: str | None) -> ASGIApp:
-    """Returns ``app``, which turns away whoever asks for another host, where there is one."""
+    """Returns ``app``, which rejects requests for other hosts than ``host``, unless it is None."""
 
     async def guarded(scope: Scope, receive: Receive, send: Send) -> None:
         told = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
@@ -144,10 +143,10 @@ def _guarded(app: ASGIApp, host: str | None) -> ASGIApp:
 
 
 def may_be_asked_as(told: Sequence[str], host: str) -> bool:
-    """Whether a browser that asks with the Host headers ``told`` meant us, who listen at ``host``.
+    """Whether a browser that sends the Host headers ``told`` meant this server at ``host``.
 
-    A stranger's page may have its own name lead to our address (DNS rebinding), and then read us
-    as itself; a number leads nowhere else.
+    A stranger's page may point its own name to our address (DNS rebinding), and could then read our
+    answers as its own. A request by IP address cannot be such an attack.
     """
     if len(told) != 1:
         return False
@@ -160,7 +159,7 @@ def may_be_asked_as(told: Sequence[str], host: str) -> bool:
 
 
 def application(pages: Mapping[str, Callable[[], "Page"]]) -> ASGIApp:
-    """Returns what shows ``pages`` by their paths."""
+    """Returns the application that serves ``pages`` by their paths."""
 
     def show(request: Request) -> Response:
         path = request.url.path

@@ -1,4 +1,4 @@
-"""How a process learns that it should end: by a signal, or because its parent is gone."""
+"""Ends a process in order: at a signal, or when its parent has gone."""
 
 import os
 import signal
@@ -9,19 +9,19 @@ from collections.abc import Iterable
 
 _TOGETHER = 1.0
 LEASH = "--leash"
-"""Last argument of a process that is to leave when its standard input ends."""
+"""Last argument of a process that must end when its standard input ends."""
 _was_asked = False
-"""Whether a signal has asked this process to leave."""
+"""Whether a signal has asked this process to end."""
 GRACE = 4.0
-"""Seconds that a child process may take to leave once it is asked to, or its parent is gone."""
+"""Seconds that a child process may take to end once it is asked to, or its parent has gone."""
 
 
 def leave_at_interrupt() -> None:
     """End the process at once, with status 130 and no traceback, at a Ctrl-C before `on_signals`.
 
-    Programs call it before they import all else, which takes seconds. A module that is interrupted
-    may also fail in ways of its own. The first process of a container ends at SIGTERM too, which
-    Linux keeps from one that has no handler of it.
+    Programs call it before all other imports, which take seconds and may fail in ways of their own
+    when they are interrupted. The first process of a container also ends at SIGTERM, which Linux
+    does not deliver to it without a handler.
     """
     if os.getpid() == 1:
         signal.signal(signal.SIGTERM, lambda number, _: os._exit(128 + number))
@@ -32,9 +32,9 @@ def leave_at_interrupt() -> None:
 def on_signals(stop: threading.Event) -> None:
     """Set ``stop`` at the first SIGINT, SIGTERM or SIGHUP; a later one ends the process at once.
 
-    Those that come together are one: `timeout` and some terminals send a signal both to the
-    process and to its group. A terminal that closes (SIGHUP) ends nothing at once, for nobody is
-    there to be impatient, and nothing at all under `nohup`.
+    Signals that come together count as one, because `timeout` and some terminals send a signal both
+    to the process and to its group. SIGHUP, from a terminal that closes, never ends the process at
+    once, because nobody is there to be impatient. Under `nohup` it is ignored.
     """
     heeded = heeded_signals()
     told = signal_pipe(heeded)
@@ -58,17 +58,17 @@ def on_signals(stop: threading.Event) -> None:
 
 
 def heeded_signals() -> list[signal.Signals]:
-    """Returns the signals that ask this process to end: without SIGHUP under `nohup`."""
+    """Returns the signals that ask this process to end; under `nohup`, SIGHUP is not among them."""
     hangs_up = signal.getsignal(signal.SIGHUP) != signal.SIG_IGN
     return [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hangs_up else [])]
 
 
 def signal_pipe(numbers: Iterable[signal.Signals]) -> int:
-    """Returns a file descriptor from which the number of each of these signals can be read, a byte,
-    once it has come; and of any other for which a library has a handler of Python's.
+    """Returns a file descriptor that gives the number of each of these signals, as a byte, when the
+    signal comes. It also gives other signals for which a library has installed a Python handler.
 
-    A handler of Python's would not do: it runs only between instructions of the main thread, so
-    a signal that comes just before a system call, or in another thread, waits as long as that.
+    A Python handler alone would not do. It runs only between instructions of the main thread, so a
+    signal that comes just before a system call, or in another thread, waits until that returns.
     """
     told, tell = os.pipe()
     os.set_blocking(tell, False)
@@ -79,9 +79,9 @@ def signal_pipe(numbers: Iterable[signal.Signals]) -> int:
 
 
 def leave_on_leash() -> None:
-    """As `leave_with_parent` where ``--leash`` ends the command line, from which it is taken.
+    """Calls `leave_with_parent` if the command line ends with ``--leash``, and removes the flag.
 
-    Programs call it before they import all else: until then an orphan would hold a core.
+    Programs call it before all other imports, during which an orphan would occupy a core.
     """
     if sys.argv[-1] == LEASH:
         sys.argv.pop()
@@ -89,16 +89,16 @@ def leave_on_leash() -> None:
 
 
 def leave_with_parent() -> None:
-    """Send this process SIGTERM when standard input ends; end it if it does not leave by itself.
+    """Send this process SIGTERM when standard input ends, and end it if it does not end by itself.
 
-    The parent holds the other end of that pipe; however it dies, kill -9 included, the system
-    closes it, so no orphan is left.
+    The parent holds the other end of that pipe. However the parent dies, even by kill -9, the
+    system closes the pipe, so no orphan is left.
     """
 
     def watch() -> None:
         while os.read(sys.stdin.fileno(), 1024):
             pass
-        if not _was_asked:  # else this would be the signal of an impatient person
+        if not _was_asked:  # a second signal would be taken for a person's impatience
             os.kill(os.getpid(), signal.SIGTERM)
         threading.Event().wait(GRACE)
         os._exit(1)

@@ -1,5 +1,5 @@
-"""What a process says to people: as lines of JSON for programs that gather logs (``--log-json``),
-and into a file of its run."""
+"""Lines that a process prints: as plain text, as JSON for programs that gather logs
+(``--log-json``), and into a file of its run."""
 
 import json
 import logging
@@ -18,16 +18,16 @@ from common.regular_file import no_links
 from common.strict_json import strict
 
 _MOST_BYTES = 8 * 2**20
-"""Size of a run's log, of which the one before is kept too: strangers may cause lines."""
+"""Maximum size of a run's log, because strangers may cause lines; one earlier log is kept too."""
 _REPEAT = 10.0
-"""Seconds after which the same is logged again."""
+"""Seconds after which the same warning is logged again."""
 _MOST_SUBJECTS = 1_000
 _role = ""
-"""Who says it, once `say_json` was called."""
+"""The role in lines of JSON; empty until `say_json` is called."""
 
 
 def say_json(role: str) -> None:
-    """From now on `line` returns JSON, and so does what is logged."""
+    """Makes `line` return JSON, and logging write JSON, from now on."""
     global _role
     _role = role
     handler = logging.StreamHandler()
@@ -42,11 +42,11 @@ def line(
     *,
     stamped: bool = False,
 ) -> str:
-    """Returns ``text`` as this process should write it: as it is, or as an object of JSON.
+    """Returns ``text`` as this process should write it: as it is, or as a JSON object.
 
     Args:
-        values: figures by their keys, which a line of JSON has too.
-        stamped: whether the time of day, which a line of JSON always has, is before a plain one.
+        values: figures by their keys; only a line of JSON has them.
+        stamped: whether a plain line begins with the time of day; a line of JSON always has it.
     """
     if _role:
         return as_json(_role, text, level, values)
@@ -54,17 +54,17 @@ def line(
 
 
 def say(text: str, values: Mapping[str, Any] | None = None) -> None:
-    """Print `line` at once; that nobody can read it is no reason to end."""
+    """Prints a `line` at once; the process goes on if nobody can read it."""
     write_line(line(text, values=values), sys.stdout)
 
 
 def say_aside(text: str, level: str = "info") -> None:
-    """As `say`, on standard error."""
+    """Prints a `line` at once, on standard error."""
     write_line(line(text, level), sys.stderr)
 
 
 def write_line(text: str, stream: TextIO) -> None:
-    """Print ``text`` as it is, at once; nothing more is printed where nobody reads it any more."""
+    """Prints ``text`` as it is, at once. If nobody reads ``stream`` any more, it is silenced."""
     try:
         print(text, file=stream, flush=True)
     except OSError:
@@ -72,7 +72,7 @@ def write_line(text: str, stream: TextIO) -> None:
 
 
 def as_json(role: str, text: str, level: str, values: Mapping[str, Any] | None = None) -> str:
-    """Returns an object of JSON that says ``text``, and when."""
+    """Returns a JSON object with ``text`` and the time."""
     now = time.time()
     stamp = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(now)) + f".{int(now % 1 * 1000):03}Z"
     told: dict[str, Any] = {"time": stamp, "level": level, "role": role, "message": text}
@@ -95,15 +95,15 @@ class _KeptFile(RotatingFileHandler):
         return open(self.baseFilename, "a", encoding="utf-8", opener=no_links)
 
     def handleError(self, record: logging.LogRecord) -> None:
-        """A line that cannot be written is lost."""
+        """Does nothing: a line that cannot be written is lost."""
 
 
 @contextmanager
 def kept_log(path: Path, role: str) -> Iterator[Callable[[str], None]]:
-    """Appends all that is logged meanwhile to ``path``, as lines of JSON, and what the function
-    that it returns is given. A disk without room costs lines, and nothing else."""
+    """Appends all that is logged within the block to ``path``, as lines of JSON, and all texts
+    given to the function that it yields. If the disk is full, lines are lost and nothing else."""
     root = logging.getLogger()
-    # Python leaves its last resort, the terminal, out once there is another handler.
+    # Python drops its last resort, the terminal, once there is another handler.
     terminal = None if root.handlers else logging.lastResort
     if terminal is not None:
         root.addHandler(terminal)
@@ -127,8 +127,8 @@ def kept_log(path: Path, role: str) -> Iterator[Callable[[str], None]]:
 
 
 class Seldom(logging.Filter):
-    """Passes warnings of one text about one subject, its first argument, at most once in `_REPEAT`
-    seconds, however often clients ask again."""
+    """A filter that passes a warning about the same subject, its first argument, at most once in
+    `_REPEAT` seconds, however often clients cause it."""
 
     def __init__(self) -> None:
         super().__init__()

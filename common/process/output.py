@@ -1,5 +1,5 @@
-"""Standard output that cannot be written as it is: its reader has gone, the disk is full, or a text
-has no encoding."""
+"""Handles standard output that cannot be written as it is: its reader has gone, the disk is full,
+or a text cannot be encoded."""
 
 import os
 import select
@@ -14,7 +14,7 @@ _LEAST_COLUMNS, _USUAL_COLUMNS = 20, 80
 
 
 def has_reader(stream: TextIO) -> bool:
-    """Returns False where ``stream`` is a pipe or socket whose other end is closed."""
+    """Returns False if ``stream`` is a pipe or socket whose other end is closed."""
     poll = select.poll()
     try:
         poll.register(stream, 0)
@@ -24,7 +24,7 @@ def has_reader(stream: TextIO) -> bool:
 
 
 def silence(stream: TextIO) -> None:
-    """Let what is still buffered go nowhere, or the interpreter's last flush would fail."""
+    """Discard what is still buffered; otherwise the interpreter's last flush would fail."""
     try:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
@@ -34,10 +34,10 @@ def silence(stream: TextIO) -> None:
 
 
 def open_closed() -> None:
-    """Let those of the standard streams lead nowhere that were closed when this process began.
+    """Open the null device for each standard stream that was closed when this process began.
 
-    Python has none in their place, and whatever file is opened next would take their number, and
-    get what a library prints.
+    Python sets such streams to None. The next file to be opened would take the stream's number, and
+    would receive what a library prints.
     """
     while (number := os.open(os.devnull, os.O_RDWR)) <= _LAST_STREAM:
         os.set_inheritable(number, True)
@@ -48,14 +48,14 @@ def open_closed() -> None:
 
 
 def escape(stream: TextIO) -> None:
-    """Let what has no encoding, such as the name of a file that is not UTF-8, be escaped."""
+    """Let ``stream`` escape what it cannot encode, such as a file name that is not UTF-8."""
     if isinstance(stream, TextIOWrapper):
         stream.reconfigure(errors="backslashreplace")
 
 
 def widen() -> None:
-    """Let a terminal that tells of next to no columns have some: in three of them a help never
-    comes to its end, and in none a table is empty."""
+    """Assume a usual width if the terminal reports next to no columns. With three columns a help
+    text never ends, and with none a table is empty."""
     told = os.environ.get("COLUMNS", "")
     columns = int(told) if told.isdecimal() else shutil.get_terminal_size().columns
     if columns < _LEAST_COLUMNS:

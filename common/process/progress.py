@@ -1,4 +1,4 @@
-"""How far a command is: a bar in a terminal, and plain lines where there is none."""
+"""The progress of a command: a bar in a terminal, or else plain lines."""
 
 import sys
 import time
@@ -13,20 +13,20 @@ from common.process.log_lines import line, write_line
 from common.schedule import Every, Now
 
 PLAIN_SECONDS = 10.0
-"""Seconds between lines of whatever tells in a log how far it is."""
+"""Seconds between plain lines of progress."""
 _RECENT = 600.0
-"""Seconds whose speed tells what is left: games take minutes."""
+"""Seconds over which the speed is measured for the time left; long, because games take minutes."""
 
 
 class Progress(AbstractContextManager["Progress"]):
-    """Tells on standard error how far a command is; a context manager, with the bar in between.
+    """Shows the progress of a command on standard error; the bar is shown within the context.
 
-    Standard output has the results alone, so that it can be piped.
+    Standard output has only the results, so that it can be piped.
 
     Args:
-        what: what is done, such as ``filming``.
-        total: amount at which it is done; None if nobody knows.
-        stream: where it tells; what its encoding lacks it writes in its own way.
+        what: what is being done, such as ``filming``.
+        total: amount at which it is done; None if it is unknown.
+        stream: where progress is shown, by default standard error.
     """
 
     def __init__(
@@ -60,12 +60,12 @@ class Progress(AbstractContextManager["Progress"]):
     def update(
         self, done: float, *, total: float | None = None, what: str | None = None, note: str = ""
     ) -> None:
-        """Tell that so much of the total is done.
+        """Show that ``done`` of the total is done.
 
         Args:
-            total: another total than before.
-            what: something else that is done now.
-            note: figure of it, such as ``1,200 steps``.
+            total: a new total, if it has changed.
+            what: what is being done now, if it has changed.
+            note: a figure to show beside it, such as ``1,200 steps``.
         """
         self._bar.update(self._task, completed=done, total=total, description=what, note=note)
         if self._plain and self._schedule.is_due():

@@ -1,6 +1,7 @@
-"""``--restart``: a process that does its work in a child, and starts it again when it dies.
+"""``--restart``: a process that does its work in a child, and restarts the child when it dies.
 
-The child is a fork, made before there are threads or sessions, so it need not import anything anew.
+The child is a fork, made before there are threads or sessions, so it need not import anything
+again.
 """
 
 import ctypes
@@ -24,16 +25,16 @@ _prctl = ctypes.CDLL(None).prctl
 
 
 def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> int | None:
-    """Does ``work`` in a child process, and again where it fails; returns its last exit code.
+    """Does ``work`` in a child process, and again if it fails; returns its last exit code.
 
-    Pauses between restarts grow. A full disk is waited for without a limit. Work is not done again
-    after a status that says that this is in vain, nor once this process was asked to end: signals
-    are handed on. A child that loses this process ends as by SIGTERM.
+    Pauses between restarts grow. If the disk is full, restarts are not limited. There is no restart
+    after an exit code that says that it cannot help, nor once this process was asked to end; it
+    passes signals on to the child. A child whose parent dies ends as by SIGTERM.
 
     Args:
-        name: how people know the process.
-        work: what it does; its argument is whether it was begun before.
-        most: restarts in a row; 0 for none, where ``work`` is done in this process.
+        name: the name by which people know the process.
+        work: the work; its argument is whether it was begun before.
+        most: maximum number of restarts in a row; with 0, ``work`` is done in this process.
     """
     if not most:
         return work(False)
@@ -42,8 +43,8 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
     starts, restarts, parent = 0, 0, os.getpid()
     while True:
         began = time.monotonic()
-        sys.stdout.flush()  # or the child would say it too
-        signal.pthread_sigmask(signal.SIG_BLOCK, heeded)  # those of the child are not for the pipe
+        sys.stdout.flush()  # or the child would print the buffer too
+        signal.pthread_sigmask(signal.SIG_BLOCK, heeded)  # the child's must not use the pipe
         child = os.fork()
         if not child:
             _be_child(parent, heeded, partial(work, starts > 0))
@@ -71,22 +72,21 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
 
 
 def _await(child: int, told_by: int, heeded: Collection[int]) -> tuple[int, bool]:
-    """Waits for the end of ``child``, and hands on to it those signals of which the `signal_pipe`
-    tells until then. Returns its exit status, negative for a signal; and whether it was asked to
-    end."""
+    """Waits for the end of ``child``, and passes on to it the signals that the `signal_pipe` gives
+    until then. Returns its exit status, negative for a signal, and whether it was asked to end."""
     asked = False
     while True:
         number = os.read(told_by, 1)[0]
         if number in heeded:
             asked = True
-            os.kill(child, number)  # it was not waited for, so its number is no other process'
+            os.kill(child, number)  # not waited for yet, so no other process has its number
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             return os.waitstatus_to_exitcode(status), asked
 
 
 def _is_asked_within(seconds: float, told_by: int, heeded: Collection[int]) -> bool:
-    """Waits, unless one of these signals asks this process to end."""
+    """Waits for so many seconds; returns True at once if a signal asks this process to end."""
     end = time.monotonic() + seconds
     while select.select([told_by], [], [], max(end - time.monotonic(), 0.0))[0]:
         if os.read(told_by, 1)[0] in heeded:  # not SIGCHLD of a child that had been stopped
@@ -95,13 +95,13 @@ def _is_asked_within(seconds: float, told_by: int, heeded: Collection[int]) -> b
 
 
 def end_with_parent() -> None:
-    """In a child that was just forked: lets Linux end it as by SIGTERM once its parent is gone,
-    however that ends."""
+    """Lets Linux send this process, a new fork, SIGTERM once its parent has gone, for whatever
+    reason."""
     _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _be_child(parent: int, heeded: list[signal.Signals], work: Callable[[], int | None]) -> None:
-    """Does ``work`` and ends this process."""
+    """Does ``work`` in the forked child, and ends it."""
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     for number in heeded:

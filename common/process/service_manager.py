@@ -1,6 +1,6 @@
-"""What a process tells the service manager that started it: the protocol of systemd's sd_notify.
+"""Notifies the service manager that started this process, by the protocol of systemd's sd_notify.
 
-Nothing is told where there is none (``NOTIFY_SOCKET`` is not set).
+Without a service manager (``NOTIFY_SOCKET`` is not set), nothing is sent.
 """
 
 import contextlib
@@ -16,7 +16,7 @@ def tell(*assignments: str) -> None:
     if not address.startswith(("/", "@")):
         return
     with (
-        contextlib.suppress(OSError),  # it has gone, which is no reason to end
+        contextlib.suppress(OSError),  # the process works without it
         socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as to,
     ):
         to.setblocking(False)
@@ -24,11 +24,11 @@ def tell(*assignments: str) -> None:
 
 
 def alive() -> None:
-    """Say that the process works, or waits for what it can only wait for."""
+    """Say that the process works, or waits for something that it cannot hasten."""
     tell("WATCHDOG=1")
 
 
 def without(environment: dict[str, str]) -> dict[str, str]:
-    """Returns the environment of a child, for which the service manager does not wait."""
+    """Returns ``environment`` for a child, without the service manager's variables."""
     ours = (_ADDRESS, "WATCHDOG_USEC", "WATCHDOG_PID")
     return {name: value for name, value in environment.items() if name not in ours}

@@ -1,6 +1,6 @@
-"""Child processes of this one: started, watched, started again, and ended with it.
+"""Child processes of this one, which are started, watched, restarted, and ended with it.
 
-Each is ``python -m MODULE`` from this checkout, whatever the working directory.
+Each is ``python -m MODULE`` from this checkout, whatever the working directory is.
 """
 
 import contextlib
@@ -23,28 +23,28 @@ from common.schedule import Now
 
 ROOT = Path(__file__).resolve().parents[2]
 _EARLY = 15.0
-"""Seconds of life below which a child did not get to work."""
+"""A child that lives for fewer seconds than this did not begin its work."""
 _MOST_EARLY_ENDS = 3
 _TAIL = 4_096
-"""Characters of a log, or of a piped standard error, that may hold its last line."""
+"""Characters at the end of a log, or of a piped standard error, in which its last line is sought."""
 _LOWER_PRIORITY = 10
-"""Difference in niceness: a tenth of the processor where parent and child both want it.
+"""Difference in niceness: the child gets a tenth of the processor if both want it.
 
-The learner's thread is what a run in lockstep waits for (benchmarks/LOG.md). A learner that waits
-for steps leaves its children the processor all the same.
+A run in lockstep waits for the learner's thread (benchmarks/LOG.md). While the learner waits for
+steps, its children have the processor all the same.
 """
 
 
 class Child(subprocess.Popen[str]):
-    """One child process, which the terminal's Ctrl-C does not reach.
+    """A child process, which the terminal's Ctrl-C does not reach.
 
     Args:
-        leash: whether it holds the reading end of a pipe and leaves when that closes, so that it
+        leash: whether it holds the reading end of a pipe and ends when that closes, so that it
             does not outlive this process, however this one ends (`leave_with_parent`).
         low_priority: whether it runs at a lower priority than this process.
-        log: file to which it appends what it prints.
-        streams: stdin, stdout and stderr as of `subprocess.Popen`; by default there is no input.
-            A thread reads a piped standard error, so that a child that writes much is not held up.
+        log: file to which its output is appended.
+        streams: stdin, stdout and stderr as for `subprocess.Popen`; by default there is no input.
+            A thread reads a piped standard error, so that a child that writes much is not blocked.
     """
 
     def __init__(
@@ -67,8 +67,8 @@ class Child(subprocess.Popen[str]):
                 [sys.executable, "-m", module, *arguments, *([LEASH] if leash else [])],
                 text=True,
                 errors="replace",
-                # A session of its own would do for all, but Linux gives each session an equal
-                # share of the processor, whatever their priorities.
+                # Each child could have a session of its own, but Linux gives every session an
+                # equal share of the processor, whatever the priorities are.
                 process_group=0 if low_priority else None,
                 start_new_session=not low_priority,
                 env=_environment(),
@@ -91,7 +91,7 @@ class Child(subprocess.Popen[str]):
     def last_line(self) -> str:
         """Returns the last line that an ended child wrote to its log or its piped standard error.
 
-        Without the prefix and the full stop of an error, so that it fits into a sentence.
+        An error's prefix and full stop are removed, so that the line fits into a sentence.
         """
         if self.log is not None:
             with self.log.open("rb") as log:
@@ -105,18 +105,19 @@ class Child(subprocess.Popen[str]):
         return lines[-1].removeprefix("error: ").rstrip(".")
 
     def failure(self, name: str) -> InputError:
-        """Returns the error that the child, which people know by ``name``, ended by itself."""
+        """Returns the error that says that the child called ``name`` ended by itself."""
         return InputError(f"the {name} ended, and said: {self.last_line()}.")
 
     def ask_to_leave(self) -> None:
-        """Close its leash, or send SIGTERM to a child that has none."""
+        """Ask the child to end: close its leash, or send SIGTERM if it has none."""
         if not self._leash:
             self.terminate()
         elif self.stdin is not None:
             self.stdin.close()
 
     def end(self, seconds: float = 30.0) -> None:
-        """Ask it to leave, kill it if it is still there after ``seconds``, and close its pipes."""
+        """Ask the child to end, kill it if it is still there after ``seconds``, and close its
+        pipes."""
         self.ask_to_leave()
         try:
             self.wait(max(seconds, 0))
@@ -131,10 +132,10 @@ class Child(subprocess.Popen[str]):
 
 @dataclass
 class Supervisor:
-    """Children that are started again when they end before the work does, after growing pauses."""
+    """Restarts children that end before the work does, after growing pauses."""
 
     plans: Mapping[str, Callable[[], Child]]
-    """What starts each child, by its name."""
+    """By each child's name, the function that starts it."""
     now: Now = time.monotonic
 
     def __post_init__(self) -> None:
@@ -142,20 +143,20 @@ class Supervisor:
         self._started = dict.fromkeys(self.plans, self.now())
         self._early_ends = dict.fromkeys(self.plans, 0)
         self._restarts = dict.fromkeys(self.plans, 0)
-        """Restarts of each child in a row."""
+        """Number of restarts of each child in a row."""
         self._due: dict[str, float] = {}
-        """When each child that ended and waits is started again."""
+        """Time at which each child that waits is restarted."""
         self._leaving = False
 
     def watch(self, *, finished: bool) -> list[str]:
-        """Start those again that ended and have paused; returns what happened, as sentences.
+        """Restart children that have ended and paused; returns what happened, as sentences.
 
-        The first restart is at once, those after it come 1, 2, 4 … 60 s after the end. This method
-        never waits: a restart comes with the first call after its pause. Raises InputError if a
+        The first restart is immediate; later ones come 1, 2, 4 … 60 s after the end. This method
+        never waits: a restart happens at the first call after its pause. Raises InputError if a
         child cannot start at all.
 
         Args:
-            finished: whether the work is, so that children leave by themselves.
+            finished: whether the work is finished, so that children end by themselves.
         """
         notes = []
         for name, child in self._children.items():
@@ -196,21 +197,21 @@ class Supervisor:
         self._started[name] = now
 
     def works(self, role: str) -> bool:
-        """Whether a child with a name such as ``role-1`` is at work, or on its way to it."""
+        """Whether a child with a name such as ``role-1`` is at work, or about to be restarted."""
         return any(
             name.startswith(f"{role}-") and (name in self._due or child.poll() is None)
             for name, child in self._children.items()
         )
 
     def ask_to_leave(self) -> None:
-        """Ask all children to leave; none is started again."""
+        """Ask all children to end; none is restarted."""
         self._leaving = True
         self._due.clear()
         for child in self._children.values():
             child.ask_to_leave()
 
     def close(self) -> None:
-        """End all children: ask, wait a little, kill."""
+        """End all children: ask them, wait a little, kill the rest."""
         self.ask_to_leave()
         deadline = time.monotonic() + GRACE
         for child in self._children.values():
@@ -218,8 +219,8 @@ class Supervisor:
 
 
 def _environment() -> dict[str, str]:
-    """This process' environment, with this checkout first on the module path, before a working
-    directory that may have folders called as its packages."""
+    """Returns this process' environment, with this checkout first on the module path. Otherwise
+    folders of the working directory could take the place of its packages."""
     found = without(dict(os.environ))
     paths = filter(None, (str(ROOT), found.get("PYTHONPATH")))
     return {**found, "PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"}

@@ -1,4 +1,4 @@
-"""Threads that do something again and again, and how a process learns that one of them died."""
+"""Threads that repeat their work, and the end of a process one of whose threads dies."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -14,8 +14,8 @@ P = ParamSpec("P")
 def repeat(
     name: str, seconds: float, work: Callable[[threading.Event], None]
 ) -> Callable[[], None]:
-    """Does ``work``, whose argument is set once it is to end, every so many seconds in a thread;
-    returns what ends that, and waits for it."""
+    """Does ``work`` every so many ``seconds`` in a thread, with an event that is set when the work
+    should end. Returns a function that ends the thread and waits for it."""
     ended = threading.Event()
 
     def run() -> None:
@@ -35,19 +35,20 @@ def repeat(
 def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
     """Set ``stop`` when a thread of this process dies of an exception, and raise the reason here.
 
-    A process that waits for a thread which is no more waits for ever. Any thread counts, whoever
-    started it, so that none can be forgotten; one that may end early catches what it expects.
+    A process that waits for a dead thread would wait for ever. Every thread counts, whatever
+    started it, so that none can be forgotten. A thread that may end early catches the exceptions
+    that it expects.
 
     Raises:
-        InputError: the first thread that died and why, once the block is left; also where the block
-            then refuses to go on, as with a replay that was closed because ``stop`` was set.
+        InputError: names the first thread that died, and why, when the block is left. It replaces
+            an error of the block that follows from the stop, as of a replay that was closed.
     """
     reasons: list[str] = []
     before = threading.excepthook
 
     def note(died: threading.ExceptHookArgs) -> None:
-        with suppress(OSError):  # nobody can read it
-            before(died)  # the traceback
+        with suppress(OSError):  # if nobody can read it
+            before(died)  # prints the traceback
         if issubclass(died.exc_type, SystemExit):
             return
         name = died.thread.name if died.thread is not None else "unknown"
@@ -68,10 +69,11 @@ def end_with_any_thread(stop: threading.Event) -> Iterator[None]:
 
 
 def guarded(name: str, callback: Callable[P, None]) -> Callable[P, None]:
-    """Returns ``callback`` for threads that are not Python's, and for futures.
+    """Returns ``callback`` for futures and for threads that are not Python's.
 
-    Zenoh prints an exception of a callback and goes on, and a future logs it. So that no process
-    works on without what the callback should have done, it counts as the death of thread ``name``.
+    If a callback raises, Zenoh prints the exception and goes on, and a future logs it. The process
+    would work on without what the callback should have done, so an exception counts as the death of
+    a thread called ``name``.
     """
 
     def call(*arguments: P.args, **named: P.kwargs) -> None:
