@@ -26,7 +26,7 @@ _EARLY = 15.0
 """A child that lives for fewer seconds than this did not begin its work."""
 _MOST_EARLY_ENDS = 3
 _TAIL = 4_096
-"""Characters at the end of a log, or of a piped standard error, in which its last line is sought."""
+"""Characters at the end of a log, or of a piped standard error, that may hold the last line."""
 _LOWER_PRIORITY = 10
 """Difference in niceness: the child gets a tenth of the processor if both want it.
 

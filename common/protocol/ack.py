@@ -1,4 +1,4 @@
-"""What the replay answers to an insert: it is stored, and what the actor should do next."""
+"""`Ack`: the replay's answer to an insert."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,20 +9,20 @@ from common.protocol.message import Message
 
 @dataclass(frozen=True)
 class Ack(Message):
-    """The fate of a chunk, and what steers its actor."""
+    """What became of a chunk, and what its actor should do next."""
 
     status: Literal["stored", "duplicate", "poll", "refused"]
-    """'poll' answers an empty insert, by which a throttled actor asks whether to go on; 'refused' a
-    chunk of another run than ``run_id``."""
+    """'poll' answers an empty insert, by which a throttled actor asks whether to go on. 'refused'
+    answers a chunk of another run than ``run_id``."""
     throttle: bool
-    """Pause: the learner is behind."""
+    """Whether the actor should pause because the learner is behind."""
     finished: bool
-    """The run is over, leave."""
+    """Whether the run is over, so that the actor should leave."""
     agent_steps: Count
-    """Agent steps of the run, over all actors; ε follows from it."""
+    """Agent steps of the run, over all actors; they determine ε."""
     difficulty: Fraction
-    """Share of their widths that the ranges of `randomise` have in the next game."""
+    """Share of their full widths that the ranges of `randomise` have in the next game."""
     weights_version: Count
-    """Newest weights there are."""
+    """Version of the newest weights."""
     run_id: str = ""
     """Identity of the replay's run."""

@@ -1,4 +1,4 @@
-"""How a hub tells those who join which run it serves, and under which configuration."""
+"""`Announcement`: tells processes that join a hub which run it serves, and its configuration."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -13,7 +13,7 @@ from common.run.config import RunConfig
 
 @dataclass(frozen=True)
 class Announcement(Message):
-    """A run, its configuration and identity, and the number of actions that its replay admits."""
+    """A run, its configuration and identity, and the number of actions that its replay accepts."""
 
     run: Name
     config: RunConfig
@@ -21,13 +21,13 @@ class Announcement(Message):
     run_id: str
     """Identity of the run: a UUID from its beginning, and a hash of its configuration.
 
-    Chunks, acknowledgements, weights and jobs carry it, so that nobody who joined one run takes
-    part in another that was begun under its name at its address.
+    Chunks, acknowledgements, weights and jobs carry it. So a process that joined one run never
+    takes part in another that was begun under the same name at the same address.
     """
 
     def check(self) -> None:
-        """See `Message.check`. Raises InputError for settings that cannot work here, or an
-        environment that has another number of actions."""
+        """See `Message.check`. Raises InputError for settings that cannot work here, or if the
+        environment has a different number of actions here."""
         self.config.check()
         if self.actions != self.config.action_count:
             raise InputError(

@@ -1,8 +1,9 @@
-"""A chunk: T consecutive steps of one environment's stream, the unit that actors send.
+"""`Chunk`: T consecutive steps of one environment's stream, the unit that actors send.
 
-It stands alone. Its ``context`` frames stack its first states; later chunks of the same stream
-complete its last n-step returns. Each frame travels once, but for the context (at most
-``frame_stack - 1`` frames), which the replay stores only where the chunk before is missing.
+A chunk can be used by itself. Its ``context`` holds the older frames of its first states; later
+chunks of the same stream complete its last n-step returns. Each frame travels once, except for the
+context (at most ``frame_stack - 1`` frames), which the replay stores only if the previous chunk is
+missing.
 """
 
 from dataclasses import dataclass
@@ -31,27 +32,29 @@ class Game(NamedTuple):
 
 @dataclass(frozen=True)
 class Chunk(StepFields, Message):
-    """Steps ``t = 0 … T-1``; the episode goes on from the chunk before unless ``context`` is 0."""
+    """Steps ``t = 0 … T-1``, which continue the previous chunk's episode unless ``context`` is
+    empty."""
 
     LIMITS: ClassVar = {"T": (1, MAX_CHUNK_STEPS), "P": (0, MAX_VECTOR), "C": (0, MAX_CONTEXT)}
 
     run_id: str
     actor: Name
     incarnation: Count
-    """Differs for each start of the actor's process, so that its sequence numbers may restart."""
+    """Number that differs for each start of the actor's process, so that its sequence numbers may
+    start again."""
     stream: Count
-    """Which of the actor's environments."""
+    """Index of the actor's environment."""
     sequence: Count
-    """0, 1, 2 … for each stream of an incarnation."""
+    """0, 1, 2 … within each stream of an incarnation."""
     weights_version: Count
-    """The oldest weights that chose one of its actions."""
+    """Version of the oldest weights that chose one of its actions."""
     epsilon: Fraction
     context: Annotated[NDArray[np.uint8], Array("C", *FRAME_SHAPE)]
-    """Frames before step 0 of its episode, oldest first, C < frame_stack."""
+    """Frames of the same episode before step 0, oldest first, C < frame_stack."""
     final_frames: Annotated[NDArray[np.uint8], Array("F", *FRAME_SHAPE)]
-    """Frame after each truncated step, in order."""
+    """The frame after each truncated step, in order."""
     final_vectors: Annotated[NDArray[np.float32], Array("F", "P", most=MAX_SIZE)]
-    """Vector observation after each truncated step."""
+    """The vector observation after each truncated step, in order."""
     games: Rows[Game] = ()
     """Games that ended within the chunk."""
 
@@ -59,7 +62,7 @@ class Chunk(StepFields, Message):
         return len(self.actions)
 
     def check(self) -> None:
-        """See `Message.check`: refuses what no actor could have lived through."""
+        """See `Message.check`: refuses steps that no actor could have made."""
         if len(self.final_frames) != np.count_nonzero(self.truncated):
             raise MessageError("final_frames should be one for each truncated step")
         if (self.terminated & self.truncated).any():

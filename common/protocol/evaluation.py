@@ -1,4 +1,4 @@
-"""Evaluation jobs, from learner to evaluators, and their reports: which weights, which scores."""
+"""Evaluation jobs, from learner to evaluators, and the evaluators' reports."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -21,14 +21,15 @@ class EvaluationJob(Message):
     kind: Literal["test", "wait", "finished"]
     epoch: Count = 0
     steps: Count = 0
-    """Agent steps to play, then to the end of the first game if none has ended."""
+    """Agent steps to play; if no game has ended by then, the evaluator plays the first to its
+    end."""
     epsilon: Fraction = 0.0
     weights: bytes = b""
-    """Unchecked weights."""
+    """The weights, not checked yet."""
     run_id: str = ""
     """Identity of the learner's run."""
     signature: bytes = b""
-    """Unchecked too: the learner's, of weights, epoch and run."""
+    """The learner's signature of weights, epoch and run, not checked yet."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +41,9 @@ class EvaluationReport(Message):
     steps: Annotated[int, Ge(0), Lt(2**31)]
     games: Annotated[Rows[Game], MaxLen(MAX_GAMES)]
     done: bool
-    """The job is done."""
+    """Whether the job is done."""
     run_id: str = ""
-    """Identity of the run whose job it is."""
+    """Identity of the job's run."""
 
     def check(self) -> None:
         """See `Message.check`: refuses more games than could end."""

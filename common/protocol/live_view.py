@@ -1,7 +1,8 @@
-"""What a person who watches the run asks of an actor, and the small pictures that it answers with.
+"""Requests for an actor's live view, for a person who watches the run, and the small pictures that
+answer them.
 
-An actor makes one only when it is asked. Pictures are JPEG and stay encoded until somebody looks at
-them; their sizes are checked here, so that a few bytes cannot ask for a picture of gigabytes.
+An actor makes pictures only on request. They are JPEG and stay encoded until somebody looks at
+them. Their sizes are checked here, so that a few bytes cannot demand a picture of gigabytes.
 """
 
 from dataclasses import dataclass
@@ -16,28 +17,28 @@ from common.protocol.message import Message
 from common.run.config import MAX_ENVS
 
 Viewpoint = Literal["none", "room", "hands", "front"]
-"""Where to look at a robot from, beside its own camera's picture; ``none`` costs no rendering."""
+"""Viewpoint on a robot, beside its own camera's picture; ``none`` needs no rendering."""
 MAX_PICTURE_BYTES = 96 * 1024
 MAX_SIDE = 640
-"""Pixels of a picture's width and height."""
+"""Maximum width and height of a picture, pixels."""
 MAX_VIEW_BYTES = 4 * MAX_PICTURE_BYTES
-"""A whole `LiveView`."""
+"""Maximum size of a whole `LiveView`."""
 _START, _SCAN = 0xD8, 0xDA
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
-"""Markers of a segment that tells the picture's size."""
+"""Markers of segments that hold the picture's size."""
 _BARE = {0x00, 0x01, *range(0xD0, 0xDA), 0xFF}
-"""Markers without a length: to pass over what follows them, as if it were theirs, is to miss the
+"""Markers without a length. A reader that skips what follows them, as if they had one, misses the
 size that a decoder finds there."""
 
 Jpeg = Annotated[bytes, MaxLen(MAX_PICTURE_BYTES)]
-"""A picture; empty where there is none."""
+"""A picture; empty if there is none."""
 _Keys = Annotated[int, Ge(0), Lt(2 ** len(Keys))]
 _Share = Annotated[float, Ge(-10), Le(10)]
 
 
 @dataclass(frozen=True)
 class ViewRequest(Message):
-    """Asks an actor for what one of its environments shows."""
+    """Asks an actor for the view of one of its environments."""
 
     stream: Annotated[int, Ge(0), Lt(MAX_ENVS)] = 0
     """Index of the environment."""
@@ -46,39 +47,39 @@ class ViewRequest(Message):
 
 @dataclass(frozen=True)
 class LiveView(Message):
-    """What one environment of an actor shows after a step."""
+    """The view of one environment of an actor after a step."""
 
     streams: Annotated[int, Ge(1), Le(MAX_ENVS)]
-    """Number of environments of that actor."""
+    """Number of environments of the actor."""
     score: Score
     """Points of the game so far."""
     steps: Count
     """Agent steps of the game so far."""
     found: bool
-    """The frame shows the screen."""
+    """Whether the frame shows the screen."""
     explored: bool
-    """The action was random."""
+    """Whether the action was random."""
     picture: Jpeg
     """What the robot's camera sees, or the emulator's screen."""
     border: Annotated[Values[_Share], MaxLen(8)]
-    """Corners (x, y) of the projected picture that were found, as shares of the picture's width and
-    height; empty where none were."""
+    """Corners (x, y) of the projected picture, as shares of the camera picture's width and height;
+    empty if they were not found."""
     game: Annotated[Values[_Share], MaxLen(8)]
-    """Corners of the game in it."""
+    """Corners of the game within the projected picture, in the same form."""
     frame: Jpeg
     """Newest frame of the network's input."""
     room: Jpeg
-    """The robot from the viewpoint that was asked for."""
+    """The robot from the requested viewpoint."""
     wanted: _Keys
-    """The keys that are commanded."""
+    """The commanded keys."""
     pressed: _Keys
     """The keys that the game gets."""
     actions: Annotated[Values[Annotated[int, Ge(0), Lt(len(KEYS_OF_ACTION))]], MaxLen(256)]
-    """ALE's numbers of the actions; empty where the environment has others."""
+    """ALE's numbers of the actions; empty if the environment has other actions."""
     values: Annotated[Values[Score], MaxLen(256)]
     """Q-value of each action, in the state that was acted on."""
     chosen: Annotated[int, Ge(0), Lt(256)]
-    """Index of the action."""
+    """Index of the chosen action."""
 
     def check(self) -> None:
         for corners in (self.border, self.game):
@@ -92,8 +93,8 @@ class LiveView(Message):
 
 
 def size_of(jpeg: bytes) -> tuple[int, int]:
-    """Returns width and height of a JPEG picture, by its headers alone. Raises MessageError if
-    there are none."""
+    """Returns width and height of a JPEG picture, from its headers alone. Raises MessageError if
+    the headers do not hold them."""
     at = 0
     while len(jpeg) >= at + 2 and jpeg[at] == 0xFF and jpeg[at + 1] != _SCAN:
         marker = jpeg[at + 1]

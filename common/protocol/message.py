@@ -1,7 +1,7 @@
-"""`Message`: a dataclass that travels. Its declaration is all that codec and checks need.
+"""`Message`: a dataclass that travels between processes.
 
-Scalars are checked by `common.checked`, arrays against the dtype and the `Array` of their
-annotation::
+Codec and checks need nothing but its declaration. Scalars are checked by `common.checked`, arrays
+against the dtype and the `Array` in their annotation::
 
     @dataclass(frozen=True)
     class Priorities(Message):
@@ -24,9 +24,10 @@ from common.protocol.wire import pack, unpack
 
 
 class Array:
-    """The shape of an array: sizes, and letters, each of one size throughout its message.
+    """The declared shape of an array: fixed sizes, and letters.
 
-    Booleans are 0 or 1. With ``most``, no number is further from 0, nor one that is not finite.
+    A letter stands for the same size throughout its message. Booleans must be 0 or 1. With
+    ``most``, all values must be finite and between -``most`` and ``most``.
     """
 
     def __init__(self, *shape: int | str, most: float | None = None) -> None:
@@ -34,7 +35,7 @@ class Array:
         self.most = most
 
     def shape_for(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
-        """Returns the shape with sizes for its letters."""
+        """Returns the shape with its letters replaced by their sizes."""
         return tuple(sizes[size] if isinstance(size, str) else size for size in self.shape)
 
     def __get_pydantic_core_schema__(self, source: Any, _: GetCoreSchemaHandler) -> CoreSchema:
@@ -53,9 +54,9 @@ class Array:
         sizes: dict[str, int],
         limits: Mapping[str, tuple[int, int]],
     ) -> NDArray[Any]:
-        """Returns the array that ``packed`` holds (read-only, no copy), and notes the ``sizes`` of
-        its letters. Raises MessageError if it is another array than declared, or breaks a bound or
-        limit."""
+        """Returns the array in ``packed`` (read-only, not copied), and adds the sizes of its
+        letters to ``sizes``. Raises MessageError if the array is not as declared, or breaks a bound
+        or limit."""
         if not isinstance(packed, dict):
             raise MessageError(f"{name} should be an array")
         if packed.get("dtype") != dtype.str:
@@ -95,10 +96,10 @@ def dtype_of(annotation: Any) -> np.dtype[Any]:
 
 
 class Message:
-    """What every message can do; a message itself is a frozen dataclass of its fields."""
+    """Base of all messages, each of which is a frozen dataclass of its fields."""
 
     LIMITS: ClassVar[dict[str, tuple[int, int]]] = {}
-    """Least and most for the letters of its arrays' shapes, where they are bounded."""
+    """Minimum and maximum of those letters in its arrays' shapes that are bounded."""
 
     def encode(self) -> bytes:
         """Returns the message as msgpack. Raises MessageError if it is larger than a receiver
@@ -107,8 +108,8 @@ class Message:
 
     @classmethod
     def decode(cls, payload: bytes) -> Self:
-        """Returns the message inside ``payload``; its arrays are read-only views of the payload.
-        Raises MessageError if the payload is not what `encode` writes, or breaks a bound."""
+        """Returns the message in ``payload``; its arrays are read-only views of the payload. Raises
+        MessageError if the payload is not what `encode` writes, or breaks a bound."""
         fields = unpack(payload)
         del fields["schema"]
         try:
@@ -119,4 +120,4 @@ class Message:
         return message
 
     def check(self) -> None:
-        """Checks what holds between the fields. Raises MessageError if it does not."""
+        """Checks the rules between fields. Raises MessageError if one is broken."""

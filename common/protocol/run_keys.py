@@ -1,4 +1,4 @@
-"""`RunKeys`: the key expressions by which the processes of a run speak to each other."""
+"""`RunKeys`: the key expressions by which the processes of a run communicate."""
 
 import re
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from common.errors import InputError
 
 NAMESPACE = "ale-robot"
 DEMONSTRATIONS = "demonstrations"
-"""Name of the actor in whose place a learner sends recorded games."""
+"""Name of the actor as which a learner sends recorded games."""
 
 
 def check_name(kind: str, name: str) -> str:
-    """``name`` if it can be part of a key expression and of a path. Raises InputError if it cannot;
-    ``kind`` says what was being named."""
+    """Returns ``name`` if it can be part of a key expression and of a path. Raises InputError if
+    not; ``kind`` says what it names."""
     if not re.fullmatch(NAME, name):
         raise InputError(
             f"{kind} {name!r} cannot be used: up to 64 letters, digits, '.', '_' or '-', "
@@ -23,7 +23,7 @@ def check_name(kind: str, name: str) -> str:
 
 
 def name_in(key: str) -> str:
-    """The name of the process that asks or tells at ``key``, one of those that have a name."""
+    """Returns the name of the process in ``key``, which must be a key with a name."""
     return key.rsplit("/", 1)[-1]
 
 
@@ -33,12 +33,12 @@ class RunKeys:
 
     run: str
     run_id: str = ""
-    """Identity of the run that was joined (see `Announcement`): another one may take its name."""
+    """Identity of the run that was joined (see `Announcement`), as another may take its name."""
 
     def __post_init__(self) -> None:
         self._root = root = f"{NAMESPACE}/{self.run}"
         self.all = f"{root}/**"
-        """Everything that is said of the run."""
+        """All keys of the run."""
         self.config = f"{root}/config"
         """Query: the run's `RunConfig`; ``RunKeys('*').config`` finds the run itself."""
         self.sample = f"{root}/sample"
@@ -48,20 +48,20 @@ class RunKeys:
         self.held_out = f"{root}/held_out"
         """Query for states on which the mean max-Q is measured."""
         self.progress = f"{root}/progress"
-        """Query for the replay's counters; the learner also tells its own state with it."""
+        """Query for the replay's counters, in which the learner also reports its own state."""
         self.weights = f"{root}/weights"
-        """Published: the newest weights, version in the attachment."""
+        """Published: the newest weights, with the version in the attachment."""
         self.latest_weights = f"{root}/latest_weights"
-        """Query: the newest weights, for those who missed the broadcast."""
+        """Query: the newest weights, for processes that missed the broadcast."""
         self.status = f"{root}/status"
-        """Query: how the run does, as the learner knows it."""
+        """Query: the status of the run, as the learner knows it."""
 
     def insert(self, actor: str) -> str:
-        """Query with a chunk, answered when it is stored; ``'*'`` for the server's side."""
+        """Query with a chunk, answered when it is stored; the server uses ``'*'``."""
         return f"{self._root}/insert/{actor}"
 
     def task(self, evaluator: str) -> str:
-        """Query of an evaluator: which epoch to test next, with that epoch's weights."""
+        """Query of an evaluator for its next job, with the epoch to test and its weights."""
         return f"{self._root}/task/{evaluator}"
 
     def report(self, evaluator: str) -> str:
@@ -77,5 +77,5 @@ class RunKeys:
         return f"{self._root}/stats/{role}/{name}"
 
     def view(self, role: str, name: str) -> str:
-        """Query for what a process' environments show now (`LiveView`), while somebody looks."""
+        """Query for the view of a process' environment (`LiveView`), while somebody watches."""
         return f"{self._root}/view/{role}/{name}"

@@ -1,4 +1,4 @@
-"""What a learner tells whoever asks how its run does."""
+"""`RunStatus`: a learner's answer to a query for the status of its run."""
 
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
@@ -15,46 +15,46 @@ _Any = Annotated[float, AllowInfNan(True)]
 
 
 class HealthCheck(NamedTuple):
-    """A condition without which learning cannot be trusted, as it is now."""
+    """The present result of a health check."""
 
     name: str
     value: _Any | None
     """None while it has not been measured."""
     bound: str
-    """What is asked of the value, such as ``≥ 0.99``."""
+    """Bound on the value, such as ``≥ 0.99``."""
     passed: bool | None
-    """None while that cannot be said."""
+    """None while it is unknown."""
     why: str
-    """One line: what a failure means."""
+    """What a failure means, in one line."""
     stops: bool = True
-    """A run in which it keeps failing ends by itself; see `learner.health_guard`."""
+    """Whether a run in which it keeps failing ends itself; see `learner.health_guard`."""
 
 
 class ActorStatus(NamedTuple):
-    """An actor or evaluator as it was last heard of."""
+    """An actor or evaluator, as it last reported."""
 
     name: Name
     role: Role
     alive: bool
     leaving: bool
-    """It took its leave, so it is not lost where it is not alive."""
+    """Whether it said that it leaves; if so, it is not lost when it is no longer alive."""
     silent_for: Amount
-    """Seconds since it was last heard of."""
+    """Seconds since its last report."""
     version: str
     steps_per_second: Amount
     lag: Count
-    """Updates by which its weights are behind the newest."""
+    """Number of updates by which its weights are behind the newest."""
     held_share: Amount
 
 
 @dataclass(frozen=True)
 class RunStatus(Message):
-    """The run at this moment."""
+    """The state of a run at one moment."""
 
     version: str
     """Version of the learner's software."""
     silent_for: Amount
-    """Seconds since the training loop looked around."""
+    """Seconds since the training loop last looked after its processes."""
     values: Annotated[dict[str, bool | int | _Any | str | None], MaxLen(1_000)]
     """Figures by their keys in `common.metrics`."""
     checks: Annotated[Rows[HealthCheck], MaxLen(1_000)]

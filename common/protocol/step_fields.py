@@ -1,7 +1,7 @@
-"""What there is to say of a step: the one declaration of each field.
+"""The fields of a step, each declared once.
 
-The chunk's codec, the ring's files and what a minibatch carries follow from it. To add a field,
-add its line here, fill it in `actors.stream.chunker`, and use it.
+The chunk's codec, the ring's files and the contents of a minibatch follow from the declaration. To
+add a field, add its line here, fill it in `actors.stream.chunker`, and use it.
 """
 
 import math
@@ -16,11 +16,11 @@ from common.protocol.message import Array, dtype_of
 
 FRAME_SHAPE = (84, 84)
 FRAME_BYTES = math.prod(FRAME_SHAPE)
-"""Bytes of one frame; a step in a chunk has one frame and little else."""
+"""Size of a frame; a step in a chunk has one frame and little else."""
 
 
 class StoredArray(Array):
-    """An array of T steps that the ring keeps, and, if it is ``drawn``, minibatches carry in
+    """An array of T steps that the ring keeps. If it is ``drawn``, minibatches carry it in
     `replay.batch.Batch.drawn`."""
 
     def __init__(self, *shape: int | str, drawn: bool = False, most: float | None = None) -> None:
@@ -33,7 +33,8 @@ class Column(StoredArray):
 
 
 class Flag(StoredArray):
-    """Booleans of T steps that the ring keeps in ``bit`` of its file of flags; 8 is its own."""
+    """Booleans of T steps that the ring keeps in ``bit`` of its file of flags; bit 8 is the ring's
+    own."""
 
     def __init__(self, bit: int, *, drawn: bool = False) -> None:
         super().__init__(drawn=drawn)
@@ -42,9 +43,9 @@ class Flag(StoredArray):
 
 @dataclass(frozen=True)
 class StepFields:
-    """T consecutive steps of one environment; P numbers make a vector observation.
+    """T consecutive steps of one environment, with vector observations of P components.
 
-    A field that is neither `Column` nor `Flag` is counted by the replay and not kept.
+    The replay counts a field that is neither `Column` nor `Flag`, and does not keep it.
     """
 
     actions: Annotated[NDArray[np.uint8], Column()]
@@ -56,29 +57,30 @@ class StepFields:
     elapsed: Annotated[NDArray[np.uint8], Column()]
     """Agent steps of game time that the step took: 1 unless the actor waits for its keys."""
     valid: Annotated[NDArray[np.bool_], Flag(4)]
-    """The state's newest frame was really seen."""
+    """Whether the state's newest frame shows the screen."""
     follows: Annotated[NDArray[np.bool_], Array("T")]
-    """The newest frame differs from the one before, or the game's own picture did not change."""
+    """Whether the newest frame differs from the previous one, or the game's picture did not
+    change."""
     matched: Annotated[NDArray[np.bool_], Array("T")]
-    """The keys pressed at the step's end were the commanded ones."""
+    """Whether exactly the commanded keys were pressed at the step's end."""
     vectors: Annotated[NDArray[np.float32], Column("P", most=MAX_SIZE)]
     """Vector observation of each state; P may be 0."""
 
 
 class StepField(NamedTuple):
-    """What is declared of an array with a row for each step."""
+    """The declaration of an array with one row per step."""
 
     dtype: np.dtype[Any]
     array: Array
     """Its shape, and where the ring keeps it."""
 
     def step_bytes(self, vector_width: int) -> int:
-        """Returns the size of one step's values."""
+        """Returns the size of one step's values, bytes."""
         return math.prod(self.array.shape_for({"T": 1, "P": vector_width})) * self.dtype.itemsize
 
 
 def step_fields(kind: type) -> dict[str, StepField]:
-    """Returns the fields of ``kind`` that have one row for each step, by name."""
+    """Returns the fields of ``kind`` that have one row per step, by name."""
     found: dict[str, StepField] = {}
     for name, hint in get_type_hints(kind, include_extras=True).items():
         annotation, *metadata = get_args(hint) or (hint,)
@@ -92,7 +94,7 @@ STEP_FIELDS = step_fields(StepFields)
 
 
 def drawn_fields() -> dict[str, StepField]:
-    """Returns the step fields that minibatches carry as they are."""
+    """Returns the step fields that minibatches carry unchanged."""
     return {
         name: field
         for name, field in STEP_FIELDS.items()
@@ -101,7 +103,7 @@ def drawn_fields() -> dict[str, StepField]:
 
 
 def zero_steps(count: int, vector_width: int = 0) -> dict[str, NDArray[Any]]:
-    """Returns ``count`` steps by field, all zeros, for those that set only the fields they need."""
+    """Returns ``count`` steps by field, all zeros, for callers that set only some fields."""
     sizes = {"T": count, "P": vector_width}
     return {
         name: np.zeros(field.array.shape_for(sizes), field.dtype)
@@ -110,7 +112,7 @@ def zero_steps(count: int, vector_width: int = 0) -> dict[str, NDArray[Any]]:
 
 
 def bit_of(name: str) -> int:
-    """Returns the bit of a `Flag` of the table."""
+    """Returns the bit of the `Flag` called ``name``."""
     array = STEP_FIELDS[name].array
     assert isinstance(array, Flag)
     return array.bit

@@ -1,4 +1,4 @@
-"""Weights of the network as bytes (safetensors), on the wire and on disk, checked before use."""
+"""Network weights as bytes (safetensors), on the wire and on disk, checked before use."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,23 +17,23 @@ from common.run.origin import origin_metadata
 def encode_weights(
     network: nn.Module, trained: RunConfig | None = None, dtype: torch.dtype = torch.float32
 ) -> bytes:
-    """All weights of ``network``, as safetensors of float32, or of float16 to keep them small.
+    """Returns all weights of ``network``, as safetensors of float32, or of float16 for small files.
 
     Args:
-        trained: settings of their training, which a file tells but no message.
+        trained: settings of their training, for a file; messages do not carry them.
     """
-    # safetensors wants plain strides; channels-last is this process' own affair.
+    # safetensors needs plain strides, but the network is channels-last.
     weights = {name: v.to(dtype).contiguous() for name, v in network.state_dict().items()}
     return save(weights, None if trained is None else origin_metadata(trained))
 
 
 _PUBLISHED = ("average.", "online.")
-"""Before the names of the weights that actors got, in a learner's checkpoint; the first that is
-there counts."""
+"""Prefixes, in a learner's checkpoint, of the weights that actors got; the first one that exists
+counts."""
 
 
 def _published(found: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Returns the weights that actors got, of all that a checkpoint holds; weights alone as they
+    """Returns, from a checkpoint's tensors, the weights that actors got; plain weights as they
     are."""
     for prefix in _PUBLISHED:
         if any(name.startswith(prefix) for name in found):
@@ -42,17 +42,17 @@ def _published(found: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 class NotSafetensors(MessageError):
-    """The bytes are nobody's weights, whatever the network."""
+    """The bytes are not the weights of any network."""
 
 
 def load_weights(network: nn.Module, payload: bytes) -> None:
-    """Put the weights inside ``payload`` into ``network``: `decode_weights`, `set_weights`."""
+    """Puts the weights in ``payload`` into ``network``: `decode_weights`, then `set_weights`."""
     set_weights(network, decode_weights(payload))
 
 
 def decode_weights(payload: bytes) -> dict[str, Tensor]:
-    """Returns the weights inside ``payload``; of a checkpoint of the learner, those that it
-    published. Raises NotSafetensors if it is no file of weights."""
+    """Returns the weights in ``payload``; from a learner's checkpoint, those that it published.
+    Raises NotSafetensors if it holds no weights."""
     try:
         return _published(load(payload))
     except (SafetensorError, ValueError, KeyError, TypeError, RuntimeError) as error:
@@ -60,9 +60,8 @@ def decode_weights(payload: bytes) -> dict[str, Tensor]:
 
 
 def set_weights(network: nn.Module, found: Mapping[str, Tensor]) -> None:
-    """Put weights into ``network``, all or none; those of float16 are taken for float32. Raises
-    MessageError for other names, shapes or types than the network's, and for a weight that is not
-    finite."""
+    """Puts weights into ``network``, all or none; float16 is accepted for float32. Raises
+    MessageError if names, shapes or types are not the network's, or a weight is not finite."""
     expected = network.state_dict()
     if found.keys() != expected.keys():
         raise MessageError(f"weights {sorted(found.keys() ^ expected.keys())} differ in name")
@@ -81,8 +80,8 @@ def set_weights(network: nn.Module, found: Mapping[str, Tensor]) -> None:
 
 
 def load_weights_file(network: nn.Module, file: Path, what: str) -> None:
-    """As `load_weights`, for a person who named ``file``. Raises InputError if it cannot be read,
-    or does not fit ``what`` the network is for."""
+    """Puts the weights in ``file``, which a person named, into ``network``. Raises InputError if
+    the file cannot be read, or does not fit ``what`` the network is for."""
     try:
         load_weights(network, read_file(file))
     except OSError as error:

@@ -1,6 +1,6 @@
-"""msgpack on the wire, with its bounds: what a receiver may be asked to unpack.
+"""msgpack on the wire, with bounds on what a receiver unpacks.
 
-Nothing here or anywhere else unpickles. A message that breaks a bound raises `MessageError`,
+Nothing is unpickled, here or anywhere else. A message that breaks a bound raises `MessageError`,
 which its receiver counts and answers.
 """
 
@@ -19,13 +19,13 @@ SCHEMA = 9
 """Version of every message; processes of different versions refuse each other."""
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 MAX_ITEMS = 10_000
-"""Items of one list or one map."""
+"""Maximum number of items of one list or map."""
 _MAX_VALUES = 200_000
-"""Lists, maps and their items, in a whole message."""
+"""Maximum number of lists, maps and their items in a whole message."""
 
 
 def pack(message: dict[str, Any]) -> bytes:
-    """Returns ``message`` with the schema's version, as msgpack; arrays and dataclasses as maps.
+    """Returns ``message`` with the schema's version as msgpack, arrays and dataclasses as maps.
     Raises MessageError if it is larger than a receiver accepts."""
     payload: bytes = msgpack.packb({"schema": SCHEMA, **message}, default=_plain)
     if len(payload) > MAX_MESSAGE_BYTES:
@@ -34,11 +34,11 @@ def pack(message: dict[str, Any]) -> bytes:
 
 
 def unpack(payload: bytes) -> dict[str, Any]:
-    """Returns the map inside ``payload``, its arrays still raw bytes.
+    """Returns the map in ``payload``, with arrays still as raw bytes.
 
-    What it allocates is bounded: a list or map of one byte would take 60 and more as an object.
-    Raises MessageError if it is not msgpack, too large, of too many values, not a map, or of
-    another schema.
+    The number of values is bounded, because a list or map of one byte takes 60 bytes or more as an
+    object. Raises MessageError if the payload is not msgpack, is too large, has too many values, is
+    not a map, or has another schema.
     """
     if len(payload) > MAX_MESSAGE_BYTES:
         raise MessageError(f"{len(payload)} bytes are over the bound of {MAX_MESSAGE_BYTES}")
@@ -80,21 +80,21 @@ def _plain(value: Any) -> dict[str, Any]:
 
 
 def pack_array(array: NDArray[Any]) -> dict[str, Any]:
-    """Returns a map of dtype, shape and raw little-endian bytes, which are not copied yet."""
+    """Returns a map of dtype, shape and raw little-endian bytes, which are not copied."""
     plain = np.ascontiguousarray(array)
-    # The view saves a copy; an empty array has none that msgpack would take.
+    # The view saves a copy; msgpack does not accept that of an empty array.
     data = plain.data.cast("B") if plain.size else b""
     return {"dtype": plain.dtype.str, "shape": list(array.shape), "data": data}
 
 
 def encode_version(version: int, run_id: str, signature: bytes = b"") -> bytes:
-    """Returns what is sent beside weights: version, run and signature."""
+    """Returns the attachment of weights: version, run and signature."""
     return f"{version} {run_id}\n".encode() + signature
 
 
 def decode_version(attachment: bytes, run_id: str) -> tuple[int, bytes]:
-    """Returns the version that is sent beside weights of the run, and their unchecked signature.
-    Raises MessageError if it is not a number from 0 to `MAX_COUNT`, or of another run."""
+    """Returns version and unchecked signature from the attachment of weights. Raises MessageError
+    if the version is not a number from 0 to `MAX_COUNT`, or the run is not ``run_id``."""
     about, _, signature = attachment.partition(b"\n")
     version, _, sender = about.partition(b" ")
     if not version.isdigit() or len(version) > 19 or int(version) > MAX_COUNT:

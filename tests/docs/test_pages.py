@@ -92,8 +92,8 @@ def test_the_settings_page_has_every_field() -> None:
 
 def test_the_settings_page_tells_bounds_and_presets() -> None:
     assert (
-        "| `--learning.n-step` | integer, 1 or more | Number of agent steps of the n-step return; 1 in 2017. "
-        "| 1 | 5 | 5 |"
+        "| `--learning.n-step` | integer, 1 or more | Number of agent steps of the n-step return; "
+        "1 in 2017. | 1 | 5 | 5 |"
     ) in settings.page()
 
 
