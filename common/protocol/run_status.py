@@ -54,7 +54,7 @@ class RunStatus(Message):
     version: str
     """Version of the learner's software."""
     silent_for: Amount
-    """Seconds since the training loop last looked after its processes."""
+    """Seconds since the training loop last made its periodic checks."""
     values: Annotated[dict[str, bool | int | _Any | str | None], MaxLen(1_000)]
     """Figures by their keys in `common.metrics`."""
     checks: Annotated[Rows[HealthCheck], MaxLen(1_000)]

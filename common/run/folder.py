@@ -1,4 +1,4 @@
-"""The folder ``runs/<name>/``: what a run leaves behind, and whose it is."""
+"""The folder ``runs/<name>/``: the files of a run, and the locks of the processes that use it."""
 
 import fcntl
 import json
@@ -19,13 +19,11 @@ from common.run.stored_config import differences, from_mapping, to_json
 
 
 def check_new_file(file: Path) -> None:
-    """Makes the folder of a file that is going to be written; refuses a file that could not be.
-
-    Raises InputError.
-    """
+    """Makes the folder of a file that will be written. Raises InputError if the file could not be
+    written."""
     if file.is_dir():
         raise InputError(f"{file} is a folder: name a file in it.")
-    # What is written takes its place: as root, that of a device.
+    # The new file replaces what is there; root could replace a device.
     if file.is_symlink() or (file.exists() and not file.is_file()):
         raise InputError(f"{file} is not a regular file: name one, or a new one.")
     with writing(file):
@@ -35,39 +33,39 @@ def check_new_file(file: Path) -> None:
 
 
 def write_atomically(path: Path, content: bytes, former: Path | None = None) -> None:
-    """Replace ``path`` by ``content``: whoever reads sees the old or the new, never a half.
+    """Replaces the content of ``path``. A reader sees the old or the new content, never a part.
 
-    It is on the disk when this returns.
+    The content is on the disk when this returns.
 
     Args:
-        former: where to keep what was at ``path``; nothing changes there if writing fails.
+        former: path at which the old content is kept; it does not change if writing fails.
     """
     fresh, kept = path.with_name(path.name + ".tmp"), path.with_name(path.name + ".kept")
-    fresh.unlink(missing_ok=True)  # of a process that was killed, or a link to somewhere else
+    fresh.unlink(missing_ok=True)  # left by a killed process, or a link to somewhere else
     try:
         with fresh.open("xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
         if former is not None and path.exists():
-            # A link first, so that there is a file at `path` at every moment.
+            # A link comes first, so that a file is at `path` at every moment.
             kept.unlink(missing_ok=True)
             os.link(path, kept)
             kept.replace(former)
     except OSError:
-        fresh.unlink(missing_ok=True)  # half a file, on a disk that is full of it
+        fresh.unlink(missing_ok=True)  # a partial file must not fill the disk
         raise
     fresh.replace(path)
     folder = os.open(path.parent, os.O_RDONLY)
     try:
-        os.fsync(folder)  # or a power failure brings the old name back
+        os.fsync(folder)  # or a power failure could restore the old name
     finally:
         os.close(folder)
 
 
 def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
-    """Append ``content`` to the file at ``path``, whole or not at all; make it if need be. If it is
-    to be ``durable``, it is on the disk when this returns."""
+    """Appends ``content``, whole or not at all, to the file at ``path``, which is made if needed.
+    With ``durable``, the content is on the disk when this returns."""
     file = no_links(str(path), os.O_WRONLY | os.O_APPEND | os.O_CREAT)
     try:
         size, rest = os.fstat(file).st_size, content
@@ -84,7 +82,7 @@ def append_whole(path: Path, content: bytes, *, durable: bool = False) -> None:
 
 
 def has_room(folder: Path, count: int) -> bool:
-    """Whether the disk of ``folder`` has so many free bytes; one without a limit tells of none."""
+    """Whether the disk of ``folder`` has ``count`` free bytes; a total of 0 means no limit."""
     disk = shutil.disk_usage(folder)
     return not disk.total or count <= disk.free
 
@@ -93,26 +91,26 @@ _EPOCH = "epoch-"
 
 
 def epoch_name(epoch: int) -> str:
-    """Returns what an epoch's files are called, without the suffix."""
+    """Returns the name of an epoch's files, without the suffix."""
     return f"{_EPOCH}{epoch:04d}"
 
 
 def kept_networks(snapshots: Path) -> dict[int, Path]:
-    """Returns the files of the epochs' weights in a run's ``snapshots/`` by epoch, oldest first."""
+    """Returns the files of weights in a run's ``snapshots/``, by epoch, oldest first."""
     files = snapshots.glob(f"{_EPOCH}*.safetensors")
     names = {path.stem.removeprefix(_EPOCH): path for path in files}
     return dict(sorted((int(name), path) for name, path in names.items() if name.isdecimal()))
 
 
 JOURNAL = "journal.jsonl"
-"""Name of the file, in a replay's folder, of what was accepted and evicted."""
+"""Name of the file, in a replay's folder, that records what was accepted and evicted."""
 Part = Literal["learner", "replay"]
 _WHOLE = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
-"""`struct flock` of a lock on a whole file for one process alone."""
+"""`struct flock` of an exclusive lock on a whole file."""
 
 
 class RunFolder:
-    """One run's folder, locked by one process per part (learner, replay) while it works."""
+    """The folder of a run. One process per part (learner, replay) locks it while it works."""
 
     def __init__(self, runs: Path, name: str) -> None:
         self.name = check_name("run", name)
@@ -120,43 +118,43 @@ class RunFolder:
         self.config_file = path / "config.json"
         """The `RunConfig`, written once."""
         self.initial = path / "initial.safetensors"
-        """The weights that it began with, where they were not fresh ones."""
+        """The weights with which the run began, if they were given."""
         self.demonstrations = path / "demonstrations.json"
-        """Which recording its replay began with, if with any."""
+        """The recording with which its replay began, if there was one."""
         self.checkpoint = path / "checkpoint.safetensors"
         """The learner's whole state."""
         self.previous = path / "checkpoint.previous.safetensors"
-        """The one before."""
+        """The checkpoint before that."""
         self.held_out = path / "held_out.safetensors"
         """The states on which the mean max-Q is measured."""
         self.snapshots = path / "snapshots"
-        """Weights of epochs that are being tested, and the best so far."""
+        """The weights of epochs that are being tested, and the best so far."""
         self.epochs = path / "epochs.csv"
         self.gates = path / "gates.csv"
         self.summary = path / "summary.json"
         self.tensorboard = path / "tensorboard"
         self.replay = path / "replay"
-        """The ring, where the replay runs on this machine."""
+        """The ring, if the replay runs on this machine."""
         self.films = path / "films"
         self.logs = path / "logs"
-        """Output of local mode's actors and of films, and what `kept_log` keeps."""
+        """The output of local mode's actors and of films, and the files of `kept_log`."""
         self._locks: dict[Part, IO[str]] = {}
         """The files that this process has locked, by the part that it claimed."""
         self._made = False
 
     @property
     def has_begun(self) -> bool:
-        """Whether a learner worked here; one that ended before its first checkpoint left a table
-        at most."""
+        """Whether a learner has worked here. One that ended before its first checkpoint may have
+        left only a table of epochs."""
         return any(path.exists() for path in (self.checkpoint, self.previous, self.epochs))
 
     @classmethod
     def at(cls, path: Path) -> Self | None:
-        """Returns the run whose folder ``path`` is; None if it is no run's."""
+        """Returns the run whose folder is ``path``; None if it is not the folder of a run."""
         return cls(path.parent, path.name) if (path / "config.json").is_file() else None
 
     def stored_config(self) -> RunConfig | None:
-        """The configuration the run was started with; None for a new run."""
+        """Returns the configuration with which the run was started; None for a new run."""
         try:
             told = json.loads(read_file(self.config_file))
             return from_mapping(RunConfig, told, str(self.config_file), fill=True)
@@ -166,14 +164,14 @@ class RunFolder:
             raise InputError(f"{self.config_file} cannot be read: {error}.") from None
 
     def claim(self, part: Part, config: RunConfig, *, begun: Path, resume: bool) -> None:
-        """Take ``part`` of the run for this process, and settle its configuration. Raises
+        """Claims ``part`` of the run for this process, and settles the run's configuration. Raises
         InputError if another process holds the part; if there is something to resume but ``resume``
-        is false, or the reverse; or if the run has another configuration.
+        is false, or the reverse; or if the run has a different configuration.
 
         Args:
-            config: what this process is about to run with.
-            begun: the file or folder that exists once this part has been started.
-            resume: whether to go on with what is there.
+            config: the configuration of this process.
+            begun: a file or folder that exists once this part has been started.
+            resume: whether to continue what is there.
         """
         stored = self.stored_config()
         if resume and stored is None:
@@ -185,7 +183,7 @@ class RunFolder:
                 f"{self.path} already holds a run: go on with it by --resume, "
                 "or name another with --run."
             )
-        # A start that failed, for want of space or by a setting, binds nobody to its settings.
+        # The settings of a start that failed, for lack of space or by a setting, may be changed.
         bound = resume or self.checkpoint.exists() or self.replay.exists() or self.is_at_work()
         if bound and stored is not None and (unequal := differences(stored, config)):
             another = f" --initial {self.path}" if self.checkpoint.exists() else ""
@@ -204,14 +202,14 @@ class RunFolder:
             ) from None
         except OSError as error:
             raise cannot_write(self.path, error) from None
-        self._locks[part] = lock  # held until the process ends, however it ends
+        self._locks[part] = lock  # held until the process ends, in whatever way
         if stored != config:
             write_atomically(self.config_file, to_json(config).encode())
 
     @contextmanager
     def removed_if_unused(self) -> Iterator[None]:
-        """Removes the folder at the end if this process made it, and nothing began in it: a start
-        that failed leaves nothing."""
+        """Removes the folder at the end of the block if this process made it and nothing began in
+        it, so that a failed start leaves nothing behind."""
         try:
             yield
         finally:
@@ -229,10 +227,10 @@ class RunFolder:
         return self.path / f".{part}.lock"
 
     def is_at_work(self, *parts: Part) -> bool:
-        """Whether a process, this one or another, holds one of ``parts``, by default any."""
+        """Whether a process, this one or another, holds one of ``parts``; by default any part."""
         for part in parts or get_args(Part):
             with suppress(FileNotFoundError), open(self._lock(part), opener=not_waiting) as lock:
-                # To look takes no lock, so nobody who claims the part meanwhile is refused.
+                # Looking takes no lock, so a process that claims the part meanwhile succeeds.
                 found = fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _WHOLE)
                 if struct.unpack_from("h", found) != (fcntl.F_UNLCK,):
                     return True

@@ -1,4 +1,4 @@
-"""Joining a run: which one a hub serves, and under which configuration."""
+"""Joins a run: finds which run a hub serves, and its configuration."""
 
 import logging
 import threading
@@ -30,8 +30,8 @@ def patiently(
     say: Callable[[str], None] = say_aside,
     now: Now = time.monotonic,
 ) -> Callable[[], bool]:
-    """Returns whether ``stop`` is set, for those who wait for a run and ask after each attempt;
-    at the first and then every 10 s it says that they wait."""
+    """Returns a function that says whether ``stop`` is set, for callers that wait for a run and ask
+    after each attempt. At the first call, and then every 10 s, it prints that they wait."""
     reminder = Every(_TELL_EVERY, now)
 
     def stopped() -> bool:
@@ -49,16 +49,17 @@ def find_run(
     stopped: Callable[[], bool],
     certificates: Path | None = None,
 ) -> tuple[RunKeys, RunConfig]:
-    """Return the run called ``name``, or the only one, at the hub of ``transport``.
+    """Returns the run called ``name``, or the only run, at the hub of ``transport``.
 
-    Where no name is given, what others at a shared hub announce in another version's language is
-    logged and passed over.
+    Without a name, announcements of other versions at a shared hub are logged and skipped.
 
     Args:
-        certificates: those by which we were let in; a hub says nothing to roles that may not ask.
+        certificates: folder of the certificates with which this process connected. A hub does not
+            answer roles that may not ask.
 
     Raises:
-        InputError: none in ``patience`` seconds, several, or one of another version.
+        InputError: there is no run within ``patience`` seconds, or several, or it has another
+            version.
         KeyboardInterrupt: ``stopped`` became true.
     """
     if name is not None:
@@ -81,7 +82,7 @@ def find_run(
                     _log.warning("what %s announces is passed over: %s", answer.key, error)
                 malformed[answer.key] = reason
                 continue
-            if answer.key == RunKeys(told.run).config:  # or it speaks in another run's name
+            if answer.key == RunKeys(told.run).config:  # else it claims another run's name
                 found[told.run] = told
         if len(found) > 1:
             raise InputError(

@@ -1,4 +1,4 @@
-"""Where a network on disk lies, and where it comes from: the settings of its training."""
+"""Finds networks on disk, and the settings of their training."""
 
 import json
 from collections.abc import Callable
@@ -19,13 +19,16 @@ from common.run.stored_config import flag_of, from_mapping, to_json
 SHIPPED = Path(__file__).resolve().parents[2] / "ale_robot" / "policies"
 """Folder of the published policies and their cards."""
 SHOWN = {"robot": "robot_pong_sticky", "ale": "ale_pong_sticky"}
-"""Published policy that plays where none is named: the best under sticky actions."""
+"""By environment, the published policy that plays if none is named: the best under sticky
+actions."""
 
 
 def find_weights(name: str | Path) -> Path:
-    """Returns the file called ``name``; the newest network of the run in that folder; or the
-    published policy of that name, as robot_pong or policies/robot_pong.safetensors. Raises
-    InputError if there is none."""
+    """Returns the file that ``name`` stands for.
+
+    It may be a file; the folder of a run, for its newest network; or the name of a published
+    policy, as robot_pong or policies/robot_pong.safetensors. Raises InputError if there is none.
+    """
     path = Path(name)
     shipped = SHIPPED / f"{path.stem}.safetensors"
     if (run := RunFolder.at(path)) is not None:
@@ -38,7 +41,7 @@ def find_weights(name: str | Path) -> Path:
 
 
 def _what_there_is(missing: Path) -> str:
-    """Returns the end of a sentence that refuses ``missing``: which networks there are."""
+    """Returns the end of a sentence that refuses ``missing``, with the networks that exist."""
     run = run_of(missing)
     if run is not None and run.checkpoint.is_file():
         return f"name {run.path} for its newest network; the best is there once a test has ended."
@@ -49,31 +52,34 @@ def _what_there_is(missing: Path) -> str:
 
 
 def name_of(weights: Path) -> str:
-    """Returns what a person calls a file of `find_weights`: a published policy by its name."""
+    """Returns the name that people use for a file of `find_weights`: the path, or the name of a
+    published policy."""
     return weights.stem if weights.parent == SHIPPED else str(weights)
 
 
 def shown_weights(env: str | None) -> Path:
-    """Returns the network that plays in environment ``env``, or the usual one, where none is named.
-    Raises InputError if none is published."""
+    """Returns the network that plays in the environment ``env``, by default the usual one, if no
+    network is named. Raises InputError if none is published."""
     env = env or RunConfig.env
     return find_weights(SHOWN.get(env, env))
 
 
 _CONFIG = "config"
-"""Where a network's file, and a policy's card, has the settings of its training."""
+"""Key of the training's settings in a network's file and in a policy's card."""
 
 
 def origin_metadata(trained: RunConfig) -> dict[str, str]:
-    """Returns what a network's file tells of its training, as safetensors' metadata."""
+    """Returns the settings of a network's training, as metadata of safetensors."""
     return {_CONFIG: to_json(trained)}
 
 
 def origin_of(weights: Path) -> RunConfig | None:
-    """The settings of a network's training: those in the file ``weights`` itself; or, of files of
-    former versions, those in the card of a published policy, or of the run whose folder it lies in,
-    or in whose snapshots; None where none are found. Raises InputError if they are there and cannot
-    be read."""
+    """Returns the settings of a network's training, or None if they are not found.
+
+    They are in the file ``weights`` itself. For files of former versions, they are in the card of a
+    published policy, or in the run whose folder or snapshots hold the file. Raises InputError if
+    they exist and cannot be read.
+    """
     card, config, where = weights.with_suffix(".json"), None, weights
     if (told := _metadata(weights).get(_CONFIG)) is not None:
         config = _json(told, weights)
@@ -86,8 +92,8 @@ def origin_of(weights: Path) -> RunConfig | None:
 
 
 def _metadata(weights: Path) -> dict[str, str]:
-    """Returns what the file ``weights`` tells beside its tensors; nothing if it is no network's,
-    which whoever loads it will find."""
+    """Returns the metadata of the file ``weights``; empty if it is not a network's file, which
+    loading it will show."""
     with suppress(SafetensorError, OSError), safe_open(weights, "np") as file:
         return file.metadata() or {}
     return {}
@@ -97,7 +103,7 @@ def _json(text: str | bytes, file: Path) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{file} is not JSON ({error}): get it anew.") from None
+        raise InputError(f"{file} is not JSON ({error}): get it again.") from None
 
 
 VECTOR_SETTINGS = (
@@ -107,7 +113,7 @@ VECTOR_SETTINGS = (
     "play.vector_joints",
     "play.vector_forecast",
 )
-"""What is in the vector observation, but for the robot's number of joints."""
+"""Settings of the contents of the vector observation, without the robot's number of joints."""
 _VECTOR = ("play.robot", *VECTOR_SETTINGS)
 _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = (
     ("{} actions", lambda config: config.action_count, ("game", "play.minimal_actions")),
@@ -131,10 +137,10 @@ _SHAPING: tuple[tuple[str, Callable[[RunConfig], Any], tuple[str, ...]], ...] = 
         ("learning.scale_pixels", "learning.center_pixels", "learning.frame_differences"),
     ),
 )
-"""What a network cannot do without, in words: its shape, and how it takes pixels; how much of it
-there is, or which; and the settings it follows from."""
+"""Properties that a network's weights need: its shape, and the form of its pixels. Each has words
+for people, a function that measures it, and the settings that it follows from."""
 SHAPING_SETTINGS = frozenset(name for _, _, settings in _SHAPING for name in settings)
-"""Settings without which a network's weights do not fit."""
+"""Settings that must be those of a network's training for its weights to fit."""
 
 
 def _pixels_are(learning: LearningConfig) -> str:
@@ -150,12 +156,12 @@ def _pixels_are(learning: LearningConfig) -> str:
 def check_fit(
     weights: Path, trained: RunConfig | None, config: RunConfig, *, vector: bool = True
 ) -> None:
-    """Refuses to play or learn under ``config`` with a network that was made for something else.
-    Raises InputError with the flags under which it fits.
+    """Checks that a network fits the settings ``config`` under which it should play or learn.
+    Raises InputError, with the flags under which it fits, if it does not.
 
     Args:
-        trained: settings under which ``weights`` were trained; None if nobody knows.
-        vector: the vector observation has to fit too.
+        trained: settings under which ``weights`` were trained; None if they are unknown.
+        vector: whether the vector observation must fit too.
     """
     if trained is None:
         return
@@ -188,7 +194,7 @@ def _flag(setting: str, config: RunConfig) -> str:
 
 
 def run_of(weights: Path) -> RunFolder | None:
-    """The run in whose folder, or in whose snapshots, ``weights`` lies; None if it is no run's."""
+    """Returns the run whose folder or snapshots hold ``weights``; None if there is none."""
     for folder in weights.resolve().parents[:2]:
         if (run := RunFolder.at(folder)) is not None:
             return run

@@ -2,8 +2,8 @@
 
 `paper` has the 2017 settings (R. Vargas, "Atari-playing Robot",
 https://github.com/renattou/ALE-Robot), `fast` learns ALE-Only sooner, and `robot` is for the robot.
-`paper` differs from the code of 2017 in two things: a game is truncated after 30 minutes, and the
-actors play the random steps before learning starts like all others.
+`paper` differs from the code of 2017 in two respects: a game is truncated after 30 minutes, and the
+actors play the random steps before learning starts like all other steps.
 """
 
 from dataclasses import replace
@@ -23,7 +23,7 @@ _PAPER = RunConfig(
     env="ale",
     play=PlayConfig(
         minimal_actions=True,  # 2017, section 4: Pong's own 6
-        read_keys="decision",  # as the code of 2017 did, before the arms move
+        read_keys="decision",  # before the arms move, as in the code of 2017
     ),
     replay=ReplayConfig(
         capacity=1_000_000,  # 2017, table of settings; Mnih et al. 2015
@@ -50,29 +50,29 @@ _PAPER = RunConfig(
 _FAST = RunConfig(
     preset="fast",
     env="ale",
-    play=PlayConfig(minimal_actions=True),  # fewer actions are sooner explored
+    play=PlayConfig(minimal_actions=True),  # fewer actions are explored sooner
     replay=ReplayConfig(
-        capacity=200_000,  # what is older was played by a much worse policy; 1.4 GB instead of 7
+        capacity=200_000,  # a much worse policy played older steps; 1.4 GB instead of 7
         learning_starts=10_000,  # some ten games; 50,000 are a twentieth of a run of a million
     ),
     learning=LearningConfig(
         target="double",  # van Hasselt et al. 2016
-        loss="huber",  # bounds what one surprising reward does (Mnih et al. 2015, clipped error)
+        loss="huber",  # bounds the effect of a surprising reward (Mnih et al. 2015, clipped error)
         loss_mean_over="batch",
         optimizer="adam",  # Hessel et al. 2018 (Rainbow)
-        learning_rate=5e-4,  # constant, it brings half of the points, and soon no more (LOG.md)
-        # A rate that has fallen after 250,000 wins sooner by one seed, and strands another.
+        learning_rate=5e-4,  # a constant rate wins half of the points, and soon no more (LOG.md)
+        # If the rate has fallen after 250,000 steps, one seed wins sooner and another is stranded.
         annealing_steps=600_000,
         final_learning_rate=2.5e-5,
         weights_average=0.999,  # some 16,000 agent steps; learns sooner (LOG.md)
         optimizer_epsilon=1.5e-4,  # Rainbow's
         gradient_norm=10.0,  # Wang et al. 2016
-        scale_pixels=True,  # layers' inputs near 1 suit their first weights
+        scale_pixels=True,  # inputs near 1 suit the layers' initial weights
         center_pixels=True,  # else the background's grey silences units of the first layers
-        # A point is lost some 50 agent steps after its cause, and with each copy of the target
-        # network it is known n agent steps earlier. Rainbow has 3, and copies half as often.
+        # A point is lost some 50 agent steps after its cause. With each copy of the target network,
+        # the loss is known n agent steps earlier. Rainbow has n = 3, and copies half as often.
         n_step=5,
-        # As many samples per agent step as 32 every 4 (Mnih et al. 2015), in less time.
+        # The same samples per agent step as 32 every 4 (Mnih et al. 2015), in less time.
         batch_size=128,
         train_period=16,
         target_update_period=250,  # updates: 4,000 agent steps
@@ -83,11 +83,11 @@ _FAST = RunConfig(
         start=1.0,
         end=0.02,  # a rally lasts some 40 agent steps; at 0.1 four of them would be random
         steps=50_000,
-        ez_greedy=True,  # Dabney et al. 2021; one agent step moves a paddle little
+        ez_greedy=True,  # Dabney et al. 2021; a single agent step hardly moves a paddle
     ),
     protocol=ProtocolConfig(
         epoch_steps=50_000,  # a fifth of 2017's
-        test_steps=10_000,  # about five whole games; 2017 tested half as long as it trained
+        test_steps=10_000,  # about five whole games; in 2017 a test was half as long as training
     ),
 )
 
@@ -95,13 +95,13 @@ _ROBOT = replace(
     _FAST,
     preset="robot",
     env="robot",
-    # Minimal actions as in fast; other keys move the hands without effect. No vector: without it
-    # two runs had 18 points after 501,000 and 551,000 steps; with it one had after 651,000, and
-    # another was behind them all at 200,000 (benchmarks/RESULTS.md).
+    # Minimal actions as in fast; other keys would move the hands without effect. No vector: without
+    # it, two runs had 18 points after 501,000 and 551,000 steps; with it, one run had 18 points
+    # after 651,000, and another was behind all of them at 200,000 (benchmarks/RESULTS.md).
     play=PlayConfig(minimal_actions=True),
-    replay=replace(_FAST.replay, capacity=300_000),  # its steps cost more: keep more of them
+    replay=replace(_FAST.replay, capacity=300_000),  # a robot's steps cost more, so keep more
     # n = 5 also covers the latency from a command to its effect in the camera picture. Without
-    # εz-greedy a hand would turn back at each agent step and hardly move.
+    # εz-greedy, a hand would turn back at each agent step and hardly move.
 )
 
 PRESETS: dict[PresetName, RunConfig] = {"paper": _PAPER, "fast": _FAST, "robot": _ROBOT}

@@ -1,5 +1,5 @@
-"""Configurations as plain data: written as JSON or as flags, read again whatever version wrote
-them, compared."""
+"""Configurations as plain data: written as JSON or as flags, read whatever version wrote them, and
+compared."""
 
 import dataclasses
 import json
@@ -24,7 +24,7 @@ RENAMED = {
     "learning.checkpoint_every": "learning.checkpoint_period",
     "exploration.lasting": "exploration.ez_greedy",
 }
-"""Former names of fields, as runs and policies on disk may have them, and the present ones."""
+"""Present names of fields by their former names, which runs and policies on disk may have."""
 
 REMOVED: dict[str, Any] = {
     "play.delay": 0,
@@ -37,7 +37,7 @@ REMOVED: dict[str, Any] = {
     "learning.watkins_cut": False,
     "exploration.per_env": False,
 }
-"""Fields of former versions that are gone, and the value with which they did nothing."""
+"""Fields of former versions that no longer exist, and the value with which they had no effect."""
 
 T = TypeVar("T")
 
@@ -48,8 +48,8 @@ def to_json(config: Any) -> str:
 
 
 def flat(config: Any) -> dict[str, bool | int | float | str]:
-    """Returns the settings by their whole names, as ``learning.n_step``; any other kind of value
-    as its text."""
+    """Returns the settings by their full names, such as ``learning.n_step``. A value that is not a
+    number, a boolean or a text is given as its text."""
     return {
         name: value if isinstance(value, bool | int | float | str) else str(value)
         for name, value in settings(dataclasses.asdict(config))
@@ -57,7 +57,7 @@ def flat(config: Any) -> dict[str, bool | int | float | str]:
 
 
 def settings(table: Mapping[str, Any], group: str = "") -> Iterator[tuple[str, Any]]:
-    """Yields the values of a table of tables by their whole names."""
+    """Yields the values of a table of tables with their full names."""
     for name, value in table.items():
         if isinstance(value, dict):
             yield from settings(value, f"{group}{name}.")
@@ -66,7 +66,7 @@ def settings(table: Mapping[str, Any], group: str = "") -> Iterator[tuple[str, A
 
 
 def flag_of(setting: str, value: Any) -> list[str]:
-    """Returns the flag that gives a setting, as ``learning.n_step``, its value."""
+    """Returns the flag that gives a ``setting``, such as ``learning.n_step``, its ``value``."""
     group, dot, name = setting.replace("_", "-").rpartition(".")
     if isinstance(value, bool):
         return [f"--{group}{dot}{'' if value else 'no-'}{name}"]
@@ -74,11 +74,11 @@ def flag_of(setting: str, value: Any) -> list[str]:
 
 
 def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool = False) -> T:
-    """Returns configuration dataclass ``kind`` built from plain data, strictly. Raises InputError
+    """Returns a configuration dataclass ``kind``, built strictly from plain data. Raises InputError
     if a field is missing, unknown, of the wrong type or out of bounds; ``where`` names the place.
 
     Args:
-        fill: take the default of a field that is missing in a group, for files that are older than
+        fill: use the default of a field that is missing in a group, for files that are older than
             the field. The default of a new field must therefore be the former behaviour.
     """
     try:
@@ -88,8 +88,8 @@ def from_mapping(kind: type[T], data: Any, where: str = "config", *, fill: bool 
 
 
 def _with_present_fields(data: Any, where: str) -> Any:
-    """Returns ``data`` with the fields that a former version named otherwise under their names, and
-    without those that are gone. Raises Invalid if one that is gone was in use."""
+    """Returns ``data`` with renamed fields under their present names, and without removed fields.
+    Raises Invalid if a removed field was in use."""
     if not isinstance(data, dict):
         return data
     named = {group: dict(each) if isinstance(each, dict) else each for group, each in data.items()}
@@ -97,7 +97,7 @@ def _with_present_fields(data: Any, where: str) -> Any:
         (old_group, old), (group, new) = former.split("."), present.split(".")
         before = named.get(old_group)
         if isinstance(before, dict) and old in before:
-            # A group that is newer than the file comes into being by what moves into it.
+            # A group that is newer than the file is made for the fields that move into it.
             fields = named.setdefault(group, {})
             if isinstance(fields, dict) and new not in fields:
                 fields[new] = before.pop(old)
@@ -110,6 +110,6 @@ def _with_present_fields(data: Any, where: str) -> Any:
 
 
 def differences(old: Any, new: Any) -> list[str]:
-    """Returns names and values of the settings in which two configurations differ."""
+    """Returns the settings in which two configurations differ, with both values."""
     before, after = flat(old), flat(new)
     return [f"{name} {v} → {after[name]}" for name, v in before.items() if v != after[name]]
