@@ -1,9 +1,10 @@
-"""What each process may do at a hub that knows it by its certificate.
+"""Access control: what each process may do at a hub that knows it by its certificate.
 
-A certificate names a role, and that of an actor can name the actor too: then it may speak in no
-other's name. That of a replay names its run, for which alone it answers. What comes in is checked;
-what goes out goes only to who was let ask for it. All else is denied, and nobody is told: to a
-denied query there is no answer, and a denied publication is dropped.
+A certificate names a role. An actor's certificate may also name the actor, which then cannot act
+in another's name. A replay's certificate names its run, and the replay answers only for that run.
+Incoming messages are checked; outgoing ones reach only processes that were allowed to ask for
+them. Everything else is denied without notice: a denied query gets no answer, and a denied
+publication is dropped.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from common.protocol.wire import MAX_MESSAGE_BYTES
 from common.transport.credentials import common_name
 
 MOST_SESSIONS = 4_096
-"""Processes of all runs at one hub, fewer where it may have few open files."""
+"""Maximum number of processes, of all runs, at one hub; fewer if it may have few open files."""
 _ANY = RunKeys("*")
 _WORKERS = ("actor", "evaluator")
 _LEARNER_ANSWERS = [_ANY.task("*"), _ANY.report("*"), _ANY.status]
@@ -32,11 +33,11 @@ _LEARNER = {
     "declare_queryable": _LEARNER_ANSWERS,
     "reply": _LEARNER_ANSWERS,
 }
-"""By Zenoh's name of a message, the keys to which a learner may send it."""
+"""By Zenoh's name of a message, the keys to which a learner may send such messages."""
 
 
 def _of_actor(name: str) -> dict[str, list[str]]:
-    """The same for an actor or evaluator called ``name``; ``'*'`` for one of any name."""
+    """Returns the same for an actor or evaluator called ``name``; ``'*'`` stands for any name."""
     views = [_ANY.view(role, name) for role in _WORKERS]
     return {
         "query": [
@@ -52,7 +53,7 @@ def _of_actor(name: str) -> dict[str, list[str]]:
 
 
 def _of_replay(run: str) -> dict[str, list[str]]:
-    """The same for the replay of ``run``, at the hub of another."""
+    """Returns the same for the replay of ``run`` at another run's hub."""
     keys = RunKeys(run)
     served = [
         *(keys.config, keys.latest_weights, keys.sample, keys.priorities, keys.held_out),
@@ -81,17 +82,18 @@ _MOST_BYTES: list[tuple[list[str], int, list[str]]] = [
     (_TO_HUB, 4 * _KIB**2, [_ANY.priorities]),
     (_TO_HUB, 32 * _KIB**2, [_ANY.insert("*")]),
 ]
-"""What may come in at most, by message and key: twice the longest that anybody sends. All else is
-bounded by `MAX_MESSAGE_BYTES`."""
+"""Maximum size of incoming messages by kind and key: twice that of the longest that is sent. All
+others are bounded by `MAX_MESSAGE_BYTES`."""
 
 
 LONGEST_RECEIVED = MAX_MESSAGE_BYTES + 64 * _KIB
-"""Bytes of a message that any process receives at most; Zenoh's own 1 GiB would be taken before
-anything is looked at. What Zenoh itself adds to a message, and its other messages, are small."""
+"""Maximum size of a message that a process receives, bytes. Zenoh's own limit is 1 GiB, which it
+would allocate before any check. Zenoh's additions to a message, and its other messages, are
+small."""
 
 
 def size_limits() -> dict[str, Any]:
-    """Zenoh's settings by which a hub drops what is too long before it takes memory."""
+    """Returns Zenoh's settings by which a hub drops long messages before they take memory."""
     return {
         "low_pass_filter": [
             {
@@ -111,15 +113,15 @@ _MOST_PER_SECOND = {
     _ANY.config: 20,
     _ANY.task("*"): 20,
     _ANY.status: 20,
-    _ANY.latest_weights: 5,  # each is answered with megabytes
+    _ANY.latest_weights: 5,  # each answer has megabytes
 }
-"""How often one process may tell or ask at a key: many times as often as ours do, and not sooner
-after another. Honest actors send several chunks at once, so chunks, and reports, have a
-`LeakyBucket` by name where they are taken."""
+"""Maximum rate, per second, of one process' messages at a key: many times the rate of our own
+processes. It also sets the shortest time between two messages. Honest actors send several chunks at
+once, so a `LeakyBucket` per name limits chunks, and reports, where they are accepted."""
 
 
 def rate_limits() -> list[dict[str, Any]]:
-    """Zenoh's setting ``downsampling``, of what one connection sends too often."""
+    """Returns Zenoh's setting ``downsampling``, which drops what a connection sends too often."""
     return [
         {
             "id": "rates",
@@ -131,12 +133,12 @@ def rate_limits() -> list[dict[str, Any]]:
 
 
 def access_control(actors: Sequence[str] | None = None, runs: Sequence[str] = ()) -> dict[str, Any]:
-    """Zenoh's setting of that name for a hub.
+    """Returns Zenoh's setting ``access_control`` for a hub.
 
     Args:
-        actors: names of those that may join, each by a certificate of its own; None for any, all
-            by the certificate of their role.
-        runs: whose replays may join, each by a certificate of its own.
+        actors: names of the actors that may join, each by a certificate of its own; None lets any
+            actor join by the certificate of the role.
+        runs: runs whose replays may join, each by a certificate of its own.
     """
     allowed = {"learner": _LEARNER}
     allowed |= {common_name("replay", run): _of_replay(run) for run in runs}

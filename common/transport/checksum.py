@@ -1,8 +1,8 @@
-"""A checksum of each message, because TCP's own misses damage that a long run meets.
+"""A checksum of each message, because TCP's own misses damage that occurs in long runs.
 
-Before a message's attachment stand four bytes: the CRC-32 of its key, attachment and payload. What
-does not match is as good as not sent: a request or its answer is sent again, a publication is
-followed by the next.
+Four bytes precede a message's attachment: the CRC-32 of its key, attachment and payload. A message
+whose checksum does not match counts as lost: a request or its answer is sent again, and a
+publication is followed by the next one.
 """
 
 from common.crc32 import crc32
@@ -11,16 +11,16 @@ _BYTES = 4
 
 
 class DamagedMessage(Exception):
-    """A message whose checksum does not match; its sender should send it again."""
+    """The checksum of a message does not match; its sender should send it again."""
 
 
 def seal(key: str, payload: bytes, attachment: bytes = b"") -> bytes:
-    """Returns ``attachment`` with the checksum before it."""
+    """Returns ``attachment`` with the message's checksum before it."""
     return _checksum(key, payload, attachment) + attachment
 
 
 def unseal(key: str, payload: bytes, sealed: bytes) -> bytes:
-    """Returns the attachment that was sealed. Raises DamagedMessage if the checksum does not
+    """Returns the attachment without the checksum. Raises DamagedMessage if the checksum does not
     match."""
     attachment = sealed[_BYTES:]
     if sealed[:_BYTES] != _checksum(key, payload, attachment):

@@ -1,7 +1,7 @@
-"""`Credentials`: by what a process shows others on a network who it is, and whom it trusts.
+"""`Credentials`: files by which a process proves who it is, and decides whom it trusts.
 
-They are files in a folder that `deploy/certificates.sh` writes, and are for addresses that begin
-with ``tls/``.
+`deploy/certificates.sh` writes them into a folder. They are for addresses that begin with
+``tls/``.
 """
 
 import logging
@@ -21,15 +21,15 @@ from common.transport.endpoint import check_endpoint
 _log = logging.getLogger(__name__)
 Role = Literal["hub", "learner", "replay", "actor"]
 """The role in which a process joins a run. An evaluator joins as an actor; a replay is a hub unless
-it joins that of another run."""
+it joins another run's hub."""
 _ACTORS = "actors.txt"
-"""Names the actors that a hub lets in, a line each, in its folder of certificates."""
+"""File, in a hub's folder of certificates, that lists the actors that it admits, one per line."""
 _RUNS = "runs.txt"
-"""Likewise the runs whose replays it lets in beside its own."""
+"""File that lists the other runs whose replays the hub admits, one per line."""
 
 
 def common_name(role: Role, name: str | None = None) -> str:
-    """Whom a certificate is made out to, and what its files are called."""
+    """Returns the common name in a certificate, which is also the name of its files."""
     return role if name is None else f"{role}.{name}"
 
 
@@ -37,25 +37,26 @@ _KEYS_BY_NAME = f"{common_name('actor', '*')}-key.pem"
 
 
 def allowed_actors(folder: Path, *, listed: bool = False) -> list[str] | None:
-    """The actors that a hub with this folder lets in; None for all with an actor's certificate,
-    unless those that have certificates here have to be ``listed``.
+    """Returns the actors that a hub with this folder admits; None if it admits every process with
+    an actor's certificate.
 
-    Raises InputError if the list is missing, cannot be read, or holds what cannot be a name.
+    Raises InputError if the list cannot be read, or holds what cannot be a name. With ``listed``,
+    it also raises if the list is missing although the folder has certificates of actors by name.
     """
     path = folder / _ACTORS
     names = _names_in(path)
     if names is None and listed and any(folder.glob(_KEYS_BY_NAME)):
         raise InputError(
-            f"there are certificates of actors by name, and no {path}: put the list back, or "
+            f"there are certificates of actors by name, but no {path}: put the list back, or move "
             "the certificates elsewhere to let all actors in."
         )
     return names
 
 
 def allowed_runs(folder: Path, own: str | None = None) -> list[str]:
-    """The runs whose replays a hub with this folder lets in, each by a certificate of its own.
+    """Returns the runs whose replays a hub with this folder admits, each by its own certificate.
 
-    Raises InputError if the list cannot be read, or holds what cannot be a name or the hub's
+    Raises InputError if the list cannot be read, holds what cannot be a name, or holds the hub's
     ``own`` run.
     """
     runs = _names_in(folder / _RUNS) or []
@@ -68,13 +69,13 @@ def allowed_runs(folder: Path, own: str | None = None) -> list[str]:
 
 
 def _names_in(path: Path) -> list[str] | None:
-    """The names that a list holds, each once; None where there is no list."""
+    """Returns the names in a list, each once; None if there is no list."""
     try:
         names = path.read_text(encoding="ascii").split()
     except FileNotFoundError:
         return None
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read ({error}): it has a name in each line.") from None
+        raise InputError(f"{path} cannot be read ({error}): write one name per line.") from None
     for name in names:
         if not re.fullmatch(NAME, name):
             raise InputError(f"{path} holds {name[:70]!r}, which cannot be a name.")
@@ -82,8 +83,8 @@ def _names_in(path: Path) -> list[str] | None:
 
 
 def own_name(folder: Path) -> str | None:
-    """The one actor that this folder has a certificate of by name; None where it has no such.
-    Raises InputError if it has several."""
+    """Returns the name of the only actor that has a certificate by name in this folder; None if
+    there is none. Raises InputError if there are several."""
     files = sorted(folder.glob(_KEYS_BY_NAME))
     names = [path.name.removeprefix("actor.").removesuffix("-key.pem") for path in files]
     if len(names) > 1:
@@ -96,22 +97,23 @@ def own_name(folder: Path) -> str | None:
 
 @dataclass(frozen=True)
 class Credentials:
-    """A process' files in PEM."""
+    """The files of a process, in PEM."""
 
     authority: Path
-    """Certificate of whoever signed all the others."""
+    """Certificate of the authority that signed all others."""
     certificate: Path
-    """Its own."""
+    """The process' own certificate."""
     key: Path
-    """The certificate's private one."""
+    """Private key of the certificate."""
 
     @classmethod
     def find(cls, folder: Path, role: Role, name: str | None = None) -> "Credentials":
-        """Those in ``folder`` of the process called ``name`` if there are such, or of its role.
+        """Returns the credentials in ``folder`` of the process called ``name``, or else of its
+        role.
 
-        What is out of date is logged, and not refused: it may be replaced while a process waits.
-        Raises InputError if one is missing or is no certificate, if key and certificate do not fit,
-        or if the hub's folder, if it is that, does not list the actor.
+        A certificate that is out of date is logged and not refused, because it may be replaced
+        while the process waits. Raises InputError if a file is missing or is not a certificate, if
+        key and certificate do not fit, or if the folder has a hub's list without the actor.
         """
         whose = common_name(role, name)
         listed = allowed_actors(folder) if role == "actor" else None
@@ -139,21 +141,21 @@ class Credentials:
             context.load_cert_chain(found.certificate, found.key)
         except (ssl.SSLError, OSError) as error:
             raise InputError(
-                f"the certificates in {folder} cannot be used ({error}): make them anew with "
+                f"the certificates in {folder} cannot be used ({error}): make new ones with "
                 "deploy/certificates.sh."
             ) from None
         for path in (found.authority, found.certificate):
             ended = x509.load_pem_x509_certificate(path.read_bytes()).not_valid_after_utc
             if ended < datetime.now(UTC):
                 _log.warning(
-                    "%s is out of date since %s: nobody accepts it; make it anew with "
+                    "%s is out of date since %s, so nobody accepts it: make a new one with "
                     "deploy/certificates.sh, and replace the file",
                     *(path, ended.strftime("%Y-%m-%d %H:%M UTC")),
                 )
         return found
 
     def settings(self, role: Role) -> dict[str, object]:
-        """Returns a Zenoh session's settings: TLS alone, with certificates on both sides."""
+        """Returns the settings of a Zenoh session: TLS only, with certificates on both sides."""
         side = "listen" if role == "hub" else "connect"
         return {
             "transport/link/protocols": ["tls"],
@@ -168,8 +170,9 @@ class Credentials:
 def check_certificates(
     endpoint: str, certificates: Path | None, role: Role, name: str | None = None
 ) -> Credentials | None:
-    """By what a process proves who it is at ``endpoint``; None at one where nobody asks. Raises
-    InputError if ``endpoint`` is no address, or it and the certificates do not fit each other.
+    """Returns the credentials of a process at ``endpoint``; None for a ``tcp/`` address, which
+    needs none. Raises InputError if ``endpoint`` is not an address, or does not fit the
+    certificates.
 
     Args:
         certificates: the folder that holds them.
@@ -177,7 +180,7 @@ def check_certificates(
     check_endpoint(endpoint)
     if endpoint.startswith("tcp/"):
         if certificates is not None:
-            raise InputError(f"--certificates are for tls: write {endpoint} as tls{endpoint[3:]}.")
+            raise InputError(f"--certificates needs tls: write {endpoint} as tls{endpoint[3:]}.")
         return None
     if certificates is None:
         raise InputError(

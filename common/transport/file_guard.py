@@ -1,8 +1,8 @@
-"""`FileGuard`: lets nobody in for as long as a hub has too many files open.
+"""`FileGuard`: refuses new connections while a hub has too many files open.
 
-A process without a file left fails wherever it opens one, and a stranger makes thousands of
-connections a second. At a ``tls/`` address Zenoh gives those that show no certificate ten seconds,
-counts none of them, and then lets go of ten a second only (its pause after each).
+A process that may open no more files fails wherever it opens one, and a stranger can make thousands
+of connections per second. At a ``tls/`` address, Zenoh gives connections without a certificate ten
+seconds, does not count them, and then closes only ten per second (its pause after each).
 """
 
 import logging
@@ -12,18 +12,19 @@ from common.process.threads import repeat
 from common.transport.hub_sockets import Door, open_files
 
 _LOOK = 0.05
-"""Seconds in which no more should come than there are files left."""
+"""Seconds between two looks; fewer connections should come in this time than files are left."""
 _LOOK_AGAIN = 1.0
-"""Seconds between two looks while nobody is let in."""
+"""Seconds between two looks while new connections are refused."""
 _log = logging.getLogger(__name__)
 
 
 class FileGuard:
-    """Counts the files of this process, a hub at ``port``, until it is closed.
+    """Counts the open files of this process, a hub at ``port``, until it is closed.
 
     Args:
-        most: files that it may have open. Three eighths are for sessions (`MOST_SESSIONS`), and as
-            many again for what comes before it is seen; strangers have what is left.
+        most: maximum number of files that the process may have open. Three eighths are for sessions
+            (`MOST_SESSIONS`), and three for connections that come before a look; strangers have
+            the rest.
     """
 
     def __init__(self, port: int, most: int) -> None:
@@ -33,7 +34,7 @@ class FileGuard:
         self._end = repeat("file-guard", _LOOK, self._look)
 
     def close(self) -> None:
-        """Count no more."""
+        """Stop counting."""
         self._end()
         self._door.close()
 

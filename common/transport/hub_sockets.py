@@ -1,4 +1,4 @@
-"""What a hub asks of the kernel about the connections to its port, which Zenoh does not tell."""
+"""Queries and controls of the connections to a hub's port, by the kernel; Zenoh has none."""
 
 import ctypes
 import os
@@ -13,27 +13,28 @@ Address = tuple[str, int]
 """Host and port of the other side."""
 _RECEIVED = struct.Struct("=Q")
 _RECEIVED_AT = 128
-"""Where Linux' ``struct tcp_info`` has ``tcpi_bytes_received``."""
+"""Offset of ``tcpi_bytes_received`` in Linux' ``struct tcp_info``."""
 
 _MOST_FILES = 16_384
 _ATTACH_FILTER, _DETACH_FILTER = 26, 27
-"""Linux' ``SO_ATTACH_FILTER`` and ``SO_DETACH_FILTER``, which Python does not name."""
+"""Linux' ``SO_ATTACH_FILTER`` and ``SO_DETACH_FILTER``, for which Python has no names."""
 _RETURN = 0x06
-"""Instruction by which a packet filter says how many bytes of what comes the kernel keeps."""
+"""Instruction by which a packet filter says how many bytes of a packet the kernel keeps."""
 
 
 def address_in(locator: str) -> Address:
-    """Returns the other side's address in what Zenoh calls a link, ``tls/[fe80::1%2]:7447``, as the
-    kernel tells it: without the interface."""
+    """Returns the other side's address in Zenoh's name of a link, such as
+    ``tls/[fe80::1%2]:7447``, as the kernel has it: without the interface."""
     host, _, port = locator.partition("/")[2].rpartition(":")
     return host.strip("[]").partition("%")[0], int(port)
 
 
 def most_files() -> int:
-    """Returns how many files and connections this process may have open.
+    """Raises, if possible, and returns the number of files and connections that this process may
+    open.
 
-    A hub needs thousands, and a process that has no more fails wherever it opens one. It has 1,024
-    on most systems, and more if it asks.
+    A hub needs thousands, and a process that may open no more fails wherever it opens one. Most
+    systems allow 1,024, and more on request.
     """
     most, possible = resource.getrlimit(resource.RLIMIT_NOFILE)
     if most < (wanted := min(_MOST_FILES, possible)):
@@ -43,7 +44,7 @@ def most_files() -> int:
 
 
 def open_files() -> int:
-    """Returns how many this process has open; all it may have where it cannot even look."""
+    """Returns the number of open files of this process, or its limit if it cannot even look."""
     try:
         return len(os.listdir("/proc/self/fd"))
     except OSError:
@@ -51,11 +52,12 @@ def open_files() -> int:
 
 
 def forget_the_silent(port: int, milliseconds: int) -> None:
-    """Let the kernel end connections to ``port`` whose other side has not taken what was sent.
+    """Lets the kernel end connections to ``port`` whose other side does not acknowledge data for so
+    many ``milliseconds``.
 
-    To end a TLS link Zenoh writes to it. Where a router has forgotten the connection, and its
-    buffer is full, that would wait for the kernel's own end, a quarter of an hour later, and the
-    client could not come back before. Sockets inherit it from the one that accepts them.
+    Zenoh writes to a TLS link to end it. If a router has forgotten the connection and the buffer is
+    full, that write waits for the kernel's own timeout, a quarter of an hour, and the client cannot
+    come back before. Sockets inherit the setting from the listening socket.
     """
     for found in _at(port):
         if _listens(found):
@@ -63,7 +65,7 @@ def forget_the_silent(port: int, milliseconds: int) -> None:
 
 
 def bytes_received(port: int) -> dict[Address, int]:
-    """Returns what came over each connection to ``port`` since it began."""
+    """Returns the bytes received over each connection to ``port`` since it began."""
     found = {}
     for address, opened in _accepted(port):
         with suppress(OSError):
@@ -73,57 +75,57 @@ def bytes_received(port: int) -> dict[Address, int]:
 
 
 def ignore_connections(port: int, addresses: set[Address]) -> None:
-    """Drops what comes from these addresses to ``port`` from now on, in the kernel, unread.
+    """Lets the kernel drop, unread, what comes from these addresses to ``port`` from now on.
 
-    The other side's words are not acknowledged: it soon waits, until the connection is ended.
+    The data is not acknowledged, so the other side soon waits until the connection is ended.
     """
     for address, opened in _accepted(port):
         if address in addresses:
-            _keep(opened, 1)  # and of TCP the whole header, so that acknowledgements count
+            _keep(opened, 1)  # the kernel keeps TCP's whole header, so acknowledgements count
 
 
 def end_connections(port: int, addresses: set[Address]) -> None:
     """Ends the connections of these addresses to ``port``, for both sides."""
     for address, opened in _accepted(port):
         if address in addresses:
-            _keep_all(opened)  # or who waits for room in its buffer is never told of the end
-            with suppress(OSError):  # the other side was faster
+            _keep_all(opened)  # or a side that waits for buffer space would never see the end
+            with suppress(OSError):  # if the other side was faster
                 opened.shutdown(socket.SHUT_RDWR)
 
 
 class Door:
-    """The sockets at which this process takes connections to ``port``.
+    """The sockets at which this process accepts connections to ``port``.
 
-    It holds them, since who has no file left could not look for them.
+    It keeps them open, because a process that may open no more files could not look for them.
     """
 
     def __init__(self, port: int, most_waiting: int) -> None:
-        """Let so many connections wait there at most until they are taken."""
-        # `dup` of a socket would have it wait, for both.
+        """``most_waiting`` is the maximum number of connections that wait to be accepted."""
+        # `socket.dup` would make both sockets blocking.
         numbers = [os.dup(found.fileno()) for found in _at(port) if _listens(found)]
         self._listening = [socket.socket(fileno=number) for number in numbers]
         for each in self._listening:
             each.listen(most_waiting)
 
     def shut(self) -> None:
-        """Drop what asks for a connection, which asks again a second later."""
+        """Drop requests for connections; clients ask again a second later."""
         for each in self._listening:
             _keep(each, 0)
 
     def open(self) -> None:
-        """Take connections again."""
+        """Accept connections again."""
         for each in self._listening:
             _keep_all(each)
 
     def close(self) -> None:
-        """Hold them no longer."""
+        """Release the sockets."""
         for each in self._listening:
             each.close()
 
 
 def _keep(opened: socket.socket, count: int) -> None:
-    """Lets the kernel keep so many bytes of each packet that comes, unless the socket is at its
-    end."""
+    """Lets the kernel keep ``count`` bytes of each incoming packet; does nothing if the socket has
+    ended."""
     program = ctypes.create_string_buffer(struct.pack("=HBBI", _RETURN, 0, 0, count), 8)
     told = struct.pack("@HP", 1, ctypes.addressof(program))
     with suppress(OSError):
@@ -131,7 +133,7 @@ def _keep(opened: socket.socket, count: int) -> None:
 
 
 def _keep_all(opened: socket.socket) -> None:
-    with suppress(OSError):  # nothing of it is dropped
+    with suppress(OSError):  # if it has no filter
         opened.setsockopt(socket.SOL_SOCKET, _DETACH_FILTER, 0)
 
 
@@ -141,13 +143,13 @@ def _listens(opened: socket.socket) -> bool:
 
 def _accepted(port: int) -> Iterator[tuple[Address, socket.socket]]:
     for opened in _at(port):
-        with suppress(OSError):  # it listens, or is at its end
+        with suppress(OSError):  # if it listens, or has ended
             host, other, *_ = opened.getpeername()
             yield (host, other), opened
 
 
 def _at(port: int) -> Iterator[socket.socket]:
-    """Yields this process' own ends at ``port``, each for as long as it is looked at."""
+    """Yields this process' sockets at ``port``; each is closed when the next is taken."""
     for file in Path("/proc/self/fd").iterdir():
         with suppress(OSError):
             if not os.readlink(file).startswith("socket:"):

@@ -106,7 +106,7 @@ def test_a_file_on_its_own_tells_the_settings_of_its_training(tmp_path: Path) ->
 
 @pytest.mark.parametrize(
     ("told", "words"),
-    [("{", "is not JSON .*: get it anew"), ("{}", r"p\.safetensors: config has a missing")],
+    [("{", "is not JSON .*: get it again"), ("{}", r"p\.safetensors: config has a missing")],
 )
 def test_settings_in_a_file_are_not_trusted(tmp_path: Path, told: str, words: str) -> None:
     file = tmp_path / "p.safetensors"
