@@ -1,6 +1,6 @@
 """The replay: transitions, stored once and sampled many times.
 
-Columns, ring, chunk index, journal and samplers make the `Store`. With the rate limiter it is the
-`ReplayBuffer`, which a learner may hold in its own process. `ReplayServer` and `RemoteReplay` carry
+The `Store` consists of columns, ring, chunk index, journal and samplers. The `ReplayBuffer` adds
+the rate limiter; a learner may hold it in its own process. `ReplayServer` and `RemoteReplay` carry
 the same calls to another process.
 """

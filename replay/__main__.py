@@ -1,17 +1,17 @@
-"""``python -m replay``: the replay as a process of its own, and the run's hub.
+"""``python -m replay``: the replay as a process of its own, which is the run's hub.
 
-The learner joins it by ``--connect``, as the actors do. With ``--connect`` the replay itself joins
-the hub of another run, so that one address serves both.
+The learner joins it with ``--connect``, as the actors do. With ``--connect``, the replay itself
+joins the hub of another run, so that one address serves both.
 """
 
 if __name__ == "__main__":
     import os
     import sys
 
-    # A working directory that does not hold this package may hold another `common`.
+    # A working directory that does not hold this package may hold a different `common`.
     if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
         del sys.path[0]
-        os.environ["PYTHONSAFEPATH"] = "1"  # for the programs that this one starts
+        os.environ["PYTHONSAFEPATH"] = "1"  # for child processes
 
     from common.process.lifeline import leave_at_interrupt
 
@@ -51,21 +51,21 @@ from replay.server import ReplayServer
 _log = logging.getLogger(__name__)
 _REPORT_EVERY = 5.0
 _DEADLINE = 5.0
-"""Seconds that a run of the same name has to say that it is there."""
+"""Seconds to wait for the announcement of a run of the same name."""
 
 
 @dataclass(frozen=True)
 class ReplayOptions(RunOptions):
-    """Store the actors' transitions, and give the learner minibatches of them.
+    """Store the actors' transitions, and serve minibatches of them to the learner.
 
-    They lie in <runs>/<run>/replay.
+    The transitions are kept in <runs>/<run>/replay.
     """
 
     run: str = tyro.MISSING
     """Name of the run."""
     connect: str | None = None
-    """Address of another run's hub, at which learner and actors find this run too, instead of
-    --listen."""
+    """Address of another run's hub, instead of --listen; learner and actors then find this run
+    there too."""
 
 
 def main() -> int | None:
@@ -84,7 +84,7 @@ def main() -> int | None:
 
 
 def serve(options: ReplayOptions, again: bool) -> None:
-    """Serve in this process; ``again`` after one that was killed."""
+    """Serves in this process; ``again`` says whether it replaces a process that was killed."""
     keep_large_blocks()
     config = options.config
     folder = RunFolder(options.runs, options.run)
@@ -97,7 +97,7 @@ def serve(options: ReplayOptions, again: bool) -> None:
         folder.removed_if_unused(),
         end_with_any_thread(stop),
         kept_log(folder.logs / "replay.jsonl", "replay"),
-        http_endpoints(options.http, lambda: pages),  # first: a start that is refused makes no ring
+        http_endpoints(options.http, lambda: pages),  # first: a refused start makes no ring
         _open(options, stop) as transport,
         closing(ReplayBuffer(config, folder.replay)) as buffer,
     ):
@@ -117,13 +117,13 @@ def serve(options: ReplayOptions, again: bool) -> None:
 
 
 def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
-    """Opens the run's hub, or joins that of another run."""
+    """Opens the run's hub, or joins another run's hub."""
     hub = options.connect
     if hub is None:
         most = tolerated(options.actor_quota)
         return open_hub(options.listen, options.certificates, most, options.run)
     if options.listen != DEFAULT_ENDPOINT:
-        raise InputError("a replay listens, or joins another hub: give --listen or --connect.")
+        raise InputError("a replay either listens or joins a hub: give --listen or --connect.")
     transport = connect(
         *(hub, math.inf, patiently(stop, hub)),
         role="replay",
@@ -133,18 +133,20 @@ def _open(options: ReplayOptions, stop: threading.Event) -> Transport:
     served = {answer.key for answer in transport.gather(RunKeys("*").config, _DEADLINE)}
     if RunKeys(options.run).config in served:
         transport.close()
-        raise InputError(f"the hub at {hub} serves a run called {options.run}: name another.")
+        raise InputError(
+            f"the hub at {hub} serves a run called {options.run}: name another with --run."
+        )
     if not served and options.certificates is not None:
         _log.warning(
-            "the hub at %s tells nothing of its own run: if nobody finds %s, see whether the hub's "
-            "runs.txt listed it when the hub was started",
+            "the hub at %s does not announce its own run: if nobody finds %s, check whether the "
+            "hub's runs.txt listed it when the hub was started",
             *(hub, options.run),
         )
     return transport
 
 
 def _pages(buffer: ReplayBuffer, run: str) -> dict[str, Callable[[], Page]]:
-    """What ``--http`` shows: a replay works, and its run can go on, where it answers at all."""
+    """Returns the pages of ``--http``. A replay that answers at all works, and its run is ready."""
     from common.exposition import families, metrics_page
 
     def works() -> Page:

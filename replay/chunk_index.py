@@ -1,6 +1,6 @@
-"""Which chunks there are and which there have been: the replay's index.
+"""`ChunkIndex`: the chunks that are in the replay, and those that have been.
 
-Everything here can be written as journal entries and be read back from them, in order.
+The index can be written as journal entries, and rebuilt from them in order.
 """
 
 from bisect import bisect_left
@@ -17,17 +17,17 @@ from replay.ring import Placement
 
 _KEPT_STATISTICS = 4 * MAX_STATISTICS
 _KEPT_GAMES = 16 * _KEPT_STATISTICS
-"""Maximum number of games in all of them, about 30 MB. Catch has the shortest games, of six steps,
-so a chunk of 64 steps holds at most eleven. If an actor claims a game for each step, fewer chunks
-are kept."""
-_MOST_GAPS = MAX_WINDOW  # before any chunk that is under way there may be one
+"""Maximum number of games in all kept statistics, about 30 MB. Catch has the shortest games, of six
+steps, so a chunk of 64 steps holds at most eleven. If an actor claims a game for each step, fewer
+chunks are kept."""
+_MOST_GAPS = MAX_WINDOW  # there may be one before each chunk under way
 _MOST_STREAMS = 65_536
-"""Streams that are remembered beyond their chunks in the ring, those that were heard last. Each
-start of an actor begins some."""
+"""Maximum number of streams that are remembered beyond their chunks in the ring; the latest are
+kept. Each start of an actor begins some."""
 
 
 class ChunkKey(NamedTuple):
-    """What makes a chunk the same chunk, however often it is sent."""
+    """The identity of a chunk, which is the same however often the chunk is sent."""
 
     actor: str
     incarnation: int
@@ -40,12 +40,13 @@ class ChunkKey(NamedTuple):
 
 
 class Received:
-    """Sequence numbers of one stream that have come, as the gaps below the highest."""
+    """The received sequence numbers of one stream: the highest, and the gaps below it."""
 
     def __init__(self, highest: int = -1, gaps: list[list[int]] | None = None) -> None:
         self.highest = highest
         self.gaps = gaps or []
-        """``[first, last]`` missing; beyond `_MOST_GAPS` the oldest are given up as lost."""
+        """Missing ranges ``[first, last]``; beyond `_MOST_GAPS`, the oldest are given up as
+        lost."""
 
     def __contains__(self, sequence: int) -> bool:
         return sequence <= self.highest and not any(
@@ -53,7 +54,7 @@ class Received:
         )
 
     def add(self, sequence: int) -> None:
-        """Note ``sequence``, which is not in here."""
+        """Add ``sequence``, which has not been received yet."""
         if sequence > self.highest:
             if sequence > self.highest + 1:
                 self.gaps.append([self.highest + 1, sequence - 1])
@@ -68,40 +69,41 @@ class Received:
 
 
 class ChunkIndex:
-    """Chunks in the ring, oldest first, and counters since the run began."""
+    """The chunks in the ring, oldest first, and counters since the run began."""
 
     def __init__(self) -> None:
         self.agent_steps = 0
         self.stored = 0
-        """Steps in the ring."""
+        """Number of steps in the ring."""
         self.accepted = 0
         self.duplicates = 0
         self.refused = 0
         self.tail = 0
-        """Ids below it are evicted."""
+        """The oldest id alive; ids below it are evicted."""
         self.head = 0
-        """Id that the next chunk starts from; never falls, so that no id is used twice."""
+        """First id of the next chunk. It never falls, so that no id is used twice."""
         self.statistics: deque[ChunkStatistics] = deque()
-        """Of the newest chunks. The learner has counted some of them already: if it is killed, it
-        asks for them again, from its checkpoint on."""
+        """Statistics of the newest chunks. A learner that was killed asks again for those that it
+        counted after its checkpoint."""
         self._kept_games = 0
         self.chunks: dict[ChunkKey, Placement] = {}
-        """Those in the ring, oldest first."""
+        """The chunks in the ring, oldest first."""
         self._received: dict[tuple[str, int, int], Received] = {}
-        """By actor, incarnation and stream, the one that was heard last at the end."""
+        """By actor, incarnation and stream; the stream heard last is at the end."""
 
     @property
     def curriculum_steps(self) -> int:
-        """Steps that the curriculum has gone on."""
+        """Number of steps by which the curriculum has advanced."""
         return self.statistics[-1].curriculum_steps if self.statistics else 0
 
     def has_received(self, key: ChunkKey) -> bool:
-        """Whether this chunk came before, even if it is evicted by now."""
+        """Whether this chunk was received before, even if it has been evicted since."""
         received = self._received.get(key[:3])
         return key in self.chunks or (received is not None and key.sequence in received)
 
     def steps_beside(self, key: ChunkKey, before: int, after: int) -> set[int]:
-        """Ids of the nearest steps of the chunk's stream, as far as their chunks follow it."""
+        """Returns ids of up to ``before`` and ``after`` steps next to the chunk in its stream, as
+        far as the neighbouring chunks are in the ring."""
         found: set[int] = set()
         for direction, wanted in ((-1, before), (1, after)):
             at = key.beside(direction)
@@ -113,7 +115,7 @@ class ChunkIndex:
         return found
 
     def accept(self, key: ChunkKey, place: Placement, statistics: ChunkStatistics) -> None:
-        """Count a chunk that is written."""
+        """Add a chunk whose rows have been written."""
         received = self._received.pop(key[:3], None) or Received()
         received.add(key.sequence)
         self._received[key[:3]] = received
@@ -136,7 +138,7 @@ class ChunkIndex:
         self.head = max(self.head, place.end)
 
     def evict(self, tail: int) -> list[ChunkKey]:
-        """Strike the chunks that lie below ``tail``."""
+        """Remove the chunks that lie below ``tail``; returns their keys."""
         below = takewhile(lambda chunk: chunk[1].base < tail, self.chunks.items())
         gone = [key for key, _ in below]
         self.stored -= sum(self.chunks.pop(key).steps for key in gone)
@@ -145,13 +147,12 @@ class ChunkIndex:
         return gone
 
     def drop(self, key: ChunkKey) -> None:
-        """Strike a chunk whose rows are damaged."""
+        """Remove a chunk whose rows are damaged."""
         self.stored -= self.chunks.pop(key).steps
 
     def statistics_since(self, index: int) -> tuple[ChunkStatistics, ...]:
-        """The oldest statistics from ``index`` on that are still kept, as many as one `Progress`
-        holds."""
-        # Numbers are missing where a journal was damaged.
+        """Returns the oldest kept statistics from ``index`` on, as many as one `Progress` holds."""
+        # Indices are missing if a journal was damaged.
         begin = bisect_left(self.statistics, index, key=lambda each: each.index)
         portion = list(islice(self.statistics, begin, begin + MAX_STATISTICS))
         totals = accumulate(len(each.games) for each in portion)
@@ -159,7 +160,7 @@ class ChunkIndex:
         return tuple(each for each, games in pairs if games <= MAX_GAMES)
 
     def entries(self) -> Iterator[Entry]:
-        """Journal entries from which `apply` makes this index again."""
+        """Yields journal entries from which `apply` rebuilds this index."""
         yield {
             "kind": "state",
             "agent_steps": self.agent_steps,
@@ -178,12 +179,11 @@ class ChunkIndex:
             yield {"kind": "held", "key": key, "placement": place}
 
     def counts_entry(self) -> Entry:
-        """The entry that counts what was not stored."""
+        """Returns the entry that holds the counts of chunks that were not stored."""
         return {"kind": "counts", "duplicates": self.duplicates, "refused": self.refused}
 
     def apply(self, entry: Entry) -> None:
-        """Do what a journal entry says. Raises KeyError, TypeError or ValueError if it is not a
-        valid entry."""
+        """Apply a journal entry. Raises KeyError, TypeError or ValueError if it is not valid."""
         kind = entry["kind"]
         if kind == "state":
             self.agent_steps = entry["agent_steps"]
@@ -208,12 +208,12 @@ class ChunkIndex:
 
 
 def chunk_entry(key: ChunkKey, place: Placement, statistics: ChunkStatistics) -> Entry:
-    """The entry by which a chunk is accepted."""
+    """Returns the entry that accepts a chunk."""
     return {"kind": "chunk", "key": key, "placement": place, "facts": statistics}
 
 
 def tail_entry(tail: int) -> Entry:
-    """The entry by which chunks are evicted."""
+    """Returns the entry that evicts the chunks below ``tail``."""
     return {"kind": "tail", "tail": tail}
 
 

@@ -1,7 +1,7 @@
-"""What the replay tells about itself: a line for each accepted chunk, and its own counters.
+"""The replay's reports: statistics of each accepted chunk, and the replay's own counters.
 
-The learner counts games, staleness and the health checks from these statistics. They are journaled
-with the chunks, so a restart of either side loses none.
+The learner computes games, staleness and health checks from the statistics. They are journaled with
+the chunks, so a restart of either side loses none.
 """
 
 from dataclasses import dataclass
@@ -16,74 +16,77 @@ from common.protocol.message import Message
 from common.version import VERSION
 
 MAX_STATISTICS = 4_096
-"""In one `Progress`."""
+"""Maximum number of statistics in one `Progress`."""
 MAX_GAMES = 16_384
 """Maximum number of games in all statistics of one `Progress`. It keeps the message below the
 number of values that `common.protocol.wire` accepts."""
 
 
 class ChunkStatistics(NamedTuple):
-    """One accepted chunk, without its frames."""
+    """The statistics of one accepted chunk."""
 
     index: Count  # type: ignore[assignment]  # hides a method of tuples
     """Order of acceptance: 0, 1, 2 …"""
     agent_steps: Count
-    """Agent steps of the run, this chunk's included."""
+    """Agent steps of the run, including this chunk's."""
     steps: Count
     actor: str
     epsilon: Fraction
     weights_version: Count
-    """Updates that had made the weights it was played with."""
+    """Version of the weights that played it."""
     staleness: Count
-    """Updates that the learner had begun since, when the chunk arrived."""
+    """Number of updates between those weights and the arrival of the chunk, as the learner began
+    them."""
     valid: Count
-    """Steps whose frame showed the screen."""
+    """Number of steps whose frame showed the screen."""
     matched: Count
-    """Steps that ended with the commanded keys pressed."""
+    """Number of steps that ended with the commanded keys pressed."""
     games: Rows[Game]
     incarnation: Count = 0
-    """Start of the actor's process; 0 in a journal written before it was kept."""
+    """Incarnation of the actor's process. This field and the next two are 0 in journals that were
+    written before the field existed."""
     follows: Count = 0
-    """Steps whose frame changed with the game; 0 likewise."""
+    """Number of steps whose frame changed with the game."""
     curriculum_steps: Count = 0
-    """Steps that the curriculum has gone on by then, those that it went back taken off; 0
-    likewise."""
+    """Net number of steps by which the curriculum had advanced."""
 
 
 @dataclass(frozen=True)
 class Progress(Message):
-    """The replay at this moment."""
+    """The state of the replay at one moment."""
 
     agent_steps: Count
     """Agent steps of the run, over all actors."""
     stored: Count
-    """Steps in the ring."""
+    """Number of steps in the ring."""
     samplable: Count
-    """Steps that can be drawn."""
+    """Number of steps that can be drawn."""
     accepted: Count
-    """Chunks, since the run began; so are the next two."""
+    """Number of chunks accepted since the run began."""
     duplicates: Count
+    """Number of duplicate chunks since the run began."""
     refused: Count
+    """Number of chunks refused since the run began."""
     throttle: bool
-    """Actors are asked to pause."""
+    """Whether actors are asked to pause."""
     resident_bytes: Count
     """Memory of the process that holds the replay, mapped file pages included."""
     private_bytes: Count
     """Memory of the same process, without file pages."""
     file_bytes: Count
     statistics: Annotated[Rows[ChunkStatistics], MaxLen(MAX_STATISTICS)]
-    """From the index asked for, as many as one message holds (`MAX_STATISTICS`, `MAX_GAMES`): ask
-    again from the last one plus one."""
+    """Statistics from the requested index on, as many as one message holds (`MAX_STATISTICS`,
+    `MAX_GAMES`). To get more, ask again from the last index plus one."""
     run_id: str = ""
     """Identity of the run."""
     version: str = VERSION
-    """Version of the software of the process that holds the replay."""
+    """Software version of the process that holds the replay."""
     over_quota: Count = 0
-    """Messages of actors that were turned away for the time being, since that process began."""
+    """Number of actors' messages that must be sent again, since that process began."""
     shut_out: Count = 0
-    """Connections since then of processes that may do nothing at its hub."""
+    """Number of connections by processes that its hub does not admit, since that process began."""
     difficulty: Fraction = 1.0
-    """Share of their widths that the ranges of `randomise` have in the next game."""
+    """Share of their full widths that the ranges of `randomise` have in the next game."""
 
     def values(self) -> dict[str, Value]:
         """Returns the figures by their keys in `common.metrics`."""

@@ -1,8 +1,8 @@
-"""`Transport`: the verbs by which the processes of a run speak to each other.
+"""`Transport`: the verbs by which the processes of a run communicate.
 
-`zenoh_transport` carries them between machines, and the tests' own between the objects of one
-process. Keys are paths such as ``ale-robot/r/task``; ``*`` stands for one part of a key and ``**``
-for any number of them.
+`zenoh_transport` implements them between machines; the tests have a transport between objects of
+one process. Keys are paths such as ``ale-robot/r/task``. ``*`` stands for one part of a key, and
+``**`` for any number of parts.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol, Self
 
 
 class Unanswered(Exception):
-    """A request ended without an answer: no server is there, or none answered by the deadline."""
+    """A request ended without an answer: there is no server, or none answered by the deadline."""
 
 
 class Envelope(NamedTuple):
@@ -19,13 +19,13 @@ class Envelope(NamedTuple):
 
     payload: bytes
     attachment: bytes = b""
-    """What should be known before the payload is read, such as its version."""
+    """Data that is needed before the payload is read, such as its version."""
     key: str = ""
-    """Where it was published or answered; filled in by the transport."""
+    """Key at which it was published or answered; the transport fills it in."""
 
 
 class Request(Protocol):
-    """A request as its server sees it; it ends with the first call of one of the three methods."""
+    """A request as its server sees it; the first call of `reply`, `refuse` or `drop` ends it."""
 
     @property
     def key(self) -> str:
@@ -33,105 +33,107 @@ class Request(Protocol):
 
     @property
     def size(self) -> int:
-        """Bytes of the payload, known without reading it."""
+        """Size of the payload, bytes; known without reading it."""
 
     @property
     def payload(self) -> bytes:
-        """What the client sent. Raises DamagedMessage if it is not that any more."""
+        """What the client sent. Raises DamagedMessage if it was damaged on its way."""
 
     def reply(self, answer: bytes | Envelope) -> None:
-        """Answer it."""
+        """Answer the request."""
 
     def refuse(self, reason: str) -> None:
-        """Tell the client that asking again is of no use."""
+        """Tell the client that asking again is useless."""
 
     def drop(self) -> None:
-        """End it without an answer, so that the client may ask again."""
+        """End the request without an answer, so that the client may ask again."""
 
 
 Answer = Callable[[Request], bytes | Envelope | None]
-"""Returns what to reply, or None if it has kept the request and ends it later.
+"""Returns the reply, or None if it has kept the request and will end it later.
 
-The client gets a `MessageError` as a refusal. Any other exception is logged and the request
+The client gets a `MessageError` as a refusal. Any other exception is logged, and the request is
 dropped: the message is not at fault, so its sender should keep it.
 """
 
 
 class Closeable(Protocol):
-    """What was declared at a transport, until it is closed; closing it twice does no harm."""
+    """Something declared at a transport, until it is closed; closing it twice does no harm."""
 
     def close(self) -> None: ...
 
 
 class Requester(Closeable, Protocol):
-    """Sends requests to one key; safe for several threads."""
+    """Sends requests to one key. It is thread-safe."""
 
     @property
     def has_server(self) -> bool:
-        """Whether a server is known at the key. A request to none ends at once, unanswered."""
+        """Whether a server is known at the key. Without one, a request ends at once, unanswered."""
 
     def request(self, payload: bytes) -> Future[Envelope]:
-        """Send ``payload`` and return the answer to come; several requests may be under way.
+        """Sends ``payload`` and returns the future answer; several requests may be under way.
 
         The future ends by the requester's deadline, or when the requester is closed, at the latest.
-        It raises `Unanswered`, or `MessageError` with the server's reason if that refused. Its
-        callbacks run on a thread of the transport, so they must be brief and must not call it.
-        A server answers one client's requests in the order in which they were sent.
+        It raises `Unanswered`, or `MessageError` with the server's reason if the server refused.
+        Its callbacks run on a thread of the transport, so they must be brief and must not call the
+        transport. A server answers one client's requests in the order in which they were sent.
         """
 
 
 class Publisher(Closeable, Protocol):
-    """Tells whoever listens at one key; what a slow listener cannot take is dropped."""
+    """Publishes at one key; what a slow subscriber cannot take is dropped."""
 
     def publish(self, payload: bytes, attachment: bytes = b"") -> None: ...
 
 
 class Transport(Closeable, Protocol):
-    """One process' way to all others of the run; a context manager that closes it.
+    """The connection of one process to all others of the run; as a context manager, it closes.
 
     Closing it closes all that was declared there. Callbacks run on a thread of the transport: they
-    must be brief, and must not call the transport. One that raises ends the process, as a thread
-    that dies does (`common.process.threads`): what strangers may send is for it to catch.
+    must be brief, and must not call the transport. A callback that raises ends the process, like a
+    thread that dies (`common.process.threads`), so it must catch errors in what strangers send.
     """
 
     def serve(self, key: str, answer: Answer) -> Closeable:
-        """Answer requests at ``key`` on a thread of their own, in the order in which they come.
+        """Answers requests at ``key`` on a thread of its own, in the order in which they come.
 
-        ``key`` may hold ``*``. Where more wait than its queue holds, the oldest end unanswered.
-        Closing it drops what waits there, and waits for the request that is being answered.
+        ``key`` may hold ``*``. If more requests wait than the queue holds, the oldest end
+        unanswered. Closing the service drops waiting requests, and waits for the one that is being
+        answered.
         """
 
     def requester(self, key: str, deadline: float) -> Requester:
-        """Return a sender of requests to ``key`` that waits ``deadline`` seconds for an answer."""
+        """Returns a requester at ``key`` whose requests wait ``deadline`` seconds for an answer."""
 
     def gather(self, key: str, deadline: float, payload: bytes = b"") -> list[Envelope]:
-        """Return all servers' answers at ``key``, which may hold ``*``; refusals are left out.
+        """Returns the answers of all servers at ``key``, which may hold ``*``, without refusals.
 
         Args:
             deadline: seconds to wait for servers that do not answer.
-            payload: what each of them is asked.
+            payload: the request to each of them.
         """
 
     def publisher(self, key: str) -> Publisher:
-        """Return a publisher at ``key``."""
+        """Returns a publisher at ``key``."""
 
     def subscribe(self, key: str, callback: Callable[[Envelope], None]) -> Closeable:
-        """Call ``callback`` with all that is published at ``key``, which may hold ``*``."""
+        """Calls ``callback`` with each publication at ``key``, which may hold ``*``."""
 
     def announce(self, key: str) -> Closeable:
-        """Show presence at ``key`` until it is closed, or this process dies."""
+        """Announces presence at ``key`` until the result is closed, or this process dies."""
 
     def watch_presence(self, key: str, callback: Callable[[str, bool], None]) -> Closeable:
-        """Call ``callback`` with a key at which somebody is present (True) or no longer (False).
+        """Calls ``callback`` with a key whenever a process there is present (True) or has gone
+        (False).
 
-        Those who are present already are told at once. ``key`` may hold ``*``.
+        Processes that are already present are reported at once. ``key`` may hold ``*``.
         """
 
     def watch_shut_out(self, callback: Callable[[str, str], None]) -> Closeable:
-        """Call ``callback`` with name and address of each process that connects to do nothing.
+        """Calls ``callback`` with name and address of each process that connects and is shut out.
 
-        At a hub these are those whose certificates name nobody that it lets in. Elsewhere, and
-        where nobody has certificates, there are none.
+        At a hub, these are processes whose certificates the hub does not admit. There are none
+        elsewhere, or without certificates.
         """
 
     def __enter__(self) -> Self: ...

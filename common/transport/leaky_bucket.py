@@ -1,4 +1,4 @@
-"""`LeakyBucket`: how much of what one process sends is taken, however many others send too."""
+"""`LeakyBucket`: limits how much is accepted from each process, however many others send too."""
 
 import time
 from collections.abc import Callable
@@ -6,46 +6,47 @@ from collections.abc import Callable
 from common.transport.access_control import MOST_SESSIONS
 
 STEPS_PER_SECOND = 10_000
-"""Agent steps that are taken of one actor, unless ``--actor-quota`` says otherwise: three times as
+"""Agent steps that are accepted from one actor, the default of ``--actor-quota``: three times as
 many as an ALE-Only actor makes on one core."""
 REPORTS_PER_SECOND = 2_000
-"""Reports that are taken of one evaluator. Catch, the shortest game, ends after six steps, and an
-evaluator makes some 300 of its games a second."""
+"""Reports that are accepted from one evaluator. Catch, the shortest game, ends after six steps, and
+an evaluator plays some 300 games of it per second."""
 NEW_NAMES_PER_SECOND = 256.0
-"""Names that are heard for the first time. A thousand robots that begin together bring 240, for
-each sends its first chunk of 64 steps within 4.3 s. Who invents a name for each chunk sends less
-than two actors may."""
+"""New names that are accepted. A thousand robots that begin together bring 240 per second, because
+each sends its first chunk of 64 steps within 4.3 s. A client that invents a name for each chunk can
+send less than two actors may."""
 _NAMES_AMOUNT = 64.0
-"""Steps or reports that a new name may bring; who brings more counts as more names."""
+"""Steps or reports that one new name may bring; one that brings more counts as several names."""
 _AHEAD = 1.0
-"""Seconds of its quota that may come at once, as after a pause of the hub."""
+"""Amount that may come at once, in seconds of the quota, as after a pause of the hub."""
 _MOST_NAMES = MOST_SESSIONS
-"""Names that have a measure of their own."""
+"""Maximum number of names with a bucket of their own."""
 _FORGOTTEN = 60.0
-"""Seconds of silence after which a name may give its place to a new one."""
+"""Seconds of silence after which a new name may take a name's place."""
 
 
 class LeakyBucket:
-    """Admits so much a second of each name, and so many new names; leaky buckets, for one thread.
+    """Leaky buckets that admit so much per second from each name, and so many new names. They are
+    for one thread.
 
-    What is turned away should be sent again: it costs its sender nothing of the quota. A name that
-    is in use keeps its measure, however many names others invent.
+    What is refused should be sent again; it uses none of its sender's quota. A name in use keeps
+    its bucket, however many names others invent.
     """
 
     def __init__(self, per_second: float, now: Callable[[], float] = time.monotonic) -> None:
         self._per_second = per_second
         self._now = now
         self._paid_until: dict[str, float] = {}
-        """By name, the moment at which what was admitted has had its time."""
+        """By name, the time until which the admitted amount uses up the quota."""
         self._joined_until = -float("inf")
-        """The same of all new names together."""
+        """The same for all new names together."""
 
     def knows(self, name: str) -> bool:
-        """Whether ``name`` has a measure of its own."""
+        """Whether ``name`` has a bucket of its own."""
         return name in self._paid_until
 
     def admits(self, name: str, amount: float = 1.0) -> bool:
-        """Whether ``amount`` of ``name`` may come in now; it may be more than a second's."""
+        """Whether ``amount`` from ``name`` is admitted now; it may exceed a second's quota."""
         now = self._now()
         if not self.knows(name) and not self._lets_in(now, amount):
             return False
@@ -56,7 +57,7 @@ class LeakyBucket:
         return True
 
     def _lets_in(self, now: float, amount: float) -> bool:
-        """Whether another name, which brings ``amount``, may have a measure of its own."""
+        """Whether a new name, which brings ``amount``, may have a bucket of its own."""
         begins = max(self._joined_until, now)
         if begins - now > _AHEAD:
             return False

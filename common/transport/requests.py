@@ -1,4 +1,4 @@
-"""What all transports do alike: settle each request once, answer it, and send it again."""
+"""Code that all transports share: it settles each request once, answers it, and resends it."""
 
 import contextlib
 import logging
@@ -16,17 +16,17 @@ from common.transport.interface import Answer, Envelope, Request, Requester, Una
 
 _FIRST_PAUSE = 0.1
 _LONGEST_PAUSE = 5.0
-"""Seconds from one sending of a request to the next, twice as many after each."""
+"""Maximum seconds from one sending of a request to the next; the pause doubles each time."""
 LONGEST_ANSWER = 10.0
-"""Seconds that closing a service waits for the request that is being answered."""
+"""Maximum seconds that closing a service waits for the request that is being answered."""
 LONGEST_REASON = 500
-"""Characters of a refusal, which may repeat some of what is refused."""
+"""Maximum characters of a refusal, which may repeat parts of the refused message."""
 _log = logging.getLogger(__name__)
 _log.addFilter(Seldom())
 
 
 def answer_request(request: Request, answer: Answer) -> None:
-    """End ``request`` as `Answer` promises, unless ``answer`` has kept it."""
+    """Ends ``request`` as `Answer` describes, unless ``answer`` has kept it."""
     try:
         found = answer(request)
         if found is not None:
@@ -45,14 +45,14 @@ def answer_request(request: Request, answer: Answer) -> None:
 
 
 class PendingRequests:
-    """The answers to come of one requester: each is settled once, by whatever comes first."""
+    """The future answers of one requester. Each is settled once, by whatever comes first."""
 
     def __init__(self) -> None:
         self._under_way: set[Future[Envelope]] = set()
         self._closed = False
 
     def begin(self) -> Future[Envelope]:
-        """Return a new answer to come, which has ended already if this was closed."""
+        """Returns a new future answer, which has already ended if this was closed."""
         future: Future[Envelope] = Future()
         self._under_way.add(future)
         future.add_done_callback(self._under_way.discard)
@@ -61,7 +61,7 @@ class PendingRequests:
         return future
 
     def settle(self, future: Future[Envelope], outcome: Envelope | Exception) -> None:
-        """End ``future`` with ``outcome``, unless it has ended."""
+        """Ends ``future`` with ``outcome``, unless it has already ended."""
         with contextlib.suppress(InvalidStateError):
             if isinstance(outcome, Exception):
                 future.set_exception(outcome)
@@ -69,32 +69,32 @@ class PendingRequests:
                 future.set_result(outcome)
 
     def close(self) -> None:
-        """End all that are under way, and all to come, unanswered."""
+        """Ends all pending answers, and all later ones, as unanswered."""
         self._closed = True
         for future in list(self._under_way):
             self.settle(future, Unanswered("the requester was closed"))
 
 
 class _Pending:
-    """A request on its way; ``lost`` when it ended without an answer."""
+    """A request under way; ``lost`` once it ended without an answer."""
 
     def __init__(self, payload: bytes) -> None:
         self.payload = payload
         self.lost = False
         self.tries = 0
         self.again = 0.0
-        """Monotonic seconds from which it may be sent again."""
+        """Monotonic time from which it may be sent again."""
 
 
 class Window:
-    """Requests of which none is lost: each is sent again until it is answered or refused.
+    """Sends requests, and sends each again until it is answered or refused, so that none is lost.
 
-    They are sent again, ever more seldom, by whoever calls `send` or `wait`, and only while a
-    server is known: without one they would end again at once. The server must recognise a request
-    that it has had.
+    Calls of `send` and `wait` send lost requests again, after growing pauses. They do so only while
+    a server is known, because without one a request would end at once. The server must recognise a
+    request that it has already received.
 
     Args:
-        settled: takes each answer or refusal, once, on a thread of the transport.
+        settled: called once with each answer or refusal, on a thread of the transport.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Window:
         return len(self._pending)
 
     def send(self, payload: bytes) -> None:
-        """Send a request without waiting for room."""
+        """Sends a request, without waiting for earlier ones."""
         pending = _Pending(payload)
         with self._changed:
             self._pending.append(pending)
@@ -118,7 +118,8 @@ class Window:
         self._send_lost()
 
     def wait(self, most: int, seconds: float) -> bool:
-        """Wait for up to ``seconds`` until ``most`` are unsettled; return whether that is so."""
+        """Waits up to ``seconds`` until at most ``most`` requests are unsettled; returns whether
+        that is so."""
         self._send_lost()
         with self._changed:
             return self._changed.wait_for(lambda: len(self._pending) <= most, seconds)
@@ -142,7 +143,7 @@ class Window:
         outcome = future.exception() or future.result()
         with self._changed:
             if isinstance(outcome, Envelope | MessageError):
-                self._settled(outcome)  # first: whoever finds none pending has all their answers
+                self._settled(outcome)  # first: if none is pending, all answers have been handled
                 self._pending.remove(pending)
             else:
                 pending.lost = True

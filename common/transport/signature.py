@@ -1,7 +1,7 @@
-"""Signatures of weights, by which actors know them for the learner's own, whoever passes them on.
+"""Signatures of weights, by which actors recognise the learner's own weights.
 
-A hub passes on all that its processes say to each other, and one that was taken over could say it
-in their names. So at addresses that begin with ``tls/`` the learner signs weights with the key of
+A hub relays all messages between its processes, and a hub that was taken over could send messages
+in their names. So at addresses that begin with ``tls/``, the learner signs weights with the key of
 its own certificate, which a hub need not have.
 """
 
@@ -22,37 +22,37 @@ from common.protocol.message import Message
 from common.transport.credentials import Credentials, common_name
 
 Sign = Callable[[str, int, str, bytes], bytes]
-"""Returns the signature of weights, given what they are for, version, run's identity and bytes."""
+"""Returns the signature of weights, given their purpose, version, run's identity and bytes."""
 Check = Callable[[str, int, str, bytes, bytes], None]
-"""Raises MessageError unless the last of its arguments is the learner's signature of the others,
+"""Raises MessageError unless its last argument is the learner's signature of the other arguments,
 which are those of `Sign`."""
 _ALGORITHM = ec.ECDSA(hashes.SHA256())
 
 
 @dataclass(frozen=True)
 class Signature(Message):
-    """What travels beside weights."""
+    """A signature, which travels beside weights."""
 
     certificate: bytes
-    """The signer's, in DER."""
+    """The signer's certificate, in DER."""
     signature: bytes
-    """ECDSA with SHA-256."""
+    """The signature by ECDSA with SHA-256."""
 
 
 def unsigned(*_: object) -> bytes:
-    """Implements `Sign` where nobody has a certificate."""
+    """Implements `Sign` without certificates."""
     return b""
 
 
 def unchecked(*_: object) -> None:
-    """Implements `Check` there."""
+    """Implements `Check` without certificates."""
 
 
 def signer(certificates: Path | None) -> Sign:
-    """Returns what signs by the learner's certificate in this folder, if there is one.
+    """Returns the function that signs with the learner's certificate in this folder.
 
-    It reads the files anew each time, as they may be renewed while the learner works. Raises
-    InputError if the folder lacks it, or it cannot be used.
+    It reads the files again each time, because they may be renewed while the learner works. Without
+    a folder it does not sign. Raises InputError if the certificate is missing or cannot be used.
     """
     if certificates is None:
         return unsigned
@@ -61,7 +61,7 @@ def signer(certificates: Path | None) -> Sign:
 
     def sign(purpose: str, version: int, run_id: str, weights: bytes) -> bytes:
         nonlocal pair
-        with suppress(OSError, ValueError, TypeError, InputError):  # half renewed: by the former
+        with suppress(OSError, ValueError, TypeError, InputError):  # half renewed: keep the old
             fresh = _pair(own)
             if fresh[0].public_key() == fresh[1].public_key():
                 pair = fresh
@@ -73,18 +73,17 @@ def signer(certificates: Path | None) -> Sign:
 
 
 def _pair(own: Credentials) -> tuple[ec.EllipticCurvePrivateKey, x509.Certificate]:
-    """The key and the certificate that lie there now. Raises InputError if the key is of another
-    kind."""
+    """Returns the present key and certificate. Raises InputError if the key is of another kind."""
     key = serialization.load_pem_private_key(own.key.read_bytes(), None)
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise InputError(
-            f"{own.key} is not of an elliptic curve: make it anew with deploy/certificates.sh."
+            f"{own.key} is not an elliptic-curve key: make a new one with deploy/certificates.sh."
         )
     return key, x509.load_pem_x509_certificate(own.certificate.read_bytes())
 
 
 def checker(credentials: Credentials | None) -> Check:
-    """Returns what checks signatures, as whoever has ``credentials`` trusts its authority."""
+    """Returns the function that checks signatures against the authority of ``credentials``."""
     if credentials is None:
         return unchecked
     authority = x509.load_pem_x509_certificate(credentials.authority.read_bytes())
@@ -103,8 +102,8 @@ def checker(credentials: Credentials | None) -> Check:
 
 
 def _learners_key(told: bytes, authority: x509.Certificate) -> ec.EllipticCurvePublicKey:
-    """The public key of a certificate of the run's learner. Raises MessageError if it is of
-    somebody else, or out of date."""
+    """Returns the public key of the learner's certificate ``told``. Raises MessageError if the
+    certificate is not a learner's by this authority, or is out of date."""
     try:
         certificate = x509.load_der_x509_certificate(told)
         certificate.verify_directly_issued_by(authority)
@@ -121,5 +120,5 @@ def _learners_key(told: bytes, authority: x509.Certificate) -> ec.EllipticCurveP
 
 
 def _signed(purpose: str, version: int, run_id: str, weights: bytes) -> bytes:
-    """What is signed: the same of no two weights, purposes, versions or runs."""
+    """Returns the bytes to sign, which differ if weights, purpose, version or run differ."""
     return hashlib.sha256(weights).digest() + f"{purpose} {version} {run_id}".encode()

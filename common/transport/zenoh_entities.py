@@ -1,6 +1,6 @@
-"""What a Zenoh session declares for `ZenohTransport`: publishers, requesters and services.
+"""Entities that `ZenohTransport` declares at a Zenoh session: publishers, requesters and services.
 
-Whatever goes out is sealed with a checksum, and what comes in damaged is passed over.
+Outgoing messages are sealed with a checksum, and damaged incoming messages are skipped.
 """
 
 import logging
@@ -23,22 +23,22 @@ from common.transport.requests import LONGEST_ANSWER, PendingRequests, answer_re
 _log = logging.getLogger(__name__)
 _log.addFilter(Seldom())
 _REFUSAL = "refusal"
-"""Stands for a key in the checksum of a refusal, which has none."""
+"""Takes the place of the key in the checksum of a refusal, which has no key."""
 _SEAL = seal(_REFUSAL, b"")
 _QUEUE = 4_096
-"""Requests that may wait at a key, such as the windows of 1,024 actors. The oldest of more end
-unanswered: a queue that is full must not block Zenoh's own receiving threads."""
+"""Maximum number of requests that wait at a key, such as the windows of 1,024 actors. If there are
+more, the oldest end unanswered: a full queue must not block Zenoh's own receiving threads."""
 
 _Heard = TypeVar("_Heard", zenoh.Sample, zenoh.Reply, zenoh.LinkEvent)
 
 
 def callback_of(name: str, call: Callable[[_Heard], None], *end: Callable[[], None]) -> Any:
-    """Returns a handler that Zenoh's own thread calls, and that ends the process if it fails."""
+    """Returns a handler that Zenoh's own thread calls; if it fails, the process ends."""
     return Callback(guarded(name, call), *(guarded(name, each) for each in end), indirect=False)
 
 
 def envelope_of(sample: zenoh.Sample) -> Envelope | None:
-    """Returns what was published or answered; None if it is damaged."""
+    """Returns the content of a publication or answer; None if it is damaged."""
     key, payload = str(sample.key_expr), sample.payload.to_bytes()
     try:
         return Envelope(payload, unseal(key, payload, _bytes(sample.attachment)), key)
@@ -52,7 +52,7 @@ def _bytes(content: zenoh.ZBytes | None) -> bytes:
 
 
 class Declared:
-    """Anything of a session that can be undeclared."""
+    """An entity of a session that can be undeclared."""
 
     def __init__(self, entity: Any) -> None:
         self._entity = entity
@@ -83,7 +83,7 @@ class _Request:
     def __init__(self, query: zenoh.Query, served: str) -> None:
         self._query = query
         self.key = str(query.key_expr)
-        # At the server's own key: the client's may stand for those of several servers.
+        # The server's own key, because the client's may stand for the keys of several servers.
         self._reply_key = self.key if "*" in served else served
         self.size = 0 if query.payload is None else len(query.payload)
 
@@ -123,16 +123,16 @@ class Service(Declared):
                     request.drop()
                 else:
                     answer_request(request, answer)
-                del query, request  # one that is kept must end when its keeper lets it go
+                del query, request  # a kept request must end when its keeper releases it
 
         self._thread = threading.Thread(target=work, name=f"serve {key}", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Stop answering.
+        """Stop answering, and wait for the thread.
 
-        A thread that still waits for Zenoh when the interpreter ends would bring the process down
-        with "FATAL: exception not rethrown".
+        A thread that still waits for Zenoh when the interpreter ends would crash the process with
+        "FATAL: exception not rethrown".
         """
         super().close()
         self._thread.join(LONGEST_ANSWER)
@@ -141,7 +141,8 @@ class Service(Declared):
 class ZenohRequester:
     """Implements `interface.Requester`.
 
-    Its querier lasts as long as the session: one that another thread asks cannot be undeclared.
+    Its querier lasts as long as the session, because it cannot be undeclared while another thread
+    uses it.
     """
 
     def __init__(self, session: zenoh.Session, key: str, deadline: float) -> None:
@@ -156,7 +157,7 @@ class ZenohRequester:
 
     @property
     def has_server(self) -> bool:
-        # The status itself is always true.
+        # The status object itself is always true.
         return bool(self._querier.matching_status.matching)
 
     def request(self, payload: bytes) -> Future[Envelope]:
@@ -171,7 +172,7 @@ class ZenohRequester:
             elif reply.err is not None:
                 sealed = reply.err.payload.to_bytes()
                 checksum, text = sealed[: len(_SEAL)], sealed[len(_SEAL) :]
-                # Without one it is Zenoh's own word that nobody answered, or damaged.
+                # Without a checksum it is damaged, or Zenoh's own report that nobody answered.
                 if checksum == seal(_REFUSAL, text):
                     pending.settle(future, MessageError(text.decode(errors="replace")))
 

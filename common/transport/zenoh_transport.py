@@ -1,9 +1,10 @@
-"""`ZenohTransport`: the verbs of `Transport` between machines, by a Zenoh session.
+"""`ZenohTransport`: implements `Transport` between machines, by a Zenoh session.
 
-A star: one hub listens (the process that hosts the replay), all others are its clients. Shared
-memory is off because it delivered corrupt data to stalled receivers; scouting is off and the
-default address is loopback, so nothing is reachable from outside unless asked for. At addresses
-that begin with ``tls/`` everybody shows a certificate, and may do what its role needs.
+The topology is a star: one hub listens (the process that hosts the replay), and all others are its
+clients. Shared memory is off because it delivered corrupt data to stalled receivers. Scouting is
+off and the default address is loopback, so nothing is reachable from outside unless asked for. At
+addresses that begin with ``tls/``, every process shows a certificate, and may do what its role
+needs.
 """
 
 import json
@@ -54,9 +55,9 @@ from common.transport.zenoh_entities import (
 )
 
 LEASE_MS = 3_000
-"""Silence after which the other side counts as gone."""
+"""Silence after which the other side counts as gone, ms."""
 _MOST_UNREAD = 4
-"""Answers that wait to be looked at; who sends more has to wait."""
+"""Maximum number of unread answers; senders of more have to wait."""
 _log = logging.getLogger(__name__)
 _NOT_TRUSTED = (
     " If one runs there, its certificates or ours are of another authority or out of date, or the "
@@ -72,7 +73,7 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
 
     def __init__(self, session: zenoh.Session, let_in: Set[str] | None = None) -> None:
         """Args:
-        let_in: names in certificates that may do something here; None where nobody asks.
+        let_in: names in certificates that this hub admits; None if it does not check.
         """
         self.session = session
         self._let_in = let_in
@@ -88,7 +89,7 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         if not self.session.is_closed():
             try:
                 self.session.close()  # type: ignore[no-untyped-call]
-            except zenoh.ZError as error:  # thousands of connections take it too long
+            except zenoh.ZError as error:  # closing thousands of connections takes too long
                 _log.warning("the others find out by themselves that this process ends: %s", error)
 
     def serve(self, key: str, answer: Answer) -> Closeable:
@@ -105,7 +106,7 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
             timeout=deadline,
             payload=payload,
             attachment=sealed,
-            consolidation=zenoh.ConsolidationMode.NONE,  # or Zenoh would keep all until the last
+            consolidation=zenoh.ConsolidationMode.NONE,  # or Zenoh would hold all until the last
         )
         found: list[Envelope] = []
         size = 0
@@ -113,7 +114,7 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
             if reply.ok is not None and (answer := envelope_of(reply.ok)) is not None:
                 found.append(answer)
                 size += len(answer.payload)
-            if size > LONGEST_RECEIVED:  # whoever answers may answer without end
+            if size > LONGEST_RECEIVED:  # a server may answer without end
                 text = "no more than %d bytes of answers at %s are taken"
                 _log.warning(text, LONGEST_RECEIVED, key)
                 break
@@ -149,8 +150,8 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         return self.watch_links(hear)
 
     def watch_links(self, callback: Callable[[str, Address, bool], None]) -> Closeable:
-        """Call ``callback`` with whose certificate others show in a connection, from where, and
-        whether it begins or has ended."""
+        """Calls ``callback`` with the name in a connection's certificate, the other side's address,
+        and whether the connection begins (True) or has ended (False)."""
 
         def hear(event: zenoh.LinkEvent) -> None:
             if (name := event.link.auth_identifier) is not None:
@@ -162,7 +163,7 @@ class ZenohTransport(AbstractContextManager["ZenohTransport"]):
         return self.keep(Declared(links))
 
     def keep(self, declared: _T) -> _T:
-        """Close ``declared`` with this transport."""
+        """Returns ``declared``, which is closed with this transport."""
         self._declared.append(declared)
         return declared
 
@@ -175,11 +176,11 @@ def _config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
         "connect/endpoints": [],
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
-        "scouting/delay": 0,  # nobody is looked for, so there is nothing to wait for
+        "scouting/delay": 0,  # without scouting there is nothing to wait for
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/rx/max_message_size": LONGEST_RECEIVED,
-        # Of 64 KB each: a minibatch leaves in one go, not two at a time.
+        # Queue entries have 64 KB: with 16, a minibatch leaves in one go, not two at a time.
         "transport/link/tx/queue/size/data": 16,
         **settings,
     }
@@ -202,27 +203,28 @@ def _joining(endpoint: str) -> dict[str, Any]:
 
 
 def _listening(endpoint: str, files: int) -> dict[str, Any]:
-    # Zenoh's own 1,000 would leave out the last of 1,024 actors.
+    # Zenoh's default of 1,000 would exclude the last of 1,024 actors.
     sessions = min(MOST_SESSIONS, files * 3 // 8)
     if sessions < MOST_SESSIONS:
         _log.warning(
-            "%s takes at most %d processes, for this one may have %d open files: raise the hard "
-            "limit (ulimit -n) for more",
+            "%s takes at most %d processes, because this one may have %d open files: raise the "
+            "hard limit (ulimit -n) for more",
             *(endpoint, sessions, files),
         )
     return {
         "listen/endpoints": [endpoint],
         "transport/unicast/max_sessions": sessions,
-        "transport/unicast/accept_pending": sessions,  # all may come at once, after a restart
+        "transport/unicast/accept_pending": sessions,  # after a restart, all may come at once
         **size_limits(),
     }
 
 
 def open_router(endpoint: str, hub: str) -> ZenohTransport:
-    """Listen at ``endpoint`` for processes, and pass on what they and the hub say to each other.
+    """Listens at ``endpoint`` for processes, and relays messages between them and the hub.
 
-    It joins ``hub`` whenever that is there. Only at ``tcp/`` addresses: a hub knows by certificates
-    who is at the other end of a connection, and behind a router there are many.
+    It joins ``hub`` whenever that is there. It works only at ``tcp/`` addresses: a hub knows by
+    certificate which process is at the other end of a connection, and behind a router there are
+    many.
     """
     settings = {
         **_joining(hub),
@@ -239,14 +241,14 @@ def open_hub(
     most: float = tolerated(STEPS_PER_SECOND),
     run: str | None = None,
 ) -> ZenohTransport:
-    """Listen at ``endpoint`` for all processes of the run. Raises InputError if the port is taken,
-    the address is not one of this machine's, or the certificates cannot be used.
+    """Listens at ``endpoint`` for all processes of the run. Raises InputError if the port is taken,
+    the address does not belong to this machine, or the certificates cannot be used.
 
     Args:
-        certificates: folder with the hub's, for a ``tls/`` endpoint.
-        most: bytes per second of an actor with a certificate by name; one that sends more is cut
-            off for a while.
-        run: the hub's own, in whose name no other replay may answer.
+        certificates: folder with the hub's certificates, for a ``tls/`` endpoint.
+        most: maximum bytes per second of an actor with a certificate by name; one that sends more
+            is cut off for a while.
+        run: the hub's own run, for which no other replay may answer.
     """
     credentials = check_certificates(endpoint, certificates, "hub")
     host, port = check_endpoint(endpoint)
@@ -273,7 +275,7 @@ def open_hub(
         settings |= {**credentials.settings("hub"), "access_control": access}
         let_in = {subject["id"] for subject in access["subjects"]}
         by_name = {common_name("actor", name) for name in actors or ()}
-    # By RUST_LOG: who is denied what is told there alone.
+    # Controlled by RUST_LOG; denied messages are reported only there.
     zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
     try:
         session = zenoh.open(_config("router", settings))
@@ -297,14 +299,14 @@ def connect(
     name: str | None = None,
     certificates: Path | None = None,
 ) -> ZenohTransport:
-    """Join the hub at ``endpoint``, trying again for ``patience`` seconds.
+    """Joins the hub at ``endpoint``, trying for up to ``patience`` seconds.
 
     Args:
-        name: of an actor, which may have a certificate of its own, or of a replay's run.
-        certificates: folder with those of ``role``, for a ``tls/`` endpoint.
+        name: name of an actor, which may have a certificate of its own, or of a replay's run.
+        certificates: folder with the certificates of ``role``, for a ``tls/`` endpoint.
 
     Raises:
-        InputError: nobody answered in that time, or the certificates cannot be used.
+        InputError: there was no answer in that time, or the certificates cannot be used.
         KeyboardInterrupt: ``stopped`` became true.
     """
     credentials = check_certificates(endpoint, certificates, role, name)

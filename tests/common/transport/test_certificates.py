@@ -319,7 +319,7 @@ def test_a_list_that_cannot_be_one_is_told(
 
 def test_a_list_that_was_lost_lets_nobody_in_by_accident(address: str, named: Path) -> None:
     (named / "actors.txt").unlink()
-    with pytest.raises(InputError, match=r"by name, and no .*actors.txt: put the list back"):
+    with pytest.raises(InputError, match=r"by name, but no .*actors.txt: put the list back"):
         open_hub(address, named)
 
 
@@ -561,7 +561,7 @@ def test_files_that_cannot_be_used_are_told(
 ) -> None:
     folder = shutil.copytree(certificates, tmp_path / "certificates")
     shutil.copy(certificates / other, folder / file)
-    with pytest.raises(InputError, match=r"cannot be used .*make them anew"):
+    with pytest.raises(InputError, match=r"cannot be used .*make new ones"):
         check_certificates("tls/127.0.0.1:7447", folder, "hub")
 
 

@@ -158,5 +158,5 @@ def test_a_key_of_another_kind_is_told(certificates: Path, tmp_path: Path) -> No
         check=True,
         capture_output=True,
     )
-    with pytest.raises(InputError, match=r"learner-key.pem is not of an elliptic curve: make it"):
+    with pytest.raises(InputError, match=r"learner-key.pem is not an elliptic-curve key: make"):
         signer(folder)
