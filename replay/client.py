@@ -1,4 +1,4 @@
-"""`RemoteReplay`: the replay of another process, for a learner that is its client."""
+"""`RemoteReplay`: the replay in another process, for a learner that is its client."""
 
 import logging
 import threading
@@ -28,14 +28,14 @@ from replay.messages import (
 )
 
 AHEAD = 3
-"""Minibatches that are asked for before they are wanted: enough to keep both sides at work, few
-enough to stay fresh."""
+"""Number of minibatches that are requested in advance: enough to keep both sides busy, few enough
+to stay fresh."""
 MOST_PRIORITY_UPDATES = 64
-"""Messages of priorities that may be unanswered."""
+"""Maximum number of unanswered messages of priorities."""
 DEADLINE = 5.0
-"""Seconds for an answer, before the server counts as away."""
+"""Seconds without an answer after which the server counts as away."""
 DISK_DEADLINE = 60.0
-"""Seconds for the answer that what was acknowledged is on the disk."""
+"""Seconds to wait for the answer of `Replay.sync`."""
 _PAUSE = 0.2
 _log = logging.getLogger(__name__)
 _Answer = TypeVar("_Answer", bound=Message)
@@ -44,8 +44,8 @@ _Answer = TypeVar("_Answer", bound=Message)
 class RemoteReplay:
     """Implements `replay.interface.Replay` by requests.
 
-    A server that is away is waited for: `sample` answers None, as when actors are behind, and
-    `held_out` and `progress` say so, once, and return when it is back.
+    If the server is away, the client waits for it. `sample` returns None, as when actors are
+    behind; `held_out` and `progress` log it once, and return when the server is back.
     """
 
     def __init__(self, transport: Transport, keys: RunKeys, config: RunConfig) -> None:
@@ -62,7 +62,8 @@ class RemoteReplay:
         self._syncs = transport.requester(keys.progress, DISK_DEADLINE)
         self._requesters.append(self._syncs)
         self._last = transport.requester(keys.progress, DEADLINE)
-        """Closed by the transport alone: a stop closes the others, and a checkpoint comes after."""
+        """Only the transport closes it, because a checkpoint comes after a stop has closed the
+        others."""
         self._draws: deque[Future[Envelope]] = deque()  # oldest first
         self._priority_updates: deque[Future[Envelope]] = deque()
         self._closed = threading.Event()
@@ -70,10 +71,10 @@ class RemoteReplay:
     def sample(self, drawn: int, timeout: float) -> Batch | None:
         """See `Replay.sample`.
 
-        While batches come, `AHEAD` more are asked for, each with the number that will have been
-        drawn when all before it have come. The limiter so never lets go of more than it should; and
-        after an answer without a batch, one at a time is asked for, with the true number. Raises
-        InputError if the server refuses the question, or answers with something else.
+        While batches come, `AHEAD` more are requested, each with the number of steps that will have
+        been drawn when all earlier batches have come. So the limiter never releases more than it
+        should. After an answer without a batch, one batch at a time is requested, with the true
+        number. Raises InputError if the server refuses the request, or sends a malformed answer.
         """
         ends = time.monotonic() + timeout
         with self._drawing:
@@ -100,10 +101,10 @@ class RemoteReplay:
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
         """See `Replay.update_priorities`.
 
-        It returns at once. Messages arrive in order; one is lost if the server is away, or if
-        `MOST_PRIORITY_UPDATES` earlier ones are unanswered because it cannot keep up. That loses
-        nothing but freshness: steps keep the priorities that they have, and a step that is drawn
-        again is given new ones. Raises InputError if the server refused an earlier message.
+        It returns at once. Messages arrive in order. One is lost if the server is away, or if
+        `MOST_PRIORITY_UPDATES` earlier ones are unanswered because the server cannot keep up. That
+        costs only freshness: steps keep their priorities, and a step that is drawn again gets a new
+        one. Raises InputError if the server refused an earlier message.
         """
         with self._updating:
             while self._priority_updates and self._priority_updates[0].done():
@@ -116,14 +117,15 @@ class RemoteReplay:
         self, count: int, newest: int | None = None
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """See `Replay.held_out`. Raises InputError if `close` was called while the server was away,
-        or so many states do not fit a message."""
+        or if so many states do not fit into a message."""
         request = HeldOutRequest(count, newest).encode()
         held = _decoded(HeldOutStates, self._insist(self._held_out, request))
         return held.frames, held.vectors
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
         """See `Replay.progress`; works after `close` too, unless the server is away. Raises
-        InputError if `close` was called while the server was away, or it serves another run now."""
+        InputError if `close` was called while the server was away, or if it now serves another
+        run."""
         requester = self._last if self._closed.is_set() else self._progress
         request = ProgressRequest(since, finished).encode()
         found = _decoded(Progress, self._insist(requester, request))
@@ -139,12 +141,13 @@ class RemoteReplay:
         _answer(self._last.request(ProgressRequest(MAX_COUNT, None, drain=True).encode()))
 
     def sync(self) -> None:
-        """See `Replay.sync`; works after `close` too, but then gives a slow disk no more time."""
+        """See `Replay.sync`; works after `close` too, but then does not wait longer for a slow
+        disk."""
         requester = self._last if self._closed.is_set() else self._syncs
         _answer(requester.request(ProgressRequest(MAX_COUNT, None, durable=True).encode()))
 
     def close(self) -> None:
-        """Stop waiting for the server; the transport stays open."""
+        """Stops waiting for the server; the transport stays open."""
         self._closed.set()
         for requester in self._requesters:
             requester.close()
@@ -165,8 +168,8 @@ class RemoteReplay:
 
 
 def _answer(future: Future[Envelope]) -> bytes | None:
-    """The answer, once it is there; None if there is no server, or none that answers in time.
-    Raises InputError if the server refused."""
+    """Waits for the answer and returns it; None if there is no server, or none that answers in
+    time. Raises InputError if the server refused."""
     try:
         return future.result().payload
     except Unanswered:

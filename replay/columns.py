@@ -1,8 +1,8 @@
 """The ring's files: one preallocated file per column, one row per slot.
 
-Rows are written with `pwrite` and read through a shared mapping. Both see the kernel's page
-cache, so a row that was written outlives the process, and writing needs no page faults (on a
-fresh file it is 40 times as fast as storing through the mapping).
+Rows are written with `pwrite` and read through a shared mapping. Both use the kernel's page cache,
+so written rows survive the end of the process, and writing needs no page faults (on a fresh file it
+is 40 times as fast as storing through the mapping).
 """
 
 import contextlib
@@ -26,9 +26,9 @@ class Columns:
     """Arrays of ``capacity`` rows under ``folder``, one for each `Column` of `STEP_FIELDS`."""
 
     rows: dict[str, NDArray[Any]]
-    """Read-only views by field's name, ``[capacity, ...]``; all flags are in ``flags``."""
+    """Read-only views ``[capacity, ...]`` by name of the field; ``flags`` holds all flags."""
     priorities: NDArray[np.float64]
-    """α-th powers of the priorities, writable in place, padded to ``priority_slots``."""
+    """Priorities to the power of α, writable in place, padded to ``priority_slots``."""
 
     def __init__(
         self,
@@ -39,9 +39,9 @@ class Columns:
         priority_slots: int = 0,
         existing: bool = False,
     ) -> None:
-        """Create the files with all the space they will ever need, or open ``existing`` ones.
-        Raises InputError if there is no space or no permission, another process uses the folder, or
-        files that should be there are not."""
+        """Creates the files with all the space that they will ever need, or opens ``existing``
+        ones. Raises InputError if there is no space or permission, another process uses the folder,
+        or files are missing that should exist."""
         self.capacity = capacity
         self.folder = folder
         self._files: dict[str, int] = {}
@@ -69,7 +69,7 @@ class Columns:
     def _check(self, sizes: dict[str, int]) -> None:
         for name, size in sizes.items():
             if name == "priorities":
-                continue  # a cache of what the learner thinks, not data: a ring does without them
+                continue  # a cache that the learner fills, not data: a ring works without it
             path = self._path(name)
             if not path.is_file() or path.stat().st_size != size:
                 raise damaged(path, f"or missing, for it should have {size:,} bytes")
@@ -79,7 +79,7 @@ class Columns:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             new = sum(size for name, size in sizes.items() if not self._path(name).exists())
-            if not has_room(self.folder, new):  # or they would fill the disk before they fail
+            if not has_room(self.folder, new):  # or allocation would fill the disk and then fail
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             for name, size in sizes.items():
                 path = self._path(name)
@@ -96,9 +96,9 @@ class Columns:
             raise InputError(f"another process uses the replay in {self.folder}.") from None
         except OSError as error:
             self.close()
-            for path in created:  # or the disk would stay full of half a ring
+            for path in created:  # or half a ring would keep the disk full
                 path.unlink(missing_ok=True)
-            with contextlib.suppress(OSError):  # it holds something else, or is not there
+            with contextlib.suppress(OSError):  # if it is missing or holds something else
                 self.folder.rmdir()
             raise InputError(
                 f"the replay needs {sum(sizes.values()):,} bytes in {self.folder} and cannot have "
@@ -114,7 +114,8 @@ class Columns:
         return np.asarray(mapped)  # without memmap's own, slow indexing
 
     def write(self, name: str, row: int, values: NDArray[Any]) -> None:
-        """Write ``values`` to rows ``row % capacity`` onward, around the end if need be."""
+        """Writes ``values`` to the rows from ``row % capacity`` on, and around the end if
+        needed."""
         if not values.size:
             return
         values = np.ascontiguousarray(values)
@@ -128,16 +129,16 @@ class Columns:
                 rest, offset = rest[done:], offset + done
 
     def sync(self) -> None:
-        """Have all rows on the disk when this returns; others may write, or close, meanwhile."""
+        """Puts all rows on the disk. Other threads may write, or close, meanwhile."""
         for name in self.rows:
             put_on_disk(self._path(name))
 
     @property
     def file_bytes(self) -> int:
-        """Bytes on disk that the files really take."""
+        """Space that the files really take on disk, bytes."""
         return sum(self._path(name).stat().st_blocks * 512 for name in (*self.rows, "priorities"))
 
     def close(self) -> None:
-        """Close the files; the views stay readable."""
+        """Closes the files; the views stay readable."""
         while self._files:
             os.close(self._files.popitem()[1])

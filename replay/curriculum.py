@@ -1,4 +1,4 @@
-"""How far the curriculum of a run has gone: from what was played, chunk by chunk."""
+"""The progress of a run's curriculum, computed chunk by chunk from the games played."""
 
 from collections.abc import Sequence
 from itertools import islice
@@ -7,19 +7,20 @@ from common.run.config import RunConfig
 from replay.chunk_statistics import ChunkStatistics
 
 _RECENT_GAMES = 5
-"""Games whose mean score is judged. With more, the oldest games belong to another width of the
-ranges, and the width oscillates."""
+"""Number of games whose mean score is judged. With more, the oldest games belong to another width
+of the ranges, and the width oscillates."""
 
 
 def curriculum_steps(
     config: RunConfig, past: Sequence[ChunkStatistics], agent_steps: int, steps: int
 ) -> int:
-    """Returns the curriculum's steps after a chunk; `RunConfig.difficulty_after` has their meaning.
+    """Returns the curriculum's steps after a chunk; `RunConfig.difficulty_after` turns them into a
+    width.
 
     Args:
-        past: the chunks before it, oldest first.
-        agent_steps: of the run, those of the chunk included.
-        steps: of the chunk.
+        past: statistics of the earlier chunks, oldest first.
+        agent_steps: agent steps of the run, including those of the chunk.
+        steps: steps of the chunk.
     """
     learned = max(agent_steps - config.replay.learning_starts, 0)
     learning = config.learning

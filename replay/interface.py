@@ -19,16 +19,16 @@ class Replay(Protocol):
         """Returns a minibatch, or None if none was available for ``timeout`` seconds.
 
         Args:
-            drawn: steps that the learner has drawn so far in the run (batches × batch size), which
-                the limiter needs.
+            drawn: number of steps that the learner has drawn so far in the run (batches × batch
+                size), which the limiter needs.
             timeout: seconds to wait for actors that are behind.
         """
 
     def update_priorities(self, ids: NDArray[np.int64], priorities: NDArray[np.float32]) -> None:
-        """Set priorities (≥ 0) of drawn steps; those of evicted steps are ignored.
+        """Sets the priorities (≥ 0) of drawn steps; evicted steps are ignored.
 
-        A priority that is not finite says that nothing can be learned from the step: until the
-        replay's next start it is not drawn again, and the log names the actor that sent it.
+        A priority that is not finite says that nothing can be learned from the step. Such a step is
+        not drawn again until the replay's next start, and the log names the actor that sent it.
         """
 
     def held_out(
@@ -36,25 +36,26 @@ class Replay(Protocol):
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Returns states ``[N, H, 84, 84]`` and vectors ``[N, P]`` of N ≤ ``count`` distinct steps.
 
-        All their frames are valid. They do not count as drawn.
+        All frames of the states are valid. The steps do not count as drawn.
 
         Args:
-            newest: frames in the ring, the newest, among which to choose; None for all.
+            newest: number of the ring's newest frames from which to choose; None for all.
         """
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
-        """The replay's counters, and the statistics of chunks from index ``since`` on.
+        """Returns the replay's counters, and the statistics of chunks from index ``since`` on.
 
-        ``finished`` tells the actors, through their acknowledgements, whether the run is over; it
-        holds until it is told otherwise. None asks only.
+        ``finished`` sets whether the run is over, which acknowledgements tell the actors; it stays
+        until it is set again. None changes nothing.
         """
 
     def drain(self) -> None:
-        """Accept every chunk until the next draw, so that throttled actors can leave: they send
-        their last chunks first."""
+        """Lets every chunk in until the next draw, so that throttled actors can send their last
+        chunks and leave."""
 
     def sync(self) -> None:
-        """Have all that was acknowledged before on the replay's disk, if it can be reached."""
+        """Puts all chunks acknowledged so far on the replay's disk, if the replay can be
+        reached."""
 
     def close(self) -> None:
-        """Close the replay; waiting calls return."""
+        """Closes the replay; waiting calls return."""

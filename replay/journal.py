@@ -1,9 +1,9 @@
-"""An append-only file of JSON lines, by which a killed process' successor knows what it had.
+"""An append-only file of JSON lines, from which a killed process' successor restores its state.
 
-A line is written after the data it speaks of, in one `write`, and nothing is acknowledged before.
-A killed process loses nothing that was written (the kernel has it), except that its last line
-may be cut short; that line was never acknowledged. Each line ends with the CRC-32 of what is before
-it, so that a disk that loses or changes some costs no more than those.
+A line is written after the data that it describes, in one `write`, and nothing is acknowledged
+before. A killed process loses nothing that was written, because the kernel has it. Only its last
+line may be cut short; that line was never acknowledged. Each line ends with the CRC-32 of what
+precedes it, so if a disk loses or changes some lines, only those are lost.
 """
 
 import json
@@ -22,8 +22,8 @@ _MARK = b',"crc":'
 
 
 def read_journal(path: Path) -> list[Entry | None]:
-    """All lines, None for one that is damaged; an empty list if there is no file. Raises InputError
-    if the file cannot be read."""
+    """Returns all lines, with None for a damaged one; an empty list if there is no file. Raises
+    InputError if the file cannot be read."""
     try:
         lines = read_file(path).split(b"\n")
     except FileNotFoundError:
@@ -31,7 +31,7 @@ def read_journal(path: Path) -> list[Entry | None]:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}.") from None
     checked = _MARK in lines[0]  # former journals have no checksums
-    return [_entry(line, checked) for line in lines[:-1]]  # what follows the last newline is torn
+    return [_entry(line, checked) for line in lines[:-1]]  # text after the last newline is torn
 
 
 def _entry(line: bytes, checked: bool) -> Entry | None:
@@ -46,7 +46,7 @@ def _entry(line: bytes, checked: bool) -> Entry | None:
 
 
 def damaged(path: Path, how: str) -> InputError:
-    """Returns the error that a replay's file is not what it was."""
+    """Returns the error that says that a replay's file is damaged."""
     return InputError(
         f"{path} is damaged {how}: put it back from a copy, or begin another run, with "
         f"this one's network by --initial {path.parent.parent / 'checkpoint.safetensors'}."
@@ -54,9 +54,10 @@ def damaged(path: Path, how: str) -> InputError:
 
 
 def put_on_disk(path: Path) -> None:
-    """Has what was written to ``path`` on the disk when this returns.
+    """Puts what was written to ``path`` on the disk.
 
-    By a descriptor of its own, so that who writes or closes the file need not wait for the disk.
+    It uses a descriptor of its own, so that threads that write or close the file need not wait for
+    the disk.
     """
     file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
     try:
@@ -66,24 +67,24 @@ def put_on_disk(path: Path) -> None:
 
 
 class Journal:
-    """The file, open for appending."""
+    """A journal file, open for appending."""
 
     def __init__(self, path: Path, entries: Iterable[Entry]) -> None:
-        """Replace the file by ``entries``. Raises InputError if the file cannot be written."""
+        """Replaces the file by ``entries``. Raises InputError if the file cannot be written."""
         self._path = path
         self._file = -1
         self.size = 0
-        """Bytes of its lines."""
+        """Size of its whole lines, bytes."""
         self._torn = False
-        """Whether the file may end with a part of a line."""
+        """Whether the file may end with a partial line."""
         with writing(path):
             self.rewrite(entries)
 
     def append(self, entry: Entry) -> None:
-        """Write one line, whole or not at all."""
+        """Writes one line, whole or not at all."""
         line = _line(entry)
         written = 0
-        if self._torn:  # else this line would continue the torn one, and be lost with it
+        if self._torn:  # or this line would continue the torn one, and be lost with it
             os.ftruncate(self._file, self.size)
         self._torn = True
         while written < len(line):
@@ -92,18 +93,18 @@ class Journal:
         self.size += len(line)
 
     def rewrite(self, entries: Iterable[Entry]) -> None:
-        """Replace the file by ``entries``, atomically."""
+        """Replaces the file by ``entries``, atomically."""
         write_atomically(self._path, b"".join(map(_line, entries)))
         self.close()
         self._file = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
         self.size, self._torn = os.fstat(self._file).st_size, False
 
     def sync(self) -> None:
-        """Have all lines on the disk when this returns; others may append, or close, meanwhile."""
+        """Puts all lines on the disk. Other threads may append, or close, meanwhile."""
         put_on_disk(self._path)
 
     def close(self) -> None:
-        """Append no more; a second time does nothing."""
+        """Closes the file; a second call does nothing."""
         if self._file >= 0:
             os.close(self._file)
             self._file = -1

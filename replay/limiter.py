@@ -22,7 +22,8 @@ class RateLimiter:
 
     @classmethod
     def of(cls, config: RunConfig) -> "RateLimiter":
-        """Returns the limiter of a run, whose check refuses settings with which both sides wait."""
+        """Returns the limiter of a run. `RunConfig.check` refuses settings under which both sides
+        would wait."""
         replay, learning = config.replay, config.learning
         return cls(
             *(config.samples_per_insert, replay.learning_starts, replay.ratio_tolerance),
@@ -30,7 +31,8 @@ class RateLimiter:
         )
 
     def deficit(self, inserted: int, drawn: int) -> float:
-        """Returns the steps that are due to be drawn; negative if the learner is ahead."""
+        """Returns the number of steps that are due to be drawn; negative if the learner is
+        ahead."""
         return (inserted - self.learning_starts) * self.samples_per_insert - drawn
 
     def may_sample(self, inserted: int, drawn: int) -> bool:

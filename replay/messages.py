@@ -1,4 +1,4 @@
-"""The small messages between `RemoteReplay` and `ReplayServer`; batches and progress apart."""
+"""Messages between `RemoteReplay` and `ReplayServer`, except batches and progress."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -13,9 +13,9 @@ from common.protocol.step_fields import FRAME_BYTES, FRAME_SHAPE
 from common.protocol.wire import MAX_MESSAGE_BYTES
 
 NO_BATCH = b""
-"""The answer to a draw when the limiter does not let go of one."""
+"""The answer to a draw for which the limiter releases no batch."""
 MAX_HELD_OUT = MAX_MESSAGE_BYTES // FRAME_BYTES
-"""States of one frame that fit a message."""
+"""Number of states of one frame that fit into a message."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class SampleRequest(Message):
 
 @dataclass(frozen=True)
 class Priorities(Message):
-    """New priorities of the B steps called ``ids``."""
+    """New priorities of B steps, given by their ``ids``."""
 
     ids: Annotated[NDArray[np.int64], Array("B")]
     priorities: Annotated[NDArray[np.float32], Array("B")]
@@ -44,7 +44,7 @@ class HeldOutRequest(Message):
 
 @dataclass(frozen=True)
 class HeldOutStates(Message):
-    """The answer: N states of H frames, with vector observations of P numbers."""
+    """The answer: N states of H frames, with vector observations of P components."""
 
     frames: Annotated[NDArray[np.uint8], Array("N", "H", *FRAME_SHAPE)]
     vectors: Annotated[NDArray[np.float32], Array("N", "P")]

@@ -1,8 +1,8 @@
 """`ReplayBuffer`: the thread-safe replay of a run in one process.
 
-It adds the rate limiter, and the waiting for it, to the `Store`. Minibatches and held-out states
-need the lock only while their ids are chosen; their frames are gathered while other threads draw
-and insert (see `Ring.read`).
+It adds the rate limiter, and waiting for it, to the `Store`. The lock is held only while the ids of
+minibatches and held-out states are chosen; their frames are gathered while other threads draw and
+insert (see `Ring.read`).
 """
 
 import hashlib
@@ -36,15 +36,15 @@ class ReplayBuffer:
     """The replay buffer of one run; implements `replay.interface.Replay`."""
 
     def __init__(self, config: RunConfig, folder: Path) -> None:
-        """Open the replay in ``folder``, or create it where there is none. Raises InputError for no
-        space, a replay of other sizes, a damaged one, or one in use; or an environment or game that
-        there is not."""
+        """Opens the replay in ``folder``, or creates it. Raises InputError if there is no space; if
+        the replay there has other sizes, is damaged or in use; or for an unknown environment or
+        game."""
         self.weights_version = 0
         """Version of the newest weights, which each acknowledgement carries."""
         self.over_quota = 0
-        """Messages of actors that were turned away for the time being, since this process began."""
+        """Number of actors' messages that must be sent again, since this process began."""
         self.shut_out = 0
-        """Connections since then of processes that may do nothing at this hub."""
+        """Number of connections by processes that this hub does not admit, since then."""
         self._batch_size = config.learning.batch_size
         self._difficulty_after = config.difficulty_after
         self.released: Callable[[], None] = lambda: None
@@ -56,7 +56,7 @@ class ReplayBuffer:
         settings = hashlib.sha256(to_json(config).encode()).hexdigest()
         self.run_id = f"{self._store.uuid}-{settings[:16]}"
         """See `common.protocol.announcement.Announcement`."""
-        # The sequence differs after each start, or a resumed run would draw the same places again.
+        # A different sequence after each start, or a resumed run would repeat the same draws.
         self._rng = np.random.default_rng([config.seed, self._store.index.accepted])
         self._closed = False
         self._finished = False
@@ -64,7 +64,7 @@ class ReplayBuffer:
         self._drawn = 0
 
     def admits(self, actor: str) -> bool:
-        """Whether a chunk of ``actor`` is taken now; see `Turns` for a throttled actor."""
+        """Whether a chunk of ``actor`` is accepted now; see `Turns` for throttled actors."""
         with self._state:
             ends = self._finished or self._drains
             return ends or not self._should_throttle() or self._turns.admits(actor)
@@ -75,11 +75,11 @@ class ReplayBuffer:
             return self._turns.insists(actor)
 
     def insert(self, chunk: Chunk) -> Ack:
-        """Store ``chunk``, unless it came before; never waits for the learner.
+        """Stores ``chunk``, unless it was received before. It never waits for the learner.
 
         Raises:
-            MessageError: it does not fit this run; it is counted as refused.
-            OSError: the files could not be written; it may be sent again.
+            MessageError: the chunk does not fit this run, and is counted as refused.
+            OSError: the files could not be written; the chunk may be sent again.
         """
         begun = self._drawn // self._batch_size
         new = self._store.insert(chunk, staleness=max(begun - chunk.weights_version, 0))
@@ -90,12 +90,12 @@ class ReplayBuffer:
             return self.ack("stored" if new else "duplicate", throttle)
 
     def refuse(self) -> None:
-        """Count a chunk that could not be decoded, or is of another run."""
+        """Counts a chunk that could not be decoded, or belongs to another run."""
         self._store.count_refused()
 
     def poll(self, actor: str) -> Ack:
-        """Returns what the throttled ``actor`` is told when it asks to go on. Each actor that asked
-        before the limiter opened may, even if others have closed it again."""
+        """Returns the answer to a throttled ``actor`` that asks to go on. An actor that asked
+        before the limiter opened may go on, even if others have closed it again."""
         with self._state:
             throttle = self._should_throttle() and not self._turns.has_turn(actor)
             if not throttle:
@@ -107,7 +107,8 @@ class ReplayBuffer:
         status: Literal["stored", "duplicate", "poll", "refused"],
         throttle: bool | None = None,
     ) -> Ack:
-        """Returns what an actor is told now; None for ``throttle`` asks the limiter."""
+        """Returns an acknowledgement with the present state. If ``throttle`` is None, the limiter
+        decides."""
         return Ack(
             status,
             throttle=self._should_throttle() if throttle is None else throttle,
@@ -128,7 +129,7 @@ class ReplayBuffer:
         return self._sample(drawn, timeout, self._store.ring.read)
 
     def sample_shared(self, drawn: int, timeout: float) -> SharedBatch | None:
-        """Like `sample`, with each frame once, to be sent to another process."""
+        """Returns what `sample` returns, with each frame once, to be sent to another process."""
         return self._sample(drawn, timeout, self._store.ring.read_shared)
 
     def _sample(
@@ -138,8 +139,8 @@ class ReplayBuffer:
         read: Callable[[NDArray[np.int64], NDArray[np.float32]], _Found | None],
     ) -> _Found | None:
         with self._state:
-            # What the newest weights were learned from was drawn by the learner, so a smaller count
-            # is somebody else's. (A resumed learner first publishes its older weights.)
+            # The learner drew the steps from which it learned the newest weights, so a smaller
+            # count is not from it. (A resumed learner first publishes its older weights.)
             if drawn >= self.weights_version * self._batch_size:
                 throttled = self._should_throttle()
                 self._drains = False
@@ -155,14 +156,14 @@ class ReplayBuffer:
     def _gather(
         self, choose: Callable[[], tuple[Any, ...]], read: Callable[..., _Found | None]
     ) -> _Found:
-        """Returns what ``read`` finds for what ``choose`` chose under the lock."""
+        """Returns the result of ``read`` for what ``choose`` returns under the lock."""
         for _ in range(_HURRIED_READS):
             with self._state:
                 chosen = choose()
             found = read(*chosen)
             if found is not None:
                 return found
-        with self._state:  # the ring turns faster than it is read: keep writers out this once
+        with self._state:  # the ring turns faster than it is read, so keep writers out this once
             found = read(*choose())
         assert found is not None
         return found
@@ -204,7 +205,7 @@ class ReplayBuffer:
 
     def progress(self, since: int, *, finished: bool | None = None) -> Progress:
         resident, private = footprint()
-        file_bytes = self._store.columns.file_bytes  # asks the disk, which may be slow
+        file_bytes = self._store.columns.file_bytes  # without the lock, as the disk may be slow
         with self._state:
             if finished is not None and finished != self._finished:
                 self._finished = finished
@@ -236,7 +237,7 @@ class ReplayBuffer:
         self._store.sync()
 
     def close(self) -> None:
-        """Release waiting calls and close the files, which keep what was stored."""
+        """Releases waiting calls and closes the files, which keep what was stored."""
         with self._state:
             self._closed = True
             self._state.notify_all()

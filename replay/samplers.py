@@ -1,24 +1,24 @@
-"""Which steps may be drawn, and how likely each is."""
+"""Samplers: the steps that may be drawn, and the probability of each."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay.sum_tree import SumTree
 
-_SMALLEST = 1e-6  # a priority of 0 would never be drawn, nor corrected, again
-_LARGEST = float(np.finfo(np.float32).max)  # in which priorities come; α is at most 1
+_SMALLEST = 1e-6  # a step with priority 0 would never be drawn, so never corrected, again
+_LARGEST = float(np.finfo(np.float32).max)  # priorities arrive as float32; α is at most 1
 
 Ids = NDArray[np.int64]
 
 
 class UniformSampler:
-    """The set of ids that may be drawn, each as likely as any other.
+    """The set of ids that may be drawn, each with the same probability.
 
-    It is a dense array of them, and the place in it of each slot's id.
+    It is kept as a dense array of ids, and the place in it of each slot's id.
     """
 
     def __init__(self, capacity: int, ids: Ids) -> None:
-        """``ids`` are those in the set at first."""
+        """``ids`` are the initial members of the set."""
         self._capacity = capacity
         self._count = 0
         self._ids = np.zeros(capacity, np.int64)
@@ -30,18 +30,20 @@ class UniformSampler:
 
     @property
     def ids(self) -> Ids:
-        """All of them, in no order; a view that the next change makes invalid."""
+        """All ids, in no particular order; a view that the next change invalidates."""
         return self._ids[: self._count]
 
     def add(self, ids: Ids) -> None:
-        """Add ``ids``: distinct, absent, and of slots that no other id in the set has."""
+        """Adds ``ids``, which must be distinct, absent, and of slots without another id in the
+        set."""
         end = self._count + len(ids)
         self._ids[self._count : end] = ids
         self._places[ids % self._capacity] = np.arange(self._count, end)
         self._count = end
 
     def remove(self, ids: Ids) -> None:
-        """Remove ``ids``, distinct and present; others from the end take their places."""
+        """Removes ``ids``, which must be distinct and present; ids from the end take their
+        places."""
         slots = ids % self._capacity
         places = self._places[slots]
         self._places[slots] = -1
@@ -54,7 +56,7 @@ class UniformSampler:
         self._count = end
 
     def contains(self, ids: Ids) -> NDArray[np.bool_]:
-        """Which of ``ids`` are in the set."""
+        """Returns which of ``ids`` are in the set."""
         places = self._places[ids % self._capacity]
         found: NDArray[np.bool_] = (places >= 0) & (self._ids[places] == ids)
         return found
@@ -64,7 +66,7 @@ class UniformSampler:
         return self.ids[rng.integers(len(self), size=count)], np.ones(count, np.float32)
 
     def update(self, ids: Ids, priorities: NDArray[np.float64]) -> None:
-        """Take in new priorities ≥ 0, which mean nothing here; ids that are gone are ignored."""
+        """Takes new priorities ≥ 0, which have no effect here. Ids that are gone are ignored."""
 
 
 class PrioritisedSampler(UniformSampler):
@@ -79,14 +81,14 @@ class PrioritisedSampler(UniformSampler):
         self._alpha = alpha
         self._beta = beta
         values = leaves[ids % capacity]
-        usable = (values > 0) & (values <= _LARGEST)  # a disk may have changed them
+        usable = (values > 0) & (values <= _LARGEST)  # the disk may have changed them
         self._largest = float(values.max(initial=0.0, where=usable)) or 1.0
         leaves[:] = 0.0
         leaves[ids % capacity] = np.where(usable, values, self._largest)
         self._tree = SumTree(leaves)
 
     def add(self, ids: Ids) -> None:
-        """See `UniformSampler.add`; they get the largest value so far, so each is drawn soon."""
+        """See `UniformSampler.add`. New ids get the largest value so far, so each is drawn soon."""
         super().add(ids)
         self._tree.set(ids % self._capacity, self._largest)
 
