@@ -50,7 +50,7 @@ class Replay(Protocol):
         """
 
     def drain(self) -> None:
-        """Lets every chunk in until the next draw, so that throttled actors can send their last
+        """Accepts every chunk until the next draw, so that throttled actors can send their last
         chunks and leave."""
 
     def sync(self) -> None:

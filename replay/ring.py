@@ -1,17 +1,17 @@
-"""The ring: frames once, and the links by which states and returns are put together again.
+"""The ring: each frame once, and the links from which states and returns are assembled.
 
-Every frame has an id, counted upward for ever, and lies in slot ``id % capacity``. Ids from
-``tail`` to ``head`` are alive; an older id is recognised as such, whatever its slot holds now.
-A chunk takes consecutive ids: context frames (only if the chunk before is not there to lend
-its own), its steps, then the true final frames of its truncated steps.
+Every frame has an id and lies in slot ``id % capacity``; ids count up for ever. Ids from ``tail``
+to ``head`` are alive. An older id is recognised as such, whatever its slot holds now. A chunk takes
+consecutive ids: context frames (only if the previous chunk is not there to lend its own), its
+steps, then the true final frames of its truncated steps.
 
-Two links per slot make every walk a fixed number of array look-ups, without a case to tell apart:
+Two links per slot make every walk a fixed number of array look-ups, without special cases:
 
-* ``previous``: the frame before. The first frame of an episode is its own, and so is repeated
+* ``previous``: the frame before. The first frame of an episode links to itself, so it is repeated
   when a state is stacked there.
-* ``next``: the frame one step later. Of a terminated step, itself, with a discount of 0; of a
-  truncated one, its final frame; of that, itself, with a reward of 0 after 0 agent steps; of the
-  newest step of a stream, -1 until the next chunk comes.
+* ``next``: the frame one step later. A terminated step links to itself, with a discount of 0. A
+  truncated step links to its final frame, and that to itself, with a reward of 0 after 0 agent
+  steps. The newest step of a stream has -1 until the next chunk comes.
 """
 
 from typing import Any, NamedTuple
@@ -28,7 +28,7 @@ from replay.columns import Columns
 
 TERMINATED, TRUNCATED, VALID = map(bit_of, ("terminated", "truncated", "valid"))
 STEP = 8
-"""Bit of flags: the slot holds a step, not a frame of a context or the end of a truncated one."""
+"""Bit of the flags: the slot holds a step, not a context frame or a final frame."""
 
 _BLOCK = 65_536
 
@@ -36,19 +36,19 @@ Ids = NDArray[np.int64]
 
 
 class Placement(NamedTuple):
-    """Where in the ring a chunk lies."""
+    """The place of a chunk in the ring."""
 
     base: int
     """Id of its first frame."""
     context: int
-    """Context frames that are stored."""
+    """Number of stored context frames."""
     steps: int
     finals: int
-    """True final frames, of its truncated steps."""
+    """Number of true final frames, of its truncated steps."""
     previous: int
-    """Id of the step before, whose frames it shares; -1 if it shares none."""
+    """Id of the step before, whose frames the chunk shares; -1 if it shares none."""
     crc: int = -1
-    """CRC-32 of its rows, column by column; -1 in a journal written before there was one."""
+    """CRC-32 of its rows, column by column; -1 in journals that were written without one."""
 
     @property
     def first(self) -> int:
@@ -67,7 +67,7 @@ class Placement(NamedTuple):
 
 
 class Ring:
-    """Stored chunks, and the transitions that can be read from them."""
+    """The stored chunks, from which transitions are read."""
 
     def __init__(self, columns: Columns, config: RunConfig) -> None:
         self.head = 0
@@ -84,11 +84,11 @@ class Ring:
         self._previous = np.full(columns.capacity, -1, np.int64)
         self._next = np.full(columns.capacity, -1, np.int64)
         self._discounts = config.learning.discount ** np.arange(256, dtype=np.float64)
-        """γ to the power of the agent steps that a step took."""
+        """γ to the power of 0 … 255 agent steps."""
 
     def write(self, placement: Placement, chunk: Chunk) -> Placement:
-        """Put the chunk's data into its slots, which no id alive has; returns the placement with
-        their checksum."""
+        """Writes the chunk's data to its slots, which must not belong to ids alive. Returns the
+        placement with the data's checksum."""
         columns = self._columns
         flags = np.full(placement.steps, STEP, np.uint8)
         columns_of = {"flags": flags}
@@ -116,7 +116,7 @@ class Ring:
         return placement._replace(crc=crc)
 
     def is_whole(self, placement: Placement) -> bool:
-        """Whether the rows of a chunk are those that were written."""
+        """Whether the rows of a chunk are as they were written."""
         crc = 0
         for name in ("flags", *(name for name in STEP_FIELDS if name in self._rows)):
             ids = np.arange(self._begin(name, placement), placement.end)
@@ -125,12 +125,12 @@ class Ring:
         return placement.crc in (crc, -1)
 
     def _begin(self, name: str, placement: Placement) -> int:
-        """Id of the first row that a chunk has in a column: only frames have a context there."""
+        """Returns the id of a chunk's first row in a column; rows of the context may be absent."""
         shared = name != "frames" and f"final_{name}" in Chunk.__dataclass_fields__
         return placement.first if shared else placement.base
 
     def link(self, placement: Placement) -> None:
-        """Set the links within a written chunk, and back to the step it continues."""
+        """Sets the links within a written chunk, and back to the step that it continues."""
         context, last = placement.context, placement.context + placement.steps - 1
         ids = np.arange(placement.base, placement.end)
         slots = ids % self._capacity
@@ -151,15 +151,15 @@ class Ring:
         self._next[slots] = following
 
     def cut(self, placement: Placement) -> None:
-        """Say that the frames before a linked chunk, which it shared, are lost."""
+        """Notes that the earlier frames that a linked chunk shares are lost."""
         self._previous[placement.base % self._capacity] = -1
 
     def join(self, last: int, first: int) -> None:
-        """Say that step ``first`` follows step ``last``, which waited for it."""
+        """Links step ``last`` to step ``first``, which follows it in the next chunk."""
         self._next[last % self._capacity] = first
 
     def is_open(self, placement: Placement) -> bool:
-        """Whether the chunk's last step leaves its episode going on."""
+        """Whether the chunk's last step does not end its episode."""
         flags = int(self._rows["flags"][placement.last % self._capacity])
         return not flags & (TERMINATED | TRUNCATED)
 
@@ -173,7 +173,8 @@ class Ring:
         return frame >= self.tail
 
     def is_complete(self, ids: Ids) -> NDArray[np.bool_]:
-        """Which of ``ids`` are steps all of whose frames, to the end of the return, are alive."""
+        """Returns which of ``ids`` are steps whose frames, to the end of the return, are all
+        alive."""
         complete = (self._rows["flags"][ids % self._capacity] & STEP) > 0
         for at in range(0, len(ids), _BLOCK):
             block = slice(at, at + _BLOCK)
@@ -185,21 +186,22 @@ class Ring:
         return complete
 
     def all_seen(self, ids: Ids) -> NDArray[np.bool_]:
-        """Which of the complete steps ``ids`` have a state of valid frames only."""
+        """Returns which of the complete steps ``ids`` have a state of valid frames only."""
         flags = self._rows["flags"][self._stacks(ids) % self._capacity]
         return np.asarray(((flags & VALID) > 0).all(axis=1))
 
     def states(self, ids: Ids) -> tuple[NDArray[np.uint8], NDArray[np.float32]] | None:
-        """Frames ``[B, H, 84, 84]`` and vectors ``[B, P]`` of complete steps; see `read`."""
+        """Returns frames ``[B, H, 84, 84]`` and vectors ``[B, P]`` of complete steps; None as in
+        `read`."""
         stacks = self._stacks(ids)
         states = self._frames(stacks), self._rows["vectors"][ids % self._capacity]
         return states if self._are_alive(stacks) else None
 
     def read(self, ids: Ids, weights: NDArray[np.float32]) -> Batch | None:
-        """The transitions from complete steps ``ids``; None if one was evicted while reading.
+        """Returns the transitions from complete steps ``ids``; None if one was evicted meanwhile.
 
-        Needs no lock: an id's slot is overwritten only after ``tail`` has passed it, so if all
-        ids on the way are alive afterwards, all that was read was theirs.
+        It needs no lock. An id's slot is overwritten only after ``tail`` has passed the id, so if
+        all ids on the way are alive afterwards, everything that was read belonged to them.
         """
         path, stacks = self._ways(ids)
         frames = self._frames(stacks)
@@ -208,7 +210,7 @@ class Ring:
         return batch if self._are_alive(path) and self._are_alive(stacks) else None
 
     def read_shared(self, ids: Ids, weights: NDArray[np.float32]) -> SharedBatch | None:
-        """What `read` gives, with each frame once."""
+        """Returns what `read` returns, with each frame once."""
         path, stacks = self._ways(ids)
         once, places = np.unique(stacks, return_inverse=True)
         batch = SharedBatch(
@@ -219,7 +221,8 @@ class Ring:
         return batch if self._are_alive(path) and self._are_alive(stacks) else None
 
     def _ways(self, ids: Ids) -> tuple[Ids, Ids]:
-        """The path from ``ids``, and the stacks of its first states and of its last."""
+        """Returns the path from ``ids``, and the stacks of the first and of the last states on
+        it."""
         path = self._path(ids)
         return path, self._stacks(np.concatenate([path[0], path[-1]]))
 
@@ -227,12 +230,12 @@ class Ring:
         return bool((ids >= self.tail).all())
 
     def _rest(self, path: Ids, weights: NDArray[np.float32]) -> dict[str, Any]:
-        """Returns all of a batch but its states."""
+        """Returns the fields of a batch without its states."""
         slots = path % self._capacity
         rows = self._rows
         rewards = rows["rewards"][slots[:-1]].astype(np.float64)
         if self._clip_rewards:
-            # A step of several agent steps brings the sum of rewards that were clipped one by one.
+            # Rewards are clipped per agent step, and a step may sum those of several.
             most = rows["elapsed"][slots[:-1]].astype(np.float64)
             rewards = rewards.clip(-most, most)
         going_on = (rows["flags"][slots[:-1]] & TERMINATED) == 0
@@ -257,7 +260,7 @@ class Ring:
         return np.asarray(self._rows[name][slots])
 
     def _path(self, ids: Ids) -> Ids:
-        """Ids of the states 0 … n steps after ``ids``, ``[n + 1, B]``."""
+        """Returns ids of the states 0 … n steps after ``ids``, ``[n + 1, B]``."""
         path = np.empty((self._n_step + 1, len(ids)), np.int64)
         path[0] = ids
         for step in range(self._n_step):
@@ -265,7 +268,7 @@ class Ring:
         return path
 
     def _stacks(self, ids: Ids) -> Ids:
-        """Ids of the frames that make the states at ``ids``, oldest first, ``[B, H]``."""
+        """Returns ids of the frames in the states at ``ids``, oldest first, ``[B, H]``."""
         stacks = np.empty((len(ids), self._frame_stack), np.int64)
         stacks[:, -1] = ids
         for place in range(self._frame_stack - 1, 0, -1):

@@ -1,7 +1,7 @@
-"""`ReplayServer`: a run's `ReplayBuffer` for other processes.
+"""`ReplayServer`: serves a run's `ReplayBuffer` to other processes.
 
-Each kind of request has a queue and a thread of its own, so a draw that waits for actors holds up
-no insert. What nobody should have sent is refused with a sentence, counted, and forgotten.
+Each kind of request has its own queue and thread, so a draw that waits for actors delays no insert.
+An invalid message is refused with a sentence, counted, and dropped.
 """
 
 import logging
@@ -32,18 +32,18 @@ from replay.messages import (
 from replay.replay_buffer import ReplayBuffer
 
 LONGEST_WAIT = 1.0
-"""Seconds that a draw or a poll may wait at the server."""
+"""Maximum seconds that a draw or a poll waits at the server."""
 _POLL_STEPS = 16
-"""Steps of its quota that a poll costs; an actor that does as it is told polls once for each chunk,
-or after `LONGEST_WAIT`."""
+"""Steps of the quota that a poll costs; a well-behaved actor polls once per chunk, or after
+`LONGEST_WAIT`."""
 
 _log = logging.getLogger(__name__)
 _log.addFilter(Seldom())
 
 
 class ReplayServer(AbstractContextManager["ReplayServer"]):
-    """Answers for ``buffer`` until it is closed, and takes at most ``quota`` steps per second of
-    one actor."""
+    """Answers requests to ``buffer`` until it is closed, and accepts at most ``quota`` steps per
+    second from each actor."""
 
     def __init__(
         self,
@@ -59,7 +59,8 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         self._announcement = Announcement(run, config, config.action_count, buffer.run_id).encode()
         self._weights: Envelope | None = None
         self._polls: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
-        """None: those who wait may go on or leave, or nobody is answered any more."""
+        """Polls to be answered. None means that waiting actors may go on or leave, or that the
+        server closes."""
         self._closed = False
         buffer.released = lambda: self._polls.put(None)
         self._poll_thread = threading.Thread(
@@ -83,7 +84,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         self.close()
 
     def close(self) -> None:
-        """Stop answering; the buffer stays open."""
+        """Stops answering; the buffer stays open."""
         for service in self._services:
             service.close()
         self._subscription.close()
@@ -95,13 +96,13 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
 
     def _count_shut_out(self, name: str, address: str) -> None:
         self._buffer.shut_out += 1
-        text = "the certificate of %s names nobody who is let in: who connects from %s is not heard"
+        text = "the hub does not admit the certificate of %s: connections from %s are ignored"
         _log.warning(text, name, address)
 
     def _insert(self, request: Request) -> bytes | None:
         actor = name_in(request.key)
         if not self._admits(actor, request):
-            request.drop()  # unanswered, it is sent again
+            request.drop()  # the actor sends it again
             return None
         if not request.payload:
             self._polls.put(request)
@@ -113,8 +114,8 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
             raise
 
     def _admits(self, actor: str, request: Request) -> bool:
-        """Whether this is within the actor's turn and quota, as is known before it is read."""
-        if actor == DEMONSTRATIONS and self._weights is None:  # the learner's own, as it begins
+        """Whether the request is within the actor's turn and quota, judged before it is read."""
+        if actor == DEMONSTRATIONS and self._weights is None:  # the learner's, at the beginning
             return True
         known = self._quota.knows(actor)
         steps = max(request.size / FRAME_BYTES, 1.0) if request.size else _POLL_STEPS
@@ -125,15 +126,16 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         elif self._quota.admits(actor, steps):
             return True
         elif known:
-            text = f"{actor} sends more than --actor-quota lets it"
+            text = f"{actor} sends more than --actor-quota allows"
         else:
-            text = "more new actors come than are let in at once"
+            text = "more new actors come than are admitted at once"
         self._buffer.over_quota += 1
         _log.warning("%s: the rest has to wait", text)
         return False
 
     def _ack_of(self, payload: bytes, actor: str) -> Ack:
-        """Stores a chunk. Raises MessageError if it was refused, and counted so."""
+        """Stores a chunk, and returns the answer. Raises MessageError, and counts the chunk as
+        refused, if it is malformed."""
         try:
             chunk = Chunk.decode(payload)
             if chunk.actor != actor:
@@ -148,9 +150,9 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         return self._buffer.insert(chunk)
 
     def _answer_polls(self) -> None:
-        """Throttled actors wait here, each at most `LONGEST_WAIT`, while inserts go on."""
+        """Lets throttled actors wait here, each at most `LONGEST_WAIT`, while inserts go on."""
         waiting: dict[str, tuple[float, Request]] = {}
-        """By actor, the moment at which its poll is answered in any case; the next one first."""
+        """By actor, its poll and the time at which that is answered in any case, next one first."""
 
         def answer(actor: str, *, in_any_case: bool = False) -> None:
             told = self._buffer.poll(actor)
@@ -174,7 +176,7 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
                     answer(actor)
             else:
                 actor = name_in(request.key)
-                if actor in waiting:  # one of each, however often it asks
+                if actor in waiting:  # one poll per actor, however often it asks
                     answer(actor, in_any_case=True)
                 waiting[actor] = time.monotonic() + LONGEST_WAIT, request
                 answer(actor)
@@ -215,6 +217,6 @@ class ReplayServer(AbstractContextManager["ReplayServer"]):
         except MessageError as error:
             _log.warning("weights of %d bytes were passed over: %s", size, error)
             return
-        # Not the largest but the latest: a resumed learner may start from an older version.
+        # Not the highest version but the latest: a resumed learner may start from an older one.
         self._weights = message
         self._buffer.weights_version = version

@@ -1,11 +1,11 @@
-"""`Store`: what is remembered of a run, in files and in RAM, and how it changes.
+"""`Store`: the data of a run's replay, in files and in RAM.
 
-An insert: make room (journaled before anything is overwritten) → write the data → journal the
-chunk → link its steps and make them sampleable. A process killed in between has not acknowledged
-the chunk, and its successor finds all that was acknowledged before.
+An insert has these steps: make room (journaled before anything is overwritten) → write the data →
+journal the chunk → link its steps and make them sampleable. A process killed in between has not
+acknowledged the chunk, and its successor finds everything that was acknowledged before.
 
-One insert passes at a time, and writes files without disturbing anyone; only what is decided in
-RAM happens under the lock that readers share.
+One insert passes at a time, and writes files without blocking readers. Only changes in RAM are made
+under the lock that readers share.
 """
 
 import logging
@@ -34,16 +34,16 @@ from replay.sum_tree import padded
 
 FORMAT = 2
 _READ_FORMATS = (1, FORMAT)
-"""Format 1 had no checksums."""
+"""Formats that can be read; format 1 had no checksums."""
 _log = logging.getLogger(__name__)
 _SPARE_BYTES = 60_000
-"""A journal may always grow by this much, about 200 chunks, before it is rewritten."""
+"""Bytes by which a journal may always grow before it is rewritten, about 200 chunks."""
 
 
 class Store:
-    """Ring, chunk index, journal and sampler of one run, kept in step.
+    """Ring, chunk index, journal and sampler of one run, kept consistent.
 
-    ``index``, ``ring`` and ``sampler`` may be read under ``state``, the lock given.
+    ``index``, ``ring`` and ``sampler`` may be read under the given lock ``state``.
     """
 
     def __init__(self, config: RunConfig, folder: Path, state: threading.Condition) -> None:
@@ -56,7 +56,7 @@ class Store:
         self._quarantined: set[int] = set()
         path = folder / JOURNAL
         self.uuid = uuid.uuid4().hex
-        """Tells this ring from every other; made with it."""
+        """Identity of this ring, which is made with it."""
         self.index = self._read(path)
         prioritised = config.replay.sampler == "prioritised"
         self.columns = Columns(
@@ -111,7 +111,7 @@ class Store:
             try:
                 index.apply(entry or {})
             except (KeyError, TypeError, ValueError):
-                if number == 2:  # all counters are there
+                if number == 2:  # it holds all counters
                     raise damaged(path, "in line 2") from None
                 lost.append(number)
         if lost:
@@ -120,16 +120,16 @@ class Store:
                 "the rest is used",
                 *(len(lost), len(entries), path, lost[0]),
             )
-        # Where the line is lost that says so.
+        # In case the line that evicts them was lost.
         index.evict(max(index.tail, index.head - self._config.replay.capacity))
         return index
 
     def _rebuild(self) -> NDArray[np.int64]:
-        """Makes the links from the index and the files, as far as these are whole; returns the
+        """Rebuilds the links from the index and the undamaged rows of the files; returns the
         sampleable steps."""
         ring, index = self.ring, self.index
         kept, lost = len(index.chunks), []
-        # All that is stored is read, from a disk that may be slow.
+        # The progress is shown because all rows are read, from a disk that may be slow.
         with Progress("checking the replay", kept) as progress:
             for number, (key, place) in enumerate(index.chunks.items(), 1):
                 if not ring.is_whole(place):
@@ -156,7 +156,7 @@ class Store:
         return chain([{**self._header, "uuid": self.uuid}], self.index.entries())
 
     def insert(self, chunk: Chunk, staleness: int) -> bool:
-        """See `ReplayBuffer.insert`; False if it came before."""
+        """See `ReplayBuffer.insert`; returns False if the chunk was received before."""
         try:
             self._check(chunk)
         except MessageError:
@@ -179,19 +179,19 @@ class Store:
             return True
 
     def _append(self, entry: Entry) -> None:
-        """Journal ``entry``, in one that does not grow without end, however long its lines are."""
+        """Appends ``entry`` to the journal, which is first rewritten if it has grown too long."""
         if self._journal.size > 2 * self._compacted_size + _SPARE_BYTES:
             self._journal.rewrite(self._entries())
             self._compacted_size = self._journal.size
         self._journal.append(entry)
 
     def quarantine(self, ids: NDArray[np.int64]) -> tuple[list[int], list[str]]:
-        """Let steps ``ids`` not be drawn again; returns those there are, and who sent them.
+        """Excludes steps ``ids`` from further draws; returns those that exist, and their actors.
 
         Called under ``state``.
         """
         ids = np.unique(ids[self.sampler.contains(ids)])
-        if not ids.size:  # usually all is well: do not walk through all chunks
+        if not ids.size:  # the usual case: do not walk through all chunks
             return [], []
         self.sampler.remove(ids)
         alive = {each for each in self._quarantined if each >= self.ring.tail}
@@ -202,19 +202,19 @@ class Store:
         return ids.tolist(), sorted(senders)
 
     def count_refused(self) -> None:
-        """Note a chunk that could not be accepted."""
+        """Counts a chunk that could not be accepted."""
         with self._writer:
             self.index.refused += 1
             if not self._closed:
                 self._append(self.index.counts_entry())
 
     def sync(self) -> None:
-        """Have all that was acknowledged before on the disk when this returns."""
+        """Puts everything that was acknowledged so far on the disk."""
         self.columns.sync()
-        self._journal.sync()  # a file that took its place meanwhile was on the disk before it did
+        self._journal.sync()  # a rewritten journal was on the disk before it took the file's place
 
     def close(self) -> None:
-        """Refuse inserts and close the files; what was stored can still be read."""
+        """Refuses further inserts and closes the files; what was stored can still be read."""
         with self._writer:
             self._closed = True
             self._journal.close()
@@ -236,7 +236,7 @@ class Store:
             raise MessageError(f"actions should be less than {self._actions}")
 
     def _place(self, key: ChunkKey, chunk: Chunk) -> Placement:
-        """Make room for the chunk, and say where it goes."""
+        """Makes room for the chunk, and returns its place."""
         ring, index = self.ring, self.index
         steps, finals, context = len(chunk), len(chunk.final_frames), len(chunk.context)
         self._make_room(steps + finals)
@@ -249,7 +249,7 @@ class Store:
         return Placement(ring.head, context, steps, finals, previous)
 
     def _make_room(self, count: int) -> None:
-        """Evict the oldest chunks until ``count`` slots are free."""
+        """Evicts the oldest chunks until ``count`` slots are free."""
         ring, index = self.ring, self.index
         least = ring.head + count - self._config.replay.capacity
         tail = ring.tail
@@ -257,11 +257,11 @@ class Store:
             if place.base >= least:
                 break
             tail = place.end
-        tail = max(tail, least)  # damaged chunks have left ids without any
+        tail = max(tail, least)  # damaged chunks have left ids that belong to no chunk
         if tail == ring.tail:
             return
-        # First of all: the slots below are about to be overwritten, and a successor of this
-        # process must not take them for what they were.
+        # The eviction is journaled first: the slots are about to be overwritten, and a successor of
+        # this process must not read them as the old steps.
         self._append(tail_entry(tail))
         with self._state:
             touched = set(range(ring.tail, tail))
@@ -273,7 +273,7 @@ class Store:
             self.sampler.remove(ids[~ring.is_complete(ids)])
 
     def _steps_beside(self, key: ChunkKey) -> set[int]:
-        """Steps whose return, or whose stack, may reach into the chunk."""
+        """Returns steps whose return or whose stack may reach into the chunk."""
         n_step, frame_stack = self._config.learning.n_step, self._config.play.frame_stack
         return self.index.steps_beside(key, n_step, frame_stack - 1)
 
@@ -311,7 +311,7 @@ class Store:
         self.sampler.add(ids[ring.is_complete(ids)])
 
     def _join(self, place: Placement, after: Placement | None) -> None:
-        """Let ``after``, if it goes on with the episode at the end of ``place``, complete it."""
+        """Links ``place`` to ``after``, if that continues the episode at the end of ``place``."""
         if after is None or not self.ring.is_open(place):
             return
         if after.context or after.previous >= 0:

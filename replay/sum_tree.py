@@ -1,7 +1,7 @@
-"""A sum tree over slots: draws slots in proportion to their values with a few numpy calls.
+"""A sum tree over slots: draws slots in proportion to their values with a few NumPy calls.
 
-Each node has 32 children instead of two, and one long row replaces the root, because a search in a
-row of thousands costs less than another level: a million slots have a row of 992 sums and two
+Each node has 32 children instead of two. One long row replaces the root, because a search in a row
+of thousands costs less than another level: for a million slots, that row has 992 sums, with two
 levels below it. All draws of a batch descend together. Parents are recomputed from their children,
 so rounding errors do not accumulate.
 """
@@ -20,7 +20,7 @@ def padded(capacity: int) -> int:
 
 
 class SumTree:
-    """Values ≥ 0 of slots 0 … len(leaves) - 1; the tree keeps ``leaves`` and writes to it."""
+    """Values ≥ 0 of slots 0 … len(leaves) - 1, kept in ``leaves``, which the tree writes to."""
 
     def __init__(self, leaves: NDArray[np.float64]) -> None:
         self._leaves = leaves
@@ -42,7 +42,7 @@ class SumTree:
         return self._leaves[slots]
 
     def set(self, slots: NDArray[np.int64], values: NDArray[np.float64] | float) -> None:
-        """Set the values of ``slots``; if a slot occurs twice, its last value counts."""
+        """Sets the values of ``slots``; if a slot occurs twice, its last value counts."""
         self._leaves[slots] = values
         for row, above in zip(self._rows, self._rows[1:], strict=False):
             slots = slots // FANOUT

@@ -1,14 +1,14 @@
-"""`Turns`: whose chunks are taken while the rate limiter throttles all actors.
+"""`Turns`: decides whose chunks are accepted while the rate limiter throttles all actors.
 
 A throttled actor may have a window of chunks under way, and should send no more. One that keeps
-sending fills whatever room the learner makes before the waiting actors hear of it. So each actor
-has an account of the steps that it is ahead: its chunks add to it, and each time the limiter opens
-all accounts fall by a turn, the steps of one chunk. While the limiter is closed, an actor that is
-a window ahead is refused, and an actor that is not ahead has its turn. So in the long run all
-actors that want to send get as many steps. This is start-time fair queueing (Goyal et al. 1996),
-by steps.
+sending would fill the room that the learner makes before the waiting actors hear of it. So each
+actor has an account of the steps by which it is ahead. Its chunks add to the account, and each time
+the limiter opens, all accounts fall by a turn, the steps of one chunk. While the limiter is closed,
+an actor that is a window ahead is refused, and an actor that is not ahead has its turn. So in the
+long run, all actors that want to send get the same number of steps. This is start-time fair
+queueing (Goyal et al. 1996), by steps.
 
-The next chunk of an actor that was told to go on is always taken, even if others have closed the
+The next chunk of an actor that was told to go on is always accepted, even if others have closed the
 limiter before it comes. An actor with many environments sends several chunks at once, so some may
 be refused; it sends them again.
 """
@@ -18,52 +18,52 @@ from collections import Counter
 from common.transport.access_control import MOST_SESSIONS
 
 INSISTENCE = 20
-"""Refusals in a row that only an actor has which ignores the throttle."""
+"""Number of refusals in a row that only an actor that ignores the throttle reaches."""
 MOST_ACTORS = MOST_SESSIONS
-"""Actors with an account; of more the one is forgotten that was charged longest ago."""
+"""Maximum number of accounts; beyond it, the account that was charged longest ago is dropped."""
 
 
 class Turns:
-    """Accounts of actors, by name; for whoever holds a lock.
+    """Accounts of actors, by name; the caller must hold a lock.
 
     Args:
-        turn: steps that each actor may send whenever the limiter opens.
-        window: turns that it may be ahead.
+        turn: number of steps that each actor may send whenever the limiter opens.
+        window: maximum number of turns that an actor may be ahead.
     """
 
     def __init__(self, turn: int, window: int) -> None:
         self._turn = turn
         self._most = turn * window
         self._now = 0
-        """Steps by which accounts have fallen."""
+        """Steps by which accounts have fallen so far."""
         self._paid_until: dict[str, int] = {}
-        """By actor, the ``_now`` at which it is ahead no more."""
+        """By actor, the ``_now`` at which it is no longer ahead."""
         self._asked: set[str] = set()
-        """Actors that wanted in since the limiter opened last."""
+        """Actors that asked to send since the limiter last opened."""
         self._let_go: set[str] = set()
         """Actors that were told to go on, and have not yet sent a chunk."""
         self._refused: Counter[str] = Counter()
-        """Refusals by actor since its last chunk."""
+        """Number of refusals of each actor since its last accepted chunk."""
 
     def open(self) -> None:
-        """Let all accounts fall, at least so far that one who asked has its turn."""
+        """Lets all accounts fall, at least until one actor that asked has its turn."""
         least = min((self._paid_until[actor] for actor in self._asked), default=0)
         self._now = max(self._now + self._turn, least)
         self._asked.clear()
 
     def has_turn(self, actor: str) -> bool:
-        """Whether ``actor`` may go on although the limiter is closed. A new one has to wait."""
+        """Whether ``actor`` may go on although the limiter is closed. A new actor must wait."""
         return self._account(actor, self._now + self._turn) <= self._now
 
     def admits(self, actor: str) -> bool:
-        """Whether a chunk of ``actor`` is taken although the limiter is closed."""
+        """Whether a chunk of ``actor`` is accepted although the limiter is closed."""
         ahead = self._account(actor, self._now) - self._now
         admitted = ahead < self._most or actor in self._let_go
         self._refused[actor] += not admitted
         return admitted
 
     def let_go(self, actor: str) -> None:
-        """Note that ``actor`` was told to go on."""
+        """Notes that ``actor`` was told to go on."""
         self._paid_until.setdefault(actor, self._now)
         self._let_go.add(actor)
         self._forget()
@@ -73,11 +73,11 @@ class Turns:
         return self._refused[actor] >= INSISTENCE
 
     def charge(self, actor: str, steps: int, *, still_open: bool) -> None:
-        """Note that ``steps`` of ``actor`` were taken.
+        """Notes that ``steps`` of ``actor`` were accepted.
 
         Args:
-            still_open: the limiter has room after them; then nobody gets further ahead than the
-                window, or who made most of it would have to wait longest.
+            still_open: whether the limiter still has room. If so, no account goes beyond the
+                window; otherwise the actor that used the room best would wait longest.
         """
         paid = max(self._paid_until.pop(actor, self._now), self._now)
         until = paid + steps
