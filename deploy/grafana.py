@@ -1,8 +1,8 @@
-"""`python -m deploy.grafana`: writes deploy/grafana/dashboard.json, every figure of a run.
+"""`python -m deploy.grafana`: writes deploy/grafana/dashboard.json, with every figure of a run.
 
-Figures, units and descriptions are those of `common.metrics` and, of each actor, of
-`learner.telemetry.sinks.prometheus`. What a person looks at first is chosen here; every other
-figure has a panel in the closed row of its group, so that none can be forgotten.
+Figures, units and descriptions come from `common.metrics`; those of each actor come from
+`learner.telemetry.sinks.prometheus`. This module chooses what a person sees first. Every other
+figure has a panel in the collapsed row of its group, so that none can be forgotten.
 """
 
 import json
@@ -34,17 +34,17 @@ _FIRST: dict[str, tuple[str, ...]] = {
     "Sight and touch": ("play/valid_frame_share", "play/press_match_share"),
     "Memory and files": ("run/memory_bytes", "replay/private_bytes", "replay/file_bytes"),
 }
-"""Figures of the open panels, by their titles."""
+"""Figures of the panels that are shown first, by the panels' titles."""
 _FIRST_OF_ACTORS = ("actor/steps_per_second", "actor/held_share")
 _OF_LEARNER = '{job="ale-robot-learner"}'
 _ACROSS, _WIDTH, _HEIGHT = 3, 8, 8
 """Panels side by side, and the size of each; a dashboard is 24 units wide."""
 _UNITS = {"bytes": "bytes", "milliseconds": "s", "seconds": "s", "per second": "ops"}
-"""Grafana's names of those units that it writes in a way of its own."""
+"""Grafana's names of the units that it formats in a special way."""
 
 
 def _unit(metric: Metric) -> str:
-    """Returns Grafana's name of the unit in which Prometheus gives a figure, or its rate."""
+    """Returns Grafana's name of the unit of a figure in Prometheus, or of its rate."""
     if metric.counter:
         return "ops"
     if metric.unit == "ratio" and metric.meaning.startswith("Share "):
@@ -59,11 +59,11 @@ def _name(metric: Metric) -> str:
 def _panel(
     title: str, metrics: Sequence[Metric], labels: str = _OF_LEARNER, legend: str = ""
 ) -> dict[str, Any]:
-    """Returns a panel of figures that have one unit.
+    """Returns a panel of figures with the same unit.
 
     Args:
-        labels: chooses series, as Prometheus writes it.
-        legend: of a series; empty for its figure's name.
+        labels: selector of the series, in the syntax of Prometheus.
+        legend: legend of a series; if empty, the figure's name.
     """
     (unit,) = {_unit(metric) for metric in metrics}
     series = [(metric, name_of(metric) + labels) for metric in metrics]
@@ -90,9 +90,9 @@ def _of_actor(metric: Metric) -> dict[str, Any]:
 
 
 def _others() -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """Yields each group of the table with panels of those figures that are not shown first.
+    """Yields each group of the table, with panels of its figures that are not shown first.
 
-    Figures of one unit share a panel. Those without a unit have one each: their scales differ.
+    Figures of one unit share a panel. Figures without a unit have one each, as their scales differ.
     """
     shown = {key for keys in _FIRST.values() for key in keys}
     found = [m for m in METRICS.values() if m.form != "text" and m.key not in shown]
@@ -129,7 +129,7 @@ def _placed(panels: Iterable[dict[str, Any]], top: int) -> list[dict[str, Any]]:
 
 
 def dashboard() -> dict[str, Any]:
-    """Returns the dashboard, as Grafana imports it."""
+    """Returns the dashboard in the form that Grafana imports."""
     of_actors = {metric.key: _of_actor(metric) for metric in PER_ACTOR}
     first = [
         *(_panel(title, [METRICS[key] for key in keys]) for title, keys in _FIRST.items()),
@@ -179,14 +179,14 @@ def dashboard() -> dict[str, Any]:
 
 
 def flat(panels: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yields all panels, rows and what is in them."""
+    """Yields all panels: the rows, and the panels in them."""
     for panel in panels:
         yield panel
         yield from panel.get("panels", ())
 
 
 def text() -> str:
-    """Returns the file's content."""
+    """Returns the content of the dashboard's file."""
     return json.dumps(dashboard(), indent=1) + "\n"
 
 

@@ -1,7 +1,7 @@
-"""`python -m deploy.hub_port N`: a port of this machine at which a hub can listen.
+"""`python -m deploy.hub_port N`: prints a port of this machine at which a hub can listen.
 
-A hub whose port is taken ends with an exit code by which nobody starts it again, so launchers that
-choose its port look first.
+A hub whose port is taken ends with an exit code after which it is not restarted, so launchers
+choose a free port first.
 """
 
 import sys
@@ -11,15 +11,15 @@ from common.errors import InputError, exit_on_input_error
 from common.transport.endpoint import check_free
 
 PORTS = range(20_000, 30_000)
-"""Ports of hubs; neither Ray nor Linux chooses one of them by itself."""
+"""Ports for hubs; neither Ray nor Linux assigns them to other programs."""
 
 
 def free_port(host: str, number: int) -> int:
-    """Returns the port in `PORTS` that ``number`` stands for, or the next one that is free. Raises
-    InputError if none is free.
+    """Returns the port in `PORTS` at index ``number``, which wraps around, or the next free port.
+    Raises InputError if none is free.
 
     Args:
-        host: an address of this machine, 0.0.0.0 for all of them.
+        host: an address of this machine; 0.0.0.0 for all addresses.
     """
     for place in range(number, number + len(PORTS)):
         port = PORTS[place % len(PORTS)]

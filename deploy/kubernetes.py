@@ -1,4 +1,4 @@
-"""Kubernetes: a folder for `kubectl apply -k`, of the parts of every run and the run's own."""
+"""Kubernetes: writes a folder for `kubectl apply -k`, with a base and what is special to a run."""
 
 import json
 import re
@@ -20,12 +20,12 @@ _CONTAINER = f"{_POD}/containers/0"
 
 
 def launch(run: RunDescription) -> str:
-    """Writes the folder, with certificates, and returns what the user should do with it. Raises
-    InputError if the run's name is none for a namespace, or the folder cannot be written."""
+    """Writes the folder, with certificates, and returns what to do with it. Raises InputError if
+    the run's name cannot be a namespace, or the folder cannot be written."""
     name, place = run.folder.name, run.folder.path / "kubernetes"
     if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?", name):
         raise InputError(
-            f"run {name!r} cannot be a namespace: choose small letters, digits and '-' for --run."
+            f"run {name!r} cannot be a namespace: use lower-case letters, digits and '-' in --run."
         )
     with writing(place):
         shutil.copytree(_HERE / "kubernetes", place / "base", dirs_exist_ok=True)
@@ -45,18 +45,18 @@ def _most_actors(run: RunDescription) -> int:
 
 
 def _names(run: RunDescription) -> list[str]:
-    """Returns what the pods of all actors and evaluators can be called."""
+    """Returns the possible names of the pods of all actors and evaluators."""
     counts = {"actors": _most_actors(run), "evaluators": run.options.evaluators}
     return [f"{name}-{number}" for name, count in counts.items() for number in range(count)]
 
 
 def _kustomization(run: RunDescription) -> dict[str, Any]:
-    """Returns what differs from run to run; JSON is YAML."""
+    """Returns the kustomization of this run, which is written as JSON, because JSON is YAML."""
     options = run.options
     scheme = "tls" if options.tls else "tcp"
     image, tag = options.image.rsplit(":", 1)
     bounds = {"/spec/minReplicas": options.actors, "/spec/maxReplicas": _most_actors(run)}
-    # A learner that is the hub has the hub's certificate beside that by which it signs weights.
+    # A learner that is the hub needs two certificates: the hub's, and its own to sign weights.
     secrets = {"hub": ["actors.txt", *_files("hub", "learner")]}
     components, replay = [], []
     if options.replay:
@@ -94,8 +94,7 @@ def _kustomization(run: RunDescription) -> dict[str, Any]:
 
 
 def _actors(run: RunDescription, name: str, command: list[str]) -> Iterator[dict[str, Any]]:
-    """Yields the patches of actors or evaluators; they need certificates, or have no place for
-    them."""
+    """Yields the patches of actors or evaluators; without TLS they mount no certificates."""
     yield _workload(name, command, 1, run.options.actor_memory)
     if not run.options.tls:
         scratch = {f"{_POD}/volumes": [{"name": "scratch", "emptyDir": {}}]}
@@ -119,5 +118,5 @@ def _patch(kind: str, name: str, values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _files(*names: str) -> list[str]:
-    """Returns the files of those whose certificates are called so."""
+    """Returns the files of the certificates with these names."""
     return [file for name in names for file in (f"{name}.pem", f"{name}-key.pem")]

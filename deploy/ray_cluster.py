@@ -1,7 +1,7 @@
-"""Ray: the processes of a run as children of Ray actors, which Ray places and starts again.
+"""Ray: the processes of a run are children of Ray actors, which Ray places and restarts.
 
-The Ray actors are detached, so the launcher may leave. To launch the run again changes how many
-there are.
+The Ray actors are detached, so the launcher may leave. Launching the run again changes their
+number.
 """
 
 import logging
@@ -29,13 +29,13 @@ from deploy.ray_keepers import (
 )
 
 _ANSWER = 30.0
-"""Seconds to wait for an answer of a keeper; one that has none by then has no node yet."""
+"""Seconds to wait for a keeper's answer; a keeper that takes longer has no node yet."""
 _LOOK = 1.0
 _GIBIBYTE = 1024**3
 
 
 def launch(run: RunDescription) -> str:
-    """Has the cluster run as many processes as described, and returns what the user should know."""
+    """Lets the cluster run as many processes as described, and returns a report for the user."""
     options, log = run.options, run.folder.logs / "learner.log"
     with _connected(options.address, run.folder.name):
         learner = _find(LEARNER)
@@ -46,7 +46,7 @@ def launch(run: RunDescription) -> str:
         elif run.flags:
             raise InputError(
                 f"the run {run.folder.name} is under way: omit the flags after `--` to change the "
-                "number of its processes, or end it first with --stop."
+                "number of its processes, or first end it with --stop."
             )
         changed = _scale(run)
         told = (
@@ -62,7 +62,7 @@ def launch(run: RunDescription) -> str:
 
 @contextmanager
 def _connected(address: str, run: str) -> Iterator[None]:
-    """A session with the cluster, in the namespace of ``run``."""
+    """Connects to the cluster within the block, in the namespace of ``run``."""
     try:
         ray.init(
             address, namespace=f"ale-robot-{run}", log_to_driver=False, logging_level=logging.ERROR
@@ -80,14 +80,14 @@ def _connected(address: str, run: str) -> Iterator[None]:
 
 
 def _find(name: str) -> Any:
-    """Returns the keeper of that name; None if there is none."""
+    """Returns the keeper called ``name``; None if there is none."""
     with suppress(ValueError):
         return ray.get_actor(name)
     return None
 
 
 def _hub() -> Part:
-    """Returns which process is the hub of the run, as it was begun."""
+    """Returns the process that is the hub of the run, as the run was begun."""
     return LEARNER if _find(REPLAY) is None else REPLAY
 
 
@@ -106,7 +106,8 @@ def _begin(run: RunDescription) -> Any:
 
 
 def _keeper(kind: type, name: str, cpus: int, memory: int, gpus: int = 0) -> Any:
-    """Returns what makes a keeper with these resources, which Ray starts again whenever it ends."""
+    """Returns the maker of a keeper with these resources; Ray restarts the keeper whenever it
+    ends."""
     return ray.remote(kind).options(  # type: ignore[call-overload, unused-ignore]
         **{"name": name, "lifetime": "detached", "max_restarts": -1},
         **{"num_cpus": cpus, "num_gpus": gpus, "memory": memory * _GIBIBYTE},
@@ -114,7 +115,8 @@ def _keeper(kind: type, name: str, cpus: int, memory: int, gpus: int = 0) -> Any
 
 
 def _scale(run: RunDescription) -> str:
-    """Makes as many actors and evaluators as described of those there are; returns the change."""
+    """Adds or ends actors and evaluators until there are as many as described; returns the
+    change."""
     options = run.options
     wanted: dict[str, tuple[str, ...]] = {
         **{f"actor-{n + 1}": () for n in range(options.actors)},
@@ -126,7 +128,7 @@ def _scale(run: RunDescription) -> str:
     for name in more:
         _keeper(ActorKeeper, name, 1, options.actor_memory).remote(name, hub, *wanted[name])
     fewer = [keeper for name in there - {*wanted} if (keeper := _find(name)) is not None]
-    if fewer:  # one that has no node yet does not answer
+    if fewer:  # with a timeout, as a keeper that has no node yet does not answer
         leaving = [keeper.leave.remote() for keeper in fewer]
         ray.wait(leaving, num_returns=len(fewer), timeout=_ANSWER)
     for keeper in fewer:
@@ -138,7 +140,7 @@ def _scale(run: RunDescription) -> str:
 
 
 def _place(run: RunDescription) -> str:
-    """Returns where the run's hub listens."""
+    """Returns, in words, where the run's hub listens."""
     part = _hub()
     try:
         _, place, _ = ray.get(ray.get_actor(part).join.remote(), timeout=_ANSWER)
@@ -147,7 +149,7 @@ def _place(run: RunDescription) -> str:
         raise InputError(f"Ray cannot start the {part}: {reason.rstrip('.')}.") from None
     except RayError:
         if run.folder.is_at_work(part):
-            return f"on its way: it waits until the run's former {part} has ended"
+            return f"starting: it waits until the run's former {part} has ended"
         options = run.options
         cpus, memory, gpus = options.cpus, options.memory, options.gpus
         if part == REPLAY:
@@ -161,26 +163,26 @@ def _place(run: RunDescription) -> str:
 
 
 def _stop(run: RunDescription, learner: Any) -> str:
-    """Ends the run; returns when its checkpoint is written."""
+    """Ends the run, and returns once its checkpoint is written."""
     if learner is None:
         raise InputError(f"this cluster has no run called {run.folder.name}: name it with --run.")
     while _find(LEARNER) is not None:
         try:
             ray.get(learner.stop.remote(), timeout=_ANSWER)
         except GetTimeoutError:
-            if not run.folder.is_at_work("learner"):  # it waits for a node; Ray would kill it too
+            if not run.folder.is_at_work("learner"):  # it waits for a node, so there is no process
                 end_run()
-        except RayError:  # it is being started again, or is gone
+        except RayError:  # it is being restarted, or has gone
             pass
         time.sleep(_LOOK)
     while run.folder.is_at_work():  # the learner writes its checkpoint
         time.sleep(_LOOK)
-    return f"The run {run.folder.name} is over. The same command as before goes on with it."
+    return f"The run {run.folder.name} is over. The same command as before resumes it."
 
 
 def _wait(run: RunDescription, learner: Any) -> str:
-    """Returns when the run is over, which Ctrl-C and SIGTERM bring about with a checkpoint. Raises
-    InputError with the exit code of a learner that failed."""
+    """Waits until the run is over; Ctrl-C and SIGTERM end it, with a checkpoint. Raises InputError
+    with the exit code of a learner that failed."""
     stop, status = threading.Event(), None
     on_signals(stop)
     while not stop.wait(_LOOK):

@@ -1,8 +1,8 @@
-"""What a Ray cluster has of a run: keepers, each a Ray actor whose child is one process of the run.
+"""Keepers: Ray actors, each of which has one process of a run as its child.
 
-A keeper ends when its process does, and Ray starts it again wherever there is room. A process ends
-when its keeper does, so that none is left on a node that Ray has given up. Which keepers there are
-is known to Ray alone, by their names in a namespace of the run's own.
+A keeper ends when its process does, and Ray restarts it wherever there is room. A process ends when
+its keeper does, so that none is left on a node that Ray has given up. Only Ray knows which keepers
+exist, by their names in a namespace of the run.
 """
 
 import os
@@ -28,21 +28,21 @@ from deploy.hub_port import PORTS, free_port
 
 LEARNER: Final = "learner"
 REPLAY: Final = "replay"
-"""Names of their keepers; those of others are their processes' names."""
+"""Names of the keepers of learner and replay; other keepers have the names of their processes."""
 Join = tuple[str, tuple[str, ...], tuple[str, ...]]
-"""Folder of the logs, flags by which a process joins the hub, flags of an actor."""
+"""Folder of the logs, flags with which a process joins the hub, and flags of an actor."""
 _LOOK = 2.0
-"""Seconds after which an actor's keeper looks after its process, and asks for the learner again."""
+"""Seconds after which a keeper checks its process, and asks for the hub again."""
 _PAUSE = 5.0
-"""Seconds between the end of a process and that of its keeper: time to ask for the exit code, and
-a pause between restarts."""
+"""Seconds between the end of a process and that of its keeper. They are the time to ask for the
+exit code, and the pause between restarts."""
 
 
 class _ProgramKeeper:
-    """Keeps a learner or a replay, whose end is that of the run.
+    """Keeps a learner or a replay, whose end is the end of the run.
 
     Args:
-        folder: the run's, where all nodes find it.
+        folder: the run's folder, which all nodes share.
         directory: the process' working directory.
         program: the process.
     """
@@ -56,13 +56,13 @@ class _ProgramKeeper:
         self._child: Child | None = None
 
     def status(self) -> int | None:
-        """Returns the exit code; None while it works, or is about to be started again."""
+        """Returns the exit code; None while the process works, or is about to be restarted."""
         status = None if self._child is None else self._child.poll()
         return None if status is not None and status < 0 and not self._asked else status
 
     def stop(self) -> int | None:
-        """Asks the process to end, a learner with a checkpoint; returns its exit code as soon as it
-        has."""
+        """Asks the process to end, a learner with a checkpoint. Returns its exit code, or None if
+        it has not ended yet."""
         if not self._asked:
             self._asked = True
             if self._child is None:
@@ -82,11 +82,11 @@ class _ProgramKeeper:
         )
 
     def _await_former(self) -> None:
-        """Returns once the former process, which has lost its keeper, has saved what it has to and
-        ended; of one whose node has failed, once the shared disk has given up its lock."""
+        """Waits until the former process, which has lost its keeper, has saved its state and ended.
+        If its node has failed, waits until the shared disk has released its lock."""
         part: Part = "replay" if self._program.module == "replay" else "learner"
         if self._run.is_at_work(part):
-            told = f"The former {part} is still at work: the next begins when it ends.\n"
+            told = f"The former {part} is still at work: the next one starts when it ends.\n"
             append_whole(self._log, told.encode())
         while self._run.is_at_work(part):
             time.sleep(_LOOK)
@@ -94,30 +94,30 @@ class _ProgramKeeper:
     def _ended(self, status: int) -> None:
         time.sleep(_PAUSE)
         if status < 0 and not self._asked:
-            os._exit(1)  # killed: Ray starts it again
+            os._exit(1)  # it was killed: Ray restarts this keeper
         end_run()
 
 
 class HubKeeper(_ProgramKeeper):
-    """Keeps the run's hub, a learner or a replay of its own, and tells others where it listens.
+    """Keeps the run's hub, a learner or a separate replay, and tells others where it listens.
 
     Args:
         actor: flags of an actor.
-        tls: whether the processes show each other certificates.
+        tls: whether the processes use certificates.
     """
 
     def __init__(
         self, folder: str, directory: str, program: Program, actor: Sequence[str], tls: bool
     ) -> None:
         super().__init__(folder, directory, program)
-        self._await_former()  # before a port is chosen, which might be taken meanwhile
+        self._await_former()  # first: a port chosen before might be taken meanwhile
         node: str = ray.util.get_node_ip_address()  # type: ignore[no-untyped-call, unused-ignore]
         host = f"[{node}]" if ":" in node else node
         port = free_port(node, random.randrange(len(PORTS)))
         address = f"{'tls' if tls else 'tcp'}/{host}:{port}"
         secure: tuple[str, ...] = ()
         if tls:
-            # The authority stays; the hub's certificate is of the node that it has now.
+            # The authority stays; the hub's certificate must be for its present node.
             certificates = self._run.path / "certificates"
             make_certificates(certificates, node)
             secure = ("--certificates", str(certificates))
@@ -126,7 +126,7 @@ class HubKeeper(_ProgramKeeper):
         _in_thread(self._watch)
 
     def join(self) -> Join:
-        """Returns the folder of the logs, the flags by which a process joins, and an actor's."""
+        """Returns how processes join the hub; see `Join`."""
         return self._join
 
     def _watch(self) -> None:
@@ -135,7 +135,7 @@ class HubKeeper(_ProgramKeeper):
 
 
 class LearnerKeeper(_ProgramKeeper):
-    """Keeps a learner that joins a replay, and follows that wherever Ray puts it."""
+    """Keeps a learner that joins a replay, and follows the replay wherever Ray puts it."""
 
     def __init__(self, folder: str, directory: str, program: Program) -> None:
         super().__init__(folder, directory, program)
@@ -158,10 +158,10 @@ class LearnerKeeper(_ProgramKeeper):
 
 
 class ActorKeeper:
-    """Keeps an actor or evaluator, which follows the learner wherever Ray puts that.
+    """Keeps an actor or evaluator, which follows the hub wherever Ray puts it.
 
     Args:
-        name: the process' and the keeper's.
+        name: name of the process and of the keeper.
         hub: name of the hub's keeper.
         role: flags that make it an evaluator.
     """
@@ -173,7 +173,7 @@ class ActorKeeper:
         _in_thread(self._keep)
 
     def leave(self) -> None:
-        """Ends the process, which leaves the run."""
+        """Ends the process, so that it leaves the run."""
         self._leaving = True
         if self._child is not None:
             self._child.end()
@@ -201,17 +201,20 @@ class ActorKeeper:
     def _ended(self, status: int) -> None:
         if self._leaving:
             return
-        if status == BAD_INPUT:  # another start would be in vain
+        if status == BAD_INPUT:  # another start cannot help
             ray.kill(ray.get_actor(self._name))
         time.sleep(_PAUSE)
-        os._exit(1)  # Ray starts it again
+        os._exit(1)  # Ray restarts this keeper
 
 
 def end_run() -> None:
-    """Ends all keepers in this namespace, and so their processes: that of the learner after the
-    others, which know by it whether the run is over, and the caller's own last."""
+    """Ends all keepers in this namespace, and so their processes.
+
+    The learner's keeper ends after the others, which learn from it whether the run is over. The
+    caller's own keeper ends last.
+    """
     own = ray.get_runtime_context().get_actor_name()
-    while True:  # started again, a keeper would go on with a run that is over
+    while True:  # a restarted keeper would continue a run that is over
         with suppress(RayError):
             names = ray.util.list_named_actors()
             for name in sorted(names, key=lambda each: (each == own, each == LEARNER)):
@@ -223,8 +226,8 @@ def end_run() -> None:
 
 
 def _ask(hub: str) -> Join | None:
-    """Asks the hub's keeper how to join; None while it is on its way. Raises ValueError if there is
-    none."""
+    """Asks the hub's keeper how to join; returns None while the keeper starts. Raises ValueError if
+    there is no such keeper."""
     try:
         told: Join = ray.get(ray.get_actor(hub).join.remote(), timeout=_LOOK)
     except RayError:
@@ -233,7 +236,7 @@ def _ask(hub: str) -> Join | None:
 
 
 def _in_thread(work: Callable[[], None]) -> None:
-    """Does ``work`` beside the keeper's answers; if it fails, Ray starts the keeper again."""
+    """Does ``work`` in a thread, while the keeper answers; if it fails, Ray restarts the keeper."""
 
     def run() -> None:
         try:

@@ -1,7 +1,7 @@
-"""Slurm: a job of the run's hub, which submits the others when it begins.
+"""Slurm: writes the job of the run's hub, which submits the other jobs when it begins.
 
-A script is a head, which is written here, and a body, `slurm/job.sh`: nothing is filled into shell
-text but assignments.
+A script consists of a head, which is written here, and a body, `slurm/job.sh`. Only assignments are
+filled into shell text.
 """
 
 import shlex
@@ -19,14 +19,14 @@ from deploy.description import Program, RunDescription
 
 _HERE = Path(__file__).parent
 _NOTICE = 90
-"""Seconds before its time limit that a job is asked to end; it is queued again."""
+"""Seconds before its time limit at which a job is asked to end; it is then queued again."""
 FINAL = [str(code.number) for code in EXIT_CODES if not code.again] + [str(UNREACHABLE)]
-"""Exit codes after which an actor is not started again, that of a learner which was away for too
-long among them."""
+"""Exit codes after which an actor is not restarted; they include that of an actor whose learner was
+away for too long."""
 
 
 def launch(run: RunDescription) -> str:
-    """Writes the scripts, submits them if asked to, and returns what the user should know."""
+    """Writes the scripts, submits them if asked to, and returns a report for the user."""
     options, place = run.options, run.folder.path / "slurm"
     cancel = "; ".join(f"scancel --me --name {_job(run, part)}" for part in _parts(run))
     name = _job(run, run.hub)
@@ -54,7 +54,7 @@ def launch(run: RunDescription) -> str:
 
 
 def _slurm(command: str, *arguments: str) -> str:
-    """Returns what a command of Slurm prints. Raises InputError if there is none here, or it
+    """Returns the output of a Slurm command. Raises InputError if the command is missing here, or
     fails."""
     try:
         said = subprocess.run([command, *arguments], capture_output=True, text=True)
@@ -68,23 +68,23 @@ def _slurm(command: str, *arguments: str) -> str:
 
 
 def _parts(run: RunDescription) -> list[str]:
-    """Returns the run's jobs, in the order in which they are ended."""
+    """Returns the run's jobs, in the order in which they should be ended."""
     return ["learner", "actors", *(["replay"] if run.options.replay else [])]
 
 
 def _job(run: RunDescription, part: str) -> str:
-    """Returns the name of a job; that of the hub is the run's."""
+    """Returns the name of a job; the hub's job has the name of the run."""
     return run.folder.name if part == run.hub else f"{run.folder.name}-{part}"
 
 
 def _names(run: RunDescription) -> list[str]:
-    """Returns the names of actors and evaluators, which `job.sh` makes of the tasks' numbers."""
+    """Returns the names of actors and evaluators, which `job.sh` derives from task numbers."""
     actors, all_of_them = run.options.actors, run.options.actors + run.options.evaluators
     return [f"{'actor' if n <= actors else 'evaluator'}-{n}" for n in range(1, all_of_them + 1)]
 
 
 def _heads(run: RunDescription) -> dict[str, str]:
-    """Returns the lines of each script that are the run's own."""
+    """Returns the head of each script, which is specific to the run."""
     options, runs = run.options, str(run.folder.path.parent)
     own = ("--restart", "3")
     gpus = [f"--gpus={options.gpus}"] if options.gpus else []
@@ -108,7 +108,7 @@ def _heads(run: RunDescription) -> dict[str, str]:
 
 
 def _head(run: RunDescription, program: Program, *directives: str) -> str:
-    """Returns the head of the script of a program."""
+    """Returns the head of a program's script."""
     options, part = run.options, program.module
     shared = [
         f"--job-name={_job(run, part)}",

@@ -125,7 +125,7 @@ class Ring:
         return placement.crc in (crc, -1)
 
     def _begin(self, name: str, placement: Placement) -> int:
-        """Returns the id of a chunk's first row in a column; rows of the context may be absent."""
+        """Returns the id of a chunk's first row in a column; vectors have no rows for a context."""
         shared = name != "frames" and f"final_{name}" in Chunk.__dataclass_fields__
         return placement.first if shared else placement.base
 

@@ -66,7 +66,7 @@ def test_actors_are_who_their_certificates_say(stage: Stage, certificates: Path)
     for told in ("robot-7 joined", "tester joined"):
         assert told in learner.output
         assert told in kept
-    assert "the certificate of actor.gone names nobody who is let in" in kept
+    assert "the hub does not admit the certificate of actor.gone" in kept
     assert stage.summary()["shut_out"] == 1
     assert balanced(stage)
     assert {row["phase"] for row in stage.rows()} == {"random", "train", "test"}

@@ -138,7 +138,7 @@ def test_who_was_refused_is_kept(place: Place, tmp_path: Path) -> None:
     assert [each["message"] for each in kept] == [
         "a chunk of liar was refused: it names b as its actor",
         "steps 0 of b are not drawn again: their loss is not finite",
-        "b sends more than --actor-quota lets it: the rest has to wait",
+        "b sends more than --actor-quota allows: the rest has to wait",
     ]
     assert all(each["time"] for each in kept)
 
@@ -177,7 +177,7 @@ def test_an_actor_over_its_quota_waits_alone_and_loses_nothing(
             break
     assert (sender.acked, sender.refused, place.buffer.progress(0).accepted) == (3, 0, 6)
     assert caplog.messages == [
-        "fast sends more than --actor-quota lets it: the rest has to wait",
+        "fast sends more than --actor-quota allows: the rest has to wait",
     ]
 
 
@@ -230,7 +230,7 @@ def test_who_invents_names_holds_up_nobody_at_work_and_is_told_of_once(
     assert place.buffer.over_quota > NEW_NAMES_PER_SECOND / 2
     assert insert(place.client, worker.live([GOES_ON], rng)).status == "stored"
     crowd = [each for each in caplog.messages if "new actors" in each]
-    assert crowd == ["more new actors come than are let in at once: the rest has to wait"]
+    assert crowd == ["more new actors come than are admitted at once: the rest has to wait"]
 
 
 def test_of_another_run_neither_chunks_nor_weights_nor_learners_are_taken(
