@@ -83,7 +83,7 @@ def exit_on_input_error(main: Callable[[], int | None]) -> None:
         if isinstance(error, BrokenPipeError) and not has_reader(sys.stdout):
             silence(sys.stdout)
             sys.exit(128 + signal.SIGPIPE)
-        what = f"{error.filename or 'the system'}: {error.strerror or error}: mend that"
+        what = f"{error.filename or 'the system'}: {error.strerror or error}: fix that"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             what = "the disk is full: free some space"
         told = "then run the command again; --resume continues a run from its last checkpoint."

@@ -72,7 +72,7 @@ class Columns:
                 continue  # a cache that the learner fills, not data: a ring works without it
             path = self._path(name)
             if not path.is_file() or path.stat().st_size != size:
-                raise damaged(path, f"or missing, for it should have {size:,} bytes")
+                raise damaged(path, f"or missing (it should have {size:,} bytes)")
 
     def _allocate(self, sizes: dict[str, int]) -> None:
         created: list[Path] = []

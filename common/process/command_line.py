@@ -287,4 +287,4 @@ def _refuse_former_flags(arguments: Sequence[str]) -> None:
         if former in _GONE:
             raise InputError(f"{former} is gone, because no result was better with it: omit it.")
         if former in PRESENT_FLAGS:
-            raise InputError(f"{former} is called {PRESENT_FLAGS[former]} now: write it so.")
+            raise InputError(f"{former} is now called {PRESENT_FLAGS[former]}: use that name.")

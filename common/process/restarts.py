@@ -60,8 +60,8 @@ def with_restarts(name: str, work: Callable[[bool], int | None], most: int) -> i
         restarts += status != NO_ROOM
         how = f"status {status}" if status > 0 else f"signal {-status}"
         if restarts > most:
-            vain = f"and {most} restarts were in vain"
-            say_aside(f"{name} ended by {how} after {worked:.0f} s, {vain}.", "warning")
+            outcome = f"and {most} restarts did not help"
+            say_aside(f"{name} ended by {how} after {worked:.0f} s, {outcome}.", "warning")
             return told
         pause = growing_pause(starts)
         which = "another try" if status == NO_ROOM else f"restart {restarts} of {most}"

@@ -93,8 +93,8 @@ class PlayConfig:
     """Latency added to every command of any hand, arms or model, emulator frames of 16.7 ms; 36 are
     600 ms."""
     actuation_jitter: AddedLatency = 0
-    """Maximum random latency added to each command, drawn per command, emulator frames. Commands
-    keep their order."""
+    """Maximum random latency added to each command, emulator frames; it is drawn for each command.
+    Commands keep their order."""
     equal_latency: AddedLatency = 0
     """Latency to which all hands are slowed, from a picture to the release of keys, emulator
     frames; 0 for none. Keys and eye are timed, and hands that are faster get their commands later.
@@ -153,9 +153,9 @@ class CameraConfig:
     dropped: Fraction = 0.0
     """Probability that a picture is lost and the previous one is seen again."""
     yaw: Annotated[float, Ge(-45), Le(45), OF_A_ROBOT] = 0.0
-    """Turn of the head to its left, degrees from its usual pose."""
+    """Turn of the head to the robot's left, degrees from its usual pose."""
     pitch: Annotated[float, Ge(-45), Le(45), OF_A_ROBOT] = 0.0
-    """Turn of the head down, degrees from its usual pose."""
+    """Turn of the head downwards, degrees from its usual pose."""
     screen_distance: Annotated[float, Ge(0.5), Le(1.5), OF_A_ROBOT] = 1.0
     """Distance of the screen, relative to the usual one."""
     screen_tilt: Annotated[float, Ge(-30), Le(30), OF_A_ROBOT] = 0.0

@@ -42,7 +42,7 @@ class StreamConfig:
     """Stream of an actor's steps to the replay."""
 
     chunk_steps: Annotated[int, Ge(1), Le(MAX_CHUNK_STEPS)] = 64
-    """Steps per chunk."""
+    """Number of steps per chunk."""
     window: Annotated[int, Ge(1), Le(MAX_WINDOW)] = 4
     """Maximum number of chunks per actor that are sent and not yet acknowledged."""
 
@@ -115,7 +115,7 @@ class LearningConfig:
     --learning.center-pixels."""
     center_pixels: bool = False
     """Subtraction of a state's mean grey level from its pixels. Most of a picture is background,
-    and its grey can drive units of the first layers to 0 for all pictures."""
+    whose grey would otherwise drive units of the first layers to 0 for all pictures."""
     frame_differences: bool = False
     """Frames of a state as differences from the previous frame; the oldest frame stays as it is.
     What moves is then separate from what stands still, which is most of a picture."""

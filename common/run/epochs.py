@@ -154,7 +154,7 @@ class EpochTable:
         return rows
 
     def _damage(self, what: str) -> InputError:
-        return InputError(f"{self._path} is damaged ({what}): mend it, or start a new run.")
+        return InputError(f"{self._path} is damaged ({what}): repair it, or start a new run.")
 
 
 def _cell(value: Any) -> Any:

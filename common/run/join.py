@@ -19,8 +19,8 @@ _DEADLINE = 2.0
 _PAUSE = 0.2
 _TELL_EVERY = 10.0
 _DENIED = (
-    " If one runs there, it does not let in the certificate that we showed: take that of an actor "
-    "or a learner, of a name that it lists (deploy/README.md)."
+    " If one runs there, it does not admit our certificate: use that of a learner, or of an actor "
+    "whose name it lists (deploy/README.md)."
 )
 
 

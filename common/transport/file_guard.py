@@ -42,7 +42,7 @@ class FileGuard:
         if (count := open_files()) <= self._enough:
             return
         self._door.shut()
-        text = "%d files and connections are open: until some end nobody is let in at port %d"
+        text = "%d files and connections are open: nobody is let in at port %d until some end"
         _log.warning(text, count, self._port)
         while open_files() > self._enough and not closed.wait(_LOOK_AGAIN):
             pass

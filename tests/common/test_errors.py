@@ -102,7 +102,7 @@ def test_what_the_system_refuses_is_one_line(
         exit_on_input_error(main)
     assert caught.value.code == 2
     told = capsys.readouterr().err
-    assert told.startswith(f"error: {sentence}: mend that, then run the command again; ")
+    assert told.startswith(f"error: {sentence}: fix that, then run the command again; ")
     assert told.count("\n") == 1
 
 

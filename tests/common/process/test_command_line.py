@@ -226,7 +226,7 @@ def test_the_lines_of_a_help_text_are_joined(
     ],
 )
 def test_a_flag_by_its_former_name_says_the_present_one(flags: list[str], present: str) -> None:
-    with pytest.raises(InputError, match=rf"is called {present} now"):
+    with pytest.raises(InputError, match=rf"is now called {present}: "):
         parse(Options, "program", flags)
 
 

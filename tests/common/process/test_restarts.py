@@ -114,7 +114,7 @@ def test_there_is_an_end_to_restarts(tmp_path: Path, end: str, status: int) -> N
     work = Work(tmp_path, f"    {end}\n", 1)
     found, said = work.ended()
     assert found == status
-    assert said[-1].endswith("after N s, and 1 restarts were in vain.")
+    assert said[-1].endswith("after N s, and 1 restarts did not help.")
     assert len(work.begun) == 2
 
 

@@ -65,7 +65,7 @@ def test_no_run_is_told_after_the_patience(client: Transport) -> None:
 
 
 def test_who_shows_a_certificate_hears_that_it_may_be_of_no_use(client: Transport) -> None:
-    words = r"start a learner there\. If one runs there, it does not let in the certificate that"
+    words = r"start a learner there\. If one runs there, it does not admit our certificate: use"
     with pytest.raises(InputError, match=words):
         find_run(client, None, 0.0, never, Path("certificates"))
 

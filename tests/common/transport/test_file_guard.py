@@ -40,7 +40,7 @@ def test_strangers_are_not_let_in_where_they_are_too_many_and_all_others_go_on(
         left = actor("left").requester(KEY, PATIENCE)
         assert left.request(b"").result().payload == b"ok"
         strangers = []
-        while "until some end nobody is let in" not in caplog.text:
+        while "nobody is let in at port" not in caplog.text:
             strangers.append(stack.enter_context(socket.socket()))
             strangers[-1].setblocking(False)
             with suppress(BlockingIOError):
