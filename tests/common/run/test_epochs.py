@@ -202,6 +202,6 @@ def test_resume_with_rows_missing_is_refused(path: Path) -> None:
 )
 def test_damage_is_one_sentence(path: Path, content: bytes, what: str) -> None:
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"epochs\.csv is (damaged|no table of)") as caught:
+    with pytest.raises(InputError, match=r"epochs\.csv is (damaged|not a table of)") as caught:
         EpochTable(path).rows()
     assert what in str(caught.value)
