@@ -23,8 +23,8 @@ class FileGuard:
 
     Args:
         most: maximum number of files that the process may have open. Three eighths are for sessions
-            (`MOST_SESSIONS`), and three for connections that come before a look; strangers have
-            the rest.
+            (`MOST_SESSIONS`), and three for connections that come between two looks; strangers
+            have the rest.
     """
 
     def __init__(self, port: int, most: int) -> None:

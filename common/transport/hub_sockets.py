@@ -30,8 +30,8 @@ def address_in(locator: str) -> Address:
 
 
 def most_files() -> int:
-    """Raises, if possible, and returns the number of files and connections that this process may
-    open.
+    """Returns how many files and connections this process may have open, after increasing the limit
+    if it can.
 
     A hub needs thousands, and a process that may open no more fails wherever it opens one. Most
     systems allow 1,024, and more on request.
