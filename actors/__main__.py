@@ -1,4 +1,4 @@
-"""`python -m actors`: robots, or emulators alone, that join a run and play for it."""
+"""`python -m actors`: a process of robots, or of emulators alone, that joins a run and plays."""
 
 if __name__ == "__main__":
     import os
@@ -23,19 +23,18 @@ from common.errors import exit_on_input_error
 from common.process.command_line import parse
 from common.process.log_lines import say_json
 
-# PyTorch is loaded by what computes with it: help and a wrong flag come at once.
+# PyTorch is imported only where it computes, so that help and wrong flags are answered at once.
 
 _VIEWER_COMMANDS = {"--check": "check", "--play": "play", "--human": "human", "--viewer": "play"}
-"""Flags that a former version had here, and the commands of `python -m viewer` that they mean."""
+"""Flags of a former version, each with the command of `python -m viewer` that replaced it."""
 
 
 def viewer_command(arguments: Sequence[str]) -> list[str]:
-    """Returns the arguments of `python -m viewer` that ``arguments`` mean; none if they join a
-    run."""
+    """Returns ``arguments`` as arguments of `python -m viewer`; none if they join a run."""
     given = {argument.partition("=")[0] for argument in arguments}
     for flag, command in _VIEWER_COMMANDS.items():
         if flag in given:
-            # Only play has a clock; lockstep is what the others go by anyway.
+            # Only play has a clock; the others always run in lockstep.
             understood = {f"--{command}", "--sync"}
             return [command, *(each for each in arguments if each not in understood)]
     return []

@@ -1,4 +1,4 @@
-"""`Absence`: an actor waits for who is away, and for how long."""
+"""`Absence`: how an actor waits for a process that went away, and when it gives up."""
 
 from dataclasses import dataclass
 
@@ -6,12 +6,15 @@ from actors.member import Member
 from common.errors import Unreachable
 
 _TELL_AFTER = 10.0
-"""Seconds of an absence after which people are told."""
+"""Seconds of an absence before people are told."""
 
 
 @dataclass
 class Absence:
-    """What is said of the ``other``, such as the hub, while this ``role`` waits for it."""
+    """Tells people that the ``other`` process, such as the hub, is away, and that it is back.
+
+    ``role`` is what this process is, for the message.
+    """
 
     member: Member
     other: str
@@ -19,10 +22,10 @@ class Absence:
     _told: bool = False
 
     def lasts(self, seconds: float) -> None:
-        """Take note that there has been nobody for so long.
+        """Note that the other process has been away for this long.
 
         Raises:
-            Unreachable: that is longer than the patience.
+            Unreachable: it has been away for longer than the patience.
         """
         if seconds > self.member.patience:
             raise Unreachable(
@@ -35,7 +38,7 @@ class Absence:
             self.member.warn(f"the {self.other} does not answer: waiting for it.")
 
     def ends(self) -> None:
-        """Take note of an answer."""
+        """Note that the other process answers."""
         if self._told:
             self._told = False
             self.member.warn(f"the {self.other} answers again.")

@@ -1,4 +1,4 @@
-"""A training actor's life: it joins, plays, sends its transitions, pauses when told, and leaves."""
+"""A training actor: it plays, sends its transitions, pauses when told to, and leaves."""
 
 import time
 from collections.abc import Sequence
@@ -19,12 +19,12 @@ from common.protocol.ack import Ack
 from common.protocol.actor_stats import ActorStats
 
 FAREWELL = 10.0
-"""Seconds that a leaving actor waits for its last acknowledgements: an insert that was lost on the
-way is sent again meanwhile."""
+"""Seconds that a leaving actor waits for its last acknowledgements. Meanwhile it resends inserts
+that were lost on the way."""
 
 
 class Actor:
-    """One actor process' work; ``envs`` are all played with one forward pass."""
+    """The work of one actor process, which plays all ``envs`` with one forward pass."""
 
     def __init__(
         self, member: Member, envs: Sequence[gymnasium.Env[Any, Any]], policy: Policy
@@ -68,7 +68,7 @@ class Actor:
             self._leave()
 
     def _obey(self, ack: Ack | None) -> None:
-        """Follow what the replay said last."""
+        """Do what the replay's latest acknowledgement says."""
         if ack is not None:
             self._member.check_run(ack.run_id)
             self._sync.follow(ack)

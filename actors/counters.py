@@ -14,7 +14,7 @@ from common.process.footprint import footprint
 from common.protocol.actor_stats import ActorStats, Role
 
 WINDOW = 10.0
-"""Seconds that count as of late: an actor plays in bursts while the replay throttles it."""
+"""Seconds over which rates are computed; a throttled actor plays in bursts."""
 
 
 class ActorCounters:
@@ -24,7 +24,7 @@ class ActorCounters:
         self.stats = ActorStats(name, role, incarnation, machine=socket.gethostname()[:MAX_TEXT])
         self.held_seconds = 0.0
         self.key_times = [0] * COUNTS
-        """How long the hands took, see `common.press_latency`."""
+        """How long the hands took; see `common.press_latency`."""
         self._began = time.monotonic()
         self._looks = deque([(self._began, 0, 0.0, time.process_time())])
 
@@ -41,10 +41,10 @@ class ActorCounters:
             self.key_times[place] += 1
 
     def told(self, policy: Policy, leaving: bool, **chunks: Any) -> ActorStats:
-        """What the process tells about itself now; its rates are of late.
+        """Returns what the process reports about itself now, with the rates of the last `WINDOW`.
 
         Args:
-            chunks: counters of the insert client, by their fields.
+            chunks: counters of the insert client, by their field in `ActorStats`.
         """
         rate, held, busy = self.rates()
         return replace(
@@ -62,8 +62,8 @@ class ActorCounters:
         )
 
     def rates(self) -> tuple[float, float, float]:
-        """Steps per second, the share of time held, and seconds of processor time per second, of
-        late."""
+        """Returns the rates of the last `WINDOW`: steps per second, the share of time throttled,
+        and seconds of processor time per second."""
         now, worked = time.monotonic(), time.process_time()
         self._looks.append((now, self.stats.steps, self.held_seconds, worked))
         while now - self._looks[0][0] > WINDOW:

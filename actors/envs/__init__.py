@@ -1,7 +1,7 @@
 """The environments an actor plays in.
 
-`make_env` makes the one of a run by its name in `common.registry.ENVIRONMENTS`. Gymnasium has the
-same two for every game: ``ALERobot/<Game>-v0`` is the robot, ``ALERobot/<Game>-Emulator-v0`` the
+`make_env` makes a run's environment by its name in `common.registry.ENVIRONMENTS`. Gymnasium knows
+two for every game: ``ALERobot/<Game>-v0`` is the robot, ``ALERobot/<Game>-Emulator-v0`` the
 emulator alone. Entry points are text, so that PyBullet, OpenCV and the viewer are loaded only
 where they are used.
 """
@@ -28,8 +28,8 @@ def make_env(
     """Returns the environment of a run.
 
     Args:
-        clock: how a robot's world passes its time; in lockstep by default.
-        training: let episodes end at a lost life.
+        clock: how time passes in a robot's world; lockstep by default.
+        training: whether a lost life ends an episode.
 
     Raises:
         InputError: there is no such environment, robot or game.

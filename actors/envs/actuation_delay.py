@@ -1,8 +1,8 @@
-"""A hand as a model: keys that follow commands with a given latency, without any physics.
+"""A model of a hand: keys that follow commands with a given latency, without any physics.
 
-Between the emulator, whose keys are as commanded at once, and the robot, whose arms take their
-time, it tells how much delay alone costs a learner. A pure delay would not do as a model of an
-arm: on the way from one key to another, an arm holds neither.
+It isolates what delay alone costs a learner. It stands between the emulator, whose keys follow a
+command at once, and the robot, whose arms take time. A pure delay would be a poor model of an arm:
+on its way from one key to another, an arm holds neither.
 """
 
 from common.actions import Keys
@@ -10,9 +10,9 @@ from common.run.conditions import PlayConfig
 
 
 class ActuationDelay:
-    """Implements `Hands`: keys that follow each command with the latencies of ``play``.
+    """Implements `Hands`: keys that follow each command with the latency that ``play`` sets.
 
-    The keys of the previous command are released when a command arrives, and its own are pressed
+    When a command arrives, the keys of the previous one are released. Its own keys are pressed
     ``press_latency`` emulator frames later.
     """
 
@@ -36,7 +36,7 @@ class ActuationDelay:
     def step_frame(self) -> Keys:
         self._held = self._wanted
         if self._since < self._play.press_latency:
-            # What both commands hold stays down, as under a finger that has not to move.
+            # Keys of both commands stay down: the finger on them need not move.
             self._held &= self._old
         self._since += 1
         return self._held

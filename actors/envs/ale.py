@@ -1,4 +1,4 @@
-"""ALE-Only: the agent at the emulator itself, without robot or camera (figure 2 of 2017)."""
+"""ALE-Only: the agent plays on the emulator itself, without robot or camera (figure 2 of 2017)."""
 
 from dataclasses import replace
 from functools import partial
@@ -26,18 +26,21 @@ from common.run.config import RunConfig
 
 
 class AtariEnv(GameEnv):
-    """One step is one agent step of ``play.frame_skip`` emulator frames.
+    """The emulator as an environment; a step is one agent step of ``play.frame_skip`` frames.
 
-    Observation: ``uint8 [frame_stack, 84, 84]``, newest frame last; with ``play.vector`` in a
-    dictionary beside the last commands and keys. The keys are the commanded ones, unless ``play``
-    gives the hand a latency (`hands_of`) or models it by a file; the frame is the emulator's,
-    unless ``camera`` has faults (`FrameCamera`).
+    Observation: ``uint8 [frame_stack, 84, 84]``, newest frame last. With ``play.vector`` it is a
+    dictionary of these frames and the last commands and keys.
     Action: an index into all 18 actions, or into the game's own with ``play.minimal_actions``.
     Reward: points, not clipped.
-    With ``training`` an episode also ends at a lost life, and the next ``reset()`` carries the
-    same game on without touching the emulator. A ``reset()`` with a seed, with
+    ``info``: a `StepInfo`.
+
+    The pressed keys are the commanded ones, unless ``play`` gives the hand a latency (`hands_of`)
+    or names a file that models it. The frame is the emulator's, unless ``camera`` has faults
+    (`FrameCamera`).
+
+    With ``training`` a lost life also ends an episode, and the next ``reset()`` continues the same
+    game without touching the emulator. A ``reset()`` with a seed, with
     ``options={"new_game": True}`` or in the middle of an episode starts a new game.
-    ``info`` is a `StepInfo`.
     """
 
     def __init__(
@@ -53,14 +56,15 @@ class AtariEnv(GameEnv):
         """Power the console on.
 
         Args:
-            randomise: ranges of the conditions that are drawn for each game.
+            randomise: ranges from which each game's conditions are drawn.
 
         Raises:
-            InputError: ale-py does not bundle the game, or a file holds no latency model.
+            InputError: ale-py does not bundle the game, or the file ``play.latency_model`` holds no
+                latency model.
         """
         console = AtariGame(game, play, camera, randomise, training=training)
         model = LatencyModel.of_file(play.latency_model) if play.latency_model else None
-        # A controller that is read once per agent step is a robot's.
+        # Only a robot's controller may be read once per agent step.
         world = World(model, console, replace(play, read_keys="frame"))
         super().__init__(console, world, play, render_mode)
         self._camera: FrameCamera | None = None
@@ -88,7 +92,7 @@ class AtariEnv(GameEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; its first state is its first frame, repeated."""
+        """Begin an episode, whose first state repeats its first frame."""
         if self._begin_episode(seed, options):
             play, camera = self.conditions
             self._world.begin_game(play, self.np_random)
@@ -109,7 +113,8 @@ class AtariEnv(GameEnv):
         return self._observation(), done.points, done.terminated, done.truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The emulator's screen, ``uint8 [rows, columns, 3]``, for render_mode "rgb_array"."""
+        """Returns the emulator's screen, ``uint8 [rows, columns, 3]``; None unless render_mode is
+        "rgb_array"."""
         return self.seen if self.render_mode == "rgb_array" else None
 
     def _frame(self, agent_steps: int) -> NDArray[np.uint8]:

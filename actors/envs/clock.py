@@ -1,7 +1,7 @@
-"""Whose time it is: the world waits for the agent (lockstep), or goes on without it (real time).
+"""Two clocks: in lockstep the world waits for the agent, in real time it goes on without it.
 
-An environment asks its clock to pass agent steps and never moves the world itself, so that all else
-is the same in both.
+An environment asks its clock to pass agent steps and never moves the world itself. Everything else
+is therefore the same under both.
 """
 
 import threading
@@ -16,38 +16,40 @@ from common.run.conditions import FRAMES_PER_SECOND
 FRAME = 1 / FRAMES_PER_SECOND
 """Seconds of game time per emulator frame."""
 MOST_MISSED = 100
-"""Agent steps after which a world that nobody attends to stops, as on a console put on pause. A
-chunk counts the agent steps of a step in one byte, and a held actor should not lose its games."""
+"""Agent steps without a command after which the world pauses. A chunk counts the agent steps of a
+step in one byte, and a throttled actor should not lose its games."""
 BREATH = 5e-5
-"""Seconds that a late world waits between two frames; otherwise the agent thread starves."""
+"""Seconds that a late world waits between two frames; otherwise the agent's thread starves."""
 
 
 class Lockstep:
-    """Passes the world's agent steps, each while the agent waits for it."""
+    """A clock that passes the world's agent steps while the agent waits for each of them."""
 
     def __init__(self, world: World) -> None:
         self.late_frames = 0
-        """Frames so far that began more than a frame too late."""
+        """Number of frames so far that began more than a frame too late."""
         self._world = world
 
     def start(self) -> None:
-        """Let time pass: an episode begins."""
+        """Let time pass, because an episode begins."""
 
     def stop(self) -> None:
         """Let no time pass until the next `start`."""
 
     def still(self) -> AbstractContextManager[object]:
-        """While it is entered the world stands still, to be looked at."""
+        """Returns a context in which the world stands still, so that it can be looked at."""
         return nullcontext()
 
     def command(self, action: int) -> list[AgentStep]:
-        """Give a command; the agent steps that passed before it, for want of one."""
+        """Give a command; returns the agent steps that passed before it because it came late."""
         self._world.command(action)
         return []
 
     def pass_agent_step(self) -> list[AgentStep]:
-        """The next agent step, or all up to now if there were several; never after an episode's
-        end."""
+        """Returns the next agent step, or all of them up to now if several have passed.
+
+        Do not call it after an episode's end.
+        """
         return [self._world.finish_agent_step()]
 
     def close(self) -> None:
@@ -55,7 +57,7 @@ class Lockstep:
 
 
 class Deadlines:
-    """When frames are due: at a fixed rate from the start on, so that lateness never adds up."""
+    """The times at which frames are due, at a fixed rate, so that delays never add up."""
 
     def __init__(self, period: float, now: Callable[[], float]) -> None:
         self._period = period
@@ -63,32 +65,32 @@ class Deadlines:
         self._due = now()
 
     def restart(self) -> None:
-        """The next frame is due one period from now."""
+        """Let the next frame be due one period from now."""
         self._due = self._now() + self._period
 
     def delay(self) -> float:
-        """Seconds until the next frame is due; not positive if it is."""
+        """Returns the seconds until the next frame is due; zero or less if it is due."""
         return self._due - self._now()
 
     def meet(self) -> bool:
-        """Begin the frame that is due; whether it is late by more than a whole frame."""
+        """Begin the frame that is due; returns whether it is more than a whole frame late."""
         late = self._now() - self._due > self._period
         self._due += self._period
         return late
 
 
 class RealTime(Lockstep):
-    """Time passes by itself, frame by frame, in a thread of its own.
+    """A clock that passes time by itself, frame by frame, in a thread of its own.
 
-    The agent's command takes effect when it comes, and it is answered at the end of the agent step
-    that runs by then. If it was not ready in time for the agent step before, that one has passed
-    under the old command. What is late is made up for at once, as fast as the machine goes. Time
-    stands still outside episodes, and when nobody comes for `MOST_MISSED` agent steps.
+    A command takes effect when it comes, and is answered at the end of the agent step that is then
+    running. An agent step for which no command came in time passes under the old command. Late
+    frames are made up for at once, as fast as the machine goes. Time stands still outside episodes,
+    and after `MOST_MISSED` agent steps without a command.
 
     Args:
         speed: game seconds per second.
-        now: monotonic seconds.
-        wait: waits on a condition for at most so many seconds, for ever if None.
+        now: returns monotonic seconds.
+        wait: waits on a condition for at most the given seconds, for ever if None.
     """
 
     def __init__(
@@ -104,7 +106,7 @@ class RealTime(Lockstep):
         self._deadlines = Deadlines(FRAME / speed, now)
         self._changed = threading.Condition()
         self._passed: list[AgentStep] = []
-        self._late = False  # a frame of the present agent step was
+        self._late = False  # whether a frame of the present agent step was late
         self._running = False
         self._closing = False
         self._failure: BaseException | None = None
@@ -112,7 +114,7 @@ class RealTime(Lockstep):
 
     def start(self) -> None:
         with self._changed:
-            if self._failure is not None:  # its thread has ended, and cannot be started again
+            if self._failure is not None:  # a thread that has ended cannot be started again
                 raise self._failure
             self._passed.clear()
             self._late = False
@@ -135,10 +137,10 @@ class RealTime(Lockstep):
             return self._take()
 
     def pass_agent_step(self) -> list[AgentStep]:
-        """As `Lockstep.pass_agent_step`.
+        """Returns the next agent steps, as `Lockstep.pass_agent_step`.
 
         Raises:
-            RuntimeError: no time passes, so that none would ever come.
+            RuntimeError: the clock is stopped, so no agent step would ever come.
         """
         with self._changed:
             while not self._passed:
@@ -191,5 +193,5 @@ class RealTime(Lockstep):
             self._late = False
             self._running = not agent_step.ended
             self._changed.notify_all()
-        # Waiting gives the lock away; the agent would starve beside a world that is always late.
+        # Waiting releases the lock; beside a world that is always late the agent would starve.
         self._wait(self._changed, BREATH)

@@ -1,7 +1,7 @@
 """The Atari emulator: one game of ale-py, set as in 2017.
 
-It knows screens, points and lives, but nothing of episodes, states or robots; `AtariEnv` and
-`RobotEnv` both play on it.
+It knows screens, points and lives, but no episodes, states or robots. `AtariEnv` and `RobotEnv`
+both play on it.
 """
 
 from pathlib import Path
@@ -16,25 +16,25 @@ from common.games import check_game
 _ROMS = Path(roms.__file__).parent
 
 _EUROPEAN_ROWS = 250
-"""Rows of games made for PAL televisions, which have other colours."""
+"""Screen rows of games made for PAL televisions, which have other colours."""
 
 
 class Emulator:
     """A game at its first frame, with colour averaging and, if ``sticky``, repeated actions.
 
-    The picture blends the last two emulator frames, so that sprites which flicker at 30 Hz are
-    seen; ALE gives the brighter one 77 %, as a television's phosphor does, in the console's own
+    The picture blends the last two emulator frames, so that sprites that flicker at 30 Hz are seen.
+    As a television's phosphor does, ALE gives the brighter frame 77 %, in the console's own
     colours.
 
-    Each emulator frame executes, with probability ``sticky``, the action that the frame before
-    executed instead of the one that is held (``repeat_action_probability``, Machado et al. 2018).
-    ALE draws this from its own generator, which ``seed`` starts at power-on and a `reset` carries
-    on. Nothing else asks it: without sticky actions the same actions always give the same game.
+    With probability ``sticky``, an emulator frame executes the action of the frame before instead
+    of the one that is held (``repeat_action_probability``, Machado et al. 2018). ALE draws this
+    from its own generator, which ``seed`` starts at power-on and `reset` does not restart. ALE uses
+    it for nothing else: without sticky actions, the same actions always give the same game.
     """
 
     def __init__(self, game: str, seed: int, *, sticky: float = 0.0) -> None:
         """Raises InputError for a game that ale-py does not bundle."""
-        # For the whole process, and before ALEInterface exists: its constructor prints a banner.
+        # This holds for the whole process. It comes first because the constructor prints a banner.
         ALEInterface.setLoggerMode(LoggerMode.Error)
         self.game = check_game(game)
         self._ale = ALEInterface()
@@ -44,7 +44,7 @@ class Emulator:
         self._ale.loadROM(_ROMS / f"{game}.bin")
         self._european = self._ale.getScreenDims()[0] == _EUROPEAN_ROWS
         self._remember()
-        # Not always 0: ALE itself presses start or fire in some games to get them going.
+        # Not always 0: to start some games, ALE itself presses start or fire.
         self._first_frame = self._ale.getEpisodeFrameNumber()
         self.screen_shape: tuple[int, int] = self._ale.getScreenDims()
         """Rows and columns; 210 × 160 for most games."""
@@ -59,9 +59,9 @@ class Emulator:
         self._first_frame = self._ale.getEpisodeFrameNumber()
 
     def act(self, action: int) -> float:
-        """Hold one of the 18 actions for an emulator frame; the points it made.
+        """Hold one of the 18 actions for an emulator frame; returns the points that it made.
 
-        After game over it does nothing and makes 0 points.
+        After game over it does nothing and returns 0.
         """
         if self._ale.game_over():
             return 0.0
@@ -69,37 +69,37 @@ class Emulator:
         return float(self._ale.act(action))
 
     def _remember(self) -> None:
-        """Keep the present field: it is the one before from now on."""
+        """Keep the present field as the one before."""
         self._before = self._ale.getScreen()
         if self._european:
             self._before_rgb = self._ale.getScreenRGB()
 
     def screen_rgb(self) -> NDArray[np.uint8]:
-        """The picture in colour, ``uint8 [rows, columns, 3]``, the caller's to keep."""
+        """Returns a new colour picture, ``uint8 [rows, columns, 3]``."""
         picture = self._ale.getScreenRGB()
         if self._european:
             return glow(picture, self._before_rgb)
         return glow_of_fields(picture, self._ale.getScreen(), self._before)
 
     def screen_grey(self) -> NDArray[np.uint8]:
-        """The picture's luminance, ``uint8 [rows, columns]``, the caller's to keep."""
+        """Returns the picture's luminance as a new array, ``uint8 [rows, columns]``."""
         if self._european:
-            return luminance(self.screen_rgb())  # what a camera sees of it
+            return luminance(self.screen_rgb())  # as a camera sees it
         grey = self._ale.getScreenGrayscale()
         return glow_of_fields(grey, self._ale.getScreen(), self._before)
 
     def ram(self) -> NDArray[np.uint8]:
-        """The console's memory, ``uint8 [128]``."""
+        """Returns the console's memory, ``uint8 [128]``."""
         return self._ale.getRAM()
 
     @property
     def lives(self) -> int:
-        """Lives left; 0 throughout in a game that has none, as Pong."""
+        """Lives left; always 0 in a game without lives, such as Pong."""
         return int(self._ale.lives())
 
     @property
     def game_over(self) -> bool:
-        """The game has ended by its own rules."""
+        """Whether the game has ended by its own rules."""
         return bool(self._ale.game_over())
 
     @property

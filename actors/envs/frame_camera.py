@@ -1,7 +1,7 @@
-"""A camera before the emulator's own screen, so that ALE-Only has the faults of an eye too.
+"""A camera in front of the emulator's screen, which gives ALE-Only the faults of a robot's eye.
 
-It looks straight at the game in its black border and has as many pixels on it as the robot's camera
-has, so that noise and blur of a size do as much to the 84×84 frame as they do to the robot's.
+It looks straight at the game in its black border. The game covers as many of its pixels as of the
+robot's camera, so equal noise and blur do as much to the 84×84 frame as they do to the robot's.
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ from common.protocol.step_fields import FRAME_SHAPE
 from common.run.conditions import CameraConfig
 
 _ROWS, _COLUMNS = 84, 112
-"""Pixels of the robot's camera that see the game, from its usual place."""
+"""Rows and columns of the robot's camera that show the game, seen from its usual place."""
 _BORDER = (7, 9)
 """Rows and columns of the border on each side."""
 _SHAPE = (_ROWS + 2 * _BORDER[0], _COLUMNS + 2 * _BORDER[1])
@@ -39,8 +39,10 @@ class FrameCamera:
         self._sensor.begin_game(rng)
 
     def take(self, screen: NDArray[np.uint8], agent_steps: int) -> NDArray[np.uint8]:
-        """Returns the frame ``uint8 [84, 84]`` that is seen of the emulator's grey ``screen``,
-        ``agent_steps`` after the last one."""
+        """Returns the frame ``uint8 [84, 84]`` that the camera makes of the grey ``screen``.
+
+        ``agent_steps`` have passed since the last frame.
+        """
         seen = np.zeros(_SHAPE, np.uint8)
         seen[_GAME] = cv2.resize(screen, (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA)
         if self._light is not None:

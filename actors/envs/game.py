@@ -1,7 +1,7 @@
 """The game as an environment plays it: conditions, starts, lives, points, episodes and ends.
 
 `AtariEnv` and `RobotEnv` both own an `AtariGame`, so that emulator and robot obey the same rules
-and their scores can be compared; they differ only in who presses the keys and who looks.
+and their scores can be compared. They differ only in what presses the keys and what sees the game.
 """
 
 from collections.abc import Mapping
@@ -29,10 +29,10 @@ DEFAULT_PLAY = PlayConfig()
 class AtariGame:
     """One console on which game after game is played.
 
-    A *game* lasts from reset to game over, or until ``play.max_game_frames`` cut it. When
-    training, a lost life ends the *episode* only: the next one carries the same game on. Time is
-    counted in *agent steps* of ``play.frame_skip`` emulator frames; an agent step is a `hold` for
-    each of them, and then `end_agent_step`.
+    A *game* lasts from reset to game over, or until ``play.max_game_frames`` cut it short. When
+    training, a lost life ends only the *episode*: the next one continues the same game. Time is
+    counted in *agent steps* of ``play.frame_skip`` emulator frames: one `hold` for each frame, and
+    then `end_agent_step`.
     """
 
     def __init__(
@@ -48,14 +48,14 @@ class AtariGame:
         """Power the console on.
 
         Args:
-            randomise: ranges of the conditions that are drawn for each game.
+            randomise: ranges from which each game's conditions are drawn.
             random_start: whether the game plays ``play.random_starts`` itself.
 
         Raises:
             InputError: ale-py does not bundle the game.
         """
         self.emulator = Emulator(game, 0, sticky=play.sticky)
-        """Replaced at the first game, and when an episode begins with a seed: do not keep it."""
+        """The console. Do not keep it: the first game and every seeded episode replace it."""
         self.actions: tuple[int, ...] = (
             self.emulator.minimal_actions if play.minimal_actions else tuple(range(18))
         )
@@ -65,9 +65,9 @@ class AtariGame:
         self.steps = 0
         """Agent steps of the present game, its random start included."""
         self.over = False
-        """The game ended at the last agent step, by its own rules or cut short."""
+        """Whether the game ended at the last agent step, by its own rules or cut short."""
         self.conditions = self._usual = Conditions(play, camera)
-        """The conditions of the present game; and those around which they are drawn."""
+        """The conditions of the present game, drawn around the usual ones."""
         self._randomise = randomise
         self._play = play
         self._training = training
@@ -78,15 +78,15 @@ class AtariGame:
         self._carries_on = False
 
     def begin_episode(self, rng: Generator, *, seeded: bool, options: Mapping[str, Any]) -> bool:
-        """Carry the game on after a lost life, or else start a new one; True for a new one.
+        """Continue the game after a lost life, or start a new one; returns whether it is new.
 
         Args:
             rng: Draws the conditions and the random start of a new game.
-            seeded: What follows has to depend on ``rng`` alone. The console is switched off and
-                on then, because some games (Freeway) keep memory across ALE's reset, and its
-                sticky actions begin with a seed from ``rng``.
-            options: Those of an environment's ``reset``: with "new_game" a new game starts even
-                where the present one could go on; "difficulty" is the share of the ranges' widths
+            seeded: Whether everything that follows must depend on ``rng`` alone. The console is
+                then switched off and on, because some games (Freeway) keep memory across ALE's
+                reset, and its sticky actions begin with a seed from ``rng``.
+            options: The options of an environment's ``reset``. With "new_game" a new game starts
+                even if the present one could go on. "difficulty" is the share of the ranges' widths
                 from which conditions are drawn, 1 by default.
         """
         new = seeded or bool(options.get("new_game")) or not self._carries_on
@@ -102,7 +102,7 @@ class AtariGame:
         """Start a new game under the present conditions."""
         sticky = self.conditions.play.sticky
         if power_on or not self._used or sticky != self.emulator.sticky:
-            # Nothing is drawn where nothing is repeated, so that such games stay as they were.
+            # Without sticky actions nothing is drawn, so that such games stay as they were.
             seed = int(rng.integers(2**31)) if sticky > 0 else 0
             self.emulator = Emulator(self.emulator.game, seed, sticky=sticky)
         else:
@@ -125,9 +125,9 @@ class AtariGame:
         self._lives = self.emulator.lives
 
     def hold(self, action: int) -> float:
-        """Hold one of the 18 actions for an emulator frame; the points it made.
+        """Hold one of the 18 actions for an emulator frame; returns the points that it made.
 
-        After game over it does nothing and makes 0 points.
+        After game over it does nothing and returns 0.
         """
         points = self.emulator.act(action)
         lives = self.emulator.lives
@@ -137,7 +137,7 @@ class AtariGame:
         return points
 
     def end_agent_step(self) -> tuple[bool, bool]:
-        """Count an agent step; whether the episode was terminated by it, and whether truncated."""
+        """Count an agent step; returns whether it terminated, or truncated, the episode."""
         self.steps += 1
         limit = self._play.max_game_frames
         ended = self.emulator.game_over
@@ -148,7 +148,7 @@ class AtariGame:
         return terminated, cut and not terminated
 
     def action(self, index: np.int64 | int) -> int:
-        """Returns ALE's number of the action on offer that a step was called with.
+        """Returns ALE's number of the action that ``index`` of a step stands for.
 
         Raises:
             gymnasium.error.InvalidAction: there is no such action.
@@ -164,5 +164,5 @@ class AtariGame:
 
     @property
     def standing(self) -> tuple[bool, float, int]:
-        """The first three of `StepInfo`: whether the game is over, its score and its steps."""
+        """The first three fields of `StepInfo`: whether the game is over, its score, its steps."""
         return self.over, self.score, self.steps

@@ -1,4 +1,4 @@
-"""`GameEnv`: what `AtariEnv` and `RobotEnv` share, and what the viewers know of either."""
+"""`GameEnv`: what `AtariEnv` and `RobotEnv` share, and all that viewers know of either."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -23,7 +23,7 @@ class GameEnv(gymnasium.Env[Observation, np.int64]):
     A subclass decides whose hands play the game, how its time passes and how it is seen.
 
     Args:
-        joints: of the robot; 0 without one.
+        joints: number of the robot's joints; 0 without a robot.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012
@@ -47,12 +47,12 @@ class GameEnv(gymnasium.Env[Observation, np.int64]):
 
     @property
     def conditions(self) -> Conditions:
-        """Those of the present game."""
+        """The conditions of the present game."""
         return self._game.conditions
 
     @property
     def emulator(self) -> Emulator:
-        """The console; another one after a reset with a seed."""
+        """The console; a reset with a seed replaces it."""
         return self._game.emulator
 
     @property
@@ -67,16 +67,16 @@ class GameEnv(gymnasium.Env[Observation, np.int64]):
 
     @property
     def pressed(self) -> Keys:
-        """The keys that the game was given last."""
+        """The keys that the game got last."""
         return self._world.pressed
 
     @property
     @abstractmethod
     def seen(self) -> NDArray[np.uint8]:
-        """The last picture of which a frame was made, ``uint8 [rows, columns, 3]``."""
+        """The last picture from which a frame was made, ``uint8 [rows, columns, 3]``."""
 
     def _begin_episode(self, seed: int | None, options: dict[str, Any] | None) -> bool:
-        """Begins an episode by the arguments of ``reset``; returns whether it is of a new game."""
+        """Begin an episode with the arguments of ``reset``; returns whether its game is new."""
         super().reset(seed=seed)
         seeded = seed is not None
         return self._game.begin_episode(self.np_random, seeded=seeded, options=options or {})
@@ -84,7 +84,10 @@ class GameEnv(gymnasium.Env[Observation, np.int64]):
     def _time_eye(
         self, look: Callable[[NDArray[np.uint8]], NDArray[np.uint8]], screen: NDArray[np.uint8]
     ) -> None:
-        """Let hands and eye be equally late from now on, if they are to be: as `eye_latency`."""
+        """With ``play.equal_latency``, time the eye, so that hands and eye are equally late.
+
+        The arguments are those of `eye_latency`.
+        """
         if self._play.equal_latency:
             self._world.see_late(eye_latency(look, screen) * self._play.frame_skip)
 

@@ -1,6 +1,6 @@
-"""Latency of the hands, found before a game: each key is pressed and released, and timed.
+"""Measures the hands' latency before a game: each key is pressed and released, and timed.
 
-Nobody tells it. No game goes on meanwhile.
+No setting gives the latency away. No game is running meanwhile.
 """
 
 from collections.abc import Callable
@@ -12,21 +12,23 @@ from common.actions import Keys
 
 _RESTS = (8, 9, 10)
 """Emulator frames in which hands come to rest on or above a key, one number for each try. The
-soonest try counts: commands may jitter."""
+soonest try counts, because commands may jitter."""
 _PAUSE = 4
-"""Emulator frames from releasing a key to pressing it again, while the hand still moves: an agent
-step, as most games are played."""
+"""Emulator frames from releasing a key to pressing it again while the hand still moves: one agent
+step with the usual frame skip."""
 
 
 class HandLatency(NamedTuple):
-    """Emulator frames from a command until its key is released or pressed; 0 if it is so at the end
-    of the frame that begins with the command."""
+    """Emulator frames from a command until its key is released or pressed.
+
+    It is 0 if the key is so at the end of the frame that begins with the command.
+    """
 
     release: int
     press: int
-    """By a hand at rest."""
+    """Latency of a press by a hand at rest."""
     press_in_play: int
-    """By a hand that has just released a key."""
+    """Latency of a press by a hand that has just released a key."""
 
 
 def key_latencies(
@@ -35,7 +37,7 @@ def key_latencies(
     """Returns how soon ``hands`` release and press each of ``keys``.
 
     Args:
-        give: is told, before each command, that it is given 0 frames ago.
+        give: called with 0 before each command, as `KeyWatch.give`.
     """
     hands.rest()
     latencies = {}
@@ -53,7 +55,7 @@ def key_latencies(
 
 
 def _until(hands: Hands, command: Keys, key: Keys, give: Callable[[int], None]) -> int:
-    """Returns the frames in which ``key`` becomes as commanded, or `LONGEST`."""
+    """Returns the number of frames until ``key`` is as commanded, or `LONGEST`."""
     give(0)
     hands.command(command)
     frames = 0
@@ -63,8 +65,10 @@ def _until(hands: Hands, command: Keys, key: Keys, give: Callable[[int], None]) 
 
 
 def _again(hands: Hands, key: Keys, give: Callable[[int], None]) -> int:
-    """Returns the frames in which ``key``, which is held, is held again after a pause, or
-    `LONGEST`."""
+    """Releases the held ``key`` and presses it again after a pause.
+
+    Returns the number of frames until it is held again, or `LONGEST`.
+    """
     give(0)
     hands.command(Keys.NONE)
     pause = [hands.step_frame() & key for _ in range(_PAUSE)]

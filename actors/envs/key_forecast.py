@@ -1,9 +1,9 @@
-"""Forecast of the keys of the next frames: what is on its way to the hands, and when it arrives.
+"""Forecasts the keys of the next frames: which commands are on their way, and when they arrive.
 
-A command takes effect only after the latency of hands, network and motors, and until then the game
-goes on under those before it. Whoever knows the latency knows what these will still do, and from
-which frame on a choice matters (a Smith predictor has the same two things of its process). Nobody
-tells it: it is found by timing the hands' own keys.
+A command takes effect only after the latency of hands, network and motors. Until then the game goes
+on under earlier commands. The latency tells what these will still do, and from which frame on a
+choice matters; a Smith predictor uses the same two facts about its process. No setting gives the
+latency away: it is found by timing the keys.
 """
 
 from collections import deque
@@ -15,20 +15,20 @@ from common.actions import Keys
 from common.proprioception import KEYS
 
 LONGEST = 60
-"""Latencies that are told apart: 0 to 59 emulator frames, just below 1 s."""
+"""Number of latencies that are told apart: 0 to 59 emulator frames, just below 1 s."""
 _KEEP = 0.9
-"""Share of earlier votes that is kept at each change of the keys: some ten changes count."""
+"""Share of earlier votes that is kept at each change of the keys: about ten changes count."""
 FLAGS = np.array(
     [[bool(number & key) for key in KEYS] for number in range(2 ** len(KEYS))], np.float32
 )
-"""Which keys are in each set of keys, ``[32, 5]``."""
+"""The keys in each set of keys, by the set's bits, ``[32, 5]``."""
 
 
 class _Latency:
     """The latency that most changes of the keys agree on.
 
-    A change may come of each earlier command that asked for it, and votes for the latency of every
-    one of them. The right one is among them each time, the others only by chance.
+    Any earlier command that asked for a change may have caused it, so a change votes for the
+    latencies of all of them. The right latency is among them each time, others only by chance.
     """
 
     def __init__(self) -> None:
@@ -38,8 +38,10 @@ class _Latency:
         ends with its keys; 0 before the first change."""
 
     def vote(self, changed: int, wanted: list[int]) -> None:
-        """Count how many frames ago a command asked for one of the ``changed`` keys, once for each;
-        ``wanted`` are those of each frame."""
+        """Vote for the age, in frames, of each command that asked for one of the ``changed`` keys.
+
+        ``wanted`` holds the commanded keys of each past frame.
+        """
         last = len(wanted) - 1
         latencies = [
             last - frame
@@ -53,8 +55,10 @@ class _Latency:
 
 
 class KeyForecast:
-    """Watches one pair of hands, what they were told and what they press, and tells what they will
-    press. It runs in every frame, hence whole numbers instead of `Keys`."""
+    """Forecasts what one pair of hands will press, from its commands and the keys that it pressed.
+
+    It runs in every frame and therefore uses whole numbers instead of `Keys`.
+    """
 
     def __init__(self, frames: int) -> None:
         """Forecast ``frames`` emulator frames at a time."""
@@ -62,18 +66,18 @@ class KeyForecast:
         self.restart()
 
     def restart(self) -> None:
-        """Other hands may play: nothing is known of them, and they are at rest."""
+        """Forget everything: other hands may play now, and they are at rest."""
         self._wanted, self._felt = 0, 0
         self._past: deque[int] = deque([0] * (LONGEST + 1), maxlen=LONGEST + 1)
         """The keys that were commanded in each of the last frames."""
         self._release, self._press = _Latency(), _Latency()
 
     def command(self, keys: Keys) -> None:
-        """The hands are to hold ``keys`` from the next frame on."""
+        """Note that the hands are to hold ``keys`` from the next frame on."""
         self._wanted = int(keys)
 
     def feel(self, pressed: Keys) -> None:
-        """``pressed`` are held at the end of one more frame."""
+        """Note that the keys ``pressed`` are held at the end of one more frame."""
         self._past.append(self._wanted)
         felt, before = int(pressed), self._felt
         if felt == before:
@@ -89,7 +93,7 @@ class KeyForecast:
         past, last = self._past, len(self._past) - 1
         keys = []
         for ahead in self._ahead:
-            # The hands hold what both agree on: the slower of the two is still on its way.
+            # Presses take the one latency and releases the other; combined, both are respected.
             by_release = past[last + ahead - release] if ahead <= release else self._wanted
             by_press = past[last + ahead - press] if ahead <= press else self._wanted
             keys.append(by_release & by_press if release <= press else by_release | by_press)

@@ -1,7 +1,8 @@
 """Times the hands while they play: from each command to its keys, frame by frame.
 
-`common.press_latency` says what is measured, and what becomes of it. A command that waits before it
-reaches the hands is watched from when it was given, but not given up for those that come behind it.
+`common.press_latency` says what is measured and how it is used. A command may wait before it
+reaches the hands. Its time counts from when it was given, and later commands that are still on
+their way do not end it.
 """
 
 from collections import deque
@@ -11,23 +12,26 @@ from common.actions import Keys
 from common.press_latency import MOST_FRAMES, Goal, place_of
 
 _KEPT = 1_024
-"""Outcomes kept for those who ask. A step has two for each command at most; a person who plays
-never asks."""
+"""Maximum number of outcomes kept until `KeyWatch.take`. A step has at most two for each command.
+Where a person plays, nobody takes them."""
 
 
 class KeyWatch:
-    """Watches one pair of hands. It runs in every frame, hence whole numbers instead of `Keys`."""
+    """Times one pair of hands.
+
+    It runs in every frame and therefore uses whole numbers instead of `Keys`.
+    """
 
     def __init__(self) -> None:
         self._found: deque[int] = deque(maxlen=_KEPT)
         self.restart()
 
     def restart(self) -> None:
-        """The hands are at rest without a command, and nothing was measured yet."""
+        """Forget everything: the hands are at rest without a command."""
         self._found.clear()
         self._frame = 0
         self._given: deque[int] = deque()
-        """Frames in which the commands were given that have not reached the hands."""
+        """Frames in which those commands were given that have not reached the hands."""
         self._wanted = 0
         self._age = 0
         self._tried = False
@@ -35,15 +39,17 @@ class KeyWatch:
         self._releasing = self._pressing = False
 
     def give(self, ago: int = 0) -> None:
-        """A command sets out for the hands, which get all commands in the order of their giving; or
-        did so some emulator frames ``ago``."""
+        """Note that a command was given ``ago`` emulator frames ago.
+
+        Commands reach the hands in the order in which they are given.
+        """
         self._given.append(self._frame - ago)
 
     def command(self, keys: Keys, held: Keys) -> None:
-        """The oldest command on its way reaches the hands: they are to hold ``keys``, and hold
-        ``held``.
+        """Note that the oldest command on its way reaches the hands.
 
-        The same keys once more are no new command: the first goes on being watched.
+        They are to hold ``keys`` and now hold ``held``. The same keys once more are not a new
+        command: the first one is still watched.
         """
         age = self._frame - self._given.popleft()
         wanted, pressed = int(keys), int(held)
@@ -55,7 +61,7 @@ class KeyWatch:
         self._pressing = wanted & ~pressed != 0
 
     def frame(self, felt: Keys) -> None:
-        """``felt`` are pressed at the end of one more frame."""
+        """Note that the keys ``felt`` are pressed at the end of one more frame."""
         self._frame += 1
         if not (self._releasing or self._pressing):
             return
@@ -74,8 +80,8 @@ class KeyWatch:
             self.give_up()
 
     def give_up(self) -> None:
-        """No longer watch for what was not reached: time ends, or another command comes."""
-        if self._tried:  # else nothing was seen of it
+        """Stop watching the present command: its time is over, or another command came."""
+        if self._tried:  # otherwise its effect could not be seen
             if self._releasing:
                 self._note("release", False)
             if self._pressing:
@@ -83,7 +89,7 @@ class KeyWatch:
         self._releasing = self._pressing = False
 
     def take(self) -> tuple[int, ...]:
-        """What was measured since the last call: `place_of` each outcome, oldest first."""
+        """Returns what was measured since the last call: `place_of` each outcome, oldest first."""
         found = tuple(self._found)
         self._found.clear()
         return found
@@ -93,7 +99,7 @@ class KeyWatch:
 
 
 class WatchedHands:
-    """Implements `Hands` by others, timed by ``watch``."""
+    """Implements `Hands` with other ``hands``, which ``watch`` times."""
 
     def __init__(self, hands: Hands, watch: KeyWatch) -> None:
         self._hands = hands

@@ -1,7 +1,7 @@
-"""Latency between the agent and its hands: commands that reach them some emulator frames later.
+"""Actuation latency: commands reach the hands some emulator frames late.
 
-Whatever lies between a decision and a motor (network, operating system, bus) delays a press and a
-release alike; what the hands need by themselves comes on top.
+What lies between an action and a motor (network, operating system, bus) delays presses and releases
+alike. The time that the hands themselves need comes on top.
 """
 
 from collections import deque
@@ -17,11 +17,10 @@ from common.run.conditions import PlayConfig
 
 
 class LateCommands:
-    """Implements `Hands` by others, whose commands arrive ``latency`` emulator frames late, and up
-    to ``jitter`` more.
+    """Implements `Hands` with other ``hands``, which get each command late.
 
-    The jitter of each command is drawn uniformly from ``rng``. A command never overtakes an earlier
-    one.
+    A command arrives ``latency`` emulator frames late, and up to ``jitter`` more, drawn uniformly
+    from ``rng``. It never overtakes an earlier one.
     """
 
     def __init__(self, hands: Hands, latency: int, jitter: int, rng: Generator) -> None:
@@ -58,13 +57,12 @@ class LateCommands:
 def hands_of(
     play: PlayConfig, arms: Hands | None, rng: Generator, watch: KeyWatch | None = None
 ) -> Hands:
-    """Returns the hands that ``play`` asks for, with its latencies.
+    """Returns the hands that ``play`` asks for, with their latency.
 
     Args:
-        arms: the robot's, or a latency model; None where there is neither, and the hand is always
-            the modelled one.
-        rng: seeds the jitter, and is asked only if there is some.
-        watch: times the hands, and is told of each command that is given to them.
+        arms: the robot, or a latency model. Without either (None), the hand is `ActuationDelay`.
+        rng: seeds the jitter; used only if there is jitter.
+        watch: times the hands and is told of each command that reaches them.
     """
     latency, jitter = play.actuation_latency, play.actuation_jitter
     hands = arms

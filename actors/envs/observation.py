@@ -1,6 +1,6 @@
-"""The state both environments show: the newest grey 84×84 frames, as in Mnih et al. (2015).
+"""The observation of both environments: the newest grey 84×84 frames, as in Mnih et al. (2015).
 
-With ``play.vector`` a vector (`common.proprioception`) stands beside them, in a dictionary.
+With ``play.vector`` it is a dictionary of the frames and a vector (`common.proprioception`).
 """
 
 from typing import Any, TypeAlias
@@ -22,7 +22,7 @@ def observation_space(play: PlayConfig, joints: int = 0) -> gymnasium.Space[Any]
     """Returns the space of observations, with a vector if ``play.vector``.
 
     Args:
-        joints: of the robot; 0 without one.
+        joints: number of the robot's joints; 0 without a robot.
     """
     frames = gymnasium.spaces.Box(0, 255, (play.frame_stack, *FRAME_SHAPE), np.uint8)
     if not play.vector:
@@ -32,28 +32,28 @@ def observation_space(play: PlayConfig, joints: int = 0) -> gymnasium.Space[Any]
 
 
 def shrink(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A grey picture ``uint8 [rows, columns]`` as a frame ``uint8 [84, 84]``.
+    """Returns the grey picture ``uint8 [rows, columns]`` as a frame ``uint8 [84, 84]``.
 
-    Each pixel is the mean of what it covers, so nothing small falls between pixels.
+    Each pixel is the mean of what it covers, so that nothing small falls between pixels.
     """
     frame = cv2.resize(grey, FRAME_SHAPE[::-1], interpolation=cv2.INTER_AREA)
     return np.asarray(frame, np.uint8)
 
 
 class FrameStack:
-    """The last ``frame_stack`` frames. States it gave out never change afterwards."""
+    """The last ``frame_stack`` frames. A state that it returned never changes afterwards."""
 
     def __init__(self, frame_stack: int) -> None:
         self.state: NDArray[np.uint8] = np.zeros((frame_stack, *FRAME_SHAPE), np.uint8)
         """``uint8 [frame_stack, 84, 84]``, newest last."""
 
     def restart(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The first state of an episode: its first frame, repeated."""
+        """Returns the first state of an episode: its first frame, repeated."""
         self.state = np.repeat(frame[None], len(self.state), axis=0)
         return self.state
 
     def push(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The state after a new frame."""
+        """Returns the state after a new frame."""
         state = np.empty_like(self.state)
         state[:-1] = self.state[1:]
         state[-1] = frame

@@ -1,19 +1,19 @@
-"""The television's phosphor: two fields of the console blended into one picture, and its colours.
+"""The television's phosphor blends two fields of the console into one picture.
 
 ALE can average colours itself, but does so after every emulator frame, which costs more than
-emulating the frame. Here only pictures that are looked at are blended, and only where they changed;
-the outcome is ALE's own to the last bit, but for games made for PAL televisions: of one of those,
-air_raid, ALE's blend is black.
+emulating the frame. This module blends only pictures that are looked at, and only where they
+changed. The result equals ALE's to the last bit, except for games made for PAL televisions: for one
+of them, air_raid, ALE's blend is black.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 _AFTERGLOW = 77
-"""Percent of the way from the darker to the brighter of two fields that a pixel is seen at."""
+"""Brightness of a blended pixel, in percent of the way from the darker to the brighter field."""
 _GREY_WEIGHTS = (0.2989, 0.587, 0.114)
 
-# By hue (rows) and brightness, as ALE shows the console's numbers 0, 2, ... 254.
+# One row per hue, by brightness, as ALE shows the console's numbers 0, 2, ... 254.
 _COLOURS = """
 000000 4a4a4a 6f6f6f 8e8e8e aaaaaa c0c0c0 d6d6d6 ececec
 484800 69690f 86861d a2a22a bbbb35 d2d240 e8e84a fcfc54
@@ -39,9 +39,10 @@ _PALETTE = np.array([[*bytes.fromhex(colour)] for colour in _COLOURS.split()])
 
 
 def _blends() -> NDArray[np.uint8]:
-    """The colour nearest to the blend of each two, ``uint8 [128, 128]``, by their numbers halved.
+    """Returns the colour nearest to the blend of any two, ``uint8 [128, 128]``.
 
-    ALE measures by the sum of the differences, in steps of 4.
+    Indices and values are the console's numbers halved. As ALE does, it measures nearness by the
+    sum of the differences, in steps of 4.
     """
     first, second = _PALETTE[:, None], _PALETTE[None]
     dark, bright = np.minimum(first, second), np.maximum(first, second)
@@ -60,11 +61,11 @@ _GREY = np.rint(_PALETTE @ np.array(_GREY_WEIGHTS)).astype(np.uint8)
 def glow_of_fields(
     picture: NDArray[np.uint8], now: NDArray[np.uint8], before: NDArray[np.uint8]
 ) -> NDArray[np.uint8]:
-    """``picture`` of the field ``now``, after the field ``before``.
+    """Blends the field ``before`` into ``picture``, which shows the field ``now``, and returns it.
 
-    Fields are in the console's own numbers of colours, ``uint8 [rows, columns]``. ``picture`` has
-    the colours of ``now``, ``uint8 [rows, columns, 3]``, or its luminance, ``uint8 [rows,
-    columns]``; it is changed and given back.
+    Fields hold the console's own colour numbers, ``uint8 [rows, columns]``. ``picture`` has the
+    colours of ``now``, ``uint8 [rows, columns, 3]``, or its luminance, ``uint8 [rows, columns]``.
+    It is changed in place.
     """
     places = np.flatnonzero(now != before)
     blends = _BLENDS[now.take(places) >> 1, before.take(places) >> 1]
@@ -76,8 +77,10 @@ def glow_of_fields(
 
 
 def glow(now: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Two pictures blended by brightness, each colour for itself: for televisions whose colours
-    are not in the table above."""
+    """Returns two pictures blended by brightness, each colour channel by itself.
+
+    It serves televisions whose colours are not in the table above.
+    """
     dark, bright = np.minimum(now, before), np.maximum(now, before)
     return np.asarray(dark + ((bright - dark).astype(np.int16) * _AFTERGLOW // 100), np.uint8)
 

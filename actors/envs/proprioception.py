@@ -1,7 +1,7 @@
 """The vector observation: what the agent told its hands, and what it feels of them.
 
-A picture alone tells neither which command is still on its way nor where the hands are; with both
-the state is complete although the arms are slow. `common.proprioception` says what stands where.
+A picture alone shows neither which commands are still on their way nor where the hands are. With
+both the state is complete although the arms are slow. `common.proprioception` defines the layout.
 """
 
 import numpy as np
@@ -14,14 +14,14 @@ from common.run.conditions import MAX_PICTURE_LATENCY, PlayConfig
 
 
 class Proprioception:
-    """Remembers commands and keys. Vectors it gave out never change afterwards."""
+    """Remembers commands and keys. A vector that it returned never changes afterwards."""
 
     def __init__(self, play: PlayConfig, joints: int = 0) -> None:
         """``play`` says how much is remembered; ``joints`` is the number J of the robot's joints, 0
         without a robot."""
         self._play = play
         self.seen_late = 0
-        """Emulator frames by which the eye's pictures are late: keys are told as of the picture."""
+        """Emulator frames by which the eye's pictures are late; the vector's keys are as late."""
         widths = vector_widths(play, joints)
         self._now = np.zeros(sum(widths), np.float32)
         self._commands, self._keys, self._joints, self._coming = np.split(
@@ -33,7 +33,7 @@ class Proprioception:
         self._forecast = KeyForecast(play.vector_forecast) if play.vector_forecast else None
 
     def forget(self) -> None:
-        """As before the first command, with no key pressed."""
+        """Return to the state before the first command, with no key pressed."""
         self._now[:] = 0.0
         self._felt[:] = 0.0
         if self._forecast is not None:
@@ -58,18 +58,18 @@ class Proprioception:
         """Returns the observation, ``float32 [P]``.
 
         Args:
-            joints: `Robot.proprioception`, angles and speeds ``[J]`` each; nothing without a
-                robot. Left out if the settings leave them out.
+            joints: angles and speeds ``[J]`` of `Robot.proprioception`; nothing without a robot.
+                They are ignored if the settings leave them out.
         """
         if joints and self._joints.size:
-            # The engine keeps a joint's greatest speed only nearly, and not against a push.
+            # The engine enforces a joint's maximum speed only nearly, and not against a push.
             np.concatenate(joints).clip(-1.0, 1.0, out=self._joints, casting="same_kind")
         seen = len(self._felt) - self.seen_late
         self._keys[:] = self._felt[seen - self._play.vector_key_frames : seen].ravel()
         if self._forecast is not None:
             rows = self._coming.reshape(self._play.vector_forecast, -1)
             late = min(self.seen_late, len(rows))
-            # Of the frames since the picture nothing is left to forecast, nor to change.
+            # Frames since the picture have passed: they are known, and too late to change.
             rows[:late, :2], rows[:late, 2:] = 1.0, self._felt[seen : seen + late]
             rows[late:] = self._forecast.rows()[: len(rows) - late]
         return self._now.copy()

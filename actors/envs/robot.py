@@ -1,6 +1,6 @@
-"""ALE-Robot: the agent behind a robot's camera and hands (figure 1 of 2017).
+"""ALE-Robot: the agent plays through a robot's camera and hands (figure 1 of 2017).
 
-It knows only the `Robot` protocol, and `ClockConfig` says how its time passes.
+It knows robots only by the `Robot` protocol; `ClockConfig` says how time passes.
 """
 
 from collections.abc import Sequence
@@ -36,15 +36,16 @@ LOCKSTEP = ClockConfig()
 
 
 class RobotEnv(GameEnv):
-    """One step is one agent step of ``play.frame_skip`` emulator frames, 1/60 s each.
+    """A robot as an environment; a step is usually one agent step.
 
-    An action sends the hands to its keys; before every emulator frame the physics goes on and
-    the controller is read, and the keys that are then really pressed are what the game gets. The
-    state's frames come from the robot's camera only. Spaces, rewards, episodes and ``info``
-    (`StepInfo`) are those of `AtariEnv`, so that the two can be compared.
+    An agent step is ``play.frame_skip`` emulator frames of 1/60 s. An action sends the hands to its
+    keys. Before every emulator frame the physics advances and the controller is read: the game gets
+    the keys that are then really pressed. The state's frames come from the robot's camera only.
+    Spaces, rewards, episodes and ``info`` (`StepInfo`) are those of `AtariEnv`, so that the two can
+    be compared.
 
-    A step takes several agent steps where the agent waits for its keys or, in real time, was too
-    slow; its reward is then their points discounted by the time that had passed, so that
+    A step takes several agent steps if the agent waits for its keys or, in real time, was too slow.
+    Its reward is then the sum of their points, each discounted by the time that had passed, so that
     ``reward + discount ** info["elapsed"] * value`` is the return.
     """
 
@@ -64,32 +65,32 @@ class RobotEnv(GameEnv):
         """Sit ``play.robot`` down at its desk.
 
         Args:
-            randomise: ranges of the conditions that are drawn for each game.
+            randomise: ranges from which each game's conditions are drawn.
             discount: γ per agent step, within steps of several agent steps.
-            clip_rewards: count each agent step's points as -1 to 1. Scores stay as they are.
+            clip_rewards: whether each agent step's points are clipped to -1 to 1. Scores are not.
 
         Raises:
             InputError: there is no such robot, or ale-py does not bundle the game.
         """
         self.clock = clock
         joints = ROBOTS.find(play.robot).joints
-        # The random start is not the emulator's here: it goes through the hands, see `reset`.
+        # The emulator plays no random start: it goes through the hands, see `reset`.
         console = AtariGame(game, play, camera, randomise, training=training, random_start=False)
         self.robot: Robot = ROBOTS.make(play.robot, console.emulator.screen_shape, camera, play)
-        """The robot and all around it."""
+        """The robot and everything around it."""
         world = World(self.robot, console, play, joints, self.robot.proprioception)
         super().__init__(console, world, play, render_mode, joints)
         self.detector = ScreenDetector(camera.distortion)
-        """Replaced at each new game: do not keep it."""
+        """The screen detector. Do not keep it: each new game replaces it."""
         self._seen: NDArray[np.uint8] | None = None
         self._shown = self._shown_before = np.zeros(0, np.uint8)
-        """The game's own picture at the last look, and at the one before."""
+        """The game's own picture at the last detection, and at the one before."""
         self._unseen = 0
         """Agent steps since the last picture was taken."""
         self.detection = _UNSEEN
         """The game as detected in the last picture."""
         self._follows = True
-        """Whether its frame changed since the last look, or the game's own picture did not."""
+        """Whether the frame changed since the last detection, or the game's own picture did not."""
         self._clock = Lockstep(self._world) if clock.sync else RealTime(self._world, clock.speed)
         self._most_agent_steps = play.wait_bound if clock.wait_action else 1
         self._discount = discount
@@ -111,12 +112,12 @@ class RobotEnv(GameEnv):
         )
 
     def ram(self) -> NDArray[np.uint8]:
-        """Returns the console's memory as of now, ``uint8 [128]``."""
+        """Returns the console's present memory, ``uint8 [128]``."""
         with self._clock.still():
             return self._game.emulator.ram()
 
     def still(self) -> AbstractContextManager[object]:
-        """While it is entered the world stands still, to be looked at."""
+        """Returns a context in which the world stands still, so that it can be looked at."""
         return self._clock.still()
 
     @property
@@ -130,18 +131,18 @@ class RobotEnv(GameEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; its first state is what is seen first, repeated.
+        """Begin an episode, whose first state repeats the first frame that is seen.
 
-        A new game begins with the hands at rest and up to ``play.random_starts`` random
-        agent steps; a game that goes on after a lost life leaves everything as it is. No game time
-        passes between two episodes, not even in real time, and the random start is played as fast
-        as the machine goes.
+        A new game begins with the hands at rest and up to ``play.random_starts`` random agent
+        steps. A game that continues after a lost life leaves everything as it is. Even in real
+        time, no game time passes between two episodes, and the random start is played as fast as
+        the machine goes.
         """
         self._clock.stop()
         if self._begin_episode(seed, options):
             self.robot.begin_game(self.conditions, self.np_random)
             self._world.begin_game(self.conditions.play, self.np_random)
-            # Nothing of an earlier game may show in a seeded one, not even where the screen was.
+            # A seeded game may know nothing of an earlier one, not even where the screen was.
             self.detector = ScreenDetector(self.conditions.camera.distortion)
             self._play_random_start()
             if self._play.eye == "camera":
@@ -155,7 +156,7 @@ class RobotEnv(GameEnv):
         return observation, info
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Let the hands set out for the action's keys, and let time pass."""
+        """Send the hands to the action's keys, and let time pass."""
         agent_steps = self._clock.command(self._game.action(action))
         missed = len(agent_steps)
         photographed = 0
@@ -168,7 +169,7 @@ class RobotEnv(GameEnv):
                     self._photograph(len(agent_steps) - photographed)
                 photographed = len(agent_steps)
         last = agent_steps[-1]
-        # Without waiting the command is for one agent step, and what passes after it is missed.
+        # Unless the agent waits, the command is for one agent step, and those after it are missed.
         obeying = agent_steps[missed : None if self.clock.wait_action else missed + 1]
         kept = sum(not agent_step.late for agent_step in obeying)
         with self._clock.still():
@@ -185,13 +186,14 @@ class RobotEnv(GameEnv):
             )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The room from outside, ``uint8 [480, 640, 3]``, for render_mode "rgb_array"."""
+        """Returns the room from outside, ``uint8 [480, 640, 3]``; None unless render_mode is
+        "rgb_array"."""
         return self.view(640, 480) if self.render_mode == "rgb_array" else None
 
     def view(
         self, width: int, height: int, viewpoint: ViewName = "room", *, moved: bool = True
     ) -> NDArray[np.uint8]:
-        """The robot from outside as in `Robot.view`, ``uint8 [height, width, 3]``."""
+        """Returns the robot from outside as in `Robot.view`, ``uint8 [height, width, 3]``."""
         with self._clock.still():
             screen = self._game.emulator.screen_rgb()
             return self.robot.view(screen, width, height, viewpoint, moved=moved)
@@ -235,14 +237,14 @@ class RobotEnv(GameEnv):
 
     @property
     def _needs_each_picture(self) -> bool:
-        """Whether a later picture may turn out to be that of an agent step before it."""
+        """Whether a later picture may be one that was taken at this agent step."""
         camera = self.conditions.camera
         return camera.latency > 0 or camera.dropped > 0
 
     def _photograph(self, agent_steps: int) -> None:
         """Take a picture; ``agent_steps`` have passed since the last time."""
         self._unseen += agent_steps
-        # Drawing takes a tenth of an agent step: not where only a person might look at the picture.
+        # Drawing takes a tenth of an agent step, so it is skipped where only a person might look.
         looks = self._play.eye == "camera" or self._needs_each_picture
         self._seen = self._picture() if looks else None
 
@@ -256,7 +258,7 @@ class RobotEnv(GameEnv):
         if self._play.eye == "camera":
             before, self.detection = self.detection, self.detector.detect(self.seen)
             if is_blank(self.detection.frame) and not is_blank(self._own_frame()):
-                # The border is in place, but nothing is seen of the game in it.
+                # The border is in place, but the game in it cannot be seen.
                 self.detection = self.detection._replace(valid=False)
             changed = not np.array_equal(before.frame, self.detection.frame)
             self._follows = changed or np.array_equal(self._shown, self._shown_before)

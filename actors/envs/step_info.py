@@ -1,4 +1,4 @@
-"""What an environment says about a step beside its observation, declared once."""
+"""Declares what an environment reports about a step beside its observation."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple, get_origin
@@ -7,43 +7,45 @@ from typing import Any, NamedTuple, get_origin
 class StepInfo(NamedTuple):
     """The ``info`` of a `reset` or `step`: typed here, a dictionary for Gymnasium.
 
-    An environment gives ``StepInfo(...)._asdict()``. The first three have no default: every
-    environment of this project plays games and must say where one ends.
+    An environment gives ``StepInfo(...)._asdict()``. The first three fields have no default: every
+    environment of this project plays games and must report where one ends.
     """
 
     game_over: bool
-    """The game ended at this step, by its own rules or cut short."""
+    """Whether the game ended at this step, by its own rules or cut short."""
     game_score: float
     """Points of the game so far, random start included."""
     game_steps: int
     """Agent steps of the game so far, random start included."""
     valid_frame: bool = True
-    """The newest frame really shows the screen."""
+    """Whether the newest frame really shows the screen."""
     frame_follows: bool = True
-    """The newest frame differs from the one before, or the game's own picture did not change."""
+    """Whether the newest frame differs from the one before, or the game's own picture did not
+    change."""
     keys_match: bool = True
-    """The keys pressed at the step's end were the commanded ones."""
+    """Whether the keys pressed at the step's end were the commanded ones."""
     elapsed: int = 1
     """Agent steps of game time that the step took; 0 for a reset."""
     gave_up: bool = False
-    """The wait for the commanded keys ended at its bound, without them."""
+    """Whether the wait for the commanded keys ended at its bound, without them."""
     missed_deadlines: int = 0
-    """In real time: agent steps that passed before this step's command or, unless the agent waits
-    for its keys, after the one that the command was for; and those of which a frame was late."""
+    """In real time: agent steps that passed before this step's command, and those with a late
+    frame. Unless the agent waits for its keys, agent steps after the first one of the command count
+    too."""
     late_frames: int = 0
     """In real time: emulator frames of this step that began more than a frame too late."""
     key_times: tuple[int, ...] = ()
-    """What `KeyWatch` measured since the last step (see `common.press_latency`); a reset tells
-    none."""
+    """What `KeyWatch` measured since the last step (see `common.press_latency`); none in a reset.
+    """
 
     @classmethod
     def of(cls, info: Mapping[str, Any]) -> "StepInfo":
-        """Returns what ``info`` says; the keys that a wrapper added are left out.
+        """Returns what ``info`` says, without keys that a wrapper added.
 
         Raises:
-            KeyError: one of the keys without a default is missing.
+            KeyError: a key without a default is missing.
         """
-        # Each to its own type, because some environments count in numpy's.
+        # Values are converted, because some environments give numpy's types.
         told = {name: kind(info[name]) for name, kind in _TYPES.items() if name in info}
         if missing := _REQUIRED - told.keys():
             raise KeyError(

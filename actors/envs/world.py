@@ -1,6 +1,6 @@
-"""Hands at their console: they and the game move on together, one emulator frame at a time.
+"""The world: hands and game advance together, one emulator frame at a time.
 
-Who moves them on, and when, is the clock's business (`actors.envs.clock`).
+The clock (`actors.envs.clock`) decides when.
 """
 
 from collections.abc import Callable
@@ -27,15 +27,15 @@ _ACTION_OF_KEYS = tuple(action_of_keys(Keys(bits)) for bits in range(2 ** len(KE
 
 @dataclass(frozen=True)
 class AgentStep:
-    """What the ``play.frame_skip`` emulator frames of one agent step came to."""
+    """The outcome of one agent step of ``play.frame_skip`` emulator frames."""
 
     points: float
     pressed: Keys
-    """The keys that the game was given at its last frame."""
+    """The keys that the game got at the last frame."""
     terminated: bool
     truncated: bool
     late: bool = False
-    """A frame of it began more than a frame too late by the clock, however fast that one goes."""
+    """Whether a frame began more than a frame too late, at whatever speed the clock runs."""
 
     @property
     def ended(self) -> bool:
@@ -43,11 +43,11 @@ class AgentStep:
 
 
 class World:
-    """Commands go in; each frame the hands move on, and the keys they press play the game.
+    """Hands that get commands, and the game that plays by the keys they press.
 
-    With ``play.read_keys`` "frame" the controller is read at the end of each frame's physics.
-    With "decision" it is read once, before the arms move, and what was pressed then holds for the
-    whole agent step (as in 2017: read, act on the emulator, and only then simulate).
+    With ``play.read_keys`` "frame" the controller is read at the end of each frame's physics. With
+    "decision" it is read once per agent step, before the arms move, and the game gets these keys
+    for the whole step (as in 2017: read, act on the emulator, and only then simulate).
     """
 
     def __init__(
@@ -58,17 +58,17 @@ class World:
         joints: int = 0,
         posture: Callable[[], tuple[NDArray[np.float64], ...]] = tuple,
     ) -> None:
-        """The hands of ``play``, at rest.
+        """Take the hands that ``play`` asks for, at rest.
 
         Args:
-            arms: the robot's, or a latency model; None where there is neither.
-            joints: number of the robot's; 0 without one.
-            posture: tells their angles and speeds, as `Robot.proprioception`.
+            arms: the robot, or a latency model; None if there is neither.
+            joints: number of the robot's joints; 0 without a robot.
+            posture: returns their angles and speeds, as `Robot.proprioception`.
         """
         self.wanted = Keys.NONE
         """The keys of the last command."""
         self.pressed = Keys.NONE
-        """The keys that the game was given at the last frame."""
+        """The keys that the game got at the last frame."""
         self.key_watch = KeyWatch()
         """Times the hands, whenever the controller is read."""
         self._arms = arms
@@ -77,17 +77,17 @@ class World:
         self._game = game
         self._play = play
         self._sense = Proprioception(play, joints) if play.vector else None
-        self._frames = 0  # of the present agent step
+        self._frames = 0  # frames of the present agent step that have passed
         self._points = 0.0
 
     def vector(self) -> NDArray[np.float32] | None:
-        """The vector observation as of now, if ``play.vector`` asks for one."""
+        """Returns the present vector observation, if ``play.vector`` asks for one."""
         if self._sense is None:
             return None
         return self._sense.vector(*self._posture())
 
     def begin_game(self, play: PlayConfig, rng: Generator) -> None:
-        """Take the hands of ``play``, and let a new game begin as `restart` does."""
+        """Take the hands that ``play`` asks for, and `restart` for a new game."""
         self._take_hands(play, rng)
         self.see_late(0)
         if self._equaliser is not None:
@@ -95,15 +95,17 @@ class World:
         self.restart()
 
     def see_late(self, frames: int) -> None:
-        """The eye's pictures are late by so many emulator frames: what is felt is told as late, so
-        that both are of one moment."""
+        """Set the latency of the eye's pictures, in emulator frames.
+
+        The observed keys are made as late, so that both are of one moment.
+        """
         if self._equaliser is not None:
             self._equaliser.seen_late = frames
         if self._sense is not None:
             self._sense.seen_late = frames
 
     def restart(self) -> None:
-        """Hands at rest and nothing remembered: the game begins anew."""
+        """Put the hands at rest and forget everything, because a game begins."""
         self._hands.rest()
         self.wanted = self.pressed = Keys.NONE
         self._frames, self._points = 0, 0.0
@@ -111,16 +113,16 @@ class World:
             self._sense.forget()
 
     def command(self, action: int) -> None:
-        """Let the hands set out for one of the 18 actions."""
+        """Send the hands to the keys of one of the 18 actions."""
         self.wanted = KEYS_OF_ACTION[action]
-        if self._equaliser is None:  # which tells of the commands that it makes of this one
+        if self._equaliser is None:  # an equaliser itself reports the commands that it gives
             self.key_watch.give()
         self._hands.command(self.wanted)
         if self._sense is not None:
             self._sense.command(action)
 
     def frame(self) -> AgentStep | None:
-        """Pass one emulator frame (1/60 s); the agent step that it completes, if any."""
+        """Pass one emulator frame (1/60 s); returns the agent step that it completes, if any."""
         if self._play.read_keys == "decision" and self._frames == 0:
             self.pressed = self._hands.held
         felt = self._hands.step_frame()
@@ -139,7 +141,7 @@ class World:
         return agent_step
 
     def finish_agent_step(self) -> AgentStep:
-        """Pass the frames to the end of the agent step."""
+        """Pass the remaining frames of the agent step, and return it."""
         while (agent_step := self.frame()) is None:
             pass
         return agent_step
