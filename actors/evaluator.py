@@ -1,4 +1,4 @@
-"""An evaluator: an actor that only plays. It tests the snapshots that the learner hands out."""
+"""An evaluator: an actor that only plays, to test the snapshots that the learner hands out."""
 
 import time
 from typing import Any
@@ -24,7 +24,7 @@ _TIMEOUT = 5.0
 
 
 class Evaluator:
-    """Asks for a job, plays it, reports each game; nothing it sees goes to the replay.
+    """Asks for jobs, plays them and reports each game; sends nothing to the replay.
 
     ``env`` plays whole games, and ``policy`` gets the weights and ε of each job.
     """
@@ -104,7 +104,10 @@ class Evaluator:
                 return
 
     def _report(self, report: EvaluationReport) -> bool:
-        """Whether the learner still wants this test; a learner that is away does not know it."""
+        """Report to the learner; returns whether it still wants this test.
+
+        A learner that was away has forgotten the test, so no answer means no.
+        """
         try:
             self._reports.request(report.encode()).result()
         except (MessageError, Unanswered):

@@ -1,8 +1,8 @@
 """Exploration: which agent steps are random, and by which action (ε-greedy, εz-greedy).
 
-Redrawn at every agent step, chance makes an arm tremble: it has hardly left for one key when it is
-told to go to another. With ``ez_greedy`` a random action lasts for a while (εz-greedy: Dabney,
-Ostrovski and Barreto 2021, "Temporally-extended ε-greedy exploration").
+Random actions that are redrawn at every agent step make an arm tremble: it has hardly set out for
+one key when it is sent to another. With ``ez_greedy`` a random action lasts for a while (εz-greedy:
+Dabney, Ostrovski and Barreto 2021, "Temporally-extended ε-greedy exploration").
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ MEAN_DURATION = float(DURATION_LAW @ _DURATIONS)
 
 
 class Exploration:
-    """Chance for ``envs`` environments at once."""
+    """Draws the random actions of ``envs`` environments."""
 
     def __init__(
         self, config: ExplorationConfig, actions: int, envs: int, rng: np.random.Generator
@@ -35,7 +35,7 @@ class Exploration:
         self._left = np.zeros(envs, np.int64)
 
     def draw(self, epsilon: float) -> NDArray[np.int64]:
-        """A random action, or `GREEDY`, for the next agent step of each environment, ``[E]``."""
+        """Returns a random action, or `GREEDY`, for each environment's next agent step, ``[E]``."""
         envs = len(self._held)
         if not self._ez_greedy:
             chosen = self._rng.integers(self._actions, size=envs)

@@ -1,4 +1,4 @@
-"""What tells one game from another, and how long it took: a record of the game being played."""
+"""Records the game being played: hashes that tell it from other games, and how long it took."""
 
 import hashlib
 import time
@@ -11,18 +11,18 @@ import gymnasium
 from actors.loop import frames_and_vector
 
 _BYTES = 8
-"""Size of a hash: of 30 games two different ones have the same with a chance of 2e-17."""
+"""Size of a hash. The chance that any two of 30 different games share one is 2e-17."""
 
 
 class GameRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment that hashes what its console's memory holds after each agent step.
+    """An environment that hashes its console's memory after each agent step.
 
-    Two games with equal hashes are one game, played twice. Where there is no console, the newest
-    frame takes the memory's place.
+    Two games with equal hashes are the same game, played twice. Without a console, the newest frame
+    is hashed instead.
 
     Args:
-        ending: agent steps of a game's end that are also hashed by themselves.
-        now: monotonic seconds.
+        ending: number of last agent steps of a game that are also hashed by themselves.
+        now: returns monotonic seconds.
     """
 
     def __init__(
@@ -60,5 +60,5 @@ class GameRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     @property
     def ending_hash(self) -> str:
-        """Hash of its memory over the last agent steps, or over all if it had no more."""
+        """Hash of its memory over the last ``ending`` agent steps, or over all if it is shorter."""
         return hashlib.blake2b(b"".join(self._steps), digest_size=_BYTES).hexdigest()

@@ -1,7 +1,7 @@
-"""Whole games by given weights, each told as a line of JSON: one process of an evaluation.
+"""One process of an evaluation: it plays whole games and prints a line of JSON for each.
 
-`python -m actors.games` is started by `python -m learner --evaluate`; nothing of it is stored or
-learned from.
+`python -m learner --evaluate` starts it as `python -m actors.games`. Nothing is stored, and nothing
+is learned from its games.
 """
 
 if __name__ == "__main__":
@@ -46,10 +46,10 @@ class GamesOptions:
     settings: str
     """Configuration of the run to play under, as JSON."""
     ending: int
-    """Agent steps of a game's end that are hashed by themselves."""
+    """Number of last agent steps of a game that are hashed by themselves."""
     games: int = 1
     steps: int = 0
-    """Minimum number of agent steps, over all games, as in the tests of 2017."""
+    """Minimum number of agent steps over all games, as in the tests of 2017."""
     epsilon: float = 0.001
     """Share of random agent steps."""
     seed: int = 1
@@ -57,14 +57,13 @@ class GamesOptions:
 
 
 _COUNTED = ("steps", "matched", "valid", "decisions", "missed_deadlines", "late_frames")
-"""Counters of `ActorStats` that are told of a game."""
+"""Counters of `ActorStats` that are reported for each game."""
 
 
 def games(
     config: RunConfig, options: GamesOptions, stop: threading.Event
 ) -> Iterator[dict[str, Any]]:
-    """Yields what each game came to, to its end, until there are enough of them and of their steps,
-    or ``stop``."""
+    """Yields the result of each whole game, until there are enough games and steps, or ``stop``."""
     with closing(make_env(config, options.clock, training=False)) as inner:
         env = GameRecorder(inner, options.ending)
         policy_seed, env_seed = map(int, np.random.SeedSequence(options.seed).generate_state(2))

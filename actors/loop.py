@@ -1,6 +1,6 @@
-"""The acting loop: agent and environments take turns. All else happens around it.
+"""The acting loop: agent and environments take turns.
 
-It is a generator, so streaming, statistics and stopping stay with whoever iterates.
+It is a generator, so streaming, statistics and stopping are left to the code that iterates.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,14 +21,14 @@ class Step(NamedTuple):
     stream: int
     """Index of the environment."""
     begins: bool
-    """It is the first of its episode."""
+    """Whether it is the first of its episode."""
     s_tm1: NDArray[np.uint8]
     """State acted on, ``[frame_stack, 84, 84]``, newest frame last."""
     valid: bool
-    """The newest frame of ``s_tm1`` showed the screen."""
+    """Whether the newest frame of ``s_tm1`` showed the screen."""
     a_tm1: int
     explored: bool
-    """``a_tm1`` was random."""
+    """Whether ``a_tm1`` was random."""
     r_t: float
     terminated: bool
     truncated: bool
@@ -39,13 +39,13 @@ class Step(NamedTuple):
     """Vector observation beside ``s_tm1``, ``[P]``."""
     x_t: NDArray[np.float32] = NO_VECTOR
     weights_version: int = 0
-    """Version of the weights that the policy had when it chose ``a_tm1``."""
+    """Version of the weights that chose ``a_tm1``."""
     epsilon: float = 1.0
-    """Its ε then."""
+    """The policy's ε when it chose ``a_tm1``."""
 
 
 class Player(Protocol):
-    """Who chooses the actions: a `actors.policy.Policy`, or a person."""
+    """Chooses the actions: an `actors.policy.Policy`, or a person."""
 
     weights_version: int
     epsilon: float
@@ -53,7 +53,7 @@ class Player(Protocol):
     """Which of the last actions were random, ``[E]``."""
 
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
-        """One action for each environment, ``[E]``.
+        """Returns one action for each environment, ``[E]``.
 
         Args:
             frames: states ``[E, frame_stack, 84, 84]``.
@@ -62,7 +62,7 @@ class Player(Protocol):
 
 
 def frames_and_vector(observation: Any) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Both parts of an environment's observation; the vector is empty where it shows none."""
+    """Returns both parts of an environment's observation; the vector is empty if it has none."""
     if isinstance(observation, dict):
         return observation["frames"], observation["vector"]
     return observation, NO_VECTOR
@@ -74,10 +74,10 @@ def play(
     seeds: Sequence[int],
     options: Callable[[], dict[str, Any]] = dict,
 ) -> Iterator[Step]:
-    """Endless steps, environment by environment; an ended episode is followed by a reset.
+    """Yields endless steps, environment by environment; after an episode it resets.
 
     Args:
-        options: tells those of the next reset.
+        options: returns the options of the next reset.
     """
     first = [env.reset(seed=seed, options=options()) for env, seed in zip(envs, seeds, strict=True)]
     observed = [frames_and_vector(observation) for observation, _ in first]
@@ -87,7 +87,7 @@ def play(
     begins = [True] * len(envs)
     while True:
         actions = policy.act(states, vectors)
-        # Whoever takes the steps may give the policy others before the last environment's.
+        # The consumer of the steps may change the policy's weights while it gets these.
         weights_version, epsilon = policy.weights_version, float(policy.epsilon)
         for i, env in enumerate(envs):
             observation, r_t, terminated, truncated, told = env.step(actions[i])

@@ -1,4 +1,4 @@
-"""What an actor process knows of the run that it joined, for all of its parts."""
+"""`Member`: what an actor process knows of the run that it joined, for all of its parts."""
 
 import threading
 import time
@@ -26,21 +26,21 @@ class Member:
     stop: threading.Event
     """Set from outside to make the process leave, and from inside when the run is finished."""
     incarnation: int = field(default_factory=time.time_ns)
-    """Differs for each start of the process, and grows."""
+    """Number of this start of the process; it is larger at each start."""
     tell: Callable[[str], None] = say_aside
     check_weights: Check = unchecked
-    """Tells whether weights are the learner's own."""
+    """Checks that weights come from the run's learner."""
 
     def check_run(self, run_id: str) -> None:
-        """Refuse to take part in another run than the one that was joined.
+        """Refuse to take part in any run but the one that was joined.
 
         Raises:
-            InputError: ``run_id``, which somebody told, is another one's.
+            InputError: ``run_id``, taken from a message, belongs to another run.
         """
         if run_id != self.keys.run_id:
             raise Unreachable(
-                f"the hub serves another run as {self.keys.run} now than {self.name} joined, and "
-                "refuses what is not of it: start this process again to join that run."
+                f"the hub now serves another run as {self.keys.run} than the one {self.name} "
+                "joined, and refuses everything else: start this process again to join that run."
             )
 
     def warn(self, sentence: str) -> None:

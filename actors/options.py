@@ -17,40 +17,40 @@ from common.transport.endpoint import DEFAULT_ENDPOINT
 
 @dataclass(frozen=True)
 class ActorOptions:
-    """Join a run: play, send what happened to its replay, and follow its learner's weights.
+    """Join a run: play, send the transitions to its replay, and follow its learner's weights.
 
-    What is played and how comes from the run's hub, so a plain `python -m actors --sync` is
-    enough. Start as many as there are cores, on as many machines as there are. To check, show or
-    play one robot without any run, use `python -m viewer`.
+    The run's hub tells what to play and how, so a plain `python -m actors --sync` is enough. Start
+    one process for each core, on any number of machines. To check, show or play one robot without
+    a run, use `python -m viewer`.
     """
 
     clock: tyro.conf.OmitArgPrefixes[ClockConfig] = field(default_factory=ClockConfig)
     connect: str = DEFAULT_ENDPOINT
-    """Address of the run's hub (the learner, or a replay of its own)."""
+    """Address of the run's hub: the learner, or a separate replay."""
     certificates: Path | None = None
-    """Folder of certificates, where the hub's address begins with tls/; see deploy/README.md."""
+    """Folder of certificates, if the hub's address begins with tls/; see deploy/README.md."""
     run: str | None = None
-    """Name of the run; needed only where a hub serves several."""
+    """Name of the run; needed only if a hub serves several."""
     env: str | None = None
-    """Environment that the run must play in, or it is not joined."""
+    """Environment that the run must play in; no other run is joined."""
     game: str | None = None
-    """Game that the run must play, or it is not joined."""
+    """Game that the run must play; no other run is joined."""
     robot: str | None = None
-    """Robot that the run must have, or it is not joined."""
+    """Robot that the run must have; no other run is joined."""
     envs: Annotated[int, Ge(1), Le(MAX_ENVS)] = 1
     """Number of environments in this process, played with one forward pass."""
     evaluator: bool = False
-    """Role: play the learner's evaluation jobs instead of training."""
+    """Role of an evaluator: play the learner's evaluation jobs instead of training."""
     name: str | None = None
-    """Name of this actor in displays and statistics; by default that in its certificate, or one
-    made of the host's name."""
+    """Name of this actor in displays and statistics; by default the name in its certificate, or one
+    made from the host's name."""
     seed: Annotated[int, Ge(0), Lt(MAX_SEED)] | None = None
-    """Seed of this actor's games; by default another one at every start, so that a restarted actor
+    """Seed of this actor's games; by default a new one at every start, so that a restarted actor
     does not repeat its games."""
     patience: Patience = 300.0
     """Seconds to wait for the hub, at the start and whenever it goes away."""
     log_json: bool = False
-    """Lines of JSON instead of a screen or lines for people."""
+    """Output as lines of JSON instead of a screen or lines for people."""
 
     def check(self) -> None:
         self.clock.check()
@@ -58,7 +58,7 @@ class ActorOptions:
             raise InputError("an evaluator plays one game at a time: omit --envs.")
 
     def check_against(self, config: RunConfig) -> None:
-        """Refuse a run that plays something else than asked for."""
+        """Refuse a run that plays something other than these options ask for."""
         for flag, wanted, found in (
             ("--env", self.env, config.env),
             ("--game", self.game, config.game),

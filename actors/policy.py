@@ -12,11 +12,12 @@ from common.run.config import ExplorationConfig, RunConfig
 if TYPE_CHECKING:
     from common.network import QNetwork
 
-# PyTorch is loaded by what computes with it: help and a wrong flag come at once.
+# PyTorch is imported only where it computes, so that help and wrong flags are answered at once.
 
 
 class Policy:
-    """Greedy on the network's values, but for a share ``epsilon`` of random agent steps."""
+    """A policy that is greedy on the network's values, except for a share ``epsilon`` of random
+    agent steps."""
 
     def __init__(
         self,
@@ -27,7 +28,7 @@ class Policy:
         envs: int = 1,
         exploration: ExplorationConfig | None = None,
     ) -> None:
-        """``exploration`` says how its chance goes; by default anew at every agent step."""
+        """``exploration`` says how random actions are drawn; by default each agent step anew."""
         self.network = network.eval()
         self.weights_version = 0
         self.epsilon = 1.0
@@ -37,7 +38,7 @@ class Policy:
 
     @classmethod
     def of_file(cls, config: RunConfig, weights: Path | None, epsilon: float, seed: int) -> Self:
-        """Returns the policy of the network in the file ``weights``, or a random one without.
+        """Returns the policy of the network in the file ``weights``; without a file, a random one.
 
         Raises:
             InputError: the file cannot be read, or does not fit ``config``.
@@ -54,7 +55,7 @@ class Policy:
         return policy
 
     def act(self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]) -> NDArray[np.int64]:
-        """See `actors.loop.Player`."""
+        """Returns one action for each environment; see `actors.loop.Player`."""
         chosen = self._exploration.draw(self.epsilon)
         self.explored = chosen != GREEDY
         greedy = np.flatnonzero(~self.explored)
@@ -65,7 +66,7 @@ class Policy:
     def q_values(
         self, frames: NDArray[np.uint8], vectors: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        """Returns the Q-values of all actions, ``[E, A]``, in states as those of `act`."""
+        """Returns the Q-values of all actions, ``[E, A]``, in states as `act` gets them."""
         import torch
 
         with torch.inference_mode():

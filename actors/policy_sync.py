@@ -1,4 +1,4 @@
-"""Keeps an actor up to date: weights of the learner; ε by the run's steps; the difficulty."""
+"""Keeps an actor up to date: the learner's weights, the run's present ε and difficulty."""
 
 from actors.member import Member
 from actors.policy import Policy
@@ -9,7 +9,7 @@ from common.protocol.weights import load_weights
 
 
 class PolicySync:
-    """Puts what the learner and the replay tell into ``policy``."""
+    """Updates ``policy`` from what the learner and the replay send."""
 
     def __init__(self, member: Member, policy: Policy) -> None:
         self._policy = policy
@@ -18,16 +18,16 @@ class PolicySync:
         self._member = member
         self._has_weights = False
         self._difficulty = 0.0
-        """Difficulty of the next game, by the last acknowledgement."""
+        """Difficulty of the next game, from the last acknowledgement."""
 
     def reset_options(self) -> dict[str, float]:
-        """Returns how the next game is to be drawn, as options of an environment's reset."""
+        """Returns the options of an environment's reset for the next game."""
         if not self._config.learning.curriculum_steps:  # an environment need not know the option
             return {}
         return {"difficulty": self._difficulty}
 
     def take_weights(self) -> None:
-        """Play by the newest weights that came."""
+        """Use the newest weights that have come."""
         found = self._weights.take()
         if found is None or (self._has_weights and found[0] == self._policy.weights_version):
             return
@@ -43,7 +43,7 @@ class PolicySync:
         self._has_weights = True
 
     def follow(self, ack: Ack) -> None:
-        """Set ε by the run's steps, and the games' difficulty; fetch weights that were missed."""
+        """Set ε from the run's steps, and the games' difficulty; fetch weights that were missed."""
         self._policy.epsilon = self._config.epsilon_at(ack.agent_steps)
         self._difficulty = ack.difficulty
         if not ack.finished and (not self._has_weights or self._lags(ack)):
@@ -51,9 +51,9 @@ class PolicySync:
             self.take_weights()
 
     def _lags(self, ack: Ack) -> bool:
-        """Whether a broadcast was missed, or those of a learner that came back with older weights.
+        """Whether a broadcast was missed, or the learner came back with older weights.
 
-        The next one is on its way while the acknowledgement is; two away is a loss.
+        One broadcast may still be on its way when the acknowledgement comes; two cannot.
         """
         away = abs(ack.weights_version - self._policy.weights_version)
         return away > 2 * self._config.learning.publish_period

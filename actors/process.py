@@ -1,4 +1,4 @@
-"""The process that plays for a run: from its options until it leaves."""
+"""The process that plays for a run, from its options until it leaves."""
 
 import secrets
 import socket
@@ -43,7 +43,7 @@ def join(options: ActorOptions) -> None:
     stop = threading.Event()
     on_signals(stop)
     keep_large_blocks()
-    # One core each: parallelism is between processes, and threads would fight over cores.
+    # Each process uses one core: several run in parallel, and their threads would fight over cores.
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     stopped = patiently(stop, options.connect)
@@ -85,7 +85,7 @@ def join(options: ActorOptions) -> None:
             actions,
             np.random.default_rng(policy_seed),
             envs=options.envs,
-            # An evaluation explores as in 2017: random actions are drawn anew at every step.
+            # Evaluations explore as in 2017: random actions are redrawn at every step.
             exploration=None if options.evaluator else config.exploration,
         )
         tell("READY=1", f"STATUS=plays for run {keys.run} at {options.connect}")
@@ -104,7 +104,7 @@ def join(options: ActorOptions) -> None:
 
 
 def _default_name() -> str:
-    """The host's name and six random digits."""
+    """Returns the host's name and six random digits."""
     host = socket.gethostname().split(".")[0]
     host = "".join(c if c.isascii() and c.isalnum() else "-" for c in host)
     return f"{host.strip('-')[:40] or 'actor'}-{secrets.token_hex(3)}"

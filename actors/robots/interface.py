@@ -1,6 +1,6 @@
-"""What an environment needs of a robot, which it knows by this protocol alone.
+"""The protocol of a robot: all that an environment knows about it.
 
-A robot is a module that implements `Robot` and an entry in `common.registry.ROBOTS`.
+A new robot is a module that implements `Robot` and an entry in `common.registry.ROBOTS`.
 """
 
 from typing import Literal, Protocol
@@ -13,19 +13,19 @@ from common.actions import Keys
 from common.run.conditions import Conditions
 
 ViewName = Literal["room", "hands", "front"]
-"""Where people look from: at the robot and its surroundings, at its hands on the keys, or at it
-from the front."""
+"""Views for people: the robot and its surroundings, its hands on the keys, or the robot from the
+front."""
 
 
 class Hands(Protocol):
-    """Whatever presses the controller's keys: a robot, or a model of its latency."""
+    """Presses the controller's keys: a robot, or a model of its latency."""
 
     @property
     def held(self) -> Keys:
         """The keys that were pressed at the end of the last frame."""
 
     def rest(self) -> None:
-        """Take every hand off the keys, with no command on its way, whatever was before."""
+        """Take every hand off the keys and drop all commands, whatever happened before."""
 
     def command(self, keys: Keys) -> None:
         """Set out to hold exactly ``keys`` down."""
@@ -41,15 +41,14 @@ class Robot(Hands, Protocol):
     """
 
     def begin_game(self, conditions: Conditions, rng: Generator) -> None:
-        """Let hands and eye be as ``conditions`` say from now on. It is called before a game begins
-        with `rest`.
+        """Set hands and eye as ``conditions`` say, before a game begins with `rest`.
 
         Args:
-            rng: the game's; seeds what changes within the game, as noise does.
+            rng: the game's generator; it seeds what changes within the game, such as noise.
         """
 
     def camera_picture(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
-        """Returns what the robot's camera gives, ``uint8 [240, 320, 3]``.
+        """Returns the robot's camera picture, ``uint8 [240, 320, 3]``.
 
         Args:
             screen: the game's picture, ``uint8 [rows, columns, 3]``.
@@ -57,12 +56,16 @@ class Robot(Hands, Protocol):
         """
 
     def proprioception(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Returns the joints' angles, -1 to 1 between their limits, and their speeds as shares of
-        their greatest, ``float64 [J]`` each."""
+        """Returns the joints' angles and speeds, ``float64 [J]`` each.
+
+        Angles are -1 to 1 between their limits, speeds are shares of their maximum.
+        """
 
     def true_corners(self) -> NDArray[np.float64] | None:
-        """Returns where the corners of the projected picture truly are in the camera's,
-        ``float64 [4, 2]``, clockwise from the top left; None where nobody knows."""
+        """Returns the true corners of the projected picture in the camera picture.
+
+        They are ``float64 [4, 2]``, clockwise from the top left; None if unknown.
+        """
 
     def view(
         self,
@@ -76,8 +79,8 @@ class Robot(Hands, Protocol):
     ) -> NDArray[np.uint8]:
         """Returns a picture for people, ``uint8 [height, width, 3]``.
 
-        Without ``moved`` only the game on the screen has to be new. ``turn`` is the angle, degrees,
-        by which a view that orbits is turned about what it shows, counterclockwise from above.
+        Without ``moved`` only the game on the screen has to be new. ``turn`` is the angle in
+        degrees by which an orbiting view is turned about its target, counterclockwise from above.
         """
 
     def close(self) -> None:

@@ -26,7 +26,7 @@ _WATCHED = 30
 """Emulator frames after which keys that are still wrong count as not reached."""
 _ACTIONS = len(KEYS_OF_ACTION)
 CHANGES = 2 * _ACTIONS * (_ACTIONS - 1)
-"""Changes of one repetition."""
+"""Number of changes in one repetition."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class Change:
     settled: bool
     """Whether the old keys were held for 3 agent steps; if not, for one, as in play."""
     frames: int | None
-    """Emulator frames from the command until the keys are and stay right; None if not reached."""
+    """Emulator frames from the command until the keys are right for good; None if not reached."""
     strayed: bool
-    """Whether a key of neither action was pressed on the way that was not pressed before."""
+    """Whether a key of neither action, not held before, was pressed on the way."""
 
 
 def changes(hands: Hands, repetitions: int, seed: int) -> Iterator[Change]:

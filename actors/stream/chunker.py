@@ -22,21 +22,21 @@ STEP_VALUES: dict[str, Callable[[Step], Any]] = {
     "matched": lambda step: step.info.keys_match,
     "vectors": lambda step: step.x_tm1,
 }
-"""What a step says for each field of the table; of its state's frames only the newest is meant."""
+"""The value of each field in a step; of the state's frames a chunk keeps only the newest."""
 
 
 class Chunker:
-    """Gathers the steps of one stream and hands out a chunk whenever ``length`` are together.
+    """Gathers the steps of one stream and returns a chunk after every ``length`` steps.
 
-    The chunk's frames are the newest of each state; its ``context`` holds the older frames that
-    its first state was stacked from, as far as they belong to the same episode.
+    A chunk's frames are the newest of each state. Its ``context`` holds the older frames of its
+    first state, as far as they belong to the same episode.
     """
 
     def __init__(self, run_id: str, actor: str, incarnation: int, stream: int, length: int) -> None:
         self._identity = (run_id, actor, incarnation, stream)
         self._length = length
         self._sequence = 0
-        self._age = 0  # steps that the present episode had before the next one
+        self._age = 0  # steps of the present episode before the next step
         self._steps: list[Step] = []
         self._context: NDArray[np.uint8]
 
@@ -48,7 +48,7 @@ class Chunker:
             older = min(self._age, len(step.s_tm1) - 1)
             self._context = step.s_tm1[-1 - older : -1].copy()
         self._age += 1
-        # The loop overwrites its states in place: keep only what the chunk needs, and own it.
+        # The loop overwrites its states in place, so copy what the chunk needs.
         self._steps.append(
             step._replace(
                 s_tm1=step.s_tm1[-1].copy(), s_t=step.s_t[-1].copy(), x_tm1=step.x_tm1.copy()
@@ -57,7 +57,7 @@ class Chunker:
         return self.cut() if len(self._steps) == self._length else None
 
     def cut(self) -> Chunk | None:
-        """Returns what is together so far as a chunk; None if that is nothing."""
+        """Returns the steps gathered so far as a chunk; None if there are none."""
         if not self._steps:
             return None
         steps, self._steps = self._steps, []
@@ -70,7 +70,7 @@ class Chunker:
             incarnation=incarnation,
             stream=stream,
             sequence=self._sequence,
-            # The oldest, so that staleness is never told too low.
+            # The oldest version, so that staleness is never understated.
             weights_version=min(step.weights_version for step in steps),
             epsilon=steps[-1].epsilon,
             context=self._context,

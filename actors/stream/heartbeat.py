@@ -1,4 +1,4 @@
-"""An actor's presence, and its counters once a second."""
+"""Announces an actor's presence, and publishes its counters once a second."""
 
 import time
 from collections.abc import Callable
@@ -12,7 +12,7 @@ PERIOD = 1.0
 
 
 class Heartbeat:
-    """Publishes ``stats()`` from a thread of its own, so that a throttled actor still speaks."""
+    """Publishes ``stats()`` from a thread of its own, so that a throttled actor is still heard."""
 
     def __init__(self, member: Member, role: Role, stats: Callable[[bool], ActorStats]) -> None:
         transport, keys = member.transport, member.keys
@@ -23,9 +23,9 @@ class Heartbeat:
         self._end = repeat("heartbeat", PERIOD, lambda _: self._publish(leaving=False))
 
     def close(self) -> None:
-        """Say the last counters and be present no longer."""
+        """Publish the last counters and end the presence."""
         self._end()
-        time.sleep(2 / MOST_HEARTBEATS)  # the last one may have been just now
+        time.sleep(2 / MOST_HEARTBEATS)  # a heartbeat may have been sent just now
         self._publish(leaving=True)
         self._presence.close()
 

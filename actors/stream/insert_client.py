@@ -1,7 +1,7 @@
-"""Sends chunks so that none is lost: acknowledged inserts, a window of them under way.
+"""Sends chunks so that none is lost: inserts are acknowledged, and a window of them is in flight.
 
-An insert is a request; its answer is the acknowledgement. One without an answer (the server is
-away, or too slow) is sent again; the server drops what it has already.
+An insert is a request, and its answer is the acknowledgement. Without an answer (the server is
+away, or too slow) it is sent again, and the server drops duplicates.
 """
 
 import time
@@ -21,7 +21,7 @@ _AWAY = 2.0
 
 
 class InsertClient:
-    """At most ``stream.window`` chunks unacknowledged; `send` waits for room."""
+    """Keeps at most ``stream.window`` chunks unacknowledged; `send` waits for room."""
 
     def __init__(self, member: Member) -> None:
         self.made = 0
@@ -62,7 +62,7 @@ class InsertClient:
             self._inserts.wait(self.window - 1, _PAUSE)
 
     def flush(self, seconds: float) -> None:
-        """Wait at most this long until all is acknowledged, and less where the hub is away."""
+        """Wait until everything is acknowledged: at most this long, and less if the hub is away."""
         seen = time.monotonic()
         ends = seen + seconds
         while self.unacknowledged:
@@ -74,9 +74,9 @@ class InsertClient:
             self._inserts.wait(0, min(_PAUSE, ends - now))
 
     def poll(self) -> Ack | None:
-        """Ask whether to go on: answered once the learner has caught up, at the latest after 1 s.
+        """Ask whether to go on; returns the answer, None if none came.
 
-        None when nobody answers.
+        The replay answers once the learner has caught up, at the latest after 1 s.
 
         Raises:
             InputError: there was no hub for longer than the patience.

@@ -1,4 +1,4 @@
-"""Shows an actor's play to those who ask, at no cost while nobody does."""
+"""Shows an actor's play to those who ask; it costs nothing while nobody does."""
 
 import time
 from collections import deque
@@ -30,9 +30,10 @@ from common.transport.interface import Request
 
 _MOST_WAITING = 8
 _PERIOD = 0.1
-"""Least seconds between two looks, however many ask."""
+"""Minimum seconds between two pictures, however many people ask."""
 _REST = 9.0
-"""Times as long as a look took to play on before the next: those who watch take a tenth at most."""
+"""Playing time before the next picture, as a multiple of the time that the last one took: watching
+takes at most a tenth of an actor's time."""
 _ROOM = (480, 360)
 """Width and height of the robot from outside."""
 
@@ -51,7 +52,7 @@ class LiveViews:
         self._policy = policy
         self._waiting: deque[tuple[Request, ViewRequest]] = deque()
         self._next = 0.0
-        """Monotonic seconds from which the next look may be."""
+        """Monotonic seconds at which the next picture may be made."""
         member.transport.serve(member.keys.view(role, member.name), self._take)
 
     @property
@@ -60,7 +61,7 @@ class LiveViews:
         return bool(self._waiting)
 
     def show(self, step: Step) -> None:
-        """Answer one who waits to see the environment of ``step``, the last that was played."""
+        """Answer one request for the environment of ``step``, which was just played."""
         if not self._waiting or (began := time.monotonic()) < self._next:
             return
         for _ in range(len(self._waiting)):
@@ -116,8 +117,10 @@ class LiveViews:
 def _shares(
     corners: NDArray[np.float32] | None, picture: NDArray[np.uint8] | None
 ) -> tuple[float, ...]:
-    """Returns ``corners float32 [4, 2]`` of ``picture``, which count pixel centres, as shares of
-    its width and height."""
+    """Returns ``corners float32 [4, 2]`` as shares of the width and height of ``picture``.
+
+    Whole numbers in ``corners`` are pixel centres.
+    """
     if corners is None or picture is None:
         return ()
     height, width = picture.shape[:2]
@@ -125,7 +128,7 @@ def _shares(
 
 
 def _jpeg(picture: NDArray[np.uint8] | None) -> bytes:
-    """Returns ``picture uint8 [rows, columns(, 3)]`` encoded, no larger than a view may have it."""
+    """Returns ``picture uint8 [rows, columns(, 3)]`` as a JPEG, no larger than a view allows."""
     if picture is None:
         return b""
     if (scale := MAX_SIDE / max(picture.shape[:2])) < 1:

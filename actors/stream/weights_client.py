@@ -1,4 +1,4 @@
-"""Receives the learner's weights: each broadcast, or the latest there is for a late joiner."""
+"""Receives the learner's weights: each broadcast, or, for a late joiner, the latest weights."""
 
 import contextlib
 import math
@@ -12,33 +12,34 @@ from common.transport.interface import Envelope, Transport, Unanswered
 
 _FETCH_TIMEOUT = 5.0
 _FETCH_PERIOD = 0.5
-"""A hub answers 5 questions a second of one connection, and drops others."""
+"""Minimum seconds between two requests: a hub answers 5 a second per connection, and drops others.
+"""
 
 
 class WeightsClient:
     """Keeps only the latest weights that nobody has taken yet.
 
-    Not those of the largest version: a learner that was killed comes back with an older one.
+    The latest may not have the largest version: a killed learner comes back with an older one.
     """
 
     def __init__(self, transport: Transport, keys: RunKeys) -> None:
         self._run_id = keys.run_id
-        # What the transport's thread puts in, the actor's alone takes out.
+        # The transport's thread appends; only the actor's thread takes out.
         self._latest: deque[tuple[int, bytes, bytes]] = deque(maxlen=1)
         self._asked = -math.inf
         self._requester = transport.requester(keys.latest_weights, _FETCH_TIMEOUT)
         self._subscription = transport.subscribe(keys.weights, self._receive)
 
     def take(self) -> tuple[int, bytes, bytes] | None:
-        """Version, safetensors bytes and their signature, all unchecked, once each."""
+        """Returns version, safetensors bytes and signature, all unchecked; None if taken before."""
         return self._latest.pop() if self._latest else None
 
     def fetch(self) -> None:
-        """Ask for the latest weights, unless that was just now; broadcasts may be dropped."""
+        """Request the latest weights, since broadcasts may be dropped, but not too often."""
         if time.monotonic() - self._asked < _FETCH_PERIOD:
             return
         self._asked = time.monotonic()
-        with contextlib.suppress(Unanswered, MessageError):  # there are none yet
+        with contextlib.suppress(Unanswered, MessageError):  # there may be none yet
             self._receive(self._requester.request(b"").result())
 
     def _receive(self, message: Envelope) -> None:

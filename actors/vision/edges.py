@@ -50,7 +50,7 @@ def refine(
 
 
 class Outline:
-    """The sides of an exact quadrilateral, ``quad [4, 2]``, to be looked for again and again."""
+    """The sides of an exact quadrilateral, ``quad [4, 2]``, which is checked again and again."""
 
     def __init__(self, quad: NDArray[np.float32]) -> None:
         self._samples = _samples(*_places(quad))
@@ -73,7 +73,7 @@ def _places(quad: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def _samples(bases: NDArray[np.float64], inward: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Returns x and y of what is sampled across each place, ``float32 [2, 4 places, samples]``."""
+    """Returns x and y of the samples across each place, ``float32 [2, 4 places, samples]``."""
     grid = (bases[:, :, None] + inward[:, None, None] * _ACROSS[:, None]).astype(np.float32)
     return np.ascontiguousarray(grid.reshape(4 * _PLACES, -1, 2).transpose(2, 0, 1))
 
@@ -83,7 +83,7 @@ def _edges(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Returns how far inward of each place its edge lies, pixels, and whether there is an edge.
 
-    Both arrays are ``[4, places]``; ``at`` is of `_samples`.
+    Both arrays are ``[4, places]``; ``at`` comes from `_samples`.
     """
     xs, ys = at
     samples = cv2.remap(grey, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -94,8 +94,8 @@ def _edges(
 def _falls(
     samples: NDArray[np.float32], contrast: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Returns where each row of ``[n, 2 reach + 1]`` falls most, in pixels, and if that is an
-    edge."""
+    """Returns where each row of ``samples [n, 2 reach + 1]`` falls most, in pixels, and whether
+    that is an edge."""
     fall = samples[:, :-3] + samples[:, 1:-2] - samples[:, 2:-1] - samples[:, 3:]
     start = np.argmax(fall, axis=1)
     rows = np.arange(len(samples))

@@ -26,6 +26,7 @@ GAME_IN_PICTURE: NDArray[np.float32] = (
 
 
 def border_of(corners: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Corners of the whole projected picture from those of the game in it, ``float32 [4, 2]``."""
+    """Returns the corners of the whole projected picture, ``float32 [4, 2]``, from those of the
+    game in it."""
     homography = cv2.getPerspectiveTransform(GAME_IN_PICTURE, corners)
     return np.asarray(cv2.perspectiveTransform(UNIT_SQUARE[None], homography)[0], np.float32)

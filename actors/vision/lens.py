@@ -51,7 +51,7 @@ class Lens:
         """Returns the lens's pixels of pinhole pixels ``points [N, 2]`` (x, y)."""
         away = (points - self._middle) / self._half_width
         ideal = np.hypot(away[:, 0], away[:, 1])
-        # The one real root of a cubic that only grows.
+        # The only real root of a monotonic cubic.
         root = np.sqrt(3 * self.k1)
         bent = 2 / root * np.sinh(np.arcsinh(1.5 * root * ideal) / 3)
         nearer = (bent / np.maximum(ideal, 1e-12))[:, None]
@@ -59,8 +59,10 @@ class Lens:
         return self._middle + shown
 
     def photograph(self, ideal: NDArray[np.uint8], window: Window = _ALL) -> NDArray[np.uint8]:
-        """Returns a ``window`` of the lens's picture of a pinhole's ``ideal``, which is `margin`
-        larger on each side."""
+        """Returns a ``window`` of the lens's picture, made from a pinhole's ``ideal``.
+
+        ``ideal`` is larger by `margin` on each side.
+        """
         return _drawn(ideal, self._bent, window)
 
     def straighten(self, image: NDArray[np.uint8], window: Window = _ALL) -> NDArray[np.uint8]:
@@ -68,8 +70,10 @@ class Lens:
         return _drawn(image, self._straight, window)
 
     def shown(self, window: Window) -> Window:
-        """Returns the window of the lens's picture that a ``window`` of the pinhole's, with its
-        `margin`, has any effect on."""
+        """Returns the window of the lens's picture that a ``window`` of the pinhole's affects.
+
+        The pinhole's picture includes its `margin`.
+        """
         # A pixel between two others is made of both.
         rows, columns = (np.arange(each.start - 1, each.stop + 1) for each in window)
         x, y = np.meshgrid(columns, rows)

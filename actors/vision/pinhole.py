@@ -1,7 +1,7 @@
-"""A camera picture as the screen detector looks at it: grey, and without the lens's distortion.
+"""A camera picture as the screen detector sees it: grey, and without the lens's distortion.
 
-Only those parts are made that are asked for, because a whole picture takes as long as everything
-else of a detection.
+Only requested parts are made, because a whole picture takes as long as everything else in a
+detection.
 """
 
 from functools import cached_property
@@ -15,8 +15,7 @@ from actors.vision.window import Window
 
 
 class PinholeView:
-    """The view of a pinhole at the camera's place of what it has in ``image uint8 [height, width,
-    3]``."""
+    """The camera's ``image uint8 [height, width, 3]`` as a pinhole would show it, in grey."""
 
     def __init__(self, image: NDArray[np.uint8], lens: Lens | None) -> None:
         self._image = image
@@ -41,7 +40,7 @@ class PinholeView:
         return self._lens.straighten(self.as_taken, window)
 
     def around(self, window: Window) -> NDArray[np.uint8]:
-        """Returns the view at its full size, of which only ``window`` has to be right."""
+        """Returns the view at its full size; only its ``window`` has to be right."""
         if self._lens is None:
             return self.as_taken
         view = np.zeros_like(self.as_taken)

@@ -43,9 +43,9 @@ _EDGE = 0.25
 """Minimum fall of light at an edge, as a share of the whole picture's contrast."""
 
 _BLANK = 1.5
-"""Standard deviation of a frame's areas, grey levels, below which it shows nothing. Noise of 8 grey
-levels in the camera makes 0.7; of 600 random steps of each game, 98 % have 1.9 or more, in but one
-game, which is black while it thinks."""
+"""Standard deviation of a frame's areas, grey levels, below which it shows nothing. Camera noise of
+8 grey levels makes 0.7. In 600 random steps of each game, 98 % have 1.9 or more, except in one game
+that is black while it thinks."""
 
 
 class Detection(NamedTuple):
@@ -94,7 +94,7 @@ class ScreenDetector:
         return Detection(self._screen.unwarp(windowed), found, self._corners)
 
     def _search(self, view: PinholeView) -> bool:
-        """Find the screen, or confirm that it is at its last place; returns whether it did."""
+        """Find the screen or confirm its last place; returns whether either succeeded."""
         black, light = _levels(view.as_taken)
         if light - black < _MIN_CONTRAST:
             return False
@@ -107,21 +107,21 @@ class ScreenDetector:
                 return True
         outer = _find(view.whole, last, black, light)
         if outer is None:
-            # Too much may be hidden to find it, but a screen that moved has not three sides in
+            # Too much may be hidden to find it, but a screen that moved cannot have three sides in
             # place.
             return bool((shares >= _SIDE_RIGHT).sum() >= 3)
         self._screen = Screen(outer, view.whole)
         self._corners = corners = self._screen.corners
-        if self._lens is not None:  # where the camera picture has them
+        if self._lens is not None:  # give the corners in the distorted camera picture
             self._corners = self._lens.bend(corners.astype(np.float64)).astype(np.float32)
         return True
 
 
 def is_blank(frame: NDArray[np.uint8]) -> bool:
-    """Whether a frame ``uint8 [84, 84]`` shows nothing: one grey all over, noise apart."""
+    """Whether a frame ``uint8 [84, 84]`` shows nothing but one grey and noise."""
     # Means over 7×7 pixels differ by a seventh of the noise.
     areas = cv2.resize(frame, (12, 12), interpolation=cv2.INTER_AREA)
-    # A tenth of the time that numpy takes.
+    # OpenCV takes a tenth of numpy's time.
     return float(cv2.meanStdDev(areas)[1][0, 0]) < _BLANK
 
 
@@ -159,7 +159,7 @@ def _find(
 def _confirm(
     grey: NDArray[np.uint8], quad: NDArray[np.float32], contrast: float
 ) -> NDArray[np.float32] | None:
-    """Returns ``quad`` refined to a fraction of a pixel, or None if it is no projected picture."""
+    """Returns ``quad`` refined to a fraction of a pixel; None if it is not a projected picture."""
     outer = refine(grey, quad, contrast)
     if outer is None:
         return None
@@ -202,8 +202,8 @@ def _is_picture_shaped(homography: NDArray[np.float64], width: int, height: int)
 
 
 def _beside_edge(count: int = 32) -> NDArray[np.float32]:
-    """Returns places along the middle of the black border, and as many just outside of it, in the
-    projected picture, ``[2, places, 2]``."""
+    """Returns places in the projected picture, ``[2, places, 2]``: along the middle of the black
+    border, and as many just outside it."""
     middle = float(GAME_IN_PICTURE[0, 0]) / 2
     rings = []
     for low in (middle, -middle / 2):

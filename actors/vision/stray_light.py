@@ -1,8 +1,8 @@
 """Light on the projection screen that is not the game's: ambient light, and the glare of a lamp.
 
-It adds the more to a point, the darker it is, and leaves white as it is, because the camera's
-exposure follows the brightest: a point of brightness v, of 255, becomes ``v + a (255 - v)``, where
-``a`` is the stray light there as a share of white.
+The darker a point, the more stray light adds to it. White stays white, because the camera's
+exposure follows the brightest point. A brightness v of 255 becomes ``v + a (255 - v)``, where ``a``
+is the stray light at that point as a share of white.
 """
 
 import cv2
@@ -17,7 +17,7 @@ GLARE_RADIUS = 0.15
 
 
 class StrayLight:
-    """The stray light on part of the screen, seen as a picture of so many rows and columns."""
+    """The stray light on a part of the screen, pixel by pixel."""
 
     def __init__(self, camera: CameraConfig, places: NDArray[np.float64], channels: int) -> None:
         """``places [rows, columns, 2]`` has each pixel's place (x, y) in the projected picture,
@@ -32,11 +32,11 @@ class StrayLight:
     def shine(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Returns ``picture uint8 [rows, columns, channels]`` under this light; with one channel,
         ``uint8 [rows, columns]``."""
-        # The distance to white is what shrinks: 255 - v, by the share that the light leaves.
+        # The distance to white, 255 - v, shrinks to the share that the light leaves.
         missing = cv2.multiply(cv2.bitwise_not(picture), self._kept, scale=1 / 255)
         return np.asarray(cv2.bitwise_not(missing), np.uint8)
 
 
 def has_stray_light(camera: CameraConfig) -> bool:
-    """Whether the settings have any light on the screen that is not the game's."""
+    """Whether the settings put any light on the screen that is not the game's."""
     return camera.ambient > 0 or camera.glare > 0

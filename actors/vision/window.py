@@ -10,15 +10,19 @@ Window = tuple[slice, slice]
 
 
 def within(start: int, stop: int, size: int) -> slice:
-    """Returns what of ``start`` to ``stop`` is within ``size`` pixels; the nearest pixel where
-    nothing is, because OpenCV takes no empty picture."""
+    """Returns the part of ``start`` to ``stop`` that lies within ``size`` pixels.
+
+    If there is none, it returns the nearest pixel, because OpenCV takes no empty picture.
+    """
     first = min(max(start, 0), size - 1)
     return slice(first, max(min(stop, size), first + 1))
 
 
 def window_around(points: NDArray[Any], shape: tuple[int, ...], more: int = 0) -> Window:
-    """Returns the window around ``points [N, 2]`` (x, y), and ``more`` pixels around that, `within`
-    a picture of ``shape`` (rows, columns)."""
+    """Returns the window around ``points [N, 2]`` (x, y), enlarged by ``more`` pixels on each side.
+
+    It is clipped with `within` to a picture of ``shape`` (rows, columns).
+    """
     left, top = (np.floor(points.min(axis=0)).astype(int) - more).tolist()
     right, bottom = (np.ceil(points.max(axis=0)).astype(int) + 1 + more).tolist()
     return within(top, bottom, shape[0]), within(left, right, shape[1])

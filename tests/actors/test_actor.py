@@ -343,7 +343,7 @@ def test_an_actor_leaves_a_hub_that_serves_another_run_now(stage: Stage) -> None
     stage.replay.ack = replace(STORED, status="refused", run_id="another")
     stage.ended()
     assert stage.failure == (
-        "the hub serves another run as r now than a joined, and refuses what is not of it: start "
-        "this process again to join that run."
+        "the hub now serves another run as r than the one a joined, and refuses everything else: "
+        "start this process again to join that run."
     )
     assert stage.farewell().refused >= 1

@@ -281,7 +281,7 @@ def test_an_evaluator_leaves_a_learner_that_trains_another_run_now(stage: Stage)
     stage.start(NumberedEnv(TEN_STEPS_A_GAME))
     stage.give(replace(task(25), run_id="another"))
     stage.ended()
-    assert "serves another run as r now than e joined" in str(stage.failure)
+    assert "serves another run as r than the one e joined" in str(stage.failure)
 
 
 def test_a_job_with_weights_that_the_learner_did_not_sign_is_not_taken(stage: Stage) -> None:

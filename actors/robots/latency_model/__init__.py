@@ -1,1 +1,1 @@
-"""Hands as a network that was fitted to a real robot's latency, from a file of the user's."""
+"""Hands modelled by a network that was fitted to a real robot's latency, from a user's file."""

@@ -1,4 +1,4 @@
-"""Hands as a small network over the last commands, which says what the console really gets."""
+"""Hands modelled by a small network, which maps the last commands to what the console gets."""
 
 from collections import deque
 from typing import Self
@@ -17,15 +17,15 @@ _NOTHING = (0, ACTIONS)
 class LatencyModel:
     """Implements `Hands`: keys that follow the commands as the network of ``weights`` says.
 
-    Thirty times a second the present command joins the last 29, each with the action that the
-    console was given just before: one-hot the command, then one-hot that action. Two dense layers
-    with a ReLU between them give 18 numbers, and the greatest one's action is held until the next
-    time. Nothing is drawn by chance. Before a game there were no commands, and nothing was pressed.
+    The network runs 30 times a second. Its input is the present command and the last 29, each with
+    the action that the console got just before: the command one-hot, then that action one-hot. Two
+    dense layers with a ReLU between them give 18 numbers, and the action of the greatest is held
+    until the next run. Nothing is random. A game begins with no commands and no keys pressed.
     """
 
     def __init__(self, weights: ModelWeights) -> None:
         self._weights = weights
-        # A product with a one-hot vector is one column.
+        # Multiplying by a one-hot vector selects one column.
         self._columns = np.ascontiguousarray(weights.fc_weight.T).reshape(COMMANDS, ROW, -1)
         self._slots = np.arange(COMMANDS)[:, None]
         self.rest()

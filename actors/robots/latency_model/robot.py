@@ -1,4 +1,4 @@
-"""A robot whose hands are a latency model: NAO's eye, and arms that rest."""
+"""A robot with NAO's eye, resting arms, and a latency model in place of its hands."""
 
 from actors.robots.latency_model.model import LatencyModel
 from actors.robots.nao.robot import Nao
@@ -7,10 +7,10 @@ from common.run.conditions import CameraConfig, PlayConfig
 
 
 class ModelledNao(Nao):
-    """NAO in its room, but the keys follow the latency model in the file ``play.robot``.
+    """NAO in its room, except that the keys follow the latency model in the file ``play.robot``.
 
-    It sees what NAO sees. A frame passes without physics, and no finger moves: the joints of its
-    proprioception are those of arms at rest, as with ``play.hand`` "model".
+    It sees what NAO sees. A frame passes without physics and no finger moves, so proprioception
+    always gives joints at rest, as with ``play.hand`` "model".
     """
 
     def __init__(self, game_size: tuple[int, int], camera: CameraConfig, play: PlayConfig) -> None:

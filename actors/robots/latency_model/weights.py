@@ -1,7 +1,7 @@
 """The file of a latency model, in the format that Physical Atari publishes.
 
 Keen Technologies' repository physical-atari-rlc (Apache 2.0) has such a file for its own robot,
-``agent_code/sim_env/robotroller_model_weights.npz``. It comes from the user; nothing in it is
+``agent_code/sim_env/robotroller_model_weights.npz``. Users bring the file, so its content is not
 trusted.
 """
 
@@ -21,7 +21,7 @@ ACTIONS = len(KEYS_OF_ACTION)
 COMMANDS = 30
 """Commands that the model remembers."""
 ROW = 2 * ACTIONS
-"""Numbers of each of them."""
+"""Numbers per command."""
 MAX_HIDDEN = 4_096
 _MEMBERS = ("fc_weight", "fc_bias", "pred_weight", "pred_bias")
 
@@ -44,17 +44,17 @@ class ModelWeights:
         hidden = len(self.fc_bias) if self.fc_bias.ndim == 1 else 0
         if not 1 <= hidden <= MAX_HIDDEN:
             raise ValueError(
-                f"fc_bias is {list(self.fc_bias.shape)} where there should be [H], "
+                f"fc_bias has shape {list(self.fc_bias.shape)} where [H] is expected, "
                 f"H from 1 to {MAX_HIDDEN:,}"
             )
         shapes = ((hidden, COMMANDS * ROW), (hidden,), (ACTIONS, hidden), (ACTIONS,))
         for field, shape in zip(fields(self), shapes, strict=True):
             array = getattr(self, field.name)
             if array.dtype.kind != "f":
-                raise ValueError(f"{field.name} is {array.dtype} where there should be floats")
+                raise ValueError(f"{field.name} has type {array.dtype} where floats are expected")
             if array.shape != shape:
                 raise ValueError(
-                    f"{field.name} is {list(array.shape)} where there should be {list(shape)}"
+                    f"{field.name} has shape {list(array.shape)} where {list(shape)} is expected"
                 )
             numbers = array.astype(np.float64)
             if not (np.abs(numbers) <= MAX_SIZE).all():
@@ -66,7 +66,7 @@ def read_weights(name: str) -> ModelWeights:
     """Returns the weights in the file that ``name`` stands for (see `common.pinned_file`).
 
     Raises:
-        InputError: it cannot be read, is not the run's, or holds no latency model.
+        InputError: the file cannot be read, is not the run's, or holds no latency model.
     """
     content = read(name)
     try:

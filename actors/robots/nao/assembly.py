@@ -55,8 +55,10 @@ def place_in_piece(link_name: str) -> tuple[str, NDArray[np.float64], NDArray[np
 
 @cache
 def assemble() -> tuple[dict[str, Piece], list[Joint]]:
-    """Returns the pieces by name, the torso's first, and the moving joints between them; nobody
-    changes them, for all robots of a process have the same."""
+    """Returns the pieces by name, the torso's first, and the moving joints between them.
+
+    Do not change them: all robots of a process share them.
+    """
     pieces: dict[str, Piece] = {}
     for link in LINK_NAMED.values():
         name, turn, origin = place_in_piece(link.name)
@@ -68,10 +70,10 @@ def assemble() -> tuple[dict[str, Piece], list[Joint]]:
 
 
 def write_nao(folder: Path) -> Path:
-    """Writes the robot's URDF, whose base is the torso, and the mesh of its eggs into ``folder``;
-    returns the URDF's path.
+    """Writes the robot's URDF and the mesh of its eggs into ``folder``; returns the URDF's path.
 
-    It has moving joints only: a physics step then costs a fortieth of the whole robot's.
+    Its base is the torso. It has only moving joints, so that a physics step costs a fortieth of the
+    whole robot's.
     """
     shutil.copy(Path(pybullet_data.getDataPath()) / "sphere_smooth.obj", folder / BALL_MESH)
     pieces, joints = assemble()

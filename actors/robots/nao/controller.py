@@ -30,8 +30,8 @@ CENTRE: Vector = (0.205, 0.0, 0.0)
 """Centre of the box on top of the desk."""
 BOX: Vector = (0.085, 0.180, 0.016)
 CAP_HEIGHT = 0.008
-# A key at its stop is level with the box, so that the box takes a hard blow: the engine lets a
-# heavy arm push a light key a little beyond its joint limit, but not into a static body.
+# A key at its stop is level with the box, so that the box takes hard blows: the engine lets a heavy
+# arm push a light key a little beyond its joint limit, but not into a static body.
 KEY_TOP = BOX[2] + TRAVEL
 """Height of a released key's top above the desk."""
 
@@ -97,8 +97,8 @@ class Controller(Pressed):
                 contactProcessingThreshold=_CONTACT_DISTANCE,
             )  # fmt: skip
         for link in (-1, *self._joints):
-            # Friction on smooth plastic is small, and computing it would cost more than all else
-            # about the keys.
+            # Friction on smooth plastic is small, and would cost more to compute than everything
+            # else about the keys.
             engine.changeDynamics(self.body, link, lateralFriction=0.0)
 
     def depths(self) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
-"""Are the meshes that a URDF shows there and whole? The engine itself does not say.
+"""Checks that the meshes of a URDF exist and are whole, because the engine does not.
 
-It takes what is left of a broken OBJ for the whole and shows nothing, and (3.2.7) a broken COLLADA
-file ends the process. So every mesh is looked at before it is given to the engine.
+The engine (3.2.7) takes what is left of a broken OBJ for the whole and shows nothing, and a broken
+COLLADA file ends the process. So every mesh is checked before the engine gets it.
 """
 
 import struct
@@ -15,16 +15,16 @@ _SCHEMES = ("package://", "model://", "file://")
 
 
 def check_meshes(urdf: Path) -> None:
-    """Look at all meshes of the visible parts.
+    """Checks all meshes of the visible parts.
 
     Raises:
-        InputError: the file is no URDF; one of them is not found, is of a kind that the engine
+        InputError: the file is not a URDF, or a mesh is not found, is of a kind that the engine
             does not read, or is broken.
     """
     try:
         robot = ElementTree.parse(urdf).getroot()
     except (ElementTree.ParseError, UnicodeDecodeError) as error:
-        raise InputError(f"{urdf} cannot be loaded: it is no URDF file ({error}).") from None
+        raise InputError(f"{urdf} cannot be loaded: it is not a URDF file ({error}).") from None
     except OSError as error:
         raise InputError(f"{urdf} cannot be loaded: {error.strerror}.") from None
     names = [mesh.get("filename", "") for mesh in robot.iterfind("link/visual/geometry/mesh")]
@@ -51,7 +51,7 @@ def check_meshes(urdf: Path) -> None:
 
 
 def _find(name: str, urdf: Path) -> Path | None:
-    """Where the engine finds a mesh: relative to the URDF's folder or to one that holds it."""
+    """Returns where the engine finds a mesh: relative to the URDF's folder or one above it."""
     for scheme in _SCHEMES:
         name = name.removeprefix(scheme)
     places = (folder / name for folder in urdf.resolve().parents)
@@ -59,7 +59,7 @@ def _find(name: str, urdf: Path) -> Path | None:
 
 
 def _whole_obj(content: bytes) -> bool:
-    """Points, and faces between points that are there."""
+    """Whether there are points, and only faces between points that exist."""
     points = faces = 0
     for line in content.splitlines():
         kind, *numbers = line.split() or [b""]
@@ -75,7 +75,7 @@ def _whole_obj(content: bytes) -> bool:
 
 
 def _whole_stl(content: bytes) -> bool:
-    """Binary with as many triangles as it says, or text with some."""
+    """Whether it is binary with as many triangles as it says, or text with some."""
     if len(content) >= 84:
         (triangles,) = struct.unpack_from("<I", content, 80)
         if len(content) == 84 + 50 * triangles:
@@ -85,7 +85,7 @@ def _whole_stl(content: bytes) -> bool:
 
 
 def _whole_collada(content: bytes) -> bool:
-    """XML to its end, with numbers and faces."""
+    """Whether it is complete XML with numbers and faces."""
     root = ElementTree.fromstring(content)
     found = {element.tag.rpartition("}")[2] for element in root.iter()}
     faces = {"triangles", "polylist", "polygons"}

@@ -1,8 +1,8 @@
-"""A NAO of the user's own, from their URDF with the maker's meshes, in pictures of the room.
+"""Shows a NAO of the user's own, from a URDF with the maker's meshes, in pictures of the room.
 
-The maker's licence forbids copying the meshes, so none comes with this project. The robot that
-plays stays ours: here its joint angles are copied to the other one, in a second room that is
-only ever looked at, whose physics never take a step.
+The maker's licence forbids copying the meshes, so this project has none. The robot that plays
+stays ours. Its joint angles are copied to the user's robot in a second room, which is only looked
+at: its physics never takes a step.
 """
 
 import tempfile
@@ -31,8 +31,8 @@ class OwnNao:
     """A room with furniture, controller and the user's robot, posed as in another room.
 
     Args:
-        path: URDF; joints are matched by NAO's published names (LShoulderPitch …). The arms'
-            eight must be there, the others are put where ours are held if they are.
+        path: URDF. Joints are matched by NAO's published names (LShoulderPitch …). The arms' eight
+            joints are required; others, where present, get the angles at which ours are held.
         game_size: rows and columns of the game's picture.
 
     Raises:
@@ -60,7 +60,7 @@ class OwnNao:
         self._seat()
 
     def _seat(self) -> None:
-        """Put the torso, whatever link the file begins with, where ours is."""
+        """Put the torso where ours is, whatever link the file begins with."""
         engine = self._engine
         parent = engine.getJointInfo(self._body, self._joints[_ON_THE_TORSO])[16]
         torso = frame_of(engine, self._body, parent)
@@ -83,7 +83,7 @@ class OwnNao:
         moved: bool = True,
         turn: float = 0.0,
     ) -> NDArray[np.uint8]:
-        """As `Nao.view` of ``nao``, with this robot in the place of ours."""
+        """Returns the `Nao.view` of ``nao``, with this robot in the place of ours."""
         place = nao.furniture.screen_place
         if place != self._furniture.screen_place:
             self._furniture.place_screen(*place)
@@ -115,7 +115,7 @@ def _load(engine: Any, path: Path) -> int:
         )
     except pybullet.error:
         raise InputError(
-            f"{path} cannot be loaded: the engine does not take it for a URDF file."
+            f"{path} cannot be loaded: the engine does not accept it as a URDF file."
         ) from None
     if not engine.getVisualShapeData(body):
         raise InputError(f"{path} shows nothing: it should be a robot with visible parts.")

@@ -34,8 +34,8 @@ _CHAIR: list[Box] = [
 
 
 class Nao(Room):
-    """NAO presses the controller's keys with its fingertips and sees by the camera in its
-    forehead."""
+    """NAO, which presses the controller's keys with its fingertips and sees through the camera in
+    its forehead."""
 
     mount = Mount(
         np.array(TORSO_ORIGIN) + _NECK, _POSTURE, TOP_CAMERA_ORIGIN, pitch=TOP_CAMERA_PITCH

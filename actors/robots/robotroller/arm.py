@@ -1,5 +1,4 @@
-"""The arm: two servos in a gimbal around the joystick, whose arch leans the stick, and one with a
-finger over the fire button.
+"""The arm: two servos in a gimbal whose arch leans the joystick, and one with a finger for fire.
 
 The axes of both gimbal servos cross at the stick's foot. The first turns the ring to the left and
 right; the second, on the ring, turns the arch away and back. At the arch's top a square socket
@@ -38,8 +37,8 @@ TIP_RADIUS = 0.004
 HOVER = 0.0024
 """Height of the resting fingertip over the released button, m."""
 ROTOR_INERTIA = 1.2e-8
-"""Inertia of a servo's rotor, kg·m²: estimated, as of other coreless motors of its size. Behind the
-gear it is ten times that of what the servo turns."""
+"""Inertia of a servo's rotor, kg·m², estimated from other coreless motors of its size. Behind the
+gear it is ten times the inertia of what the servo turns."""
 MOST_TURN = math.radians(12.5)
 """Greatest angle of each servo from its rest, rad: beyond all of the published positions."""
 
@@ -78,7 +77,7 @@ class Arm(Limbs):
                 linearDamping=0.0, angularDamping=0.0,
             )  # fmt: skip
         for link, axis in zip(joints, (0, 1, 0), strict=True):
-            # The engine refuses it in a file, where no body has so much about one axis alone.
+            # Set here, because the engine refuses a file with so much inertia about one axis only.
             inertia = list(engine.getDynamicsInfo(body, link)[2])
             inertia[axis] += ROTOR_INERTIA * published.GEAR_RATIO**2
             engine.changeDynamics(body, link, localInertiaDiagonal=inertia)
@@ -112,7 +111,7 @@ class Arm(Limbs):
 
 
 def _goals(keys: Keys) -> tuple[float, float, float]:
-    """Returns the servos' angles that hold ``keys``: left or right, up or down, fire."""
+    """Returns the angles of the servos that hold ``keys``: left or right, up or down, fire."""
     left_right, up_down = (
         sum(LEANS[key] for key, signs in SIDES.items() if key & keys and signs[hinge])
         for hinge in (0, 1)
@@ -122,8 +121,8 @@ def _goals(keys: Keys) -> tuple[float, float, float]:
 
 _GOALS = {Keys(bits): _goals(Keys(bits)) for bits in range(32)}
 
-# The servo's own controller gives the full voltage until its error is so small; the engine's motor
-# makes up for `positionGain` of the error in each physics step, but no faster than its speed.
+# The servo's own controller gives the full voltage down to this error. The engine's motor corrects
+# the share `positionGain` of the error in each physics step, limited by its speed.
 _FULL_VOLTAGE_ERROR = published.FULL_PWM / published.POSITION_GAIN * 2 * math.pi / published.TICKS
 _POSITION_GAIN = NO_LOAD_SPEED / 240 / _FULL_VOLTAGE_ERROR
 

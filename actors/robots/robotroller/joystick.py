@@ -1,8 +1,8 @@
 """The joystick: a stick on a spring over four switches, and a round button.
 
 The stick leans in two hinges that cross at its foot, `left_right` and then `up_down`. A switch
-closes where the stick leans far enough to its side, so that a diagonal closes two. Only touch leans
-the stick or pushes the button.
+closes when the stick leans far enough to its side, so a diagonal closes two. Only contact leans the
+stick or pushes the button.
 """
 
 import math

@@ -26,8 +26,8 @@ _TRIPOD: list[Box] = [
 
 
 class Robotroller(Room):
-    """Three servos lean an Atari joystick and push its button; a camera on a tripod, where NAO's
-    eye would be, sees the screen."""
+    """Three servos that lean an Atari joystick and push its button, and a camera on a tripod that
+    sees the screen from where NAO's eye would be."""
 
     mount = Mount(np.array(_HEAD), about((0.0, 1.0, 0.0), _TILT), _LENS, pitch=0.0)
     viewpoints = {  # noqa: RUF012

@@ -16,12 +16,12 @@ _KEY_SETS = tuple(map(Keys, range(2 ** len(KEYS))))
 
 
 class Limbs(ABC):
-    """Arms or servos, which follow commands by their motors.
+    """Arms or servos, whose motors follow commands.
 
     Args:
-        body: in the physics client.
-        joints: those that move, by their numbers.
-        parts: of the body, by name.
+        body: number of the body in the physics client.
+        joints: moving joints by their numbers.
+        parts: parts of the body by name.
     """
 
     def __init__(
@@ -29,12 +29,12 @@ class Limbs(ABC):
     ) -> None:
         self.body = body
         self.movables = [(link, parts[joint.child].extent) for link, joint in joints.items()]
-        """Links that move, each with the radius around its centre of mass that holds what is drawn
+        """Moving links, each with the radius around its centre of mass that holds all that is drawn
         of it, m."""
         self._engine = engine
         self._states = engine.getJointStates
         self.joints = list(joints)
-        """Their numbers."""
+        """Numbers of the moving joints."""
         lower, upper, self._top_speeds = np.array(
             [(each.lower, each.upper, each.max_speed) for each in joints.values()]
         ).T
@@ -60,22 +60,22 @@ class Limbs(ABC):
 
     @abstractmethod
     def settle(self) -> None:
-        """Put everything at rest, at once, with no command on its way."""
+        """Put everything at rest at once, and drop all commands."""
 
 
 class Pressed(ABC):
     """A controller or joystick, whose keys the limbs press against springs.
 
     Args:
-        body: in the physics client.
-        springs: the force or torque that brings each joint back, by the joint's number.
+        body: number of the body in the physics client.
+        springs: force or torque that brings each joint back, by the joint's number.
     """
 
     movables: list[tuple[int, float]]
     """As `Limbs.movables`."""
     press_depths: ClassVar[Sequence[float]]
     release_depths: ClassVar[Sequence[float]]
-    """Hysteresis: each of `KEYS` is pressed from the first depth on until it is back at the
+    """Hysteresis: each of `KEYS` is pressed beyond the first depth until it is back above the
     second."""
 
     def __init__(self, engine: Any, body: int, springs: Mapping[int, float]) -> None:
@@ -98,15 +98,15 @@ class Pressed(ABC):
 
     @abstractmethod
     def _paint(self, key: Keys, *, pressed: bool) -> None:
-        """Let what is drawn of a key look pressed or released."""
+        """Draw a key as pressed or released."""
 
     @property
     def held(self) -> Keys:
-        """The keys that were held down when `pressed` was last called."""
+        """The keys that were held down at the last call of `pressed`."""
         return self._held
 
     def set_threshold(self, share: float) -> None:
-        """Let a key count as pressed and as released at ``share`` of the usual depths."""
+        """Set the depths at which a key is pressed and released to ``share`` of the usual ones."""
         self._closes = [share * depth for depth in self.press_depths]
         self._opens = [share * depth for depth in self.release_depths]
 
@@ -128,5 +128,5 @@ class Pressed(ABC):
         self._shown = self._held
 
     def forget(self) -> None:
-        """Treat every key as released, after the physics was restored to its start."""
+        """Treat every key as released, because the physics was restored to its start."""
         self._held = Keys.NONE

@@ -1,4 +1,4 @@
-"""Pinhole cameras in the room, and the mount that turns a robot's camera."""
+"""Pinhole cameras in the room, and the mount that carries and turns a robot's camera."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -76,8 +76,11 @@ class Camera:
         return self._engine.computeProjectionMatrix(left, right, bottom, top, _NEAR, _FAR)
 
     def render(self, *, shadow: bool = True, window: Window | None = None) -> Rendering:
-        """Render the room, or the ``window`` of its picture, without the projected game. Without
-        shadows, which are coarse on near objects and streak the wall, it takes half the time."""
+        """Render the room, or a ``window`` of its picture, without the projected game.
+
+        Without shadows, which are coarse on near objects and streak the wall, it takes half the
+        time.
+        """
         rows, columns = window or self.whole
         shape = (rows.stop - rows.start, columns.stop - columns.start)
         _, _, rgba, _, bodies = self._engine.getCameraImage(
@@ -106,12 +109,12 @@ class Camera:
         return np.stack([x, y], axis=1)
 
     def window_of(self, points: NDArray[np.float64]) -> Window | None:
-        """Returns the window that shows all that is seen of what lies between room ``points [N,
-        3]``, and little more; None if nothing of it is in the picture."""
+        """Returns a close window around everything visible that lies between room ``points [N,
+        3]``; None if nothing of it is in the picture."""
         if (points @ self._to_clip[3, :3] + self._to_clip[3, 3]).min() <= _NEAR:
             return self.whole
         x, y = self.project(points).T
-        # A pixel more on each side, because a renderer rounds.
+        # One pixel more on each side, because the renderer rounds.
         top, bottom = (int(each) for each in np.clip((y.min() - 1, y.max() + 3), 0, self.height))
         left, right = (int(each) for each in np.clip((x.min() - 1, x.max() + 3), 0, self.width))
         return (slice(top, bottom), slice(left, right)) if top < bottom and left < right else None
@@ -136,7 +139,7 @@ class Mount:
     pivot: NDArray[np.float64]
     """Position of the pivot in the room, ``[3]``, m."""
     posture: NDArray[np.float64]
-    """Rotation of the head when it looks as usual, ``[3, 3]``."""
+    """Rotation of the head in its usual posture, ``[3, 3]``."""
     lens: Vector
     """Position of the camera in the head's frame, m."""
     pitch: float

@@ -1,4 +1,4 @@
-"""Imports and opens PyBullet without output on the terminal; what all bodies in it have."""
+"""Imports and opens PyBullet without output on the terminal, and looks up joints and frames."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,10 +25,10 @@ def open_engine() -> Any:
 
 
 def joints_of(engine: Any, body: int, *, hinges: bool = False) -> dict[str, int]:
-    """Returns the numbers of a body's joints, which are those of their child links too, by name.
+    """Returns the numbers of a body's joints by name; a joint's child link has the same number.
 
     Args:
-        hinges: whether only those that turn are meant.
+        hinges: whether to return only joints that turn.
     """
     infos = (engine.getJointInfo(body, joint) for joint in range(engine.getNumJoints(body)))
     return {i[1].decode(): i[0] for i in infos if not hinges or i[2] == engine.JOINT_REVOLUTE}
@@ -41,11 +41,11 @@ def angles_of(engine: Any, body: int) -> dict[str, float]:
 
 
 def frame_of(engine: Any, body: int, link: int) -> Pose:
-    """Returns where the frame of a link, or of the base (-1), is in the room."""
+    """Returns the pose in the room of the frame of a link, or of the base (-1)."""
     if link >= 0:
         state = engine.getLinkState(body, link, computeForwardKinematics=1)
         return state[4], state[5]
-    # The position of a base is that of its centre of mass, not of its frame.
+    # The engine gives the pose of a base's centre of mass, not of its frame.
     inertial = engine.getDynamicsInfo(body, -1)[3:5]
     pose: Pose = engine.multiplyTransforms(
         *engine.getBasePositionAndOrientation(body), *engine.invertTransform(*inertial)
@@ -54,8 +54,10 @@ def frame_of(engine: Any, body: int, link: int) -> Pose:
 
 
 def fixed_body(engine: Any, file: Path, position: Sequence[float]) -> tuple[int, dict[str, int]]:
-    """Returns a body that stands fixed at ``position``, m, and the numbers of its joints by name;
-    the inertias in its URDF ``file`` are used as they are."""
+    """Returns a body that stands fixed at ``position``, m, and the numbers of its joints by name.
+
+    The inertias in its URDF ``file`` are used as they are.
+    """
     body: int = engine.loadURDF(
         str(file), position, useFixedBase=True, flags=engine.URDF_USE_INERTIA_FROM_FILE
     )

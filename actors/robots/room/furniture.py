@@ -47,7 +47,7 @@ Box = tuple[Vector, Vector, Colour]
 
 
 class Furniture:
-    """The furniture in a physics client; ``more`` stands there for one kind of robot."""
+    """The furniture in a physics client; ``more`` is what one kind of robot adds to it."""
 
     def __init__(self, engine: Any, more: Sequence[Box] = ()) -> None:
         self._engine = engine
@@ -65,7 +65,7 @@ class Furniture:
         }
         """Names of the bodies."""
         self.screen_place = (0.0, 0.0)
-        """What `place_screen` was called with last."""
+        """Arguments of the last `place_screen`."""
         self.picture_corners = PICTURE_CORNERS
         """Corners of the projected picture, border included, at the screen's present place."""
 

@@ -86,7 +86,7 @@ class Projection:
 
     @property
     def scene(self) -> Scene:
-        """What the last picture has in common with others."""
+        """What the last picture shares with others."""
         return Scene(self._dark, self._window)
 
     def _draw_border(self, rendering: Rendering) -> None:

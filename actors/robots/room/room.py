@@ -1,7 +1,7 @@
-"""The room: a screen with the projected game, and one robot before it with its camera and hands.
+"""The room: a screen with the projected game, and in front of it one robot with camera and hands.
 
-The room owns the physics client, sees and is seen; a robot is a subclass that adds its body and
-moves it. An environment commands keys and reads the pressed keys and the robot's camera picture.
+The room owns the physics client and renders all pictures; a robot is a subclass that adds its body
+and moves it. An environment commands keys, and reads the pressed keys and the camera picture.
 """
 
 import tempfile
@@ -38,8 +38,8 @@ PHYSICS_RATE = 240
 """Physics steps per second."""
 FRAME_SUBSTEPS = PHYSICS_RATE // FRAMES_PER_SECOND
 """Physics steps per emulator frame."""
-# With predicted contacts even 1 iteration lets NAO press all 18 actions from anywhere; without, it
-# took 10.
+# With predicted contacts even 1 iteration lets NAO press all 18 actions from anywhere; without
+# them, it takes 10.
 _SOLVER_ITERATIONS = 4
 # The engine predicts contacts from 0.6 × the half diagonal of a fingertip's box, 5 mm: the distance
 # that a fingertip at 1.2 m/s covers in a step. Otherwise it penetrates before the contact is found.
@@ -47,7 +47,7 @@ _CONTACT_DISTANCE = 0.6
 _FINGERTIPS, _SOLID = 1, 2
 
 USUAL_PLAY = PlayConfig()
-"""Settings of arms and keys as they usually are."""
+"""Usual settings of arms and keys."""
 
 
 class Room(ABC):
@@ -55,15 +55,15 @@ class Room(ABC):
     columns."""
 
     mount: ClassVar[Mount]
-    """Where the robot's camera is."""
+    """Position of the robot's camera."""
     viewpoints: ClassVar[Mapping[ViewName, Viewpoint]]
-    """From where people look at the robot."""
+    """Viewpoints from which people look at the robot."""
     own_furniture: ClassVar[Sequence[Box]] = ()
-    """What stands in the room for this robot alone."""
+    """Furniture that only this robot has."""
     arms: Limbs
     """The robot's limbs."""
     controller: Pressed
-    """What they press."""
+    """The controller that they press."""
 
     def __init__(
         self,
@@ -136,9 +136,9 @@ class Room(ABC):
         return self.controller.pressed()
 
     def set_eye(self, camera: CameraConfig) -> None:
-        """Let the robot see as ``camera`` says, from that pose, the screen where it says.
+        """Set the robot's eye, its pose and the screen's place as ``camera`` says.
 
-        The drawn head does not turn: the robot does not see it.
+        The drawn head does not turn, because the robot does not see it.
         """
         self.camera = camera
         """Settings of the robot's eye."""
@@ -154,8 +154,8 @@ class Room(ABC):
         self._views = Views(self._engine, screen, self._game_size, corners, self.scene)
 
     def _limit_contacts(self, body: int) -> None:
-        """Allow contacts only between what is solid of the robot's ``body`` and other solid bodies,
-        and among its own.
+        """Allow contacts only between solid parts of the robot's ``body`` and other solid bodies,
+        and among the robot's own solid parts.
 
         Otherwise the engine checks every pair within the contact threshold, decoration included.
         """
@@ -182,7 +182,7 @@ class Room(ABC):
 
     def picture(self, game: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Returns a pinhole's picture from the robot's camera, with ``game uint8 [rows, columns,
-        3]`` projected: ``uint8 [240, 320, 3]``, larger by the lens's margin."""
+        3]`` projected. It is ``uint8 [240, 320, 3]``, enlarged by the lens's margin."""
         return self._projection.draw(self.view_of_robot.rendering(), game)
 
     def camera_picture(self, screen: NDArray[np.uint8], agent_steps: int = 1) -> NDArray[np.uint8]:
@@ -210,8 +210,8 @@ class Room(ABC):
     ) -> NDArray[np.uint8]:
         """Returns a visitor's view of the room, ``uint8 [height, width, 3]``.
 
-        The first at a viewpoint takes 0.1 s or more, for those after it only what moved is rendered
-        anew. Without ``moved`` (1 ms) only the game is drawn anew, over the last rendering.
+        The first picture from a viewpoint takes 0.1 s or more; for later ones only what moved is
+        rendered again. Without ``moved`` only the game is redrawn over the last rendering (1 ms).
         """
         self.controller.show()
         seen_from = self.viewpoints[viewpoint]
@@ -220,13 +220,13 @@ class Room(ABC):
         )
 
     def scene(self) -> Scene:
-        """Returns the room's shapes and where they are, for viewers that render them."""
+        """Returns the room's shapes and their poses, for viewers that render them."""
         hands = {self.arms.body: "robot", self.controller.body: "controller"}
         return Scene(self._engine, {**self.furniture.names, **hands}, self.arms.body)
 
     def close(self) -> None:
-        """Disconnect the physics client; the room cannot be used afterwards. It may be called
-        twice."""
+        """Disconnect the physics client; the room cannot be used afterwards. Closing twice does no
+        harm."""
         if self._open:
             self._engine.disconnect()
         self._open = False

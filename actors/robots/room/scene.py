@@ -25,10 +25,11 @@ class DrawnShape(NamedTuple):
 
 
 class Scene:
-    """What stands in a physics client.
+    """The visible shapes in a physics client.
 
     Args:
-        names: by body, its name; the name of a link is ``BODY/LINK`` where a body has joints.
+        names: names of the bodies by number. If a body has joints, its links are named
+            ``BODY/LINK``.
         robot: body of the robot.
     """
 
@@ -36,9 +37,9 @@ class Scene:
         self._engine = engine
         self._robot = robot
         self.shapes: dict[str, list[DrawnShape]] = {}
-        """Shapes of each visible link by its name; meshes other than balls are left out."""
+        """Shapes of each visible link by its name, without meshes other than balls."""
         self.whole = True
-        """Whether nothing was left out."""
+        """Whether no shape was left out."""
         self._links: dict[str, tuple[int, int]] = {}
         for body, name in names.items():
             for data in engine.getVisualShapeData(body):
@@ -55,22 +56,26 @@ class Scene:
         }
 
     def corners(self) -> dict[str, NDArray[np.float64]]:
-        """Returns the present corners of the boxes around each visible link's shapes in the room by
-        its name, m, ``float64 [N, 3]``."""
+        """Returns the corners of the boxes around each visible link's shapes, by the link's name.
+
+        They are present places in the room, m, ``float64 [N, 3]``.
+        """
         return {
             name: _placed(self._engine, corners, *frame_of(self._engine, *self._links[name]))
             for name, corners in self._corners.items()
         }
 
     def poses(self) -> dict[str, NDArray[np.float64]]:
-        """Returns the present pose of each visible link's frame in the room by its name: position,
-        m, and quaternion (x, y, z, w), ``float64 [7]``."""
+        """Returns the present pose in the room of each visible link's frame, by the link's name.
+
+        A pose is position, m, and quaternion (x, y, z, w), ``float64 [7]``.
+        """
         return {
             name: np.hstack(frame_of(self._engine, *link)) for name, link in self._links.items()
         }
 
     def joints(self) -> dict[str, float]:
-        """Returns the present angle of each of the robot's hinges by its name, rad."""
+        """Returns the present angle of each of the robot's hinges, rad, by its name."""
         return angles_of(self._engine, self._robot)
 
 

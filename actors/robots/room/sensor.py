@@ -1,6 +1,6 @@
 """Model of the camera's sensor: lens, blur, tones, noise, lost and late pictures, as configured.
 
-What a setting leaves as it is costs nothing. Noise and losses are drawn from the environment's
+A setting that changes nothing costs nothing. Noise and losses are seeded by the environment's
 generator at the start of a game, so a seed still determines the whole game.
 """
 
@@ -22,7 +22,7 @@ noise for every pixel would take longer than everything else in an agent step.""
 
 
 class Scene(NamedTuple):
-    """What is known of a pinhole's picture: all but a window of it is as in others."""
+    """What a pinhole's picture shares with others: everything outside a window."""
 
     background: object
     """The same object in every picture that is the same outside ``window``."""
@@ -35,9 +35,9 @@ class _Known(NamedTuple):
     background: object
     image: NDArray[np.uint8]
     changed: Window
-    """What differs in other pictures of the scene."""
+    """Window that differs in other pictures of the scene."""
     needed: Window
-    """What has to be developed for that."""
+    """Window that has to be developed for it."""
 
 
 class Sensor:
@@ -86,14 +86,14 @@ class Sensor:
             ideal: The pinhole's present picture, larger by the lens's margin if there is a lens. A
                 perfect camera returns this same array.
             agent_steps: Agent steps since the last picture was taken.
-            scene: What ``ideal`` has in common with others, to save time.
+            scene: What ``ideal`` shares with other pictures, to save time.
         """
         config = self._config
         self._now += agent_steps
         lost = config.dropped > 0 and self._rng.random() < config.dropped
         if not (lost and self._late):
             self._late.append((self._now, self._exposed(ideal, scene)))
-        # The newest picture that is late enough; a game's first one until a later one is.
+        # Returns the newest picture that is late enough, or a game's first one until there is one.
         while len(self._late) > 1 and self._late[1][0] <= self._now - config.latency:
             self._late.popleft()
         return self._late[0][1]
@@ -142,8 +142,8 @@ class Sensor:
 
 
 def _tones(config: CameraConfig, *, coloured: bool) -> NDArray[np.uint8] | None:
-    """Returns the table of what becomes of each grey level, ``uint8 [1, 256, channels]``; None if
-    all stay as they are."""
+    """Returns the table that maps each grey level, ``uint8 [1, 256, channels]``; None if all stay
+    as they are."""
     colours = (config.red, config.green, config.blue) if coloured else (1.0,)
     gains = config.brightness * np.array(colours)
     if config.gamma == 1 and (gains == 1).all():

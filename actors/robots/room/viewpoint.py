@@ -15,12 +15,12 @@ from actors.robots.room.scene import Scene
 from actors.vision.window import Window
 
 _MOST_KEPT = 8
-"""Views that are kept between pictures; one that turns is kept as it was turned last."""
+"""Maximum number of views kept between pictures; an orbiting view is kept at its last turn."""
 _SEEN = 0.1
-"""Movement, m, from which on it is drawn, times the picture's width: less than half a pixel, and
-motors are never quite still."""
+"""Minimum movement that is drawn, m times the picture's width. It is less than half a pixel;
+smaller movements are ignored, because motors are never quite still."""
 _BEYOND = (174, 181, 189)
-"""Colour where the room ends, about that of its wall: a visitor may look past it."""
+"""Colour beyond the room, about that of its wall: a visitor may look past it."""
 
 
 @dataclass(frozen=True)
@@ -82,14 +82,14 @@ class Views:
     game_size: tuple[int, int]
     """Rows and columns of the game."""
     corners: NDArray[np.float64]
-    """Between which the game is shown."""
+    """Corners of the projected picture in the room, ``[4, 3]``, m."""
     find_scene: Callable[[], Scene] | None = None
-    """Tells where all is that is drawn, if somebody knows: less has to be rendered."""
+    """Returns what is drawn and where, so that less has to be rendered; None if unknown."""
 
     def __post_init__(self) -> None:
         self._scene: Scene | None = None
         self._views: dict[tuple[Viewpoint, int, int], _View] = {}
-        """Those that were used last, the latest last."""
+        """The views used last, the latest last."""
 
     def picture(
         self,
@@ -105,9 +105,9 @@ class Views:
         """Returns the present room, ``uint8 [height, width, 3]``.
 
         Args:
-            moved: without, only the game is drawn anew, over the last rendering.
+            moved: whether to render again; otherwise only the game is redrawn.
             turn: see `Viewpoint.turned`.
-            appearance: differs whenever what moved has other colours.
+            appearance: a value that differs whenever moving parts have other colours.
         """
         key = (viewpoint, width, height)
         view = self._views.pop(key, None)
@@ -131,13 +131,13 @@ class Views:
 
     def _rendering(self, view: _View, appearance: object) -> Rendering:
         """Returns the present rendering: the last one, with the window in which something moved
-        rendered anew."""
+        rendered again."""
         if self._scene is None and self.find_scene is not None:
             self._scene = self.find_scene()
         if self._scene is None or not self._scene.whole:
             return _rendered(view.camera)
         last, before, now = view.rendering, view.corners, self._scene.corners()
-        # What has another colour has moved, however little.
+        # A key that changes its colour has moved, however little.
         least = _SEEN / view.camera.width if appearance == view.appearance else 0.0
         view.appearance = appearance
         if last is None:

@@ -45,15 +45,18 @@ def changed(**arrays: object) -> Arrays:
 
 
 WRONG: list[tuple[Arrays, str]] = [
-    (changed(fc_weight=np.zeros((3, 540), np.float32)), r"fc_weight is \[3, 540\] where .*1080"),
-    (changed(fc_weight=np.zeros((2, 1080), np.float32)), r"fc_weight is \[2, 1080\] where"),
-    (changed(fc_bias=np.zeros((3, 1), np.float32)), r"fc_bias is \[3, 1\] where"),
-    (changed(fc_bias=np.zeros(0, np.float32)), r"fc_bias is \[0\] where"),
-    (changed(fc_bias=np.zeros(4097, np.float32)), r"fc_bias is \[4097\] .*1 to 4,096"),
-    (changed(pred_weight=np.zeros((17, 3), np.float32)), r"pred_weight is \[17, 3\] where"),
-    (changed(pred_bias=np.zeros(6, np.float32)), r"pred_bias is \[6\] where .*\[18\]"),
-    (changed(pred_bias=np.zeros(18, np.int64)), "pred_bias is int64 where there should be floats"),
-    (changed(pred_bias=np.zeros(18, np.complex64)), "pred_bias is complex64"),
+    (
+        changed(fc_weight=np.zeros((3, 540), np.float32)),
+        r"fc_weight has shape \[3, 540\] where .*1080",
+    ),
+    (changed(fc_weight=np.zeros((2, 1080), np.float32)), r"fc_weight has shape \[2, 1080\] where"),
+    (changed(fc_bias=np.zeros((3, 1), np.float32)), r"fc_bias has shape \[3, 1\] where"),
+    (changed(fc_bias=np.zeros(0, np.float32)), r"fc_bias has shape \[0\] where"),
+    (changed(fc_bias=np.zeros(4097, np.float32)), r"fc_bias has shape \[4097\] .*1 to 4,096"),
+    (changed(pred_weight=np.zeros((17, 3), np.float32)), r"pred_weight has shape \[17, 3\] where"),
+    (changed(pred_bias=np.zeros(6, np.float32)), r"pred_bias has shape \[6\] where .*\[18\]"),
+    (changed(pred_bias=np.zeros(18, np.int64)), "pred_bias has type int64 where floats are"),
+    (changed(pred_bias=np.zeros(18, np.complex64)), "pred_bias has type complex64"),
     (changed(pred_bias=np.full(18, np.nan)), "pred_bias holds a number that is not within"),
     (changed(fc_weight=np.full((3, 1080), np.inf)), r"fc_weight holds a .* not within ±1e\+09"),
     (changed(fc_bias=np.full(3, -1.1e9)), "fc_bias holds a number that is not within"),
